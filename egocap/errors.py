@@ -1,0 +1,62 @@
+"""What a user can cause: one root, children that build their own message."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class EgocapError(Exception):
+    """Root of every error a user's input or machine can cause.
+
+    `exit_code` is what a command returns for it: 2 for bad input, 1 for the environment.
+    """
+
+    exit_code = 2
+
+
+class InputError(EgocapError):
+    """A value given by the user is wrong: says what, and what would be valid."""
+
+    def __init__(self, problem: str, *, valid: str | Iterable[str] | None = None) -> None:
+        super().__init__(problem + _valid(valid))
+
+
+class FileError(EgocapError):
+    """A file is missing, damaged or says something impossible.
+
+    The message names the file, the key or line, what was wrong and what would be valid.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        problem: str,
+        *,
+        line: int | None = None,
+        key: str | None = None,
+        valid: str | Iterable[str] | None = None,
+    ) -> None:
+        where = str(path)
+        if line is not None:
+            where += f", line {line}"
+        if key is not None:
+            where += f", key '{key}'"
+        super().__init__(f"{where}: {problem}{_valid(valid)}")
+        self.path, self.line, self.key = Path(path), line, key
+
+
+class MachineError(EgocapError):
+    """The machine cannot do what was asked: no OpenGL, a full disk, a missing package."""
+
+    exit_code = 1
+
+    def __init__(self, problem: str, *, remedy: str | None = None) -> None:
+        super().__init__(problem + (f"; {remedy}" if remedy else ""))
+
+
+def _valid(valid: str | Iterable[str] | None) -> str:
+    if valid is None:
+        return ""
+    names = valid if isinstance(valid, str) else ", ".join(valid)
+    return f" (valid: {names})"

@@ -1,0 +1,1 @@
+"""The simulated world: people, physics and fisheye footage with exact truth."""

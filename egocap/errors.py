@@ -14,6 +14,11 @@ class EgocapError(Exception):
 
     exit_code = 2
 
+    def __reduce__(
+        self,
+    ) -> tuple[object, ...]:  # children build their message, so args are not theirs
+        return _rebuild, (type(self), str(self), self.__dict__)
+
 
 class InputError(EgocapError):
     """A value given by the user is wrong: says what, and what would be valid."""
@@ -53,6 +58,13 @@ class MachineError(EgocapError):
 
     def __init__(self, problem: str, *, remedy: str | None = None) -> None:
         super().__init__(problem + (f"; {remedy}" if remedy else ""))
+
+
+def _rebuild(kind: type[EgocapError], message: str, state: dict[str, object]) -> EgocapError:
+    """An error as it was in the process that raised it."""
+    error = kind.__new__(kind, message)
+    error.__dict__.update(state)
+    return error
 
 
 def _valid(valid: str | Iterable[str] | None) -> str:

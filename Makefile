@@ -1,0 +1,39 @@
+# The two jobs of a fresh machine: `make demo` shows the whole path, `make test` proves it.
+# Both first make a virtual environment with the pinned versions and see to the GL libraries.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+OUT    ?= out
+
+.PHONY: demo test check setup gl clean
+
+setup: $(VENV)/.ready gl
+
+$(VENV)/.ready: pyproject.toml requirements.lock
+	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, this is {sys.version.split()[0]}: make PYTHON=python3.11")'
+	$(PYTHON) -m venv $(VENV) || { echo "the venv module is missing: apt-get install python3-venv"; exit 1; }
+	$(BIN)/python -m pip install --quiet --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --editable .
+	touch $@
+
+gl:
+	@sh tools/install-gl.sh
+
+demo: setup
+	$(BIN)/egocap-sim generate validation-walk --out $(OUT)/walk
+	$(BIN)/egocap-sim verify $(OUT)/walk
+	$(BIN)/egocap track $(OUT)/walk --detections simulated:2.0 --out $(OUT)/walk.track.npz
+	$(BIN)/egocap-eval pose $(OUT)/walk --track $(OUT)/walk.track.npz
+	$(BIN)/egocap-sim preview $(OUT)/walk --out $(OUT)/walk.png
+
+test: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest
+
+check: setup
+	$(BIN)/pyright
+
+clean:
+	rm -rf $(VENV) $(OUT)

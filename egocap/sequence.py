@@ -1,0 +1,309 @@
+"""A sequence on disk, read: frames for trackers, truth for evaluations, and never mixed.
+
+A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz and WebDataset shards
+(shard-00000.tar with KEY.left.jpg KEY.right.jpg [KEY.left.mask.png KEY.left.depth.png] KEY.json).
+The manifest holds the byte range of every file in every shard, so that any frame is one seek away.
+`egocap.sequence_writer` makes such folders.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8, UInt16
+from numpy import ndarray as Array
+from pydantic import BaseModel, ConfigDict, Field
+
+from egocap.body import Proportions
+from egocap.errors import FileError, InputError
+from egocap.rig import Rig
+from egocap.validation import read_json, validate
+
+SCHEMA = 1
+MANIFEST = "manifest.json"
+
+VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED = range(4)
+"""Values of `Truth.visibility`: seen, outside image or lens, behind the wearer, behind others."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ShardEntry(_Strict):
+    """One shard: its checksum, and where each file of each of its frames lies."""
+
+    name: str = Field(pattern=r"^shard-\d{5}\.tar$")
+    first: int = Field(ge=0)  # index of its first frame
+    bytes: int = Field(gt=0)
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    frames: list[dict[str, tuple[int, int]]]  # for each frame: suffix -> (offset, size)
+
+
+class FileEntry(_Strict):
+    """Size and checksum of a side file."""
+
+    bytes: int = Field(ge=0)
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class Manifest(_Strict):
+    """manifest.json. Units are metres, radians, seconds and pixels throughout."""
+
+    kind: Literal["egocap-sequence"] = "egocap-sequence"
+    schema_version: int = Field(ge=1)
+    name: str
+    units: dict[str, str] = {"length": "m", "angle": "rad", "time": "s", "image": "px"}
+    fps: float = Field(gt=0)
+    frames: int = Field(ge=1)
+    shard_frames: int = Field(ge=1)
+    views: tuple[str, ...]
+    seed: int
+    config: dict[str, Any]  # everything the content depends on, resolved
+    config_sha256: str
+    code_version: str
+    files: dict[str, FileEntry] = {}
+    shards: list[ShardEntry] = []
+
+    @property
+    def shard_count(self) -> int:
+        """How many shards the complete sequence has."""
+        return -(-self.frames // self.shard_frames)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every shard and the truth are there."""
+        return len(self.shards) == self.shard_count and "truth.npz" in self.files
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What the cameras saw at one instant, and nothing else."""
+
+    index: int
+    time: float  # seconds
+    images: tuple[UInt8[Array, "H W 3"], ...]  # RGB, one a view
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Exact state of the simulated person at every frame. Axis J follows `egocap.labels.LABELS`."""
+
+    time: Float[Array, "T"]
+    T_world_head: Float[Array, "T 4 4"]
+    joints_world: Float[Array, "T 18 3"]
+    joints_head: Float[Array, "T 18 3"]
+    joints_camera: Float[Array, "T V 18 3"]
+    joints_2d: Float[Array, "T V 18 2"]  # pixels; meaningful where `in_view`
+    in_view: Bool[Array, "T V 18"]  # inside the lens's field of view and the image
+    visibility: UInt8[Array, "T V 18"]  # VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED
+    T_world_body: Float[Array, "T 21 4 4"]  # `egocap_sim.bodies.BODIES`
+    contact: Bool[Array, "T 4"]  # left foot, left toe, right foot, right toe on the ground
+    ground_force: Float[Array, "T 2 3"]  # left, right; newtons, world, on the person
+    root_wrench: Float[Array, "T 6"]  # residual force (N) and torque (N m) at the pelvis
+
+    def save(self, path: Path) -> None:
+        """Write truth.npz (uncompressed, the same bytes every time)."""
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+            for field in fields(self):
+                entry = zipfile.ZipInfo(field.name + ".npy", date_time=(1980, 1, 1, 0, 0, 0))
+                with archive.open(entry, "w") as file:
+                    np.lib.format.write_array(file, getattr(self, field.name), allow_pickle=False)
+
+    @classmethod
+    def load(cls, path: Path) -> Truth:
+        """Read truth.npz; FileError when an array is missing or of another length."""
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                missing = [f.name for f in fields(cls) if f.name not in data]
+                if missing:
+                    raise FileError(path, "array missing", key=missing[0])
+                truth = cls(**{f.name: data[f.name] for f in fields(cls)})
+        except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+            raise FileError(path, f"not a readable truth file: {error}") from None
+        frames = len(truth.time)
+        for field in fields(cls):
+            if len(getattr(truth, field.name)) != frames:
+                raise FileError(
+                    path,
+                    f"has {len(getattr(truth, field.name))} rows, not {frames}",
+                    key=field.name,
+                )
+        return truth
+
+
+class Sequence:
+    """A complete sequence folder, opened for reading.
+
+    Raises FileError when the folder is not a sequence, is of a newer schema, or is incomplete.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.manifest = load_manifest(self.folder)
+        if not self.manifest.complete:
+            done, all_ = len(self.manifest.shards), self.manifest.shard_count
+            raise FileError(
+                self.folder,
+                f"unfinished: {done} of {all_} shards are there; "
+                "run the same generate command again to complete it",
+            )
+
+    def __len__(self) -> int:
+        return self.manifest.frames
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self.frame(i) for i in range(len(self)))
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The cameras, exactly as rendered."""
+        return Rig.from_json(self.folder / "rig.json")
+
+    @cached_property
+    def proportions(self) -> Proportions:
+        """The person's skeleton dimensions, as a tracker may know them."""
+        return Proportions.load(self.folder / "body.json")
+
+    @cached_property
+    def truth(self) -> Truth:
+        """The simulated truth. Not reachable from a Frame: detectors and trackers never see it."""
+        return Truth.load(self.folder / "truth.npz")
+
+    @property
+    def times(self) -> Float[Array, "T"]:
+        """Frame times in seconds."""
+        return np.arange(self.manifest.frames) / self.manifest.fps
+
+    def frame(self, index: int) -> Frame:
+        """Decode the images of one frame."""
+        suffixes = self._files(index)
+        images = tuple(
+            _decode_image(self.read(index, _image_suffix(view, suffixes, self.folder)))
+            for view in self.manifest.views
+        )
+        return Frame(index, index / self.manifest.fps, images)
+
+    def mask(self, index: int, view: str) -> UInt8[Array, "H W"] | None:
+        """Part labels (`egocap_sim.parts`) of one view; None where they were not recorded."""
+        return self._plane(index, f"{view}.mask.png")
+
+    def depth(self, index: int, view: str) -> UInt16[Array, "H W"] | None:
+        """Distance along the ray in millimetres (0: nothing hit); None where not recorded."""
+        return self._plane(index, f"{view}.depth.png")
+
+    def annotation(self, index: int) -> dict[str, Any]:
+        """The frame's KEY.json."""
+        return json.loads(self.read(index, "json"))
+
+    def read(self, index: int, suffix: str) -> bytes:
+        """Raw bytes of one file of one frame, e.g. suffix 'left.jpg'."""
+        entry = self.manifest.shards[index // self.manifest.shard_frames]
+        try:
+            offset, size = self._files(index)[suffix]
+        except KeyError:
+            raise InputError(
+                f"frame {index} of {self.folder} has no '{suffix}'",
+                valid=sorted(self._files(index)),
+            ) from None
+        path = self.folder / entry.name
+        try:
+            with path.open("rb") as file:
+                file.seek(offset)
+                data = file.read(size)
+        except OSError as error:
+            raise FileError(path, f"shard cannot be read: {error.strerror}") from None
+        if len(data) != size:
+            raise FileError(path, f"shard is truncated: frame {index} ends beyond its end")
+        return data
+
+    def _files(self, index: int) -> dict[str, tuple[int, int]]:
+        if not 0 <= index < self.manifest.frames:
+            raise InputError(
+                f"no frame {index} in {self.folder}", valid=f"0 to {self.manifest.frames - 1}"
+            )
+        shard, row = divmod(index, self.manifest.shard_frames)
+        return self.manifest.shards[shard].frames[row]
+
+    def _plane(self, index: int, suffix: str) -> Any:
+        import cv2
+
+        if suffix not in self._files(index):
+            return None
+        plane = cv2.imdecode(
+            np.frombuffer(self.read(index, suffix), np.uint8), cv2.IMREAD_UNCHANGED
+        )
+        if plane is None:
+            raise FileError(self.folder, f"frame {index}: '{suffix}' is not a readable PNG")
+        return plane
+
+
+def open_sequence(folder: str | Path) -> Sequence:
+    """Open a complete sequence folder."""
+    return Sequence(folder)
+
+
+def load_manifest(folder: Path) -> Manifest:
+    """Read and check manifest.json, of a complete or an unfinished sequence."""
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        raise FileError(folder, "no such folder", valid="a sequence made by egocap-sim generate")
+    if not path.exists():
+        raise FileError(folder, f"not a sequence: it has no {MANIFEST}")
+    data = read_json(path)
+    version = data.get("schema_version")
+    if isinstance(version, int) and version > SCHEMA:
+        raise FileError(
+            path,
+            f"written by a newer version (schema {version})",
+            key="schema_version",
+            valid=f"up to {SCHEMA}; upgrade egocap",
+        )
+    manifest = validate(Manifest, data, path)
+    _check_index(manifest, path)
+    return manifest
+
+
+def _check_index(manifest: Manifest, path: Path) -> None:
+    if len(manifest.shards) > manifest.shard_count:
+        raise FileError(
+            path,
+            f"lists {len(manifest.shards)} shards for {manifest.frames} frames",
+            key="shards",
+            valid=f"at most {manifest.shard_count}",
+        )
+    for i, shard in enumerate(sorted(manifest.shards, key=lambda s: s.first)):
+        index, rest = divmod(shard.first, manifest.shard_frames)
+        expected = min(manifest.shard_frames, manifest.frames - shard.first)
+        if rest or len(shard.frames) != expected or shard.name != shard_name(index):
+            raise FileError(
+                path, f"entry of {shard.name} does not fit the frame count", key=f"shards.{i}"
+            )
+
+
+def shard_name(index: int) -> str:
+    """File name of a shard."""
+    return f"shard-{index:05d}.tar"
+
+
+def _image_suffix(view: str, suffixes: dict[str, tuple[int, int]], folder: Path) -> str:
+    for extension in ("jpg", "png"):
+        if f"{view}.{extension}" in suffixes:
+            return f"{view}.{extension}"
+    raise FileError(folder / MANIFEST, f"no image of view '{view}'", valid=sorted(suffixes))
+
+
+def _decode_image(data: bytes) -> UInt8[Array, "H W 3"]:
+    import cv2
+
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise InputError("an image in the shard is damaged", valid="JPEG or PNG")
+    return image

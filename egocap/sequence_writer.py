@@ -1,0 +1,220 @@
+"""Writing a sequence so that a kill at any instant loses at most the shards in work.
+
+Every file is written under a temporary name, synced and renamed, and only then entered in the
+manifest, which is itself replaced atomically. One process owns the folder (an advisory lock on it);
+any number of worker processes may write shards for it with `write_shard`.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import io
+import json
+import os
+import tarfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from egocap.errors import FileError, InputError, MachineError
+from egocap.sequence import MANIFEST, FileEntry, Manifest, ShardEntry, load_manifest, shard_name
+
+_TAR_BLOCK = 512  # bytes; the header of a USTAR member is one block
+
+
+class SequenceWriter:
+    """Creates a sequence folder, or takes up an unfinished one of the same configuration.
+
+    Use as a context manager: it holds the folder's lock. Raises InputError when the folder holds
+    something else or another sequence, MachineError when another process is writing it.
+    """
+
+    def __init__(self, folder: Path, manifest: Manifest, side_files: Mapping[str, bytes]) -> None:
+        self.folder, self.manifest = folder, manifest
+        self._side_files = side_files
+        self._lock = -1
+
+    def __enter__(self) -> SequenceWriter:
+        with disk_errors(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(self.folder, os.O_RDONLY)
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(self._lock)
+                raise MachineError(f"{self.folder}: another process is writing it") from None
+        try:
+            if (self.folder / MANIFEST).exists():
+                self._resume()
+            else:
+                self._create()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        os.close(self._lock)
+
+    def pending(self) -> list[int]:
+        """Indices of the shards still to be written."""
+        done = {shard.first // self.manifest.shard_frames for shard in self.manifest.shards}
+        return [i for i in range(self.manifest.shard_count) if i not in done]
+
+    def frames_of(self, shard: int) -> range:
+        """Frame indices of a shard."""
+        first = shard * self.manifest.shard_frames
+        return range(first, min(first + self.manifest.shard_frames, self.manifest.frames))
+
+    def enter_shard(self, entry: ShardEntry) -> None:
+        """Record a shard that `write_shard` has put in place."""
+        shards = sorted([*self.manifest.shards, entry], key=lambda s: s.first)
+        self._replace(self.manifest.model_copy(update={"shards": shards}))
+
+    def write_file(self, name: str, content: bytes) -> None:
+        """Put a side file in place and record it."""
+        write_atomically(self.folder / name, content)
+        entry = FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
+        self._replace(
+            self.manifest.model_copy(update={"files": self.manifest.files | {name: entry}})
+        )
+
+    def _create(self) -> None:
+        strangers = [p.name for p in self.folder.iterdir() if not p.name.endswith(".tmp")]
+        strangers = [name for name in strangers if name not in self._side_files]
+        if strangers:
+            raise InputError(
+                f"{self.folder} holds other files ('{strangers[0]}')",
+                valid="an empty or new folder, or the same unfinished sequence",
+            )
+        for name, content in self._side_files.items():
+            write_atomically(self.folder / name, content)
+        entries = {
+            name: FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
+            for name, content in self._side_files.items()
+        }
+        self._replace(self.manifest.model_copy(update={"files": entries}))
+
+    def _resume(self) -> None:
+        there = load_manifest(self.folder)
+        if there.config_sha256 != self.manifest.config_sha256:
+            difference = _first_difference(there.config, self.manifest.config)
+            raise InputError(
+                f"{self.folder} holds another sequence (it differs in {difference})",
+                valid="another --out, or the options it was begun with",
+            )
+        if there.code_version != self.manifest.code_version:
+            raise InputError(
+                f"{self.folder} was begun by version {there.code_version}, this is "
+                f"{self.manifest.code_version}: their frames may differ",
+                valid="another --out, or that version",
+            )
+        for leftover in self.folder.glob("*.tmp"):
+            leftover.unlink()
+        intact = [shard for shard in there.shards if shard_is_intact(self.folder, shard)]
+        files = {k: v for k, v in there.files.items() if file_is_intact(self.folder / k, v)}
+        self._replace(there.model_copy(update={"shards": intact, "files": files}))
+        for name, content in self._side_files.items():
+            if name not in files:
+                self.write_file(name, content)
+
+    def _replace(self, manifest: Manifest) -> None:
+        text = json.dumps(manifest.model_dump(mode="json"), indent=None, separators=(",", ":"))
+        write_atomically(self.folder / MANIFEST, text.encode())
+        self.manifest = manifest
+
+
+def write_shard(
+    folder: Path, index: int, first: int, frames: Iterable[Mapping[str, bytes]]
+) -> ShardEntry:
+    """Write the frames of one shard, each a mapping of suffix to bytes, and put it in place.
+
+    The same frames give the same bytes. Returns the entry for `SequenceWriter.enter_shard`.
+    """
+    path = folder / shard_name(index)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    ranges: list[dict[str, tuple[int, int]]] = []
+    with disk_errors(path), temporary.open("wb") as raw:
+        file = _HashingFile(raw)
+        with tarfile.open(fileobj=file, mode="w|", format=tarfile.USTAR_FORMAT) as tar:  # pyright: ignore
+            for row, frame in enumerate(frames):
+                ranges.append({})
+                for suffix, data in frame.items():
+                    info = tarfile.TarInfo(f"{first + row:06d}.{suffix}")
+                    info.size, info.mode = len(data), 0o644
+                    ranges[-1][suffix] = (tar.offset + _TAR_BLOCK, len(data))
+                    tar.addfile(info, io.BytesIO(data))
+        raw.flush()
+        os.fsync(raw.fileno())
+        temporary.rename(path)
+    return ShardEntry(
+        name=path.name, first=first, bytes=file.size, sha256=file.digest.hexdigest(), frames=ranges
+    )
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace a file so that a reader, or a kill, finds the old content or the new, whole."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with disk_errors(path):
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.rename(path)
+
+
+def shard_is_intact(folder: Path, shard: ShardEntry) -> bool:
+    """Whether a recorded shard is on disk with its recorded size and checksum."""
+    return file_is_intact(folder / shard.name, FileEntry(bytes=shard.bytes, sha256=shard.sha256))
+
+
+def file_is_intact(path: Path, entry: FileEntry) -> bool:
+    """Whether a recorded file is on disk with its recorded size and checksum."""
+    try:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size != entry.bytes:
+                return False
+            return hashlib.file_digest(file, "sha256").hexdigest() == entry.sha256
+    except OSError:
+        return False
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Turn the disk's refusals into errors a user can act on."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise MachineError(
+                f"{path}: the disk is full", remedy="free some space and run the same command again"
+            ) from None
+        if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
+            raise MachineError(f"{path}: no permission to write there") from None
+        if isinstance(error, (NotADirectoryError, FileExistsError)):
+            raise FileError(path, "is not a folder") from None
+        raise
+
+
+class _HashingFile:
+    """A write-only file that keeps the checksum and size of what passes through."""
+
+    def __init__(self, raw: BinaryIO) -> None:
+        self.raw, self.digest, self.size = raw, hashlib.sha256(), 0
+
+    def write(self, data: bytes) -> int:
+        self.digest.update(data)
+        self.size += len(data)
+        return self.raw.write(data)
+
+
+def _first_difference(old: object, new: object, at: str = "") -> str:
+    """Name the first key in which two configurations differ, with both values."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in sorted(old.keys() | new.keys()):
+            if old.get(key) != new.get(key):
+                return _first_difference(old.get(key), new.get(key), f"{at}.{key}" if at else key)
+    return f"{at}: {old!r} there, {new!r} asked for"

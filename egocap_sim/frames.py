@@ -1,0 +1,99 @@
+"""From a pose to the files of one frame: images, part labels, depth and the annotation."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.geometry import rigid
+from egocap.rig import Rig
+from egocap.sequence import Truth
+from egocap_sim.human.person import Person
+from egocap_sim.place import Place
+from egocap_sim.render.renderer import FisheyeRenderer
+from egocap_sim.scene import RecordTable
+from egocap_sim.visibility import joint_visibility
+
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+
+
+class FrameMaker:
+    """Renders the frames of one scene. Holds a GL context: one a process, kept to its thread."""
+
+    def __init__(
+        self, rig: Rig, person: Person, place: Place, truth: Truth, record: RecordTable
+    ) -> None:
+        self.rig, self.person, self.truth, self.record = rig, person, truth, record
+        self.renderer = FisheyeRenderer(
+            rig, [person.actor], place, samples=record.samples, face_size=record.face_size
+        )
+        self._T_body_rest = rigid(np.eye(3), -person.joints)
+
+    def close(self) -> None:
+        """Give the GL context back."""
+        self.renderer.close()
+
+    def files(self, index: int) -> dict[str, bytes]:
+        """Suffix to content, for every file of one frame."""
+        truth = self.truth
+        skinning = truth.T_world_body[index] @ self._T_body_rest
+        views = self.renderer.render(truth.T_world_head[index], {self.person.actor.name: skinning})
+        visibility = joint_visibility(
+            views,
+            self.person,
+            truth.joints_camera[index],
+            truth.joints_2d[index],
+            truth.in_view[index],
+        )
+        files: dict[str, bytes] = {}
+        for view, image in zip(self.rig.views, views.images, strict=True):
+            files[f"{view}.{self.record.image_format}"] = self._encode(image)
+        if self.record.masks:
+            for view, parts in zip(self.rig.views, views.parts(), strict=True):
+                files[f"{view}.mask.png"] = _png(parts)
+        if self.record.depth:
+            for view, depth in zip(self.rig.views, views.depth(), strict=True):
+                files[f"{view}.depth.png"] = _png(_millimetres(depth))
+        files["json"] = self._annotation(index, visibility)
+        return files
+
+    def _encode(self, image: UInt8[Array, "H W 3"]) -> bytes:
+        if self.record.image_format == "png":
+            return _png(image[..., ::-1])
+        import simplejpeg
+
+        return simplejpeg.encode_jpeg(
+            np.ascontiguousarray(image),
+            quality=self.record.jpeg_quality,
+            colorspace="RGB",
+            colorsubsampling="444",
+        )
+
+    def _annotation(self, index: int, visibility: UInt8[Array, "V 18"]) -> bytes:
+        truth = self.truth
+        content = {
+            "frame": index,
+            "time": truth.time[index],
+            "T_world_head": truth.T_world_head[index].tolist(),
+            "joints_head": truth.joints_head[index].tolist(),
+            "joints_2d": dict(zip(self.rig.views, truth.joints_2d[index].tolist(), strict=True)),
+            "visibility": dict(zip(self.rig.views, visibility.tolist(), strict=True)),
+            "contact": truth.contact[index].tolist(),
+        }
+        return json.dumps(content, separators=(",", ":")).encode()
+
+
+def _png(image: Array) -> bytes:
+    done, data = cv2.imencode(".png", image, _PNG)
+    assert done, f"PNG encoding of {image.shape} {image.dtype} failed"
+    return data.tobytes()
+
+
+def _millimetres(depth: Float[Array, "H W"]) -> Array:
+    """16-bit millimetres; 0 where nothing was hit."""
+    finite = np.where(np.isfinite(depth), depth * 1000.0, 0.0)
+    return np.clip(np.rint(finite), 0, 65535).astype(np.uint16)

@@ -1,0 +1,217 @@
+"""Generate a sequence: physics once, then shards rendered by worker processes, resumable anywhere.
+
+The parent owns the manifest; workers (spawned, since a fork after a GL context hangs) each hold one
+renderer and write whole shards. A scene and seed give the same bytes for any number of workers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing as mp
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import egocap
+from egocap.errors import MachineError
+from egocap.sequence import SCHEMA, Manifest, Sequence, ShardEntry, Truth
+from egocap.sequence_writer import SequenceWriter, disk_errors, write_shard
+from egocap_sim.scene import Scene, to_toml
+from egocap_sim.stage import config_of, perform, person_of, place_of, rig_of
+from egocap_sim.trajectory import PhysicsStats
+from egocap_sim.truth import truth_before_rendering
+
+if TYPE_CHECKING:
+    from egocap_sim.frames import FrameMaker
+
+_DRAFT = (
+    "truth.draft.tmp"  # truth before rendering, for the workers; gone when the sequence is whole
+)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a generation run did."""
+
+    folder: Path
+    frames: int  # of the whole sequence
+    rendered: int  # in this run
+    seconds: float  # rendering wall time of this run
+    bytes: int
+    physics: PhysicsStats | None  # None when nothing was left to do
+
+    @property
+    def frames_per_second(self) -> float:
+        """Stereo frames rendered and written a second in this run; nan when none were."""
+        return self.rendered / self.seconds if self.rendered else float("nan")
+
+
+def generate(
+    scene: Scene,
+    out: Path,
+    *,
+    workers: int = 1,
+    on_frames: Callable[[int], None] = lambda frames: None,
+) -> Summary:
+    """Make, or complete, the sequence of a scene in folder `out`.
+
+    `on_frames` is called with the number of frames each finished shard adds, first with those an
+    earlier run left. Raises InputError or FileError for a bad scene, motion or output folder,
+    MachineError when GL is missing, the disk is full or a worker dies.
+    """
+    config = config_of(scene)
+    rig = rig_of(scene.rig)
+    manifest = Manifest(
+        schema_version=SCHEMA,
+        name=scene.name,
+        fps=scene.fps,
+        frames=scene.frames,
+        shard_frames=scene.record.shard_frames,
+        views=rig.views,
+        seed=scene.seed,
+        config=config,
+        config_sha256=_digest(config),
+        code_version=egocap.__version__,
+    )
+    person = person_of(scene)
+    side_files = _side_files(scene, rig, person)
+    with SequenceWriter(out, manifest, side_files) as writer:
+        on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
+        if writer.manifest.complete:
+            return Summary(out, scene.frames, 0, 0.0, _size(out), None)
+        trajectory = perform(scene, person)
+        draft = truth_before_rendering(person, trajectory, rig)
+        with disk_errors(out):
+            draft.save(out / _DRAFT)
+        pending = [(i, writer.frames_of(i)) for i in writer.pending()]
+        start = time.perf_counter()
+        _render_shards(scene, out, pending, workers, writer.enter_shard, on_frames)
+        seconds = time.perf_counter() - start
+        _finish(writer, draft)
+    rendered = sum(len(frames) for _, frames in pending)
+    return Summary(out, scene.frames, rendered, seconds, _size(out), trajectory.stats)
+
+
+def _side_files(scene: Scene, rig, person) -> dict[str, bytes]:
+    from egocap_sim.proportions import proportions_of
+
+    return {
+        "rig.json": (json.dumps(rig.to_dict(), indent=1) + "\n").encode(),
+        "scene.toml": to_toml(scene).encode(),
+        "body.json": (json.dumps(proportions_of(person).to_dict(), indent=1) + "\n").encode(),
+        "person.json": (json.dumps(dict(person.description), indent=1) + "\n").encode(),
+    }
+
+
+def _render_shards(
+    scene: Scene,
+    out: Path,
+    pending: list[tuple[int, range]],
+    workers: int,
+    enter: Callable[[ShardEntry], None],
+    on_frames: Callable[[int], None],
+) -> None:
+    """Render shards in spawned workers and enter each as it is done."""
+    workers = max(1, min(workers, len(pending)))
+    pool = ProcessPoolExecutor(
+        workers,
+        mp_context=mp.get_context("spawn"),
+        initializer=_begin_worker,
+        initargs=(scene, out, workers),
+    )
+    try:
+        waiting: set[Future[ShardEntry]] = {
+            pool.submit(_render_shard, index, frames) for index, frames in pending
+        }
+        while waiting:
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                entry = future.result()
+                enter(entry)
+                on_frames(len(entry.frames))
+    except BrokenProcessPool:
+        raise MachineError(
+            "a rendering worker died (out of memory, or killed)",
+            remedy="run the same command again to continue",
+        ) from None
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _finish(writer: SequenceWriter, draft: Truth) -> None:
+    """Complete the truth with what rendering found, and record it last of all."""
+    sequence = _Shards(writer)
+    visibility = np.stack([sequence.visibility(i) for i in range(writer.manifest.frames)])
+    truth = replace(draft, visibility=visibility)
+    path = writer.folder / _DRAFT
+    with disk_errors(path):
+        truth.save(path)
+    writer.write_file("truth.npz", path.read_bytes())
+    path.unlink()
+
+
+class _Shards(Sequence):
+    """The frames of a sequence whose shards are all there but whose truth is not yet."""
+
+    def __init__(self, writer: SequenceWriter) -> None:
+        self.folder, self.manifest = writer.folder, writer.manifest
+
+    def visibility(self, index: int) -> np.ndarray:
+        recorded = self.annotation(index)["visibility"]
+        return np.array([recorded[view] for view in self.manifest.views], np.uint8)
+
+
+_maker: FrameMaker | None = None  # a worker process's own renderer, made with its first shard
+_task: tuple[Scene, Path]
+
+
+def _begin_worker(scene: Scene, out: Path, workers: int) -> None:
+    """Set up one worker process; it ends by itself when its parent is gone."""
+    global _task
+    _task = scene, out
+    threads = max(1, (os.cpu_count() or 1) // workers)
+    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # read by Mesa when GL is loaded
+    parent = mp.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    import cv2
+
+    cv2.setNumThreads(threads)
+
+
+def _end_with(sentinel: int) -> None:
+    from multiprocessing.connection import wait as wait_for
+
+    wait_for([sentinel])
+    os._exit(1)
+
+
+def _render_shard(index: int, frames: range) -> ShardEntry:
+    global _maker
+    scene, out = _task
+    if _maker is None:
+        from egocap_sim.frames import FrameMaker
+
+        truth = Truth.load(out / _DRAFT)
+        _maker = FrameMaker(
+            rig_of(scene.rig), person_of(scene), place_of(scene), truth, scene.record
+        )
+    maker = _maker
+    return write_shard(out, index, frames.start, (maker.files(i) for i in frames))
+
+
+def _digest(config: dict) -> str:
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.iterdir() if path.is_file())

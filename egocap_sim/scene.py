@@ -1,0 +1,138 @@
+"""Scene files: who, wearing which rig, does what, where, and what is recorded of it.
+
+A scene is TOML; every key has a default but the name and the motion. Unknown keys, wrong types and
+impossible values are errors that name the file and the key.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
+
+from egocap.validation import read_toml, validate
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RigTable(_Table):
+    """The cameras: a built-in rig's name or a rig file, and the recorded image size."""
+
+    name: str = "egorig1"
+    file: str | None = None  # path, relative to the scene file; in place of a name
+    size: (
+        tuple[Annotated[int, Field(ge=64, le=8192)], Annotated[int, Field(ge=64, le=8192)]] | None
+    ) = None  # width, height in pixels; None: the rig's own
+
+
+class PersonTable(_Table):
+    """The wearer. What is left out is drawn from the seed."""
+
+    height_m: float | None = Field(None, ge=1.50, le=2.00)
+    age_years: float | None = Field(None, ge=18, le=90)
+    sex: float | None = Field(None, ge=0, le=1)  # 0 female, 1 male, and between
+    weight: float | None = Field(None, ge=0, le=1)  # from slight to heavy
+    muscle: float | None = Field(None, ge=0, le=1)
+    top: str | None = None
+    bottom: str | None = None
+    shoes: str | None = None
+    hair: str | None = None
+    skin_tone: int | None = None
+    headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": what the rig is worn on
+
+
+class MotionTable(_Table):
+    """What the person does: a procedural motion by name, or a clip file."""
+
+    name: str | None = None
+    parameters: dict[str, float | int | str | bool] = {}
+    file: str | None = None  # BVH or npz; path relative to the scene file
+    start_s: float = Field(0.0, ge=0)
+    up: Literal["y", "z"] | None = None  # None: recognised from the file
+    unit: Literal["m", "cm", "mm", "in"] | None = None
+    joint_names: str | None = None  # TOML file that maps bodies to the file's joint names
+
+    @model_validator(mode="after")
+    def _one_source(self) -> MotionTable:
+        if (self.name is None) == (self.file is None):
+            raise ValueError("give either 'name' (a procedural motion) or 'file' (a clip)")
+        return self
+
+
+class PlaceTable(_Table):
+    """Where it happens."""
+
+    name: str = "room"
+    clear_radius: float = Field(2.0, gt=0, le=50)  # metres around the origin kept free
+
+
+class RecordTable(_Table):
+    """How it is rendered and what is written."""
+
+    image_format: Literal["jpg", "png"] = "jpg"
+    jpeg_quality: int = Field(95, ge=1, le=100)
+    samples: Literal[0, 2, 4, 8] = 0  # multisample anti-aliasing
+    face_size: int | None = Field(None, ge=16, le=4096)  # pixels; None: the image's own density
+    masks: bool = True  # part labels
+    depth: bool = False
+    shard_frames: PositiveInt = 25
+
+
+class Scene(_Table):
+    """One scene, as its file says it."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,79}$")
+    frames: int = Field(250, ge=1, le=1_000_000)
+    fps: float = Field(30.0, gt=0, le=240)
+    seed: int = Field(1, ge=0, lt=2**63)
+    rig: RigTable = RigTable()
+    person: PersonTable = PersonTable()
+    motion: MotionTable
+    place: PlaceTable = PlaceTable()
+    record: RecordTable = RecordTable()
+
+
+def load_scene(path: Path) -> Scene:
+    """Read a scene file; FileError names the key that is wrong. Paths in it become absolute."""
+    data = _with_absolute_paths(read_toml(path), path.resolve().parent)
+    return validate(Scene, data, path)
+
+
+def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Scene files name other files relative to themselves."""
+    for table, key in (("rig", "file"), ("motion", "file"), ("motion", "joint_names")):
+        section = data.get(table)
+        if isinstance(section, dict) and isinstance(section.get(key), str):
+            section[key] = str(folder / section[key])
+    return data
+
+
+def to_toml(scene: Scene) -> str:
+    """A scene as TOML text that `load_scene` reads back to an equal scene."""
+    data = scene.model_dump(mode="json", exclude_none=True)
+    lines = [f"{key} = {_toml_value(v)}" for key, v in data.items() if not isinstance(v, dict)]
+    for table, content in data.items():
+        if isinstance(content, dict):
+            lines += ["", f"[{table}]"]
+            lines += [f"{key} = {_toml_value(v)}" for key, v in content.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
+    if isinstance(value, dict):
+        return (
+            "{ "
+            + ", ".join(f"{_toml_value(k)} = {_toml_value(v)}" for k, v in value.items())
+            + " }"
+        )
+    return repr(value)

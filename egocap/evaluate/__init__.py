@@ -1,0 +1,16 @@
+"""How good a track or a set of detections is: measures, named protocols and reports."""
+
+from egocap.evaluate.detections import DetectionScore, evaluate_detections
+from egocap.evaluate.pose import evaluate_pose
+from egocap.evaluate.protocol import PROTOCOLS, Protocol, find_protocol
+from egocap.evaluate.report import Report
+
+__all__ = [
+    "PROTOCOLS",
+    "DetectionScore",
+    "Protocol",
+    "Report",
+    "evaluate_detections",
+    "evaluate_pose",
+    "find_protocol",
+]

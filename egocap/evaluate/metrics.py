@@ -1,0 +1,205 @@
+"""The measures: one small pure function each, in the units of its input, in float64.
+
+Axes are (T, J, 3) for poses and (T, V, J, 2) for image points, never read off the shape, so a score
+does not depend on how many frames are scored together. Masks are separate arrays; what a masked
+entry holds is never read.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+
+REFERENCE_WIDTH = 640  # pixels: image thresholds are stated at 640 x 512
+
+
+def joint_errors(
+    predicted: Float[Array, "T J 3"], truth: Float[Array, "T J 3"]
+) -> Float[Array, "T J"]:
+    """Euclidean distance of every joint to its truth."""
+    _same_shape(predicted, truth, axes="T J 3")
+    return np.linalg.norm(np.asarray(predicted, np.float64) - truth, axis=-1)
+
+
+def mean_error(errors: Float[Array, "T J"], mask: Bool[Array, "T J"] | None = None) -> float:
+    """Mean over frames and joints (MPJPE of `joint_errors`); NaN when the mask leaves nothing."""
+    values = _selected(errors, mask)
+    return float(values.mean()) if values.size else float("nan")
+
+
+def mean_error_per_joint(
+    errors: Float[Array, "T J"], mask: Bool[Array, "T J"] | None = None
+) -> Float[Array, "J"]:
+    """Mean over frames of every joint; NaN for a joint the mask leaves out in all frames."""
+    mask = np.ones(errors.shape, bool) if mask is None else mask
+    count = mask.sum(0)
+    total = np.where(mask, errors, 0.0).sum(0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def percentile(
+    errors: Float[Array, "T J"], percent: float, mask: Bool[Array, "T J"] | None = None
+) -> float:
+    """Percentile over frames and joints (linear between ranks); NaN when nothing is left."""
+    values = _selected(errors, mask)
+    return float(np.percentile(values, percent)) if values.size else float("nan")
+
+
+def acceleration(
+    points: Float[Array, "T J 3"], times: Float[Array, "T"]
+) -> Float[Array, "T-2 J 3"]:
+    """Second derivative by central differences, exact for parabolas at any frame times.
+
+    Args:
+        points: metres.
+        times: seconds, strictly increasing; the spacing may vary (dropped frames).
+
+    Raises:
+        InputError: the times do not increase or their number differs.
+    """
+    times = np.asarray(times, np.float64)
+    if times.shape != (len(points),):
+        raise InputError(f"{len(points)} frames but times of shape {times.shape}")
+    step = np.diff(times)
+    if (step <= 0).any():
+        frame = int(np.argmax(step <= 0)) + 1
+        raise InputError(f"times do not increase at frame {frame} ({times[frame]:g} s)")
+    velocity = np.diff(np.asarray(points, np.float64), axis=0) / step[:, None, None]
+    return np.diff(velocity, axis=0) / (0.5 * (step[1:] + step[:-1]))[:, None, None]
+
+
+def acceleration_error(
+    predicted: Float[Array, "T J 3"], truth: Float[Array, "T J 3"], times: Float[Array, "T"]
+) -> float:
+    """Mean length of the difference of accelerations, m/s^2: jitter. NaN below three frames.
+
+    Source: Kanazawa et al., Learning 3D human dynamics from video, CVPR 2019, section 4 (there in
+    millimetres per frame interval squared).
+    """
+    _same_shape(predicted, truth, axes="T J 3")
+    difference = acceleration(predicted, times) - acceleration(truth, times)
+    return mean_error(np.linalg.norm(difference, axis=-1))
+
+
+def bone_lengths(
+    points: Float[Array, "T J 3"], bones: tuple[tuple[int, int], ...]
+) -> Float[Array, "T K"]:
+    """Length of every bone (pair of joints) in every frame."""
+    first, second = np.array(bones).T
+    return np.linalg.norm(np.asarray(points, np.float64)[:, first] - points[:, second], axis=-1)
+
+
+def bone_length_error(
+    predicted: Float[Array, "T J 3"],
+    truth: Float[Array, "T J 3"],
+    bones: tuple[tuple[int, int], ...],
+) -> float:
+    """Mean absolute difference of bone lengths over frames and bones."""
+    return mean_error(np.abs(bone_lengths(predicted, bones) - bone_lengths(truth, bones)))
+
+
+def bone_length_drift(
+    points: Float[Array, "T J 3"], bones: tuple[tuple[int, int], ...]
+) -> Float[Array, "K"]:
+    """Standard deviation over time of every bone's length: 0 for a skeleton that keeps its size."""
+    return bone_lengths(points, bones).std(0)
+
+
+def pixel_errors(
+    predicted: Float[Array, "T V J 2"],
+    truth: Float[Array, "T V J 2"],
+    image_widths: Float[Array, "V"],
+) -> Float[Array, "T V J"]:
+    """Distance of every image point to its truth, in pixels of an image `REFERENCE_WIDTH` wide."""
+    _same_shape(predicted, truth, axes="T V J 2")
+    scale = REFERENCE_WIDTH / np.asarray(image_widths, np.float64)
+    if scale.shape != predicted.shape[1:2]:
+        raise InputError(f"{predicted.shape[1]} views but image widths of shape {scale.shape}")
+    return np.linalg.norm(np.asarray(predicted, np.float64) - truth, axis=-1) * scale[:, None]
+
+
+def pck(
+    errors: Float[Array, "*axes"],
+    detected: Bool[Array, "*axes"],
+    counted: Bool[Array, "*axes"],
+    threshold: float,
+) -> float:
+    """Percentage of the counted joints found within `threshold` (<=); a missing one is a miss.
+
+    NaN when nothing is counted. Source: the paper, section 5.3 (PCK at 20 px of 640 x 512).
+    """
+    if not counted.any():
+        return float("nan")
+    hits = detected & (np.where(detected & counted, errors, np.inf) <= threshold)
+    return 100.0 * float(hits[counted].mean())
+
+
+def auc(
+    errors: Float[Array, "*axes"],
+    detected: Bool[Array, "*axes"],
+    counted: Bool[Array, "*axes"],
+    limit: float,
+) -> float:
+    """Area under the PCK curve from 0 to `limit`, in percent of the largest possible area.
+
+    The curve is integrated exactly rather than sampled: a joint with error e contributes
+    max(0, 1 - e / limit), a missing one 0. A perfect prediction scores 100. NaN when nothing is
+    counted.
+    """
+    if not counted.any():
+        return float("nan")
+    error = np.where(detected & counted, errors, np.inf)[counted]
+    return 100.0 * float(np.clip(1.0 - error / limit, 0.0, None).mean())
+
+
+def bootstrap_interval(
+    values: Float[Array, "T"],
+    rng: np.random.Generator,
+    *,
+    block: int = 1,
+    level: float = 0.95,
+    draws: int = 2000,
+) -> tuple[float, float]:
+    """Confidence interval of the mean by the circular block bootstrap.
+
+    Neighbouring frames err alike, so whole runs of `block` frames are drawn; block 1 is the plain
+    bootstrap and too narrow for a video.
+
+    Raises:
+        InputError: fewer than two blocks of values, which say nothing about their spread.
+
+    Source: Politis and Romano, A circular block-resampling procedure for stationary data, 1992.
+    """
+    count = len(values)
+    if block < 1 or count < 2 * block:
+        raise InputError(
+            f"cannot bootstrap {count} values in blocks of {block}", valid="two blocks or more"
+        )
+    around = np.concatenate([values, values[: block - 1]])
+    sums = np.concatenate([[0.0], np.cumsum(around, dtype=np.float64)])
+    block_means = (sums[block:] - sums[:-block]) / block  # (T,) mean of the block from each start
+    starts = rng.integers(count, size=(draws, -(-count // block)))
+    means = block_means[starts].mean(1)
+    low, high = np.quantile(means, [0.5 - level / 2, 0.5 + level / 2])
+    return float(low), float(high)
+
+
+def _selected(errors: Array, mask: Array | None) -> Array:
+    return np.asarray(errors, np.float64)[... if mask is None else mask]
+
+
+def _same_shape(predicted: Array, truth: Array, *, axes: str) -> None:
+    names = axes.split()
+    for what, points in (("predicted", predicted), ("true", truth)):
+        if points.ndim != len(names) or points.shape[-1] != int(names[-1]):
+            raise InputError(
+                f"{what} points have shape {points.shape}", valid=f"({', '.join(names)})"
+            )
+    if predicted.shape != truth.shape:
+        raise InputError(
+            f"predicted points have shape {predicted.shape}, the truth {truth.shape}",
+            valid=f"the same ({', '.join(names)})",
+        )

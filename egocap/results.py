@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import zipfile
+import zlib
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
 
+import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
+
+from egocap.errors import FileError, MachineError
+
+SCHEMA = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +45,127 @@ class Track:
     detections_used: Float[Array, "T"]  # how many detections each frame had
     seconds_per_frame: float  # solver time, one core
     config: dict[str, object]  # solver and detection settings, JSON-ready
+
+
+_DETECTIONS = {
+    "times": ("f", ("T",)), "points": ("f", ("T", "V", 18, 2)), "sigma": ("f", ("T", "V", 18)),
+    "confidence": ("f", ("T", "V", 18)), "valid": ("b", ("T", "V", 18)), "source": ("U", ()),
+}  # fmt: skip
+_TRACK = {
+    "times": ("f", ("T",)), "angles": ("f", ("T", 37)), "joints_head": ("f", ("T", 18, 3)),
+    "energy": ("f", ("T",)), "converged": ("b", ("T",)), "detections_used": ("f", ("T",)),
+    "seconds_per_frame": ("f", ()), "config": ("U", ()),
+}  # fmt: skip
+_Layout = dict[str, tuple[str, tuple[str | int, ...]]]
+_Kind = TypeVar("_Kind", Detections, Track)
+
+
+def save_detections(path: str | Path, detections: Detections) -> None:
+    """Write detections as npz, whole or not at all."""
+    _save(Path(path), "egocap-detections", detections)
+
+
+def load_detections(path: str | Path) -> Detections:
+    """Read detections; FileError names the array that is missing, damaged or of a wrong shape."""
+    return _load(Path(path), "egocap-detections", Detections, _DETECTIONS)
+
+
+def save_track(path: str | Path, track: Track) -> None:
+    """Write a track as npz, whole or not at all."""
+    _save(Path(path), "egocap-track", track)
+
+
+def load_track(path: str | Path) -> Track:
+    """Read a track; FileError names the array that is missing, damaged or of a wrong shape."""
+    return _load(Path(path), "egocap-track", Track, _TRACK)
+
+
+def _save(path: Path, kind: str, result: Detections | Track) -> None:
+    arrays: dict[str, Any] = {f.name: getattr(result, f.name) for f in fields(result)}
+    if "config" in arrays:
+        arrays["config"] = json.dumps(arrays["config"])
+    # Renamed into place, so that a kill never leaves half a file under the real name.
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("wb") as file:
+            np.savez_compressed(file, kind=kind, schema_version=SCHEMA, **arrays)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise MachineError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _load(path: Path, kind: str, result: type[_Kind], layout: _Layout) -> _Kind:
+    arrays = _read(path)
+    found = arrays.pop("kind", np.array("another kind of data"))
+    if str(found) != kind:
+        raise FileError(path, f"holds {found}", key="kind", valid=kind)
+    version = arrays.pop("schema_version", np.array(-1))
+    if version.shape != () or version.dtype.kind not in "iu" or int(version) < 1:
+        raise FileError(path, "not a version number", key="schema_version", valid=str(SCHEMA))
+    if int(version) > SCHEMA:
+        raise FileError(
+            path, f"written by a newer version (schema {int(version)})", key="schema_version",
+            valid=f"up to {SCHEMA}",
+        )  # fmt: skip
+    for name in arrays:
+        if name not in layout:
+            raise FileError(path, "unknown array", key=name, valid=layout)
+    sizes: dict[str, int] = {}
+    for name, (dtype_kind, shape) in layout.items():
+        if name not in arrays:
+            raise FileError(path, "missing", key=name)
+        _check(path, name, arrays[name], dtype_kind, shape, sizes)
+    return result(**{name: _value(path, name, arrays[name]) for name in layout})
+
+
+def _read(path: Path) -> dict[str, Array]:
+    if not path.is_file():
+        raise FileError(path, "is a directory" if path.is_dir() else "no such file")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ValueError
+            return {name: archive[name] for name in archive.files}
+    except (ValueError, OSError, EOFError, KeyError, NotImplementedError, RuntimeError,
+            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+        detail = f": {error}" if str(error) else ""
+        raise FileError(path, f"not a whole npz archive of plain arrays{detail}") from None
+
+
+def _check(
+    path: Path, name: str, array: Array, kind: str, shape: tuple[str | int, ...],
+    sizes: dict[str, int],
+) -> None:  # fmt: skip
+    """Raise FileError unless the array has the kind and shape; letters must agree among arrays."""
+    expected = (
+        "(" + ", ".join(str(sizes.get(n, n) if isinstance(n, str) else n) for n in shape) + ")"
+    )
+    if array.dtype.kind != kind:
+        names = {"f": "floating-point numbers", "b": "booleans", "U": "text"}
+        raise FileError(path, f"has type {array.dtype}", key=name, valid=names[kind])
+    if array.ndim != len(shape):
+        raise FileError(path, f"has shape {array.shape}", key=name, valid=expected)
+    for n, size in zip(shape, array.shape, strict=True):
+        if size != (sizes.setdefault(n, size) if isinstance(n, str) else n):
+            raise FileError(path, f"has shape {array.shape}", key=name, valid=expected)
+
+
+def _value(path: Path, name: str, array: Array) -> Any:
+    if name == "config":
+        try:
+            config = json.loads(str(array))
+        except json.JSONDecodeError as error:
+            raise FileError(path, f"not valid JSON: {error.msg}", key=name) from None
+        if not isinstance(config, dict):
+            raise FileError(path, "not a JSON object", key=name)
+        return config
+    if array.shape == ():
+        return array.item()
+    if (
+        array.dtype.kind == "f"
+        and name in ("times", "angles", "joints_head")
+        and not np.isfinite(array).all()
+    ):
+        raise FileError(path, "holds values that are not finite", key=name)
+    return array

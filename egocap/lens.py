@@ -1,0 +1,202 @@
+"""How far from the image centre a lens draws what it sees: r(theta), for every camera model.
+
+theta is the angle off the optical axis [rad], r the radius in the lens's own unit (pixels for OCam,
+radians for the others; the camera's affine matrix makes pixels of it). All models share one form,
+r = theta * q(s) with q a polynomial in s = (theta - middle) / half, so that one formula projects,
+one inverts, and both take numpy arrays and torch tensors.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import degrees, inf, pi
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from egocap.errors import InputError
+
+FIT_TOLERANCE = 1e-5  # pixels; what the inverse of an OCam polynomial may be off
+_FIT_DEGREES = (8, 12, 16, 20, 24, 28, 32)
+_NEWTON_STEPS = 60  # bisection alone would need about 52 in float64
+
+
+def namespace(array: Any) -> ModuleType:
+    """The module whose functions take this array: torch for its tensors, else numpy."""
+    torch = sys.modules.get("torch")
+    return torch if torch is not None and isinstance(array, torch.Tensor) else np
+
+
+@dataclass(frozen=True)
+class Radial:
+    """r(theta) = theta * q((theta - middle) / half) up to `limit`, straight on beyond it.
+
+    The straight line keeps r growing and differentiable for every angle: a point just outside the
+    lens still tells a solver which way to go, where a polynomial of high degree would explode.
+    """
+
+    coefficients: tuple[float, ...]  # of q, lowest order first
+    limit: float  # rad; r grows strictly on [0, limit]
+    middle: float = 0.0
+    half: float = 1.0
+
+    def radius(self, theta: Any) -> tuple[Any, Any]:
+        """Radius and its slope dr/dtheta at angles of any shape; array and tensor alike."""
+        inner = namespace(theta).clip(theta, None, self.limit)
+        s = (inner - self.middle) / self.half
+        q, dq = 0.0 * s, 0.0 * s
+        for c in reversed(self.coefficients):  # Horner, value and derivative together
+            dq = dq * s + q
+            q = q * s + c
+        slope = q + inner * dq / self.half
+        return inner * q + slope * (theta - inner), slope
+
+    def angle(self, radius: Any) -> Any:
+        """Angles [rad] at which the lens draws these radii (>= 0), the inverse of `radius`.
+
+        The search itself is not differentiated: one last Newton step from its fixed result carries
+        the exact derivative of the inverse to autograd.
+        """
+        xp = namespace(radius)
+        edge, slope = (float(v) for v in self.radius(np.float64(self.limit)))
+        fixed = radius.detach() if hasattr(radius, "detach") else radius
+        inner = xp.clip(fixed, None, edge)
+        theta = invert(self.radius, inner, self.limit, start=inner * (self.limit / edge))
+        theta = theta + xp.clip(fixed - edge, 0.0, None) / slope
+        value, slope = self.radius(theta)
+        return theta - (value - radius) / slope
+
+
+def invert(function: Callable[[Any], tuple[Any, Any]], target: Any, high: float, start: Any) -> Any:
+    """Solve function(x) = target for x in [0, high], function growing; Newton inside a bracket.
+
+    `function` gives value and slope. A step that leaves the bracket is replaced by a bisection.
+    """
+    xp = namespace(target)
+    low, x, top = 0.0 * target, start, 0.0 * target + high
+    tolerance = 4.0 * float(xp.finfo(target.dtype).eps) * high
+    for _ in range(_NEWTON_STEPS):
+        value, slope = function(x)
+        low, top = xp.where(value <= target, x, low), xp.where(value >= target, x, top)
+        step = x - (value - target) / xp.where(slope > 0, slope, xp.ones_like(slope))
+        new = xp.where((step >= low) & (step <= top), step, 0.5 * (low + top))
+        moved, x = new - x, new
+        if not bool((abs(moved) > tolerance).any()):
+            break
+    return x
+
+
+def equidistant(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
+    """r = theta. Without `max_angle` the lens sees as far as `radius`, 180 degrees at most."""
+    if parameters:
+        raise InputError("an equidistant lens has no parameters")
+    return Radial((1.0,), min(radius, pi) if max_angle is None else max_angle)
+
+
+def kannala_brandt(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
+    """r = theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9.
+
+    Raises InputError when r does not grow all the way to `max_angle`.
+    Source: Kannala and Brandt 2006, as in OpenCV's fisheye module.
+    """
+    if len(parameters) != 4:
+        raise InputError(f"{len(parameters)} distortion coefficients", valid="k1, k2, k3, k4")
+    powers = (0.0, *(c for k in parameters for c in (0.0, k)))  # of r / theta, beyond the leading 1
+    coefficients = (1.0, *powers[1:])
+    slope = [c * (i + 1) for i, c in enumerate(coefficients)]
+    lens = Radial(coefficients, min(_first_root(slope), pi))
+    return _limited(lens, max_angle, radius)
+
+
+def ocam(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
+    """The lens whose pixel at radius rho looks along [u, v, f(rho)], f(rho) = sum a_k rho^k.
+
+    OCamCalib's sign: a_0 < 0, so theta(rho) = atan2(rho, -f(rho)). This polynomial defines the
+    camera; r(theta), its inverse, has no closed form and is interpolated at Chebyshev points to
+    `FIT_TOLERANCE`. Rays come from the interpolant's own inverse, so that project and ray undo each
+    other to rounding and both are within the tolerance of the definition.
+
+    Raises InputError when theta(rho) does not grow all the way to `max_angle`.
+    Source: Scaramuzza et al. 2006, Eq. 6; EgoCap paper, section 4.2.
+    """
+    a = np.array(parameters, float)
+    if a.size == 0 or a[0] >= 0.0:
+        raise InputError("the polynomial's first coefficient is not negative", valid="-focal < 0")
+
+    def angle(rho: Any) -> tuple[Any, Any]:
+        z = -np.polynomial.polynomial.polyval(rho, a)
+        dz = -np.polynomial.polynomial.polyval(rho, np.polynomial.polynomial.polyder(a))
+        return np.arctan2(rho, z), (z - rho * dz) / (rho * rho + z * z)
+
+    # theta grows while z - rho dz/drho > 0, itself a polynomial in rho.
+    turn = _first_root([-c * (1 - k) for k, c in enumerate(parameters)])
+    widest = float(angle(np.float64(min(turn, 1e9)))[0])
+    if max_angle is None:
+        max_angle = float(angle(np.float64(radius))[0]) if radius < turn else 0.98 * widest
+    if not max_angle < widest:
+        raise _not_growing(widest, max_angle)
+    high = turn if turn < inf else _beyond(angle, max_angle, -a[0])
+
+    def quotient(theta: Any) -> Any:
+        rho = invert(angle, theta, high, start=np.clip(-a[0] * theta, 0.0, high))
+        return np.where(theta > 1e-9, rho / np.maximum(theta, 1e-9), -a[0])
+
+    half = 0.5 * max_angle
+    grid = np.linspace(0.0, max_angle, 400)
+    truth = grid * quotient(grid)
+    error = inf
+    for degree in _FIT_DEGREES:
+        nodes = np.polynomial.chebyshev.chebpts1(degree + 1)
+        series = np.polynomial.chebyshev.chebfit(nodes, quotient(half * (nodes + 1.0)), degree)
+        coefficients = np.polynomial.chebyshev.cheb2poly(series)
+        lens = Radial(tuple(map(float, coefficients)), max_angle, half, half)
+        error = float(np.abs(lens.radius(grid)[0] - truth).max())
+        if error < FIT_TOLERANCE:
+            return lens
+    raise InputError(
+        f"the polynomial cannot be inverted to {FIT_TOLERANCE} px up to {degrees(max_angle):.1f} "
+        f"degrees off axis (best {error:.2g} px)",
+        valid="a smooth lens, or a smaller field of view",
+    )
+
+
+MODELS: dict[str, Callable[[tuple[float, ...], float | None, float], Radial]] = {
+    "equidistant": equidistant,
+    "kannala_brandt": kannala_brandt,
+    "ocam": ocam,
+}
+"""Camera models: (parameters, max_angle [rad] or None, radius of the image) -> Radial."""
+
+
+def _limited(lens: Radial, max_angle: float | None, radius: float) -> Radial:
+    if max_angle is None:
+        edge = float(lens.radius(np.float64(lens.limit))[0])
+        max_angle = float(lens.angle(np.float64(radius))) if radius < edge else 0.98 * lens.limit
+        max_angle = min(max_angle, pi)
+    elif max_angle > lens.limit:
+        raise _not_growing(lens.limit, max_angle)
+    return Radial(lens.coefficients, max_angle, lens.middle, lens.half)
+
+
+def _not_growing(turn: float, wanted: float) -> InputError:
+    return InputError(
+        f"the lens polynomial is not monotone: it turns {degrees(turn):.2f} degrees off axis, but "
+        f"the field of view reaches {degrees(wanted):.2f}",
+        valid=f"a field of view under {2 * degrees(turn):.2f} degrees, or another polynomial",
+    )
+
+
+def _first_root(coefficients: list[float]) -> float:
+    """Smallest positive real root of a polynomial, lowest order first; inf without one."""
+    roots = np.polynomial.polynomial.polyroots(np.trim_zeros(coefficients, "b"))
+    real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
+    return float(real.min(initial=inf))
+
+
+def _beyond(angle: Callable[[Any], tuple[Any, Any]], wanted: float, rho: float) -> float:
+    while float(angle(np.float64(rho))[0]) <= wanted:
+        rho *= 2.0
+    return rho

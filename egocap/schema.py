@@ -1,0 +1,111 @@
+"""Files people write: read TOML and JSON, check them against a model, name file and key in errors.
+
+pydantic models derive from `Strict`; `checked` turns whatever is wrong with the data into one
+FileError.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from egocap.errors import FileError
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""A finite number; text and booleans are not numbers."""
+
+
+class Strict(BaseModel):
+    """Base of everything read from a file: unknown keys, NaN and infinity are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+M = TypeVar("M", bound=Strict)
+
+
+def checked(model: type[M], data: Any, where: str | Path, prefix: str = "") -> M:
+    """The model instance that `data` describes. `prefix` is the key in front of the data's own.
+
+    Raises FileError naming the first wrong key, and how many more there are.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise _file_error(model, error, where, prefix) from None
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The table in a TOML file. Raises FileError."""
+    try:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(path, f"not TOML: {error}") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """The value in a JSON file. Raises FileError."""
+    try:
+        return json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise FileError(path, f"not JSON: {error.msg}", line=error.lineno) from None
+    except RecursionError:
+        raise FileError(path, "not JSON we read: nested too deeply") from None
+
+
+def read_text(path: str | Path) -> str:
+    """The text of a file. Raises FileError when it is missing, a folder, or not UTF-8."""
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise FileError(path, "no such file") from None
+    except UnicodeDecodeError:
+        raise FileError(path, "not a text file (UTF-8)") from None
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read: {error}") from None
+
+
+def _file_error(
+    model: type[Strict], error: ValidationError, where: str | Path, prefix: str
+) -> FileError:
+    first = error.errors(include_url=False)[0]
+    key = ".".join([prefix, *map(str, first["loc"])] if prefix else map(str, first["loc"]))
+    valid = None
+    if first["type"] == "extra_forbidden":
+        valid = _fields_at(model, first["loc"][:-1])
+    problem = "unknown key" if first["type"] == "extra_forbidden" else _sentence(first)
+    more = error.error_count() - 1
+    if more:
+        problem += f" (and {more} more error{'s' if more > 1 else ''})"
+    return FileError(where, problem, key=key or None, valid=valid)
+
+
+def _sentence(item: Any) -> str:
+    text = item["msg"].removeprefix("Value error, ")
+    value = item.get("input")
+    shown = isinstance(value, int | float | str) and item["type"] != "missing"
+    return f"{text[:1].lower()}{text[1:]}" + (f", not {value!r:.80}" if shown else "")
+
+
+def _fields_at(model: Any, loc: tuple[Any, ...]) -> list[str] | None:
+    """Names a (nested) model knows, found by walking down the error's location."""
+    for step in loc:
+        field = getattr(model, "model_fields", {}).get(step)
+        if field is None and not isinstance(step, int):
+            return None
+        model = _model_in(field.annotation) if field is not None else model
+    return sorted(model.model_fields) if hasattr(model, "model_fields") else None
+
+
+def _model_in(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _model_in(inner)
+        if found is not None:
+            return found
+    return None

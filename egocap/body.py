@@ -11,12 +11,12 @@ from typing import Annotated, Literal
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from egocap.errors import FileError, InputError
 from egocap.labels import LABELS
+from egocap.schema import Strict, checked, read_json
 from egocap.skeleton import LABEL_POINTS, POINT_COUNT, POINT_INDEX, POINT_PARENTS, POINTS
-from egocap.validation import read_json, validate
 
 SCHEMA = 1
 
@@ -36,8 +36,7 @@ _RANGES: dict[str, tuple[float, float]] = {
 """Possible length in metres of the offset to each kind of point, child to giant."""
 
 
-class _BodyFile(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _BodyFile(Strict):
     kind: Literal["egocap-body"]
     schema_version: int = Field(ge=1)
     units: Literal["m"]
@@ -166,7 +165,7 @@ class Proportions:
                 path, f"written by a newer version (schema {version})", key="schema_version",
                 valid=f"up to {SCHEMA}",
             )  # fmt: skip
-        offsets = validate(_BodyFile, data, path).offsets
+        offsets = checked(_BodyFile, data, path).offsets
         for name in POINTS:
             if name not in offsets:
                 raise FileError(path, "missing", key=f"offsets.{name}")

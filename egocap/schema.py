@@ -47,14 +47,17 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise FileError(path, f"not TOML: {error}") from None
 
 
-def read_json(path: str | Path) -> Any:
-    """The value in a JSON file. Raises FileError."""
+def read_json(path: str | Path) -> dict[str, Any]:
+    """The object in a JSON file. Raises FileError, also when it holds anything but an object."""
     try:
-        return json.loads(read_text(path))
+        data = json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise FileError(path, f"not JSON: {error.msg}", line=error.lineno) from None
     except RecursionError:
         raise FileError(path, "not JSON we read: nested too deeply") from None
+    if not isinstance(data, dict):
+        raise FileError(path, f"holds a {type(data).__name__}", valid="a JSON object")
+    return data
 
 
 def read_text(path: str | Path) -> str:

@@ -19,12 +19,12 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float, UInt8, UInt16
 from numpy import ndarray as Array
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from egocap.body import Proportions
 from egocap.errors import FileError, InputError
 from egocap.rig import Rig
-from egocap.validation import read_json, validate
+from egocap.schema import Strict, checked, read_json
 
 SCHEMA = 1
 MANIFEST = "manifest.json"
@@ -33,11 +33,7 @@ VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED = range(4)
 """Values of `Truth.visibility`: seen, outside image or lens, behind the wearer, behind others."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ShardEntry(_Strict):
+class ShardEntry(Strict):
     """One shard: its checksum, and where each file of each of its frames lies."""
 
     name: str = Field(pattern=r"^shard-\d{5}\.tar$")
@@ -47,14 +43,14 @@ class ShardEntry(_Strict):
     frames: list[dict[str, tuple[int, int]]]  # for each frame: suffix -> (offset, size)
 
 
-class FileEntry(_Strict):
+class FileEntry(Strict):
     """Size and checksum of a side file."""
 
     bytes: int = Field(ge=0)
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
-class Manifest(_Strict):
+class Manifest(Strict):
     """manifest.json. Units are metres, radians, seconds and pixels throughout."""
 
     kind: Literal["egocap-sequence"] = "egocap-sequence"
@@ -266,7 +262,7 @@ def load_manifest(folder: Path) -> Manifest:
             key="schema_version",
             valid=f"up to {SCHEMA}; upgrade egocap",
         )
-    manifest = validate(Manifest, data, path)
+    manifest = checked(Manifest, data, path)
     _check_index(manifest, path)
     return manifest
 

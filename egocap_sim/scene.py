@@ -9,16 +9,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
+from pydantic import Field, PositiveInt, model_validator
 
-from egocap.validation import read_toml, validate
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from egocap.schema import Strict, checked, read_toml
 
 
-class RigTable(_Table):
+class RigTable(Strict):
     """The cameras: a built-in rig's name or a rig file, and the recorded image size."""
 
     name: str = "egorig1"
@@ -28,7 +24,7 @@ class RigTable(_Table):
     ) = None  # width, height in pixels; None: the rig's own
 
 
-class PersonTable(_Table):
+class PersonTable(Strict):
     """The wearer. What is left out is drawn from the seed."""
 
     height_m: float | None = Field(None, ge=1.50, le=2.00)
@@ -44,7 +40,7 @@ class PersonTable(_Table):
     headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": what the rig is worn on
 
 
-class MotionTable(_Table):
+class MotionTable(Strict):
     """What the person does: a procedural motion by name, or a clip file."""
 
     name: str | None = None
@@ -62,14 +58,14 @@ class MotionTable(_Table):
         return self
 
 
-class PlaceTable(_Table):
+class PlaceTable(Strict):
     """Where it happens."""
 
     name: str = "room"
     clear_radius: float = Field(2.0, gt=0, le=50)  # metres around the origin kept free
 
 
-class RecordTable(_Table):
+class RecordTable(Strict):
     """How it is rendered and what is written."""
 
     image_format: Literal["jpg", "png"] = "jpg"
@@ -81,7 +77,7 @@ class RecordTable(_Table):
     shard_frames: PositiveInt = 25
 
 
-class Scene(_Table):
+class Scene(Strict):
     """One scene, as its file says it."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,79}$")
@@ -98,7 +94,7 @@ class Scene(_Table):
 def load_scene(path: Path) -> Scene:
     """Read a scene file; FileError names the key that is wrong. Paths in it become absolute."""
     data = _with_absolute_paths(read_toml(path), path.resolve().parent)
-    return validate(Scene, data, path)
+    return checked(Scene, data, path)
 
 
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:

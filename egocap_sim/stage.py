@@ -33,7 +33,7 @@ def stream(seed: int, purpose: str) -> np.random.Generator:
 
 def rig_of(table: RigTable) -> Rig:
     """The scene's rig at the recorded image size."""
-    rig = load_rig(Path(table.file) if table.file else builtin_file("rigs", table.name))
+    rig = load_rig(Path(table.file) if table.file else builtin_file("rig", table.name))
     return rig.resized(*table.size) if table.size else rig
 
 

@@ -1,0 +1,130 @@
+"""Check that a sequence on disk is whole, undamaged and consistent with itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tarfile
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from egocap.errors import EgocapError
+from egocap.geometry import inverse, transform
+from egocap.sequence import OUT_OF_VIEW, Manifest, Sequence, ShardEntry, Truth, load_manifest
+from egocap.sequence_writer import file_is_intact, shard_is_intact
+
+_PIXEL_TOLERANCE = 1e-6  # px: truth and rig are both stored in full precision
+_POSITION_TOLERANCE = 1e-9  # m
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What was looked at, and every problem found."""
+
+    folder: Path
+    frames: int
+    shards: int
+    bytes: int
+    problems: tuple[str, ...]
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing was wrong."""
+        return not self.problems
+
+
+def verify(folder: Path) -> Verification:
+    """Check manifest, checksums, shard structure, images and truth of a sequence.
+
+    Raises FileError where the folder is not a sequence at all; everything else is a problem listed.
+    """
+    manifest = load_manifest(folder)
+    problems = list(_problems(folder, manifest))
+    size = sum(shard.bytes for shard in manifest.shards)
+    size += sum(entry.bytes for entry in manifest.files.values())
+    return Verification(folder, manifest.frames, len(manifest.shards), size, tuple(problems))
+
+
+def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
+    text = json.dumps(manifest.config, sort_keys=True).encode()
+    if hashlib.sha256(text).hexdigest() != manifest.config_sha256:
+        yield "manifest.json: the configuration does not match its checksum"
+    for name, entry in manifest.files.items():
+        if not file_is_intact(folder / name, entry):
+            yield f"{name}: {_state(folder / name)}"
+    damaged = False
+    for shard in manifest.shards:
+        if shard_is_intact(folder, shard):
+            yield from _shard_problems(folder, shard)
+        else:
+            damaged = True
+            yield f"{shard.name}: {_state(folder / shard.name)}"
+    missing = manifest.shard_count - len(manifest.shards)
+    if missing:
+        yield f"unfinished: {missing} of {manifest.shard_count} shards are not there yet"
+    elif not manifest.complete:
+        yield "unfinished: truth.npz is not there yet"
+    elif not damaged:
+        try:
+            sequence = Sequence(folder)
+            yield from _image_problems(sequence)
+            yield from _truth_problems(sequence)
+        except EgocapError as error:
+            yield str(error)
+
+
+def _state(path: Path) -> str:
+    return "its bytes do not match the recorded checksum" if path.exists() else "is missing"
+
+
+def _shard_problems(folder: Path, shard: ShardEntry) -> Iterator[str]:
+    """The tar's own listing against the manifest's index."""
+    with tarfile.open(folder / shard.name) as tar:
+        listed = {member.name: (member.offset_data, member.size) for member in tar}
+    indexed = {
+        f"{shard.first + row:06d}.{suffix}": place
+        for row, files in enumerate(shard.frames)
+        for suffix, place in files.items()
+    }
+    if listed != indexed:
+        names = sorted(listed.keys() ^ indexed.keys()) or ["offsets"]
+        yield f"{shard.name}: its members differ from the manifest's index ({names[0]})"
+
+
+def _image_problems(sequence: Sequence) -> Iterator[str]:
+    """Decode the first frame of every shard and compare its size with the rig's."""
+    for shard in sequence.manifest.shards:
+        frame = sequence.frame(shard.first)
+        for mount, image in zip(sequence.rig.mounts, frame.images, strict=True):
+            expected = (mount.camera.height, mount.camera.width, 3)
+            if image.shape != expected:
+                yield f"{shard.name}: {mount.name} image is {image.shape}, the rig says {expected}"
+
+
+def _truth_problems(sequence: Sequence) -> Iterator[str]:
+    """The truth against itself: finite, as long as the sequence, one geometry in every frame."""
+    truth = sequence.truth
+    if len(truth.time) != len(sequence):
+        yield f"truth.npz: {len(truth.time)} frames, the manifest has {len(sequence)}"
+        return
+    for field in fields(Truth):
+        values = getattr(truth, field.name)
+        ignored = ~truth.in_view if field.name == "joints_2d" else None
+        if not np.isfinite(values if ignored is None else values[~ignored]).all():
+            yield f"truth.npz: '{field.name}' has values that are not finite"
+            return
+    world = transform(truth.T_world_head, truth.joints_head)
+    if np.abs(world - truth.joints_world).max() > _POSITION_TOLERANCE:
+        yield "truth.npz: head-frame joints do not map onto the world's"
+    for v, mount in enumerate(sequence.rig.mounts):
+        seen = transform(inverse(mount.T_head_camera), truth.joints_head)
+        pixels, valid = mount.camera.project(seen)
+        if not np.array_equal(valid, truth.in_view[:, v]):
+            yield f"truth.npz: 'in_view' of {mount.name} does not follow from the rig"
+        elif np.abs(pixels - truth.joints_2d[:, v])[valid].max(initial=0) > _PIXEL_TOLERANCE:
+            yield f"truth.npz: 'joints_2d' of {mount.name} does not follow from the rig"
+    if not np.array_equal(truth.visibility == OUT_OF_VIEW, ~truth.in_view):
+        yield "truth.npz: 'visibility' contradicts 'in_view'"

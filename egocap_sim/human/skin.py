@@ -1,0 +1,98 @@
+"""Bare skin as it is drawn: its tones, its texture, and the mesh without what clothes hide."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray as Array
+
+from egocap_sim.bodies import BODIES
+from egocap_sim.human.anny_model import BareBody, anatomy
+from egocap_sim.human.noise import smooth_noise
+from egocap_sim.mesh import Mesh
+from egocap_sim.parts import wearer_part
+
+TONES: tuple[str, ...] = (
+    "#f6ede4", "#f3e7db", "#f7ead0", "#eadaba", "#d7bd96",
+    "#a07e56", "#825c43", "#604134", "#3a312a", "#292420",
+)  # fmt: skip
+"""Skin tones from light to dark. Source: Monk, "The Monk Skin Tone Scale", 2022 (CC BY 4.0)."""
+
+IRISES: tuple[str, ...] = ("#4a2f1b", "#5b3a1e", "#7a5a30", "#5f6b3c", "#4f6d86", "#6f7a80")
+
+TEXTURE_SIZE = 512
+# Where things sit in MakeHuman's texture layout: shares of the width and height.
+EYES = ((0.7666, 0.0488), (0.8066, 0.0488), (0.7783, 0.0625), (0.7930, 0.0625))
+MOUTH = (0.9092, 0.5147)
+BROWS = ((0.8203, 0.4780), (0.8203, 0.5513))
+
+PART_OF_BODY = np.array([wearer_part(b) for b in BODIES], np.uint8)
+
+
+def tone_color(tone: float) -> Float[Array, "3"]:
+    """sRGB (0 to 1) of a place on the scale of skin tones, 0 lightest, 1 darkest."""
+    table = np.array([rgb(t) for t in TONES])
+    # The scale's lightest swatches are brighter than lit skin is in photographs.
+    table = table * np.array([0.93, 0.84, 0.78])
+    at = np.clip(tone, 0, 1) * (len(TONES) - 1)
+    return np.array([np.interp(at, np.arange(len(TONES)), table[:, c]) for c in range(3)])
+
+
+def skin_texture(
+    tone: float, hair: Float[Array, "3"], iris: str, rng: np.random.Generator
+) -> UInt8[Array, "H W 3"]:
+    """Skin with soft mottling, lips, brows and eyes, in anny's texture layout."""
+    n = TEXTURE_SIZE
+    base = tone_color(tone)
+    mottle = 0.6 * smooth_noise(n, 24, rng) + 0.4 * smooth_noise(n, 64, rng)
+    redness = smooth_noise(n, 8, rng)
+    image = np.broadcast_to(base, (n, n, 3)) * (1 + 0.05 * mottle[..., None])
+    image = image + redness[..., None] * np.array([0.022, -0.008, -0.008])
+    lips = base * np.array([0.92, 0.70, 0.70])
+    _paint(image, MOUTH, (0.0085, 0.024), lips, 0.8)
+    for brow in BROWS:
+        _paint(image, brow, (0.004, 0.016), hair * 0.8, 0.85)
+    for eye in EYES:
+        _paint(image, eye, (0.012, 0.012), np.array([0.88, 0.86, 0.84]), 1.0)
+    for eye in EYES[:2]:
+        _paint(image, eye, (0.0035, 0.0035), rgb(iris), 1.0)
+    return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+
+
+def skin_mesh(
+    body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array, "N"]
+) -> Mesh | None:
+    """The skin without the triangles whose corners are all hidden; None when nothing is left."""
+    shape = anatomy()
+    shown = ~hidden[shape.faces].all(1)
+    if not shown.any():
+        return None
+    faces, face_uv = shape.faces[shown], shape.face_uv[shown]
+    pairs = faces.astype(np.int64) * len(shape.uv) + face_uv
+    unique, index = np.unique(pairs, return_inverse=True)
+    vertex, uv = unique // len(shape.uv), unique % len(shape.uv)
+    return Mesh(
+        name="skin",
+        vertices=body.vertices[vertex],
+        faces=index.reshape(-1, 3).astype(np.int32),
+        uv=shape.uv[uv],
+        texture=texture,
+        parts=PART_OF_BODY[shape.owner[vertex]],
+        bones=shape.bones[vertex],
+        weights=shape.weights[vertex],
+        shininess=0.12,
+    )
+
+
+def rgb(code: str) -> Float[Array, "3"]:
+    """sRGB from 0 to 1 of a '#rrggbb' code."""
+    return np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+
+def _paint(image: Array, at: tuple, radii: tuple, color: Array, strength: float) -> None:
+    """Blend a soft ellipse (centre and radii as shares of the image) into it."""
+    n = len(image)
+    y, x = np.mgrid[0:n, 0:n] / n
+    d = np.hypot((x - at[0]) / radii[0], (y - at[1]) / radii[1])
+    share = strength * np.clip(3 * (1.15 - d), 0, 1)[..., None]
+    image[:] = image * (1 - share) + color * share

@@ -1,0 +1,1 @@
+"""Forward dynamics of the person: model, control, simulation. Import the modules directly."""

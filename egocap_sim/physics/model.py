@@ -1,0 +1,144 @@
+"""The person as a MuJoCo model: 21 bodies, a free root, 20 ball joints, feet that touch the floor.
+
+Masses are shares of the person's mass; shapes follow the skin each body owns, so that inertias are
+the person's own. Body i + 1 of the model is `egocap_sim.bodies.BODIES[i]`, its frame parallel to
+the world at rest.
+
+Source: segment masses (mean of women and men) and the cut of the trunk from P. de Leva, "Adjustments
+to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29 (1996), table 4; shares
+within head + neck, upper trunk + clavicles and foot + toes split by us.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap.geometry import GRAVITY
+from egocap_sim.bodies import BODIES, FEET, INDEX, PARENT
+from egocap_sim.human.person import Person
+from egocap_sim.human.soles import Sole, soles
+
+MASS_SHARE: dict[str, float] = {
+    "pelvis": 0.1182, "spine": 0.1549, "chest": 0.1210, "neck": 0.0110, "head": 0.0571,
+    "clavicle": 0.0180, "upperarm": 0.0263, "forearm": 0.0150, "hand": 0.0059,
+    "thigh": 0.1447, "calf": 0.0457, "foot": 0.0109, "toe": 0.0024,
+}  # fmt: skip
+"""Share of the whole body's mass in one segment; they are scaled to sum to one."""
+
+_LIMBS = {"neck": "head", "clavicle": "upperarm", "upperarm": "forearm", "forearm": "hand",
+          "thigh": "calf", "calf": "foot"}  # fmt: skip
+_ARMATURE = 0.08  # kg m^2 on every ball joint: keeps light segments stable at 4 ms
+_DAMPING = 1.0  # N m s/rad
+FRICTION = 1.0
+FLOOR = "floor"
+
+
+def segment(body: str) -> str:
+    """Name of a body without its side."""
+    return body.split("_")[-1]
+
+
+def segment_masses(person: Person) -> Float[Array, "21"]:
+    """Mass of each body in kg; they sum to the person's."""
+    share = np.array([MASS_SHARE[segment(body)] for body in BODIES])
+    return person.mass_kg * share / share.sum()
+
+
+def build_model(person: Person, timestep_s: float) -> mujoco.MjModel:
+    """Compile the person's model. Raises InputError for a person that cannot be built."""
+    if not 20.0 <= person.mass_kg <= 250.0:
+        raise InputError(f"person '{person.name}' weighs {person.mass_kg:g} kg", valid="20 to 250")
+    if not (np.isfinite(person.joints).all() and np.isfinite(person.body_vertices).all()):
+        raise InputError(f"person '{person.name}' has joints or skin that are not finite numbers")
+    return mujoco.MjModel.from_xml_string(mjcf(person, timestep_s))
+
+
+def mjcf(person: Person, timestep_s: float) -> str:
+    """The model as MJCF text."""
+    geoms = _geoms(person)
+    return f"""<mujoco model="person">
+  <compiler angle="radian"/>
+  <option timestep="{timestep_s!r}" gravity="{_text(GRAVITY)}" integrator="implicitfast"
+          cone="elliptic" impratio="5"/>
+  <default>
+    <joint type="ball" damping="{_DAMPING}" armature="{_ARMATURE}"/>
+    <geom contype="0" conaffinity="0" friction="{FRICTION} 0.01 0.001" solref="0.01 1"/>
+  </default>
+  <worldbody>
+    <geom name="{FLOOR}" type="plane" size="0 0 1" contype="1"/>
+    {_body_xml("pelvis", person, geoms)}
+  </worldbody>
+</mujoco>"""
+
+
+def _body_xml(body: str, person: Person, geoms: dict[str, str]) -> str:
+    """A body, its joint and shape, and its children, depth first: the order of BODIES."""
+    parent = PARENT.get(body)
+    position = person.joints[INDEX[body]]
+    if parent is None:
+        joint = '<freejoint name="root"/>'
+    else:
+        position = position - person.joints[INDEX[parent]]
+        joint = f'<joint name="{body}"/>'
+    children = "".join(_body_xml(b, person, geoms) for b in BODIES if PARENT.get(b) == body)
+    return f'<body name="{body}" pos="{_text(position)}">{joint}{geoms[body]}{children}</body>'
+
+
+def _geoms(person: Person) -> dict[str, str]:
+    """The shape of every body as MJCF text."""
+    masses = segment_masses(person)
+    boxes = {sole.body: sole for sole in soles(person)}
+    geoms = {}
+    for i, body in enumerate(BODIES):
+        if body in FEET:
+            shape = _box(boxes[body])
+        elif segment(body) in _LIMBS:
+            shape = _capsule(person, body)
+        else:
+            shape = _ellipsoid(person, body)
+        geoms[body] = f'<geom name="{body}" mass="{float(masses[i])!r}" {shape}/>'
+    return geoms
+
+
+def _skin(person: Person, body: str) -> Float[Array, "N 3"]:
+    """Vertices a body owns, in its frame."""
+    mine = person.body_owner.astype(int) == INDEX[body]
+    return person.body_vertices[mine] - person.joints[INDEX[body]]
+
+
+def _box(sole: Sole) -> str:
+    quaternion = (np.cos(sole.yaw / 2), 0.0, 0.0, np.sin(sole.yaw / 2))
+    return (
+        f'type="box" pos="{_text(sole.centre)}" size="{_text(sole.half)}" '
+        f'quat="{_text(quaternion)}" conaffinity="1"'
+    )
+
+
+def _capsule(person: Person, body: str) -> str:
+    """A capsule along the bone, as thick as the skin around it."""
+    follower = body.replace(segment(body), _LIMBS[segment(body)])
+    end = person.joints[INDEX[follower]] - person.joints[INDEX[body]]
+    skin, length = _skin(person, body), np.linalg.norm(end)
+    radius = 0.04
+    if len(skin) >= 10:
+        away = skin - np.outer(skin @ end / length**2, end)
+        radius = float(np.clip(np.median(np.linalg.norm(away, axis=1)), 0.02, 0.15))
+    return f'type="capsule" fromto="0 0 0 {_text(end)}" size="{radius!r}"'
+
+
+def _ellipsoid(person: Person, body: str) -> str:
+    """An ellipsoid over the skin's extent."""
+    skin, low, high = _skin(person, body), np.full(3, -0.05), np.full(3, 0.05)
+    if len(skin) >= 10:
+        low, high = np.percentile(skin, 2, axis=0), np.percentile(skin, 98, axis=0)
+    half = np.clip((high - low) / 2, 0.02, 0.4)
+    return f'type="ellipsoid" pos="{_text((low + high) / 2)}" size="{_text(half)}"'
+
+
+def _text(values: object) -> str:
+    """Numbers as MJCF text, exact."""
+    return " ".join(repr(float(v)) for v in values)  # type: ignore[union-attr]

@@ -1,0 +1,74 @@
+"""The command egocap-eval: what is measured."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+from tyro.extras import SubcommandApp
+
+from egocap.commandline import run
+from egocap.errors import InputError
+
+if TYPE_CHECKING:
+    from egocap.evaluate import Report
+
+app = SubcommandApp()
+
+
+@app.command
+def pose(
+    sequence: Positional[Annotated[Path, arg(metavar="SEQ")]],
+    /,
+    track: Annotated[Path, arg(metavar="FILE")],
+    detections: Annotated[Path | None, arg(metavar="FILE")] = None,
+    protocol: Annotated[str, arg(metavar="NAME")] = "egocap-17",
+    json: bool = False,
+    markdown: bool = False,
+    out: Annotated[Path | None, arg(metavar="FILE")] = None,
+) -> None:
+    """Score a tracked motion against the truth of its sequence.
+
+    Args:
+        sequence: Folder of the sequence the track was made from.
+        track: Track file written by `egocap track`.
+        detections: Detections file the track was made from; scored too when given.
+        protocol: Which joints and alignment: egocap-17, or with -mid-hip, -rigid, -pa, -sequence.
+        json: Print JSON instead of a table.
+        markdown: Print Markdown instead of a table.
+        out: Write the report there too: .json (with command, commit and machine), .md or .txt.
+    """
+    from evals.pose import score_files
+
+    if json and markdown:
+        raise InputError("--json and --markdown exclude each other", valid="one of them")
+    if out is not None and out.suffix not in _FORMATS:
+        raise InputError(f"--out {out}: no format for '{out.suffix}'", valid=_FORMATS)
+    report = score_files(sequence, track, detections, protocol)
+    shown = report.to_json() if json else report.to_markdown() if markdown else report.to_text()
+    if out is not None:
+        words = ["egocap-eval", "pose", str(sequence), "--track", str(track)]
+        words += ["--detections", str(detections)] if detections else []
+        _write(out, report, shlex.join([*words, "--protocol", protocol, "--out", str(out)]))
+    print(shown)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run(app, prog="egocap-eval", description="Measure tracks and detections.", args=args)
+
+
+_FORMATS = (".json", ".md", ".txt")
+
+
+def _write(path: Path, report: Report, command: str) -> None:
+    from evals.record import save_result, write_text
+
+    if path.suffix == ".json":
+        save_result(path, report.to_dict(), command)
+    else:
+        text = report.to_markdown() if path.suffix == ".md" else report.to_text()
+        write_text(path, text + "\n")

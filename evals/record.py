@@ -1,0 +1,131 @@
+"""Results on disk: a JSON file that says how, when and where its numbers were made."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from egocap.errors import FileError, MachineError
+
+SCHEMA = 1
+PACKAGES = (
+    "egocap", "numpy", "scipy", "torch", "mujoco", "pyrender", "anny", "numba",
+    "opencv-contrib-python-headless",
+)  # fmt: skip
+
+
+def save_result(path: str | Path, payload: Mapping[str, Any], command: str | Sequence[str]) -> None:
+    """Write a result with its provenance; the file appears whole or not at all.
+
+    The file holds `schema`, `command`, `date` (UTC), `commit` (null outside a checkout, with
+    '+changes' when the tree was not clean), `machine`, `versions` and the payload under `result`.
+
+    Args:
+        path: a .json file; its folder is made if need be.
+        payload: the numbers, JSON-ready: no NaN, which JSON has not got.
+        command: the command line that makes them again.
+
+    Raises:
+        MachineError: the file cannot be written.
+    """
+    record = {
+        "schema": SCHEMA,
+        "command": command if isinstance(command, str) else " ".join(command),
+        **provenance(),
+        "result": dict(payload),
+    }
+    write_text(path, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+
+def load_result(path: str | Path) -> dict[str, Any]:
+    """Read what `save_result` wrote; FileError when it is something else or of a newer schema."""
+    try:
+        record = json.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FileError(path, "no such file") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileError(path, f"not a readable result: {error}") from None
+    if not isinstance(record, dict) or not {"schema", "command", "result"} <= record.keys():
+        raise FileError(path, "not a result", valid="a file written with --out FILE.json")
+    if not isinstance(record["schema"], int) or record["schema"] > SCHEMA:
+        raise FileError(path, f"of schema {record['schema']}", key="schema",
+                        valid=f"up to {SCHEMA}; upgrade egocap")  # fmt: skip
+    return record
+
+
+def provenance() -> dict[str, Any]:
+    """Date, commit, machine and versions, JSON-ready."""
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": git_commit(),
+        "machine": {
+            "cpu": cpu_model(),
+            "cores": os.cpu_count(),
+            "memory_gb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1),
+            "system": f"{platform.system()} {platform.machine()}",
+        },
+        "versions": {"python": platform.python_version(), **_versions()},
+    }
+
+
+def git_commit() -> str | None:
+    """Commit of the checkout this code runs from; None when it is an installed package."""
+    folder = Path(__file__).resolve().parent
+    head = _git(folder, "rev-parse", "HEAD")
+    if head is None or _git(folder, "ls-files", "--error-unmatch", "record.py") is None:
+        return None  # no repository, or somebody else's around an installed copy
+    return head + ("+changes" if _git(folder, "status", "--porcelain", "-uno") else "")
+
+
+def cpu_model() -> str:
+    """Name of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, "") or platform.processor() or platform.machine()
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file that is whole or absent, making its folder if need be."""
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise MachineError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    if "egocap" not in found:  # run from a checkout that is not installed
+        from egocap import __version__
+
+        found["egocap"] = __version__
+    return found
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    try:
+        done = subprocess.run(
+            ["git", *words], cwd=folder, capture_output=True, text=True, timeout=10, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

@@ -1,0 +1,99 @@
+"""The command `egocap`: motion out of footage."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from tyro.conf import Positional
+from tyro.extras import SubcommandApp
+
+from egocap.commandline import DONE, run
+from egocap.track.config import TrackerConfig
+
+if TYPE_CHECKING:
+    from egocap.results import Detections, Track
+    from egocap.sequence import Sequence
+
+app = SubcommandApp()
+
+
+@app.command
+def track(
+    sequence: Positional[Path],
+    detections: str,
+    out: Path,
+    config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
+    seed: int = 0,
+    save_detections: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Recover 37 joint angles in every frame of a sequence from detections in both views.
+
+    The tracker is given detections, the rig and the person's proportions; never the truth.
+
+    Args:
+        sequence: folder of a sequence.
+        detections: where detections come from: simulated:SIGMA[,outliers=P][,occluded=keep|drop]
+            draws them from the truth, SIGMA in pixels at 640 x 512; or a file of detections.
+        out: track to write, npz.
+        config: the tracker's settings.
+        seed: seed of simulated detections.
+        save_detections: also write the detections used, npz.
+        json: print the summary as JSON.
+    """
+    from egocap import results
+    from egocap.sequence import Sequence
+    from egocap.track.tracker import track as run_tracker
+
+    opened = Sequence(sequence)
+    found = _detections(opened, detections, seed)
+    result = run_tracker(found, opened.rig, opened.proportions, config)
+    for path in (out, save_detections):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    if save_detections is not None:
+        results.save_detections(save_detections, found)
+    results.save_track(out, result)
+    _print_summary(out, result, json)
+    return DONE
+
+
+def main() -> int:
+    """Run `egocap` and return its exit code."""
+    return run(app, prog="egocap", description="Full-body motion from head-worn fisheye cameras.")
+
+
+def _detections(sequence: Sequence, source: str, seed: int) -> Detections:
+    """Detections by the name of their source, or from a file."""
+    import numpy as np
+
+    from egocap.detect.simulated import parse_source, simulate_detections
+    from egocap.results import load_detections
+    from egocap.sequence import VISIBLE
+
+    if source.endswith(".npz"):
+        return load_detections(source)
+    camera = sequence.rig.mounts[0].camera
+    truth = sequence.truth  # handed to the simulated detector alone
+    return simulate_detections(
+        truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
+        (camera.width, camera.height), parse_source(source), np.random.default_rng(seed),
+    )  # fmt: skip
+
+
+def _print_summary(path: Path, result: Track, as_json: bool) -> None:
+    rate = 1.0 / result.seconds_per_frame
+    summary = {
+        "track": str(path), "frames": len(result.times), "frames_per_second": rate,
+        "converged": int(result.converged.sum()),
+        "detections_per_frame": float(result.detections_used.mean()),
+    }  # fmt: skip
+    if as_json:
+        print(json.dumps(summary, indent=1))
+        return
+    print(f"{path}: {summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
+          f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections a "
+          "frame of 2 x 18")  # fmt: skip

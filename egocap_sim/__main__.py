@@ -1,0 +1,7 @@
+"""`python -m egocap_sim` is `egocap-sim`."""
+
+import sys
+
+from egocap_sim.cli import main
+
+sys.exit(main())

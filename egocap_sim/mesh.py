@@ -28,6 +28,7 @@ class Mesh:
     shininess: float = 0.0  # strength of a soft highlight, 0 to 1
     casts_shadow: bool = True
     double_sided: bool = False
+    glows: bool = False  # shines by itself: a lamp, a window, the sky
 
 
 @dataclass(frozen=True, eq=False)

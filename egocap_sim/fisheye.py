@@ -1,0 +1,228 @@
+"""Any camera out of flat pictures: which faces of a cube its lens sees, and how they become pixels.
+
+The camera stands in the middle of a cube whose faces are rendered as flat pictures; every pixel of
+the fisheye image is then looked up where its ray leaves the cube. A cube with an *edge* on the
+optical axis covers a 180-degree lens with four faces. Each face is cropped to the rectangle the
+lens sees (a `Tile`), and the tiles of all cameras are packed into one picture, the atlas.
+
+Faces use the OpenCV convention (x right, y down, z out of the face); a face point has slopes
+u = x/z and v = y/z within -1..1. The atlas is stored as OpenGL reads it back, bottom row first, so
+rows grow against v. Atlas coordinates put the centre of the first pixel at 0, as `cv2.remap` and
+our cameras do; OpenGL's own put it at 0.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import ceil, floor, pi
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+MARGIN = 2  # pixels drawn past a tile's edge, so that interpolation never crosses a seam
+
+
+class Lens(Protocol):
+    """What is asked of a camera; `egocap.camera` has the real ones."""
+
+    width: int
+    height: int
+
+    @property
+    def max_angle(self) -> float: ...
+
+    def ray(self, pixels: Float[Array, "*n 2"]) -> tuple[Array, Array]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """The part of one cube face that a lens sees, and its place in the atlas."""
+
+    view: int
+    face: int  # index among the faces of this view's cube
+    R_camera_face: Float[Array, "3 3"]
+    slopes: tuple[float, float, float, float]  # u0, u1, v0, v1 at the tile's outer borders
+    column: int  # first pixel in the atlas
+    row: int
+    width: int
+    height: int
+    density: float  # pixels per unit of slope
+
+    def atlas_of(self, directions_face: Float[Array, "*n 3"]) -> Float[Array, "*n 2"]:
+        """Atlas coordinates of directions in the face's frame (z > 0)."""
+        u0, _, _, v1 = self.slopes
+        u, v = (directions_face[..., i] / directions_face[..., 2] for i in (0, 1))
+        x = self.column + (u - u0) * self.density - 0.5
+        y = self.row + (v1 - v) * self.density - 0.5
+        return np.stack([x, y], -1)
+
+    def ray_length(self) -> Float[Array, "h w"]:
+        """Distance along the ray per unit of depth, at each pixel's centre (bottom row first)."""
+        u0, _, _, v1 = self.slopes
+        u = u0 + (np.arange(self.width) + 0.5) / self.density
+        v = v1 - (np.arange(self.height) + 0.5) / self.density
+        return np.sqrt(1.0 + u[None, :] ** 2 + v[:, None] ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Atlas:
+    """All tiles of all cameras, and for each camera the atlas coordinates of its pixels."""
+
+    width: int
+    height: int
+    tiles: tuple[Tile, ...]
+    lookup: tuple[Float[Array, "H W 2"], ...]  # float32 per view
+    inside: tuple[Bool[Array, "H W"], ...]  # the lens forms an image here
+    _faces: tuple[Array, ...] = field(repr=False, default=())
+
+    def locate(
+        self, view: int, directions: Float[Array, "N 3"]
+    ) -> tuple[Int[Array, "N"], Float[Array, "N 2"]]:
+        """Tile index and atlas coordinates of directions in a camera's frame.
+
+        The tile is -1 where no tile of this view covers the direction; its coordinates then mean
+        nothing.
+        """
+        directions = np.asarray(directions, float)
+        tile_of = np.full(len(directions), -1)
+        xy = np.zeros((len(directions), 2))
+        face = _face_of(directions, self._faces[view])
+        for i, tile in enumerate(self.tiles):
+            if tile.view != view:
+                continue
+            same = np.flatnonzero(
+                [np.array_equal(R, tile.R_camera_face) for R in self._faces[view]]
+            )
+            chosen = face == same[0]
+            at = tile.atlas_of(directions[chosen] @ tile.R_camera_face)
+            low = np.array([tile.column, tile.row])
+            high = low + [tile.width - 1, tile.height - 1]
+            ok = np.all((at >= low) & (at <= high), -1)
+            index = np.flatnonzero(chosen)[ok]
+            tile_of[index], xy[index] = i, at[ok]
+        return tile_of, xy
+
+
+def build_atlas(cameras: Sequence[Lens], face_size: int | None = None) -> Atlas:
+    """Choose and pack the cube faces of each camera, and trace every pixel to them.
+
+    `face_size` is the number of pixels along a whole cube face; None takes twice the camera's
+    pixels per radian on the axis, which gives the face's middle the density of the image's centre.
+    """
+    cropped: list[tuple[int, int, tuple[int, int, int, int], float]] = []
+    orientations, traced = [], []
+    for view, camera in enumerate(cameras):
+        rays, inside = _rays(camera)
+        density = (face_size or round(2 * _pixels_per_radian(camera))) / 2
+        faces = min(_orientations(), key=lambda f: _area(f, rays[::4, ::4], inside[::4, ::4]))
+        face = np.where(inside, _face_of(rays, faces), -1)
+        orientations.append(faces)
+        traced.append((rays, inside, face))
+        for i, R in enumerate(faces):
+            if np.any(face == i):
+                cropped.append((view, i, _bounds(rays[face == i] @ R, density), density))
+    sizes = [(x1 - x0, y1 - y0) for _, _, (x0, x1, y0, y1), _ in cropped]
+    width, height, corners = _pack(sizes)
+    tiles = tuple(
+        Tile(
+            view,
+            i,
+            orientations[view][i],
+            (x0 / d, x1 / d, y0 / d, y1 / d),
+            column,
+            row,
+            x1 - x0,
+            y1 - y0,
+            d,
+        )
+        for (view, i, (x0, x1, y0, y1), d), (column, row) in zip(cropped, corners, strict=True)
+    )
+    lookup = []
+    for view, (rays, inside, face) in enumerate(traced):
+        xy = np.full((*inside.shape, 2), -9.0, np.float32)  # off the atlas: remap's border, black
+        for tile in (t for t in tiles if t.view == view):
+            mine = face == tile.face
+            xy[mine] = tile.atlas_of(rays[mine] @ tile.R_camera_face)
+        lookup.append(xy)
+    inside = tuple(t[1] for t in traced)
+    return Atlas(width, height, tiles, tuple(lookup), inside, tuple(map(tuple, orientations)))
+
+
+def _rays(camera: Lens) -> tuple[Array, Array]:
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays, valid = camera.ray(np.stack([x, y], -1).astype(float))
+    angle = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
+    return rays, valid & (angle <= camera.max_angle)
+
+
+def _pixels_per_radian(camera: Lens) -> float:
+    """Image density near the optical axis, from the angle between rays of neighbouring pixels."""
+    x = np.array([camera.width / 2 - 8, camera.width / 2 + 8])
+    y = np.full(2, camera.height / 2)
+    a, b = camera.ray(np.stack([x, y], -1))[0]
+    return 16.0 / float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _orientations() -> list[tuple[Array, ...]]:
+    """Cubes to choose from: an edge on the axis (upright or lying), or a face on the axis."""
+    cube = [_turn(1, a) for a in (0, pi / 2, pi, -pi / 2)] + [
+        _turn(0, a) for a in (pi / 2, -pi / 2)
+    ]
+    return [
+        tuple(_turn(axis, angle) @ R for R in cube)
+        for axis, angle in ((1, pi / 4), (0, pi / 4), (0, 0))
+    ]
+
+
+def _turn(axis: int, angle: float) -> Array:
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[i, i] = R[j, j] = np.cos(angle)
+    R[j, i], R[i, j] = np.sin(angle), -np.sin(angle)
+    return R
+
+
+def _face_of(directions: Float[Array, "*n 3"], faces: Sequence[Array]) -> Int[Array, "*n"]:
+    """Index of the cube face each direction leaves through."""
+    outward = np.stack([R[:, 2] for R in faces], -1)  # (3, 6)
+    return np.argmax(directions @ outward, -1)
+
+
+def _bounds(directions_face: Float[Array, "N 3"], density: float) -> tuple[int, int, int, int]:
+    """Whole pixels (u0, u1, v0, v1, in pixels from the face's middle) that hold the directions."""
+    u, v = (directions_face[:, i] / directions_face[:, 2] * density for i in (0, 1))
+    return (
+        floor(u.min()) - MARGIN, ceil(u.max()) + MARGIN,
+        floor(v.min()) - MARGIN, ceil(v.max()) + MARGIN,
+    )  # fmt: skip
+
+
+def _area(faces: Sequence[Array], rays: Array, inside: Array) -> int:
+    """Pixels to draw for one choice of cube, at a fixed density."""
+    face = np.where(inside, _face_of(rays, faces), -1)
+    boxes = [_bounds(rays[face == i] @ R, 100.0) for i, R in enumerate(faces) if np.any(face == i)]
+    return sum((x1 - x0) * (y1 - y0) for x0, x1, y0, y1 in boxes)
+
+
+def _pack(sizes: Sequence[tuple[int, int]]) -> tuple[int, int, list[tuple[int, int]]]:
+    """Place rectangles on shelves: total width, total height and each one's first pixel."""
+    order = sorted(range(len(sizes)), key=lambda i: (-sizes[i][1], -sizes[i][0], i))
+    widest, total = max(w for w, _ in sizes), sum(w for w, _ in sizes)
+    best = None
+    for limit in np.linspace(widest, total, 24).astype(int):
+        corners, x, y, shelf, right = [(0, 0)] * len(sizes), 0, 0, 0, 0
+        for i in order:
+            w, h = sizes[i]
+            if x and x + w > limit:
+                x, y, shelf = 0, y + shelf, 0
+            corners[i] = (x, y)
+            x, shelf = x + w, max(shelf, h)
+            right = max(right, x)
+        key = (right * (y + shelf), max(right, y + shelf))
+        if best is None or key < best[0]:
+            best = (key, right, y + shelf, corners)
+    assert best is not None
+    return best[1], best[2], best[3]

@@ -1,0 +1,202 @@
+"""Meshes merged into one vertex buffer and one texture array: one draw call a face, not one a mesh.
+
+A batch is one actor, or the whole place. Its triangles are sorted into chunks, contiguous in the
+index buffer, each with a bounding box, so that a cube face draws only the chunks it can see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numpy import ndarray as Array
+from scipy.sparse import csr_array
+
+from egocap.errors import InputError
+from egocap_sim.mesh import Mesh
+
+MAX_TEXTURE = 1024  # pixels along a layer of the texture array
+GLOW = 255  # alpha of a texture that shines by itself
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """A run of triangles that share a side rule and a shadow rule."""
+
+    first: int  # first index in the index buffer
+    count: int
+    double_sided: bool
+    casts_shadow: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Merged meshes, ready for the graphics memory.
+
+    `blend` maps the stacked rows of all skinning transforms to posed positions, `blend_normals` to
+    posed normals; both are None when nothing moves.
+    """
+
+    positions: Float[Array, "N 3"]
+    normals: Float[Array, "N 3"]
+    uv: Float[Array, "N 2"]
+    layer_part: Float[Array, "N 2"]  # texture layer; part label / 255
+    faces: Int[Array, "F 3"]
+    chunks: tuple[Chunk, ...]
+    layers: UInt8[Array, "L S S 4"]
+    n_bones: int
+    blend: csr_array | None
+    blend_normals: csr_array | None
+    _members: Int[Array, "M"]  # vertices of each chunk, chunk after chunk
+    _starts: Int[Array, "C"]
+
+    def pose(self, transforms: Float[Array, "B 4 4"]) -> tuple[Array, Array]:
+        """Posed positions and (unnormalised) normals under an actor's skinning transforms.
+
+        Raises: InputError when the actor's meshes name more bones than there are transforms.
+        """
+        if self.blend is None or self.blend_normals is None:
+            return self.positions, self.normals
+        if len(transforms) < self.n_bones:
+            raise InputError(
+                f"{len(transforms)} skinning transforms for meshes with {self.n_bones} bones",
+                valid="one 4x4 transform a bone",
+            )
+        # The last bone is the world itself, for rigid meshes of an actor.
+        S = np.concatenate([transforms[: self.n_bones], np.eye(4)[None]]).astype(np.float32)
+        rows = np.swapaxes(S[:, :3, :], 1, 2)  # (B, 4, 3)
+        return self.blend @ rows.reshape(-1, 3), self.blend_normals @ rows[:, :3].reshape(-1, 3)
+
+    def boxes(self, positions: Float[Array, "N 3"]) -> tuple[Array, Array]:
+        """Lower and upper corners (C, 3) of every chunk's bounding box."""
+        gathered = positions[self._members]
+        return (
+            np.minimum.reduceat(gathered, self._starts),
+            np.maximum.reduceat(gathered, self._starts),
+        )
+
+
+def merge(meshes: Sequence[Mesh]) -> Batch:
+    """Merge meshes into one batch; rigid ones stay in the world."""
+    n_bones = max((int(m.bones.max()) + 1 for m in meshes if m.bones is not None), default=0)
+    offsets = np.cumsum([0] + [len(m.vertices) for m in meshes])
+    positions = np.concatenate([m.vertices for m in meshes]).astype(np.float32)
+    normals = np.concatenate([_normals(m) for m in meshes])
+    faces = np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=False)])
+    parts = np.concatenate([np.asarray(m.parts, np.uint8) for m in meshes])
+    layers, layer_of_mesh = _layers(meshes)
+    layer = np.repeat(layer_of_mesh, np.diff(offsets))
+    faces, chunks = _chunks(meshes, faces, parts)
+    members = [
+        np.unique(faces[c.first // 3 : (c.first + c.count) // 3]) for c in chunks
+    ]  # fmt: skip
+    blend = blend_normals = None
+    if n_bones:
+        bones, weights = _skinning(meshes, n_bones)
+        blend = _blend(np.c_[positions, np.ones(len(positions))], bones, weights, n_bones + 1)
+        blend_normals = _blend(normals, bones, weights, n_bones + 1)
+    return Batch(
+        positions=positions,
+        normals=normals.astype(np.float32),
+        uv=np.concatenate([m.uv for m in meshes]).astype(np.float32),
+        layer_part=np.stack([layer, parts / 255.0], -1).astype(np.float32),
+        faces=faces,
+        chunks=chunks,
+        layers=layers,
+        n_bones=n_bones,
+        blend=blend,
+        blend_normals=blend_normals,
+        _members=np.concatenate(members),
+        _starts=np.cumsum([0] + [len(m) for m in members[:-1]]),
+    )
+
+
+def vertex_normals(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> Float[Array, "N 3"]:
+    """Area-weighted unit normals of a mesh's vertices."""
+    a, b, c = (np.asarray(vertices, float)[faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    normals = np.zeros((len(vertices), 3))
+    for i in range(3):
+        np.add.at(normals, faces[:, i], across)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(length > 0, length, 1.0)
+
+
+def _normals(mesh: Mesh) -> Array:
+    """Skin and cloth are smooth across texture seams; rigid things keep their split edges hard."""
+    if mesh.bones is None:
+        return vertex_normals(mesh.vertices, mesh.faces)
+    _, first, welded = np.unique(
+        np.round(mesh.vertices, 6), axis=0, return_index=True, return_inverse=True
+    )
+    welded = welded.reshape(-1)
+    return vertex_normals(mesh.vertices[first], welded[mesh.faces])[welded]
+
+
+def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, tuple[Chunk, ...]]:
+    """Sort triangles by side rule, shadow rule, mesh (if rigid) and part; list the runs."""
+    mesh_of_face = np.repeat(np.arange(len(meshes)), [len(m.faces) for m in meshes])
+    rules = np.array(
+        [(m.double_sided, m.casts_shadow, -1 if m.bones is not None else i)
+         for i, m in enumerate(meshes)]
+    )[mesh_of_face]  # fmt: skip
+    keys = np.c_[rules, parts[faces[:, 2]]]
+    order = np.lexsort(keys.T[::-1])
+    keys, faces = keys[order], faces[order]
+    cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
+    edges = [0, *cuts.tolist(), len(faces)]
+    return faces, tuple(
+        Chunk(3 * a, 3 * (b - a), bool(keys[a, 0]), bool(keys[a, 1]))
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    )
+
+
+def _layers(meshes: Sequence[Mesh]) -> tuple[UInt8[Array, "L S S 4"], Int[Array, "M"]]:
+    """Stack the different textures, brought to one square size; alpha is highlight or glow."""
+    longest = max(max(m.texture.shape[:2]) for m in meshes)
+    size = min(MAX_TEXTURE, 1 << max(longest - 1, 1).bit_length())
+    index: dict[tuple[int, int], int] = {}
+    layers, of_mesh = [], []
+    for m in meshes:
+        alpha = GLOW if m.glows else round(200 * min(max(m.shininess, 0.0), 1.0))
+        key = (id(m.texture), alpha)
+        if key not in index:
+            index[key] = len(layers)
+            texture = np.asarray(m.texture, np.uint8)
+            shrinks = size < max(texture.shape[:2])
+            method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+            if texture.shape[:2] != (size, size):
+                texture = cv2.resize(texture, (size, size), interpolation=method)
+            layers.append(np.dstack([texture, np.full((size, size), alpha, np.uint8)]))
+        of_mesh.append(index[key])
+    return np.stack(layers), np.array(of_mesh)
+
+
+def _skinning(meshes: Sequence[Mesh], world_bone: int) -> tuple[Array, Array]:
+    bones, weights = [], []
+    for m in meshes:
+        n = len(m.vertices)
+        if m.bones is None or m.weights is None:
+            bones.append(np.full((n, 4), world_bone))
+            weights.append(np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)))
+        else:
+            bones.append(m.bones)
+            weights.append(m.weights)
+    return np.concatenate(bones), np.concatenate(weights)
+
+
+def _blend(values: Array, bones: Array, weights: Array, n_bones: int) -> csr_array:
+    """Matrix (N, K n_bones) whose product with stacked transform rows is the blended value."""
+    n, k = values.shape
+    data = weights[:, :, None] * values[:, None, :]  # (N, 4, K)
+    column = bones[:, :, None] * k + np.arange(k)
+    row = np.repeat(np.arange(n), 4 * k)
+    matrix = csr_array(
+        (data.ravel().astype(np.float32), (row, column.ravel())), shape=(n, k * n_bones)
+    )
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    return matrix

@@ -1,0 +1,172 @@
+"""The pictures drawn into: the atlas (colour, labels, depth) and the shadow map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from ctypes import c_void_p
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap_sim.render.gl import GL
+
+SHADOW_SIZE = 1024
+
+
+class AtlasBuffer:
+    """Colour with labels in alpha, and depth; with `samples`, drawn finer and averaged on reading.
+
+    Averaging would mix labels, so with `samples` they are drawn again, unaveraged, when asked for.
+    """
+
+    def __init__(self, width: int, height: int, samples: int) -> None:
+        self.width, self.height, self.samples = width, height, samples
+        self._renderbuffers: list[int] = []
+        self._plain = self._make(0)
+        self._drawn = self._make(samples) if samples else self._plain
+        self.color = np.empty((height, width, 4), np.uint8)
+        self.labels = np.empty((height, width), np.uint8)
+        self.has_labels = False
+
+    def begin(self, background: Float[Array, "3"]) -> None:
+        """Clear and draw here; background colour as written to pixels, 0..1."""
+        self.has_labels = False
+        self._start(self._drawn, background)
+        (GL.glEnable if self.samples else GL.glDisable)(GL.GL_MULTISAMPLE)
+
+    def end(self) -> None:
+        """Stop drawing, averaging the samples if there are any."""
+        GL.glDisable(GL.GL_SCISSOR_TEST)
+        if self.samples:
+            box = (0, 0, self.width, self.height)
+            GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._drawn)
+            GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._plain)
+            GL.glBlitFramebuffer(*box, *box, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._plain)
+
+    def begin_labels(self) -> None:
+        """Draw labels and depth over the averaged colours, which have been read by now."""
+        self._start(self._plain, np.zeros(3))
+
+    def end_labels(self) -> None:
+        """Stop drawing labels, and read them."""
+        GL.glDisable(GL.GL_SCISSOR_TEST)
+        self._read(self.labels, GL.GL_ALPHA, GL.GL_UNSIGNED_BYTE, (0, 0, self.width, self.height))
+        self.has_labels = True
+
+    def read_color(self) -> Array:
+        """The atlas (h, w, 4), bottom row first; overwritten by the next frame."""
+        self._read(self.color, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, (0, 0, self.width, self.height))
+        return self.color
+
+    def read_depth(self, boxes: Sequence[tuple[int, int, int, int]]) -> list[Array]:
+        """Depth buffer values 0..1 in boxes (column, row, width, height)."""
+        out = []
+        for box in boxes:
+            depth = np.empty((box[3], box[2]), np.float32)
+            self._read(depth, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, box)
+            out.append(depth)
+        return out
+
+    def free(self) -> None:
+        """Give the memory back."""
+        frames = {self._plain, self._drawn}
+        GL.glDeleteFramebuffers(len(frames), list(frames))
+        GL.glDeleteRenderbuffers(len(self._renderbuffers), self._renderbuffers)
+
+    def _read(self, out: Array, kind: int, dtype: int, box: tuple[int, int, int, int]) -> None:
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._plain)
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        GL.glReadPixels(*box, kind, dtype, out)
+
+    def _start(self, frame: int, background: Array) -> None:
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+        GL.glDisable(GL.GL_SCISSOR_TEST)
+        GL.glDisable(GL.GL_BLEND)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glDepthMask(GL.GL_TRUE)
+        GL.glDepthFunc(GL.GL_LESS)
+        GL.glCullFace(GL.GL_BACK)
+        GL.glClearColor(*map(float, background), 0.0)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        GL.glEnable(GL.GL_SCISSOR_TEST)
+
+    def _make(self, samples: int) -> int:
+        frame = GL.glGenFramebuffers(1)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+        for kind, place in (
+            (GL.GL_RGBA8, GL.GL_COLOR_ATTACHMENT0),
+            (GL.GL_DEPTH_COMPONENT24, GL.GL_DEPTH_ATTACHMENT),
+        ):
+            buffer = GL.glGenRenderbuffers(1)
+            self._renderbuffers.append(buffer)
+            GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
+            size = (self.width, self.height)
+            if samples:
+                GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, kind, *size)
+            else:
+                GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *size)
+            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, buffer)
+        status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
+        assert status == GL.GL_FRAMEBUFFER_COMPLETE, f"framebuffer status {status:#x}"
+        return frame
+
+
+class ShadowMap:
+    """Depth from the light, compared while it is sampled (four neighbours blended)."""
+
+    def __init__(self, size: int = SHADOW_SIZE) -> None:
+        self.size = size
+        self._texture = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
+        GL.glTexImage2D(
+            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, size, size, 0,
+            GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, c_void_p(0),
+        )  # fmt: skip
+        for key, value in (
+            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_BORDER),
+            (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_BORDER),
+            (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
+            (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
+        ):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
+        # Beyond the map everything is lit.
+        GL.glTexParameterfv(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
+        self._frame = GL.glGenFramebuffers(1)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
+        GL.glFramebufferTexture2D(
+            GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, self._texture, 0
+        )
+        GL.glDrawBuffer(GL.GL_NONE)
+        GL.glReadBuffer(GL.GL_NONE)
+
+    def begin(self) -> None:
+        """Clear and draw here."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
+        GL.glDisable(GL.GL_SCISSOR_TEST)
+        GL.glViewport(0, 0, self.size, self.size)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glDepthMask(GL.GL_TRUE)
+        GL.glDepthFunc(GL.GL_LESS)
+        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
+        GL.glEnable(GL.GL_DEPTH_CLAMP)  # casters behind the light still cast
+        GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
+        GL.glPolygonOffset(1.5, 2.0)
+
+    def end(self) -> None:
+        """Stop drawing."""
+        GL.glDisable(GL.GL_POLYGON_OFFSET_FILL)
+        GL.glDisable(GL.GL_DEPTH_CLAMP)
+
+    def bind(self, unit: int) -> None:
+        """Make it readable by shaders."""
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
+
+    def free(self) -> None:
+        """Give the memory back."""
+        GL.glDeleteFramebuffers(1, [self._frame])
+        GL.glDeleteTextures([self._texture])

@@ -1,0 +1,99 @@
+"""OpenGL without a screen: the one place that imports pyrender and PyOpenGL, and makes contexts.
+
+pyrender 0.1.45 pins PyOpenGL 3.1.0, which predates numpy 2 and today's EGL. Four things must hold
+before pyrender is imported, so every module takes `GL` and `pyrender` from here:
+`PYOPENGL_PLATFORM=egl` is set, `np.infty` exists, `OpenGL.GL.shaders` is imported before
+`OpenGL.EGL`, and `OpenGL.EGL` has an `EGLDeviceEXT` (mujoco's EGL wants it).
+
+Mesa's software renderer uses one thread a core. With several worker processes, set
+`LP_NUM_THREADS=1` in each worker's environment before it makes a context; this module leaves the
+variable alone. Never fork after a context was made (the child hangs): start workers with spawn.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+
+import numpy as np
+
+from egocap.errors import MachineError
+
+REMEDY = "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri"
+
+os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ.setdefault("MUJOCO_GL", "egl")
+if not hasattr(np, "infty"):
+    np.inf = np.inf  # type: ignore[attr-defined]
+
+try:
+    import OpenGL.GL as GL
+    import OpenGL.GL.shaders  # noqa: F401  (before OpenGL.EGL, or PyOpenGL 3.1.0 fails)
+
+    if os.environ["PYOPENGL_PLATFORM"] == "egl":
+        import OpenGL.EGL as EGL
+
+        if not hasattr(EGL, "EGLDeviceEXT"):
+            EGL.EGLDeviceEXT = ctypes.c_void_p
+    import pyrender
+    import pyrender.renderer
+    from OpenGL import contextdata
+    from pyrender.platforms import egl as _platform
+except MachineError:
+    raise
+except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
+    raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
+
+__all__ = ["GL", "Context", "pyrender"]
+
+
+class Context:
+    """An OpenGL core context without a window, current in the thread that made it.
+
+    Several may live in one process, one after the other or side by side (unlike pyrender's own
+    off-screen renderer, whose deletion ends every EGL context of the process).
+
+    Raises: MachineError where no EGL device gives a context.
+    """
+
+    def __init__(self) -> None:
+        self._platform = _first_working()
+        self.renderer = GL.glGetString(GL.GL_RENDERER).decode()
+        self.version = GL.glGetString(GL.GL_VERSION).decode()
+
+    def make_current(self) -> None:
+        """Direct this thread's OpenGL calls here."""
+        self._platform.make_current()
+
+    def close(self) -> None:
+        """End the context, and nothing else: the EGL display stays for other contexts."""
+        if self._platform is None:
+            return
+        self._platform.make_current()
+        contextdata.cleanupContext()
+        platform, self._platform = self._platform, None
+        EGL.eglMakeCurrent(
+            platform._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
+        )
+        EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
+
+
+def _first_working() -> _platform.EGLPlatform:
+    problem: Exception | None = None
+    try:
+        devices = _platform.query_devices()
+    except Exception:  # no device extension: EGL's default display is what is left
+        devices = [_platform.EGLDevice(None)]
+    for device in devices:
+        candidate = _platform.EGLPlatform(16, 16, device=device)
+        try:
+            candidate.init_context()
+            candidate.make_current()
+            GL.glGetString(GL.GL_VERSION).decode()
+            return candidate
+        except Exception as error:
+            problem = error
+    raise MachineError(
+        f"none of {len(devices)} EGL devices gives an OpenGL 4.1 context ({problem!r})",
+        remedy=REMEDY,
+    )

@@ -1,0 +1,122 @@
+"""A batch in graphics memory, and shader uniforms by name."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap_sim.render.batch import Batch
+from egocap_sim.render.gl import GL, pyrender
+
+
+class GpuBatch:
+    """Vertex buffer (a pyrender primitive), index buffer and texture array of one batch."""
+
+    def __init__(self, batch: Batch) -> None:
+        self.batch = batch
+        self.primitive = pyrender.Primitive(
+            positions=batch.positions,
+            normals=batch.normals,
+            texcoord_0=batch.uv,
+            texcoord_1=batch.layer_part,
+            indices=batch.faces,
+        )
+        self.mesh = pyrender.Mesh([self.primitive])
+        self._vertices = np.concatenate(
+            [batch.positions, batch.normals, batch.uv, batch.layer_part], axis=1
+        ).astype(np.float32)
+        self._texture = _texture_array(batch.layers)
+        self._double = np.array([c.double_sided for c in batch.chunks])
+        self._first = np.array([c.first for c in batch.chunks])
+        self._count = np.array([c.count for c in batch.chunks])
+
+    def upload(self, positions: Float[Array, "N 3"], normals: Float[Array, "N 3"]) -> None:
+        """Replace the posed part of the vertices."""
+        self._vertices[:, :3], self._vertices[:, 3:6] = positions, normals
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self.primitive._buffers[0])
+        GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._vertices.nbytes, self._vertices)
+
+    def bind_textures(self, unit: int) -> None:
+        """Make the texture array readable by shaders."""
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._texture)
+
+    def draw(self, chosen: Bool[Array, "C"], *, both_sides: bool = False) -> None:
+        """Draw the chosen chunks with the bound program."""
+        self.primitive._bind()
+        if both_sides:
+            GL.glDisable(GL.GL_CULL_FACE)
+            self._draw(chosen)
+            return
+        GL.glEnable(GL.GL_CULL_FACE)
+        self._draw(chosen & ~self._double)
+        GL.glDisable(GL.GL_CULL_FACE)
+        self._draw(chosen & self._double)
+
+    def free(self) -> None:
+        """Give the texture memory back; the buffers go with the renderer."""
+        GL.glDeleteTextures([self._texture])
+
+    def _draw(self, chosen: Bool[Array, "C"]) -> None:
+        index = np.flatnonzero(chosen)
+        if not len(index):
+            return
+        runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)  # neighbours in one call
+        for run in runs:
+            GL.glDrawElementsInstanced(
+                GL.GL_TRIANGLES,
+                int(self._count[run].sum()),
+                GL.GL_UNSIGNED_INT,
+                ctypes.c_void_p(4 * int(self._first[run[0]])),
+                1,
+            )
+
+
+class Uniforms:
+    """Sets shader inputs by name, remembering where they are.
+
+    (pyrender's own `set_uniform` looks the name up each time and swallows every error.)
+    """
+
+    def __init__(self) -> None:
+        self._location: dict[tuple[int, str], int] = {}
+
+    def matrix(self, program, name: str, value: Float[Array, "4 4"]) -> None:
+        """A 4x4 matrix."""
+        GL.glUniformMatrix4fv(self._of(program, name), 1, GL.GL_TRUE, value.astype(np.float32))
+
+    def vector(self, program, name: str, value: Float[Array, "3"]) -> None:
+        """Three numbers."""
+        GL.glUniform3f(self._of(program, name), *map(float, value))
+
+    def _of(self, program, name: str) -> int:
+        key = (program._program_id, name)
+        if key not in self._location:
+            location = GL.glGetUniformLocation(*key)
+            assert location >= 0, f"shader has no active input '{name}'"
+            self._location[key] = location
+        return self._location[key]
+
+
+def _texture_array(layers: Array) -> int:
+    n, height, width, _ = layers.shape
+    texture = GL.glGenTextures(1)
+    GL.glActiveTexture(GL.GL_TEXTURE0)
+    GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    GL.glTexImage3D(
+        GL.GL_TEXTURE_2D_ARRAY, 0, GL.GL_RGBA8, width, height, n, 0,
+        GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, np.ascontiguousarray(layers),
+    )  # fmt: skip
+    for key, value in (
+        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_LINEAR),
+        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+        (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
+        (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
+    ):
+        GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, key, value)
+    GL.glGenerateMipmap(GL.GL_TEXTURE_2D_ARRAY)
+    return texture

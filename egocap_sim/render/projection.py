@@ -1,0 +1,63 @@
+"""Matrices between the world, a tile's clip space and the light's, and what follows from them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap import geometry
+from egocap_sim.fisheye import Tile
+
+SHADOW_HALF_WIDTH = 3.5  # metres around the wearer that the shadow map covers
+TO_TEXTURE = np.array(
+    [[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]], float
+)  # clip space -1..1 to 0..1
+_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV camera axes to OpenGL's
+
+
+def of_tile(
+    tile: Tile, T_world_camera: Float[Array, "4 4"], near: float, far: float
+) -> Float[Array, "4 4"]:
+    """Clip-from-world matrix of a tile: an off-centre frustum through its border slopes."""
+    u0, u1, v0, v1 = tile.slopes
+    P = np.zeros((4, 4))
+    P[0, 0], P[0, 2] = 2 / (u1 - u0), (u1 + u0) / (u1 - u0)
+    P[1, 1], P[1, 2] = 2 / (v1 - v0), -(v1 + v0) / (v1 - v0)
+    P[2, 2], P[2, 3], P[3, 2] = (far + near) / (near - far), 2 * far * near / (near - far), -1
+    T_world_face = T_world_camera @ geometry.rigid(tile.R_camera_face, np.zeros(3))
+    return P @ _OPENGL @ geometry.inverse(T_world_face)
+
+
+def of_light(
+    direction: Float[Array, "3"], focus: Float[Array, "3"], size: int
+) -> Float[Array, "4 4"]:
+    """Clip-from-world matrix of a distant light over a square around a point.
+
+    The square moves in whole shadow pixels, so that shadows of things at rest do not crawl.
+    """
+    z = -geometry.unit(direction)
+    x = geometry.unit(np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z))
+    R = np.stack([x, np.cross(z, x), z])  # light axes in rows; looks along -z
+    pixel = 2 * SHADOW_HALF_WIDTH / size
+    center = np.round(R @ focus / pixel) * pixel
+    half, depth = SHADOW_HALF_WIDTH, 8.0
+    clip = np.eye(4)
+    clip[:3, :3] = R / np.array([half, half, -depth])[:, None]
+    clip[:3, 3] = -center / np.array([half, half, -depth])
+    return clip
+
+
+def depth_of(raw: Float[Array, "h w"], near: float, far: float) -> Float[Array, "h w"]:
+    """Metres along the face's z axis from the depth buffer's 0..1."""
+    return (near * far / (far - raw.astype(np.float64) * (far - near))).astype(np.float32)
+
+
+def may_see(
+    clip: Float[Array, "4 4"], low: Float[Array, "C 3"], high: Float[Array, "C 3"]
+) -> Bool[Array, "C"]:
+    """Boxes that are not wholly outside one side of the view; never misses a visible one."""
+    planes = np.concatenate([clip[3] + clip[:2], clip[3] - clip[:2], (clip[3] + clip[2])[None]])
+    normal = planes[:, None, :3]
+    farthest = np.where(normal > 0, high, low)  # the box corner deepest inside each plane
+    return np.all(np.sum(normal * farthest, -1) + planes[:, 3:] >= 0, axis=0)

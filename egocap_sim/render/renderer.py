@@ -1,0 +1,207 @@
+"""Stereo fisheye views of posed actors in a place: every cube face of every camera in one picture.
+
+A frame is: pose the vertices, draw the shadow map, draw each tile of the atlas, read colour and
+part labels back at once (labels travel in alpha), and look the fisheye pixels up with `cv2.remap`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap_sim.fisheye import Atlas, build_atlas
+from egocap_sim.mesh import Actor
+from egocap_sim.place import Place
+from egocap_sim.render import projection
+from egocap_sim.render.batch import Batch, merge
+from egocap_sim.render.framebuffer import AtlasBuffer, ShadowMap
+from egocap_sim.render.gl import GL, Context, pyrender
+from egocap_sim.render.gpu import GpuBatch, Uniforms
+from egocap_sim.render.views import Resampler, Views
+
+NEAR, FAR = 0.01, 60.0  # metres; 24 bits of depth leave 0.2 mm at 5 m
+_SCENE = 0  # pyrender.RenderFlags.NONE
+_LABELS = pyrender.RenderFlags.SEG
+_SHADOW = pyrender.RenderFlags.DEPTH_ONLY
+
+
+class FisheyeRenderer(pyrender.Renderer):
+    """Draws a rig's views of actors in a place, in this process and thread.
+
+    Parameters: `samples` is 0, or 4 for anti-aliased outlines at about three times the cost;
+    `face_size` as in `egocap_sim.fisheye.build_atlas`.
+    Raises: MachineError without OpenGL, InputError for actors of the same name.
+    The same inputs give the same bytes on the same driver. Close it, or use it in a `with`.
+    """
+
+    def __init__(
+        self,
+        rig,
+        actors: Sequence[Actor],
+        place: Place,
+        samples: int = 0,
+        face_size: int | None = None,
+    ) -> None:
+        names = [a.name for a in actors]
+        if len(set(names)) != len(names):
+            raise InputError(f"actors need different names, got {', '.join(names)}")
+        self.rig, self.place = rig, place
+        self.atlas: Atlas = build_atlas([m.camera for m in rig.mounts], face_size)
+        self.context = Context()
+        super().__init__(self.atlas.width, self.atlas.height)
+        self._program_cache = pyrender.shader_program.ShaderProgramCache(
+            shader_dir=str(files("egocap_sim.render") / "shaders")
+        )
+        self._uniforms = Uniforms()
+        self._batches: dict[str | None, Batch] = {a.name: merge(a.meshes) for a in actors}
+        if place.meshes:
+            self._batches[None] = merge(place.meshes)  # last: most of it hides behind the actors
+        self._gpu = {name: GpuBatch(batch) for name, batch in self._batches.items()}
+        self._scene = pyrender.Scene()
+        for gpu in self._gpu.values():
+            self._scene.add(gpu.mesh)
+        self._update_context(self._scene, _SCENE)
+        self._shadow = ShadowMap()
+        self._buffer = AtlasBuffer(self.atlas.width, self.atlas.height, samples)
+        self._resampler = Resampler(self.atlas)
+        self._boxes: dict[str | None, tuple[Array, Array]] = {
+            name: batch.boxes(batch.positions) for name, batch in self._batches.items()
+        }
+        self._views: Views | None = None
+
+    def render(
+        self, T_world_head: Float[Array, "4 4"], skinning: Mapping[str, Float[Array, "B 4 4"]]
+    ) -> Views:
+        """Draw all views with the head at a pose and the actors under their skinning transforms.
+
+        Everything lazy on the result (`parts`, `depth`, `surface_at`) is there until the next call.
+        Raises: InputError when an actor has no transforms, or too few.
+        """
+        self._require_transforms(skinning)
+        self.context.make_current()
+        for name in self._batches:
+            if name is not None:
+                positions, normals = self._batches[name].pose(np.asarray(skinning[name]))
+                self._gpu[name].upload(positions, normals)
+                self._boxes[name] = self._batches[name].boxes(positions)
+        T_world_camera = [T_world_head @ m.T_head_camera for m in self.rig.mounts]
+        self._clip = [
+            projection.of_tile(t, T_world_camera[t.view], NEAR, FAR) for t in self.atlas.tiles
+        ]
+        self._eyes = [T_world_camera[t.view][:3, 3] for t in self.atlas.tiles]
+        shadow_from_world = self._draw_shadows(T_world_head[:3, 3])
+        self._draw_scene(shadow_from_world)
+        self._views = Views(self, self._resampler, self._buffer.read_color())
+        return self._views
+
+    def close(self) -> None:
+        """Free everything; the renderer cannot be used afterwards. Closing twice is harmless."""
+        if getattr(self, "context", None) is None:
+            return
+        self.context.make_current()
+        for gpu in self._gpu.values():
+            gpu.free()
+        self._shadow.free()
+        self._buffer.free()
+        self.delete()
+        self.context.close()
+        self.context = None
+
+    def __enter__(self) -> FisheyeRenderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        """Left to `close`: at exit the OpenGL library may be gone already."""
+
+    def current(self, views: Views) -> bool:
+        """Whether the drawing behind these views is still the one in the buffers."""
+        return views is self._views
+
+    def read_depth(self, boxes: Sequence[tuple[int, int, int, int]] | None = None) -> list[Array]:
+        """Distances along z of the face, metres, in atlas boxes (column, row, width, height)."""
+        self.context.make_current()
+        if self._buffer.samples and not self._buffer.has_labels:
+            self._draw_labels()
+        whole = (0, 0, self.atlas.width, self.atlas.height)
+        return [
+            projection.depth_of(raw, NEAR, FAR)
+            for raw in self._buffer.read_depth([whole] if boxes is None else boxes)
+        ]
+
+    def read_labels(self) -> Array:
+        """Part labels of the atlas (h, w) uint8, each of exactly one surface."""
+        self.context.make_current()
+        if not self._buffer.samples:
+            return self._buffer.color[..., 3]
+        if not self._buffer.has_labels:
+            self._draw_labels()
+        return self._buffer.labels
+
+    def _require_transforms(self, skinning: Mapping[str, Array]) -> None:
+        for name, batch in self._batches.items():
+            if name is not None and batch.n_bones and name not in skinning:
+                raise InputError(f"no skinning transforms for actor '{name}'", valid=skinning)
+
+    def _draw_shadows(self, focus: Float[Array, "3"]) -> Array:
+        """Draw depth as the light sees it; give the matrix from the world to the shadow map."""
+        clip = projection.of_light(self.place.light.direction, focus, self._shadow.size)
+        self._shadow.begin()
+        for gpu in self._gpu.values():
+            program = self._program(gpu, _SHADOW)
+            self._uniforms.matrix(program, "clip_from_world", clip)
+            gpu.draw(np.array([c.casts_shadow for c in gpu.batch.chunks]), both_sides=True)
+        self._shadow.end()
+        return projection.TO_TEXTURE @ clip
+
+    def _draw_scene(self, shadow_from_world: Array) -> None:
+        light = self.place.light
+        self._buffer.begin(np.sqrt(self.place.background))
+        self._shadow.bind(unit=1)
+        for name, gpu in self._gpu.items():
+            program = self._program(gpu, _SCENE)
+            set_ = self._uniforms
+            set_.matrix(program, "shadow_from_world", shadow_from_world)
+            set_.vector(program, "to_light", -light.direction)
+            set_.vector(program, "light_color", light.color)
+            set_.vector(program, "sky_color", light.sky)
+            set_.vector(program, "ground_color", light.ground)
+            set_.vector(program, "sky_axis", light.sky_axis)
+            gpu.bind_textures(unit=0)
+            self._draw_tiles(name, gpu, program, with_eye=True)
+        self._buffer.end()
+
+    def _draw_labels(self) -> None:
+        self._buffer.begin_labels()
+        for name, gpu in self._gpu.items():
+            self._draw_tiles(name, gpu, self._program(gpu, _LABELS), with_eye=False)
+        self._buffer.end_labels()
+
+    def _draw_tiles(self, name: str | None, gpu: GpuBatch, program, *, with_eye: bool) -> None:
+        low, high = self._boxes[name]
+        for tile, clip, eye in zip(self.atlas.tiles, self._clip, self._eyes, strict=True):
+            seen = projection.may_see(clip, low, high)
+            if not seen.any():
+                continue
+            GL.glViewport(tile.column, tile.row, tile.width, tile.height)
+            GL.glScissor(tile.column, tile.row, tile.width, tile.height)
+            self._uniforms.matrix(program, "clip_from_world", clip)
+            if with_eye:
+                self._uniforms.vector(program, "eye", eye)
+            gpu.draw(seen)
+
+    def _program(self, gpu: GpuBatch, flags: int):
+        program = self._get_primitive_program(
+            gpu.primitive,
+            flags,
+            0 if flags == _SHADOW else pyrender.constants.ProgramFlags.USE_MATERIAL,
+        )
+        program._bind()
+        return program

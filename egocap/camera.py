@@ -39,7 +39,7 @@ class Camera:
     centre: tuple[float, float]  # pixel of the optical axis; (0, 0) is the top-left pixel's centre
     affine: Affine  # pixels per unit of r(theta); focal lengths on the diagonal
     parameters: tuple[float, ...] = ()  # Kannala-Brandt k1..k4; OCam a0, a1, ... (a0 < 0)
-    max_angle: float | None = None  # rad off axis
+    max_angle: float = None  # type: ignore[assignment]  # rad off axis
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:

@@ -13,6 +13,7 @@ c, d, e here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite, pi, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -34,12 +35,22 @@ class CameraSpec(Strict):
     model: Literal["equidistant", "kannala_brandt", "ocam"]
     width: Side
     height: Side
-    centre: Pair | None = Field(None, description="pixel of the optical axis; default the middle")
-    focal: Number | Pair | None = Field(None, description="pixels per radian, one or (x, y)")
-    affine: tuple[Pair, Pair] | None = Field(None, description="2x2, in place of focal")
-    fov: Number | None = Field(None, gt=0, le=360, description="degrees, the whole cone seen")
-    max_angle: Number | None = Field(None, gt=0, le=pi, description="radians, in place of fov")
-    parameters: tuple[Number, ...] = Field((), max_length=32, description="of the lens model")
+    centre: Pair | None = Field(
+        default=None, description="pixel of the optical axis; default the middle"
+    )
+    focal: Number | Pair | None = Field(
+        default=None, description="pixels per radian, one or (x, y)"
+    )
+    affine: tuple[Pair, Pair] | None = Field(default=None, description="2x2, in place of focal")
+    fov: Number | None = Field(
+        default=None, gt=0, le=360, description="degrees, the whole cone seen"
+    )
+    max_angle: Number | None = Field(
+        default=None, gt=0, le=pi, description="radians, in place of fov"
+    )
+    parameters: tuple[Number, ...] = Field(
+        default=(), max_length=32, description="of the lens model"
+    )
 
     @model_validator(mode="after")
     def _one_of_each(self) -> CameraSpec:
@@ -47,12 +58,12 @@ class CameraSpec(Strict):
             raise ValueError("give fov (degrees) or max_angle (radians), not both")
         if self.focal is not None and self.affine is not None:
             raise ValueError("give focal or affine, not both")
-        if self.model == "kannala_brandt" and self.focal is None and self.affine is None:
-            raise ValueError("a kannala_brandt camera needs focal or affine")
-        if self.model == "equidistant" and not (self.focal or self.affine or self.fov):
-            raise ValueError("an equidistant camera needs focal, affine or fov")
         if any(not f > 0 for f in np.atleast_1d(1.0 if self.focal is None else self.focal)):
             raise ValueError("focal must be above zero")
+        if self.model == "kannala_brandt" and self.focal is None and self.affine is None:
+            raise ValueError("a kannala_brandt camera needs focal or affine")
+        if self.model == "equidistant" and self.focal is self.affine is self.fov is None:
+            raise ValueError("an equidistant camera needs focal, affine or fov")
         return self
 
     def camera(self) -> Camera:
@@ -71,7 +82,7 @@ class CameraSpec(Strict):
             self.centre or ((self.width - 1) / 2, (self.height - 1) / 2),
             affine,
             self.parameters,
-            radians(self.fov) / 2 if self.fov is not None else self.max_angle,
+            radians(self.fov) / 2 if self.fov is not None else self.max_angle,  # type: ignore
         )
 
 
@@ -81,11 +92,13 @@ class OCamFile(Strict):
     model_config = ConfigDict(extra="ignore")
 
     size: tuple[Side, Side] = Field(description="width, height")
-    image_center: Pair | None = Field(None, description="column, row")
-    intrinsic: list[list[Number]] | None = Field(None, description="its last column in place of it")
+    image_center: Pair | None = Field(default=None, description="column, row")
+    intrinsic: list[list[Number]] | None = Field(
+        default=None, description="its last column in place of it"
+    )
     polynomialC2W: tuple[Number, ...] = Field(min_length=1, max_length=32)
     affine: tuple[Number, Number, Number] = (1.0, 0.0, 0.0)
-    imageCircleRadius: Number | None = Field(None, gt=0)
+    imageCircleRadius: Number | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _has_centre(self) -> OCamFile:
@@ -96,7 +109,10 @@ class OCamFile(Strict):
 
     def camera(self) -> Camera:
         """The camera described, seeing what lies within the image circle."""
-        centre = self.image_center or (self.intrinsic[0][2], self.intrinsic[1][2])
+        centre = self.image_center
+        if centre is None:
+            assert self.intrinsic is not None
+            centre = (self.intrinsic[0][2], self.intrinsic[1][2])
         return _ocam(self.size, centre, self.polynomialC2W, self.affine, self.imageCircleRadius)
 
 
@@ -162,7 +178,13 @@ def _numbers(words: list[str], where: str | Path, line: int) -> list[float]:
     return values
 
 
-def _ocam(size: Any, centre: Any, polynomial: Any, affine: Any, circle: float | None) -> Camera:
+def _ocam(
+    size: tuple[int, int],
+    centre: tuple[float, float],
+    polynomial: Sequence[float],
+    affine: Sequence[float],
+    circle: float | None,
+) -> Camera:
     c, d, e = affine
     angle = None
     if circle is not None:
@@ -171,4 +193,5 @@ def _ocam(size: Any, centre: Any, polynomial: Any, affine: Any, circle: float | 
         angle = float(np.arctan2(circle, z))
         if not isfinite(angle):
             raise InputError("the polynomial overflows inside the image circle")
-    return Camera("ocam", *size, tuple(centre), ((1.0, e), (d, c)), tuple(polynomial), angle)
+    (width, height), rows = size, ((1.0, e), (d, c))
+    return Camera("ocam", width, height, centre, rows, tuple(polynomial), angle)  # type: ignore

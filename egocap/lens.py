@@ -21,6 +21,7 @@ from egocap.errors import InputError
 
 FIT_TOLERANCE = 1e-5  # pixels; what the inverse of an OCam polynomial may be off
 _FIT_DEGREES = (8, 12, 16, 20, 24, 28, 32)
+_REACH = 16.0  # times the farthest image corner: how far out an OCam polynomial is looked at
 _NEWTON_STEPS = 60  # bisection alone would need about 52 in float64
 
 
@@ -107,7 +108,7 @@ def kannala_brandt(parameters: tuple[float, ...], max_angle: float | None, radiu
     powers = (0.0, *(c for k in parameters for c in (0.0, k)))  # of r / theta, beyond the leading 1
     coefficients = (1.0, *powers[1:])
     slope = [c * (i + 1) for i, c in enumerate(coefficients)]
-    lens = Radial(coefficients, min(_first_root(slope), pi))
+    lens = Radial(coefficients, min(_first_root(slope, pi), pi))
     return _limited(lens, max_angle, radius)
 
 
@@ -132,13 +133,13 @@ def ocam(parameters: tuple[float, ...], max_angle: float | None, radius: float) 
         return np.arctan2(rho, z), (z - rho * dz) / (rho * rho + z * z)
 
     # theta grows while z - rho dz/drho > 0, itself a polynomial in rho.
-    turn = _first_root([-c * (1 - k) for k, c in enumerate(parameters)])
-    widest = float(angle(np.float64(min(turn, 1e9)))[0])
+    high = _REACH * radius
+    high = min(high, _first_root([-c * (1 - k) for k, c in enumerate(parameters)], high))
+    widest = float(angle(np.float64(high))[0])
     if max_angle is None:
-        max_angle = float(angle(np.float64(radius))[0]) if radius < turn else 0.98 * widest
+        max_angle = float(angle(np.float64(radius))[0]) if radius < high else 0.98 * widest
     if not max_angle < widest:
         raise _not_growing(widest, max_angle)
-    high = turn if turn < inf else _beyond(angle, max_angle, -a[0])
 
     def quotient(theta: Any) -> Any:
         rho = invert(angle, theta, high, start=np.clip(-a[0] * theta, 0.0, high))
@@ -183,20 +184,24 @@ def _limited(lens: Radial, max_angle: float | None, radius: float) -> Radial:
 
 def _not_growing(turn: float, wanted: float) -> InputError:
     return InputError(
-        f"the lens polynomial is not monotone: it turns {degrees(turn):.2f} degrees off axis, but "
-        f"the field of view reaches {degrees(wanted):.2f}",
+        f"the lens polynomial is not monotone: it grows up to {degrees(turn):.2f} degrees off axis "
+        f"only, and the field of view reaches {degrees(wanted):.2f}",
         valid=f"a field of view under {2 * degrees(turn):.2f} degrees, or another polynomial",
     )
 
 
-def _first_root(coefficients: list[float]) -> float:
-    """Smallest positive real root of a polynomial, lowest order first; inf without one."""
-    roots = np.polynomial.polynomial.polyroots(np.trim_zeros(coefficients, "b"))
+def _first_root(coefficients: list[float], high: float) -> float:
+    """Smallest root in (0, high] of a polynomial, lowest order first; inf without one.
+
+    Terms that change nothing on that interval are dropped: dividing by them would overflow.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = np.array(coefficients) * high ** np.arange(len(coefficients))
+    if not np.isfinite(scaled).all():
+        raise InputError("the lens polynomial overflows inside the image")
+    largest = abs(scaled).max()
+    kept = np.flatnonzero(abs(scaled) > 1e-16 * largest)[-1] + 1 if largest > 0 else 1
+    roots = np.polynomial.polynomial.polyroots(scaled[:kept])
     real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
-    return float(real.min(initial=inf))
-
-
-def _beyond(angle: Callable[[Any], tuple[Any, Any]], wanted: float, rho: float) -> float:
-    while float(angle(np.float64(rho))[0]) <= wanted:
-        rho *= 2.0
-    return rho
+    first = float(real.min(initial=inf))
+    return first * high if first <= 1.0 else inf

@@ -7,7 +7,7 @@ left, `roll` turns the camera clockwise about its optical axis as seen from behi
 
 from __future__ import annotations
 
-from math import radians
+from math import degrees, radians
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +26,6 @@ MAX_FOV = 300.0  # degrees; no lens sees more, and past it the polynomial models
 Metres = tuple[Number, Number, Number]
 Matrix = tuple[Metres, Metres, Metres]
 Row4 = tuple[Number, Number, Number, Number]
-Name = str
 
 # Columns: where the camera's x (right), y (down) and z (ahead) point in the head frame.
 R_HEAD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -37,12 +36,16 @@ class CameraEntry(Strict):
 
     name: str = Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9_-]+$")
     position: Metres = Field(description="metres, head frame: forward, left, up of the skull base")
-    pitch: Number = Field(0.0, ge=-180, le=180, description="degrees below horizontal")
-    yaw: Number = Field(0.0, ge=-180, le=180, description="degrees to the left")
-    roll: Number = Field(0.0, ge=-180, le=180, description="degrees about the optical axis")
-    rotation: Matrix | None = Field(None, description="R_head_camera, in place of the angles")
-    lens: dict[str, Any] | None = Field(None, description="in place of the rig's lens")
-    calibration: str | None = Field(None, description="file beside the rig's, in place of a lens")
+    pitch: Number = Field(default=0.0, ge=-180, le=180, description="degrees below horizontal")
+    yaw: Number = Field(default=0.0, ge=-180, le=180, description="degrees to the left")
+    roll: Number = Field(default=0.0, ge=-180, le=180, description="degrees about the optical axis")
+    rotation: Matrix | None = Field(
+        default=None, description="R_head_camera, in place of the angles"
+    )
+    lens: dict[str, Any] | None = Field(default=None, description="in place of the rig's lens")
+    calibration: str | None = Field(
+        default=None, description="file beside the rig's, in place of a lens"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraEntry:
@@ -73,8 +76,10 @@ class Stereo(Strict):
     forward: Number = Field(ge=-2, le=2, description="metres in front of the skull base")
     up: Number = Field(ge=-2, le=2, description="metres above the skull base")
     pitch: Number = Field(ge=-180, le=180, description="degrees below horizontal")
-    toe_out: Number = Field(0.0, ge=-90, le=90, description="degrees each camera turns outwards")
-    calibration: tuple[str, str] | None = Field(None, description="files: left, right")
+    toe_out: Number = Field(
+        default=0.0, ge=-90, le=90, description="degrees each camera turns outwards"
+    )
+    calibration: tuple[str, str] | None = Field(default=None, description="files: left, right")
 
     def entries(self) -> tuple[CameraEntry, CameraEntry]:
         """The two cameras written out."""
@@ -97,10 +102,10 @@ class RigFile(Strict):
 
     name: str = Field(min_length=1, max_length=80)
     description: str = ""
-    frame_rate: Number = Field(30.0, gt=0, le=1000, description="Hz")
-    lens: dict[str, Any] | None = Field(None, description="of every camera without its own")
+    frame_rate: Number = Field(default=30.0, gt=0, le=1000, description="Hz")
+    lens: dict[str, Any] | None = Field(default=None, description="of every camera without its own")
     stereo: Stereo | None = None
-    cameras: tuple[CameraEntry, ...] | None = Field(None, min_length=1, max_length=16)
+    cameras: tuple[CameraEntry, ...] | None = Field(default=None, min_length=1, max_length=16)
 
     @model_validator(mode="after")
     def _one_arrangement(self) -> RigFile:
@@ -122,7 +127,7 @@ class ExactRig(Strict):
 
     schema_: Literal[1] = Field(alias="schema")
     name: str = Field(max_length=80)
-    frame_rate: Number = Field(30.0, gt=0, le=1000)
+    frame_rate: Number = Field(default=30.0, gt=0, le=1000)
     mounts: tuple[ExactMount, ...] = Field(min_length=1, max_length=16)
 
 
@@ -145,20 +150,15 @@ def parse_rig(data: Any, where: str | Path) -> Rig:
     if isinstance(data, dict) and "mounts" in data:
         return _exact(data, where)
     file = checked(RigFile, data, where)
-    named = ("stereo",) if file.stereo is not None else ()
-    entries = file.stereo.entries() if file.stereo is not None else file.cameras
-    mounts = []
-    for i, entry in enumerate(entries):
-        key = ".".join(named) or f"cameras.{i}"
-        camera = _camera(entry, file.lens, where, key)
-        if np.rad2deg(2 * camera.max_angle) > MAX_FOV:
-            raise FileError(
-                where,
-                f"a field of view of {np.rad2deg(2 * camera.max_angle):.1f} degrees",
-                key="lens.fov" if entry.lens is None else f"{key}.lens.fov",
-                valid=f"above 0, up to {MAX_FOV:g}",
-            )
-        mounts.append(Mount(entry.name, camera, entry.T_head_camera()))
+    if file.stereo is not None:
+        entries, keys = file.stereo.entries(), ("stereo", "stereo")
+    else:
+        entries = file.cameras or ()
+        keys = tuple(f"cameras.{i}" for i in range(len(entries)))
+    mounts = [
+        Mount(entry.name, _camera(entry, file.lens, where, key), entry.T_head_camera())
+        for entry, key in zip(entries, keys, strict=True)
+    ]
     return _rig(file.name, mounts, file.frame_rate, where)
 
 
@@ -182,12 +182,21 @@ def _camera(
     entry: CameraEntry, shared: dict[str, Any] | None, where: str | Path, key: str
 ) -> Camera:
     if entry.calibration is not None:
-        return read_camera(Path(where).parent / entry.calibration)
-    if entry.lens is not None:
-        return parse_camera(entry.lens, where, f"{key}.lens")
-    if shared is None:
+        key += ".calibration"
+        camera = read_camera(Path(where).parent / entry.calibration)
+    elif entry.lens is not None:
+        key += ".lens"
+        camera = parse_camera(entry.lens, where, key)
+    elif shared is not None:
+        key = "lens"
+        camera = parse_camera(shared, where, key)
+    else:
         raise FileError(where, "no lens", key=key, valid="lens, calibration, or the rig's [lens]")
-    return parse_camera(shared, where, "lens")
+    fov = degrees(2 * camera.max_angle)
+    if fov > MAX_FOV:
+        raise FileError(where, f"a field of view of {fov:.1f} degrees", key=key + ".fov",
+                        valid=f"above 0, up to {MAX_FOV:g}")  # fmt: skip
+    return camera
 
 
 def _rig(name: str, mounts: list[Mount], frame_rate: float, where: str | Path) -> Rig:

@@ -1,4 +1,9 @@
-"""Put a retargeted motion on the person's floor: height, and which feet stand."""
+"""Put a retargeted motion on the person's floor: height, standing feet, no sliding.
+
+A stance is a time in which some corner of a side's two soles is low and slow. In a stance the leg is
+bent anew (two-bone inverse kinematics) so that the standing corners keep their place at z = 0; in
+between the correction glides from one stance to the next.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +15,35 @@ from scipy.ndimage import gaussian_filter1d
 from egocap_sim.bodies import BODIES, PARENTS
 from egocap_sim.human.person import Person
 from egocap_sim.human.soles import sole_points
+from egocap_sim.motion.legs import bend_leg
 
 _FLOOR_PERCENTILE = 8.0  # of the lowest sole's height: robust against a few low frames
-_NEAR = 0.045  # metres: a lowest sole this close to the floor is standing on it
+_NEAR = 0.10  # metres: a slow lowest sole point this close to the floor is standing on it
+_SLOW = 0.5  # metres a second
 _DRIFT_S = 0.06  # standard deviation of the height correction over time, seconds
-_PLANTED_HEIGHT = 0.03  # metres
-_PLANTED_SPEED = 0.8  # metres a second
+_STANCE_HEIGHT = 0.03  # metres
+_SHORTEST_S = 0.06  # a shorter stance is noise, seconds
+_FARTHEST = 0.10  # metres: the most a foot is moved
+_EASE_S = 0.02  # standard deviation of the smoothing of corrections, seconds
+_GATE_SPEED = 0.8  # metres a second: a low foot slower than this may touch the floor
 
 
 def plant(
     person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"], fps: float
 ) -> tuple[Float[Array, "T 3"], Float[Array, "T 21 3 3"], Bool[Array, "T 4"]]:
-    """Correct the height of a motion so that standing soles lie on z = 0; say which feet stand.
+    """Lay standing soles on z = 0 and hold them there.
 
-    Returns root positions, body rotations and the planted feet (`egocap_sim.bodies.FEET`).
+    Returns root positions, body rotations and which feet stand (`egocap_sim.bodies.FEET`).
     """
     root = snap(person, root, turned, fps)
-    return root, turned, planted(person, root, turned, fps)
+    points = sole_points(person, body_positions(person, root, turned), turned)
+    moves = [foot_correction(points[:, 2 * s : 2 * s + 2], fps) for s in range(2)]
+    for side, move in zip(("l", "r"), moves, strict=True):
+        positions = body_positions(person, root, turned)
+        turned = bend_leg(positions, turned, side, move)
+    points = sole_points(person, body_positions(person, root, turned), turned)
+    touching = (points[..., 2] < _STANCE_HEIGHT) & (_speed(points, fps) < _GATE_SPEED)
+    return root, turned, touching.any(-1)
 
 
 def body_positions(
@@ -44,22 +61,53 @@ def body_positions(
 def snap(
     person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"], fps: float
 ) -> Float[Array, "T 3"]:
-    """Shift the root vertically: one offset for the clip and a slow one while a foot is low."""
-    heights = sole_points(person, body_positions(person, root, turned), turned)[..., 2]
-    lowest = heights.min((1, 2))
+    """Shift the root vertically: one offset for the clip and a slow one while a foot stands."""
+    points = sole_points(person, body_positions(person, root, turned), turned).reshape(
+        len(root), -1, 3
+    )
+    frames, corner = np.arange(len(root)), points[..., 2].argmin(1)
+    lowest, speed = points[frames, corner, 2], _speed(points, fps)[frames, corner]
     lowest = lowest - (offset := np.percentile(lowest, _FLOOR_PERCENTILE))
-    near = np.abs(lowest) < _NEAR
-    frames = np.arange(len(root))
-    drift = np.interp(frames, frames[near], lowest[near]) if near.any() else np.zeros(len(root))
+    stands = (np.abs(lowest) < _NEAR) & (speed < _SLOW)
+    drift = np.interp(frames, frames[stands], lowest[stands]) if stands.any() else 0.0 * lowest
     drift = gaussian_filter1d(drift, _DRIFT_S * fps, mode="nearest")
     return root - np.outer(offset + drift, [0, 0, 1])
 
 
-def planted(
-    person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"], fps: float
-) -> Bool[Array, "T 4"]:
-    """Feet whose lowest sole point is near the floor and slow."""
-    points = sole_points(person, body_positions(person, root, turned), turned)
-    speed = np.linalg.norm(np.gradient(points, 1 / fps, axis=0), axis=-1)
-    stands = (points[..., 2] < _PLANTED_HEIGHT) & (speed < _PLANTED_SPEED)
-    return stands.any(-1)
+def foot_correction(points: Float[Array, "T 2 4 3"], fps: float) -> Float[Array, "T 3"]:
+    """How to move one foot so that its standing corners neither slide nor leave z = 0, metres.
+
+    `points` are the corners of the soles of its foot and toes.
+    """
+    points = points.reshape(len(points), -1, 3)
+    velocity = np.gradient(points, 1 / fps, axis=0)
+    height, speed = points[..., 2], np.linalg.norm(velocity, axis=-1)
+    weight = np.clip(1 - height / _STANCE_HEIGHT, 0, 1) * np.clip(1 - speed / _SLOW, 0, 1)
+    total = weight.sum(1)
+    slide = (weight[..., None] * velocity).sum(1) / np.maximum(total, 1e-9)[:, None]
+    stances = [s for s in _runs(total > 0.05) if s[1] - s[0] >= _SHORTEST_S * fps]
+    if not stances:
+        return np.zeros((len(points), 3))
+    frames, move = np.arange(len(points)), np.zeros((len(points), 3))
+    known = np.zeros(len(points), bool)
+    for first, end in stances:
+        path = np.cumsum(slide[first:end], axis=0) / fps
+        move[first:end, :2] = (path.mean(0) - path)[:, :2]
+        move[first:end, 2] = -height[first:end].min(1)
+        known[first:end] = True
+    for axis in range(3):
+        move[:, axis] = np.interp(frames, frames[known], move[known, axis])
+    move = gaussian_filter1d(move, _EASE_S * fps, axis=0, mode="nearest")
+    length = np.linalg.norm(move, axis=1, keepdims=True)
+    return move * np.minimum(1.0, _FARTHEST / np.maximum(length, 1e-9))
+
+
+def _speed(points: Float[Array, "T *n 3"], fps: float) -> Float[Array, "T *n"]:
+    """Speed of points along axis 0, metres a second."""
+    return np.linalg.norm(np.gradient(points, 1 / fps, axis=0), axis=-1)
+
+
+def _runs(flags: Bool[Array, "T"]) -> list[tuple[int, int]]:
+    """First and one-past-last frames of the stretches where flags hold."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

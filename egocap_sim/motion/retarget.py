@@ -21,6 +21,7 @@ from egocap_sim.bodies import BODIES, INDEX
 from egocap_sim.human.person import Person
 from egocap_sim.human.soles import foot_yaw
 from egocap_sim.motion.clip import Clip
+from egocap_sim.motion.legs import shortest_arc
 from egocap_sim.motion.planting import plant
 
 _SHORTEST_S = 0.2
@@ -72,7 +73,7 @@ def canonical_offsets(person: Person) -> Float[Array, "21 3 3"]:
     offsets = np.tile(np.eye(3), (len(BODIES), 1, 1))
     for side in ("l", "r"):
         for part in ("thigh", "calf"):
-            offsets[INDEX[f"{side}_{part}"]] = _shortest(_bone(person, side, part), -UP)
+            offsets[INDEX[f"{side}_{part}"]] = shortest_arc(_bone(person, side, part), -UP)
         flat = axis_angle(UP, -foot_yaw(person, side))
         offsets[INDEX[f"{side}_foot"]] = offsets[INDEX[f"{side}_toe"]] = flat
         # A rest elbow is bent, so its hinge is known; the palm faces along the same axis.
@@ -120,12 +121,6 @@ def _frame(direction: Float[Array, "3"], hinge: Float[Array, "3"]) -> Float[Arra
     d = unit(direction)
     h = unit(hinge - (hinge @ d) * d)
     return np.stack([d, h, np.cross(d, h)], -1)
-
-
-def _shortest(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """The smallest rotation that turns unit vector a to unit vector b."""
-    axis = np.cross(a, b)
-    return axis_angle(unit(axis), np.arctan2(np.linalg.norm(axis), a @ b))
 
 
 def _leg(positions: Float[Array, "*batch 21 3"]) -> float:

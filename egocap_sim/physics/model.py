@@ -34,6 +34,7 @@ _LIMBS = {"neck": "head", "clavicle": "upperarm", "upperarm": "forearm", "forear
 _ARMATURE = 0.08  # kg m^2 on every ball joint: keeps light segments stable at 4 ms
 _DAMPING = 1.0  # N m s/rad
 FRICTION = 1.0
+_GIVE = 0.004  # metres by which soles are thicker than the skin
 FLOOR = "floor"
 
 
@@ -111,9 +112,12 @@ def _skin(person: Person, body: str) -> Float[Array, "N 3"]:
 
 
 def _box(sole: Sole) -> str:
+    # The sole gives way by a few millimetres, so a foot that is held at z = 0 presses on the floor.
+    half = sole.half + [0.0, 0.0, _GIVE / 2]
+    centre = sole.centre - [0.0, 0.0, _GIVE / 2]
     quaternion = (np.cos(sole.yaw / 2), 0.0, 0.0, np.sin(sole.yaw / 2))
     return (
-        f'type="box" pos="{_text(sole.centre)}" size="{_text(sole.half)}" '
+        f'type="box" pos="{_text(centre)}" size="{_text(half)}" '
         f'quat="{_text(quaternion)}" conaffinity="1"'
     )
 

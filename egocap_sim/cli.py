@@ -57,7 +57,7 @@ class Overrides:
 def generate(
     scenes: Positional[tuple[str, ...]],
     out: Path,
-    overrides: Annotated[Overrides, tyro.conf.OmitArgPrefixes] = Overrides(),  # noqa: B008
+    overrides: Annotated[Overrides, tyro.conf.OmitArgPrefixes] = Overrides(),
     workers: int = 2,
     json: bool = False,
 ) -> int:

@@ -12,7 +12,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from egocap.errors import FileError, MachineError
+from egocap.errors import FileError
+from egocap.sequence_writer import disk_errors, write_atomically
 
 SCHEMA = 1
 PACKAGES = (
@@ -97,14 +98,9 @@ def cpu_model() -> str:
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file that is whole or absent, making its folder if need be."""
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with disk_errors(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise MachineError(f"{path}: cannot be written: {error.strerror}") from None
+    write_atomically(path, text.encode())
 
 
 def _versions() -> dict[str, str]:

@@ -6,6 +6,7 @@ describes. Any frame rate.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,10 +18,13 @@ from egocap.errors import FileError, InputError
 from egocap.geometry import unit
 from egocap_sim.bodies import BODIES, INDEX
 from egocap_sim.motion.bvh import Bvh, pose, read_bvh
-from egocap_sim.motion.calibrate import calibrate
+from egocap_sim.motion.calibrate import Hints, calibrate
+from egocap_sim.motion.cleaning import Cleaning, despike, on_floor, within_limits
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.names import map_joints, normal, read_name_map
 from egocap_sim.motion.npz import read_npz
+
+log = logging.getLogger(__name__)
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048, "cmu": 0.0254 / 0.45}
 """Metres a file unit; 'cmu' is that of the CMU database's own skeletons (0.45 units an inch)."""
@@ -59,9 +63,19 @@ def load_clip(
     else:
         raise FileError(path, f"is of an unknown kind '{kind}'", valid=".bvh, .npz")
     try:
-        return calibrate(_on_floor(clip), hints)
+        clip, cleaning = clean(clip, hints)
     except InputError as e:
         raise FileError(path, str(e)) from e
+    log.info("%s: %s", path, cleaning)
+    return clip
+
+
+def clean(clip: Clip, hints: Hints | None = None) -> tuple[Clip, Cleaning]:
+    """Despike, calibrate, hold to joint limits and put on the floor; says what was changed."""
+    clip, spikes = despike(clip)
+    clip, beyond = within_limits(calibrate(clip, hints))
+    clip, shift = on_floor(clip)
+    return clip, Cleaning(spikes, beyond, shift)
 
 
 def _check_options(up: str | None, unit: str | float | None) -> None:
@@ -201,7 +215,3 @@ def _hints(
 
 def _eye(side: str) -> tuple[str, ...]:
     return (f"{side}eye", {"l": "left", "r": "right"}[side] + "eye", f"eye{side}")
-
-
-def _on_floor(clip: Clip) -> Clip:
-    return clip

@@ -112,7 +112,9 @@ def _check_given(
 
 def _few(names: Iterable[str], most: int = 40) -> str:
     names = list(names)
-    return ", ".join(names[:most]) + (f", and {len(names) - most} more" if len(names) > most else "")
+    return ", ".join(names[:most]) + (
+        f", and {len(names) - most} more" if len(names) > most else ""
+    )
 
 
 def _limbs(names: Sequence[str], row: Sequence[str]) -> dict[str, int]:

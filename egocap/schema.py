@@ -43,8 +43,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     """The table in a TOML file. Raises FileError."""
     try:
         return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # a TOMLDecodeError, or a number beyond what Python converts
         raise FileError(path, f"not TOML: {error}") from None
+    except RecursionError:
+        raise FileError(path, "not TOML we read: nested too deeply") from None
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
@@ -53,6 +55,8 @@ def read_json(path: str | Path) -> dict[str, Any]:
         data = json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise FileError(path, f"not JSON: {error.msg}", line=error.lineno) from None
+    except ValueError as error:  # a number with more digits than Python converts
+        raise FileError(path, f"not JSON we read: {error}") from None
     except RecursionError:
         raise FileError(path, "not JSON we read: nested too deeply") from None
     if not isinstance(data, dict):

@@ -1,0 +1,57 @@
+"""Settings of the tracker; the command line shows the comments as help."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from egocap.errors import InputError
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """Weights are those of a negative log-posterior: residuals are in standard deviations."""
+
+    smoothing: Literal["interval", "gaussian", "none"] = "interval"
+    """interval: all frames together, past and future; gaussian: low-pass; none: causal, live."""
+    lambda_detection: float = 1.0
+    """Weight of the detections."""
+    lambda_limit: float = 200.0
+    """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""
+    lambda_pose: float = 0.1
+    """Weight of departing from the rest pose, in units of each angle's everyday spread (Eq. 2)."""
+    lambda_smooth: float = 1.0
+    """Weight of departing from the motion predicted from the past two frames (Eq. 3)."""
+    zeta: float = 0.25
+    """Share of the last velocity that the prediction keeps (Eq. 3)."""
+    speed: float = 4.0
+    """Scatter of the prediction, in spreads per second."""
+    acceleration: float = 20.0
+    """Density of the random acceleration that `interval` allows, in spreads per second^1.5."""
+    robust_scale: float = 4.0
+    """Residual, in standard deviations, beyond which a detection loses its say."""
+    pixel_floor: float = 0.5
+    """Least standard deviation of a detection, in pixels at an image width of 640."""
+    model_error_m: float = 0.008
+    """Scatter of true joints about the tracker's skeleton, metres."""
+    max_iterations: int = 20
+    """Steps of the solver for one frame."""
+    tolerance: float = 1e-4
+    """A frame has converged when a step lowers its energy by less than this share."""
+    lost_energy: float = 3.0
+    """Mean robust energy of a frame's detections above which it is solved afresh from all starts."""
+    gaussian_frames: float = 1.0
+    """Standard deviation of the Gaussian low-pass, frames (5 frames wide)."""
+
+    def __post_init__(self) -> None:
+        if self.smoothing not in ("interval", "gaussian", "none"):
+            raise InputError(
+                f"smoothing '{self.smoothing}'", valid=("interval", "gaussian", "none")
+            )
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name != "smoothing" and not (0.0 <= value < float("inf")):
+                raise InputError(f"{field.name} = {value}", valid="a number from 0")
+        for name in ("speed", "acceleration", "robust_scale", "pixel_floor", "max_iterations"):
+            if getattr(self, name) <= 0:
+                raise InputError(f"{name} = {getattr(self, name)}", valid="a number above 0")

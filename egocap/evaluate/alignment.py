@@ -27,12 +27,11 @@ def fit_similarity(
     patterns, PAMI 1991, eq. 40-43.
     """
     source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
-    weight = np.ones(source.shape[:-1]) if mask is None else np.asarray(mask, np.float64)
-    total = np.maximum(weight.sum(-1), 1.0)[..., None]
-    centre_source = (weight[..., None] * source).sum(-2) / total
-    centre_target = (weight[..., None] * target).sum(-2) / total
-    # the mask is applied by selection: what a masked joint holds (NaN too) must not leak in
-    keep = weight[..., None] > 0
+    keep = (np.ones(source.shape[:-1], bool) if mask is None else mask)[..., None]
+    count = np.maximum(keep.sum(-2), 1)
+    # by selection, not by a weight of zero: NaN in a masked joint must not leak in
+    centre_source = np.where(keep, source, 0.0).sum(-2) / count
+    centre_target = np.where(keep, target, 0.0).sum(-2) / count
     a = np.where(keep, source - centre_source[..., None, :], 0.0)
     b = np.where(keep, target - centre_target[..., None, :], 0.0)
     U, singular, Vt = np.linalg.svd(np.swapaxes(b, -1, -2) @ a)

@@ -17,10 +17,8 @@ from egocap.labels import LABELS
 THRESHOLD = 20.0  # pixels at 640 x 512
 CURVE = tuple(float(t) for t in range(0, 31, 2))  # pixels at 640 x 512
 
-DETECTION_PROTOCOL = (
-    "18 labels, every joint inside a view counts (hidden ones too), missing ones are misses; "
-    "pixels at 640 x 512; AUC is the exact area under the PCK curve from 0 to 20 px"
-)
+DETECTION_PROTOCOL = "egocap-18: pixels at 640 x 512, all joints inside a view, missing ones missed"
+"""Joints hidden by the wearer or by others count too, as the paper's projected labels do."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ every body two of its canonical axes are found in its own bone frame:
 - spine, chest: left is the line through the shoulders (the average facing for the spine), up is the
   line from pelvis to neck, so that a stoop stays a stoop;
 - head: the average orientation while standing, relative to the way hips and shoulders face,
-  outliers (looking aside) down-weighted; eyes, where the rig has them, give its left. So the head is
-  level on average in every clip. The neck is halfway between chest and head;
+  outliers (looking aside) down-weighted; eyes, where the rig has them, give its left. So the head
+  is level on average in every clip. The neck is halfway between chest and head;
 - upper arm, forearm, thigh, calf: down is the bone; left is the hinge of the elbow or knee, from
   the plane of the flexed limb. Where the joint hardly bends, the limb swings without twist;
 - foot: up is where the world's up is while it stands still and low; forward is towards the toes;

@@ -20,9 +20,14 @@ from egocap_sim.motion.clip import Clip
 MAX_SPEED = 40.0  # rad/s relative to the parent; throwing arms reach about 30 in such recordings
 MEDIAN_WINDOW = 0.15  # s; a spike is shorter than half of it
 MAX_DEVIATION = 0.5  # rad from the running median
-MAX_GLITCH = 0.5  # s; a jump away and back within this is a glitch, whatever its shape
-MAX_ANGLE = {"toe": 1.2, "foot": 1.45, "hand": 1.75, "head": 1.6, "neck": 1.2, "spine": 1.3,
-             "chest": 1.3, "clavicle": 1.0}  # rad from the canonical pose of the parent  # fmt: skip
+CUT_SPEED, CUT_BODIES = 22.0, 4  # rad/s in a single frame of that many bodies, or ...
+CUT_ROOT_SPEED = 12.0  # m/s of the pelvis: the recording was cut (a bind pose in front, often)
+MAX_GLITCH = 1.5  # s; a jump away and back within this is a glitch, whatever its shape
+GLIDE = 0.08  # s before and after a jump that never comes back, over which it is spread
+MAX_ANGLE = {
+    "toe": 1.2, "foot": 1.45, "hand": 1.75, "head": 1.6, "neck": 1.2,
+    "spine": 1.3, "chest": 1.3, "clavicle": 1.0,
+}  # fmt: skip
 """Largest rotation of a body relative to its parent; beyond it the recording is wrong."""
 ANKLE_HEIGHT, TOE_HEIGHT = 0.095, 0.03  # of the leg's length, above the sole
 FLOOR_QUANTILE = 0.06  # of the frames may have their lower sole under the floor
@@ -32,47 +37,60 @@ FLOOR_QUANTILE = 0.06  # of the frames may have their lower sole under the floor
 class Cleaning:
     """What cleaning changed in a clip; counts are of body frames (T * 21)."""
 
+    trimmed: int = 0  # frames before or after a cut
     spikes: int = 0
     beyond_limits: int = 0
     floor_shift: float = 0.0  # metres added to every height
 
 
+def longest_take(clip: Clip) -> tuple[Clip, int]:
+    """The longest stretch without a cut, and the number of frames left out."""
+    if len(clip.positions) < 2:
+        return clip, 0
+    q = matrix_to_quaternion(to_local(clip.rotations))
+    speed = _angle(q[1:], q[:-1]) * clip.fps
+    around = np.pad(speed, ((1, 1), (0, 0)))
+    sudden = speed > np.maximum(CUT_SPEED, 3.0 * np.maximum(around[:-2], around[2:]))
+    root = np.linalg.norm(np.diff(clip.positions[:, 0], axis=0), axis=1) * clip.fps
+    cuts = np.flatnonzero((sudden.sum(1) >= CUT_BODIES) | (root > CUT_ROOT_SPEED)) + 1
+    edges = np.array([0, *cuts, len(q)])
+    longest = int(np.diff(edges).argmax())
+    a, b = int(edges[longest]), int(edges[longest + 1])
+    kept = dataclasses.replace(clip, positions=clip.positions[a:b], rotations=clip.rotations[a:b])
+    return kept, len(q) - (b - a)
+
+
 def despike(clip: Clip) -> tuple[Clip, int]:
-    """Replace spikes and short glitches by interpolation; returns the clip and their number.
+    """Replace spikes and glitches by interpolation; returns the clip and their number.
 
     A frame is a spike where a body, relative to its parent, is far from its running median, or lies
-    between two jumps faster than `MAX_SPEED` that cancel out.
+    between two jumps faster than `MAX_SPEED` that cancel out. A jump that never comes back is
+    spread over `GLIDE`.
     """
     local = to_local(clip.rotations)
     q = _continuous(matrix_to_quaternion(local))
     bad = _far_from_median(q, clip.fps)
     for b in range(q.shape[1]):
         bad[:, b] |= _between_jumps(_interpolate(q[:, b], bad[:, b]), clip.fps)
+        bad[:, b] |= _at_jumps(_interpolate(q[:, b], bad[:, b]), clip.fps)
     return _replaced(clip, local, q, bad)
 
 
 def within_limits(clip: Clip) -> tuple[Clip, int]:
     """Replace rotations that no joint allows (`MAX_ANGLE`); needs canonical rotations.
 
-    Where most of a body's frames are beyond its limit, they are turned back to it instead.
+    A body beyond its limit in most frames says nothing: it is held still on its parent.
     """
     assert clip.canonical, clip.name
     local = to_local(clip.rotations)
     q = _continuous(matrix_to_quaternion(local))
     bad = np.zeros(q.shape[:2], bool)
     for b, body in enumerate(BODIES):
-        limit = MAX_ANGLE.get(body.removeprefix("l_").removeprefix("r_"))
-        if limit is not None:
-            bad[:, b] = 2.0 * np.arccos(np.clip(np.abs(q[:, b, 0]), 0.0, 1.0)) > limit
-            if bad[:, b].mean() > 0.5:
-                local[bad[:, b], b] = _turned_back(q[bad[:, b], b], limit)
-    counted = int(bad.sum())
-    mostly = bad.mean(0) > 0.5
-    q = _continuous(matrix_to_quaternion(local))
-    bad[:, mostly] = False
-    if mostly.any():
-        clip = rebuilt(clip, local)
-    return _replaced(clip, local, q, bad)[0], counted
+        limit = MAX_ANGLE.get(body.removeprefix("l_").removeprefix("r_"), np.inf)
+        bad[:, b] = 2.0 * np.arccos(np.clip(np.abs(q[:, b, 0]), 0.0, 1.0)) > limit
+        if bad[:, b].mean() > 0.5:
+            q[:, b], bad[:, b] = (1.0, 0.0, 0.0, 0.0), True
+    return _replaced(clip, local, q, bad)
 
 
 def floor_height(clip: Clip) -> float:
@@ -173,6 +191,18 @@ def _between_jumps(q: Float[Array, "T 4"], fps: float) -> Bool[Array, "T"]:
     return bad
 
 
+def _at_jumps(q: Float[Array, "T 4"], fps: float) -> Bool[Array, "T"]:
+    """Frames close to a jump."""
+    from scipy.ndimage import binary_dilation
+
+    bad = np.zeros(len(q), bool)
+    bad[1:] = _angle(q[1:], q[:-1]) * fps > MAX_SPEED
+    if not bad.any():
+        return bad
+    reach = max(1, round(GLIDE * fps))
+    return binary_dilation(bad, iterations=reach) & ~np.isin(np.arange(len(q)), (0, len(q) - 1))
+
+
 def _interpolate(q: Float[Array, "T 4"], bad: Bool[Array, "T"]) -> Float[Array, "T 4"]:
     """Spherical interpolation over bad frames; held at the ends; unchanged if all are bad."""
     from scipy.spatial.transform import Rotation, Slerp
@@ -187,11 +217,3 @@ def _interpolate(q: Float[Array, "T 4"], bad: Bool[Array, "T"]) -> Float[Array, 
     fixed = slerp(times).as_quat()[:, [3, 0, 1, 2]]
     return np.where(bad[:, None], fixed, q)
 
-
-def _turned_back(q: Float[Array, "n 4"], limit: float) -> Float[Array, "n 3 3"]:
-    """Rotations about the same axes by no more than `limit`."""
-    from scipy.spatial.transform import Rotation
-
-    v = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_rotvec()
-    angle = np.linalg.norm(v, axis=1, keepdims=True)
-    return Rotation.from_rotvec(v * np.minimum(1.0, limit / np.maximum(angle, 1e-9))).as_matrix()

@@ -1,4 +1,4 @@
-"""Load a motion file as a canonical clip: recognise its skeleton, up axis and unit, clean, calibrate.
+"""Load a motion file as a canonical clip: recognise skeleton, up axis and unit, clean, calibrate.
 
 BVH of any tool whose names `names.CONVENTIONS` knows, or with a name map; npz as `npz.read_npz`
 describes. Any frame rate.
@@ -19,7 +19,7 @@ from egocap.geometry import unit
 from egocap_sim.bodies import BODIES, INDEX
 from egocap_sim.motion.bvh import Bvh, pose, read_bvh
 from egocap_sim.motion.calibrate import Hints, calibrate
-from egocap_sim.motion.cleaning import Cleaning, despike, on_floor, within_limits
+from egocap_sim.motion.cleaning import Cleaning, despike, longest_take, on_floor, within_limits
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.names import map_joints, normal, read_name_map
 from egocap_sim.motion.npz import read_npz
@@ -71,11 +71,12 @@ def load_clip(
 
 
 def clean(clip: Clip, hints: Hints | None = None) -> tuple[Clip, Cleaning]:
-    """Despike, calibrate, hold to joint limits and put on the floor; says what was changed."""
+    """Despike, trim, calibrate, hold to joint limits and put on the floor; says what was changed."""
+    clip, trimmed = longest_take(clip)
     clip, spikes = despike(clip)
     clip, beyond = within_limits(calibrate(clip, hints))
     clip, shift = on_floor(clip)
-    return clip, Cleaning(spikes, beyond, shift)
+    return clip, Cleaning(trimmed, spikes, beyond, shift)
 
 
 def _check_options(up: str | None, unit: str | float | None) -> None:

@@ -21,6 +21,7 @@ from egocap.errors import InputError
 
 FIT_TOLERANCE = 1e-5  # pixels; what the inverse of an OCam polynomial may be off
 _FIT_DEGREES = (8, 12, 16, 20, 24, 28, 32)
+_SHORTEST = 0.001  # pixels; an OCam focal length under it is a mistake
 _REACH = 16.0  # times the farthest image corner: how far out an OCam polynomial is looked at
 _NEWTON_STEPS = 60  # bisection alone would need about 52 in float64
 
@@ -100,7 +101,8 @@ def equidistant(parameters: tuple[float, ...], max_angle: float | None, radius: 
 def kannala_brandt(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
     """r = theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9.
 
-    Raises InputError when r does not grow all the way to `max_angle`.
+    Raises InputError when r does not grow all the way to `max_angle`, or, without one, half the way
+    to the image's farthest corner.
     Source: Kannala and Brandt 2006, as in OpenCV's fisheye module.
     """
     if len(parameters) != 4:
@@ -120,12 +122,16 @@ def ocam(parameters: tuple[float, ...], max_angle: float | None, radius: float) 
     `FIT_TOLERANCE`. Rays come from the interpolant's own inverse, so that project and ray undo each
     other to rounding and both are within the tolerance of the definition.
 
-    Raises InputError when theta(rho) does not grow all the way to `max_angle`.
+    Raises InputError when theta(rho) does not grow all the way to `max_angle`, or, without one,
+    half the way to the image's farthest corner.
     Source: Scaramuzza et al. 2006, Eq. 6; EgoCap paper, section 4.2.
     """
     a = np.array(parameters, float)
-    if a.size == 0 or a[0] >= 0.0:
-        raise InputError("the polynomial's first coefficient is not negative", valid="-focal < 0")
+    if a.size == 0 or a[0] > -_SHORTEST:
+        raise InputError(
+            "the polynomial's first coefficient is not negative",
+            valid=f"minus the focal length, at most -{_SHORTEST} pixels",
+        )
 
     def angle(rho: Any) -> tuple[Any, Any]:
         z = -np.polynomial.polynomial.polyval(rho, a)
@@ -133,13 +139,14 @@ def ocam(parameters: tuple[float, ...], max_angle: float | None, radius: float) 
         return np.arctan2(rho, z), (z - rho * dz) / (rho * rho + z * z)
 
     # theta grows while z - rho dz/drho > 0, itself a polynomial in rho.
-    high = _REACH * radius
-    high = min(high, _first_root([-c * (1 - k) for k, c in enumerate(parameters)], high))
+    reach = _REACH * radius
+    high = min(reach, _first_root([-c * (1 - k) for k, c in enumerate(parameters)], reach))
     widest = float(angle(np.float64(high))[0])
     if max_angle is None:
+        _refuse_early_turn(widest, high, radius)
         max_angle = float(angle(np.float64(radius))[0]) if radius < high else 0.98 * widest
     if not max_angle < widest:
-        raise _not_growing(widest, max_angle)
+        raise _not_growing(widest, f"the field of view reaches {degrees(max_angle):.2f}")
 
     def quotient(theta: Any) -> Any:
         rho = invert(angle, theta, high, start=np.clip(-a[0] * theta, 0.0, high))
@@ -175,17 +182,24 @@ MODELS: dict[str, Callable[[tuple[float, ...], float | None, float], Radial]] = 
 def _limited(lens: Radial, max_angle: float | None, radius: float) -> Radial:
     if max_angle is None:
         edge = float(lens.radius(np.float64(lens.limit))[0])
+        if lens.limit < pi:
+            _refuse_early_turn(lens.limit, edge, radius)
         max_angle = float(lens.angle(np.float64(radius))) if radius < edge else 0.98 * lens.limit
-        max_angle = min(max_angle, pi)
     elif max_angle > lens.limit:
-        raise _not_growing(lens.limit, max_angle)
+        raise _not_growing(lens.limit, f"the field of view reaches {degrees(max_angle):.2f}")
     return Radial(lens.coefficients, max_angle, lens.middle, lens.half)
 
 
-def _not_growing(turn: float, wanted: float) -> InputError:
+def _refuse_early_turn(angle: float, turn: float, radius: float) -> None:
+    """A lens may stop growing in the dark corners, not in the middle of the image."""
+    if turn < 0.5 * radius:
+        raise _not_growing(angle, "the image goes on")
+
+
+def _not_growing(turn: float, but: str) -> InputError:
     return InputError(
         f"the lens polynomial is not monotone: it grows up to {degrees(turn):.2f} degrees off axis "
-        f"only, and the field of view reaches {degrees(wanted):.2f}",
+        f"only, and {but}",
         valid=f"a field of view under {2 * degrees(turn):.2f} degrees, or another polynomial",
     )
 

@@ -54,6 +54,9 @@ def test_ocam_with_one_coefficient_is_a_pinhole() -> None:
         ("ocam", (-500.0,), 1.6, "not monotone"),
         ("kannala_brandt", (-0.2, 0.0, 0.0, 0.0), 1.5, "not monotone"),
         ("kannala_brandt", (0.1, 0.0), 1.5, "k1, k2, k3, k4"),
+        ("kannala_brandt", (-0.2, 0.0, 0.0, 0.0), None, "not monotone.*image goes on"),
+        ("ocam", (-100.0, 0.0, -1e-2), None, "not monotone.*image goes on"),
+        ("ocam", (-1e-200, 0.0, 1.0), 1.0, "not negative"),
         ("equidistant", (1.0,), 1.5, "no parameters"),
     ],
 )
@@ -64,6 +67,6 @@ def test_impossible_lenses_are_refused(model, parameters, max_angle, message) ->
 
 def test_without_a_field_of_view_the_lens_ends_before_it_turns() -> None:
     turn = np.sqrt(1 / 0.6)  # 1 - 3 * 0.2 theta^2 = 0
-    lens = MODELS["kannala_brandt"]((-0.2, 0.0, 0.0, 0.0), None, 10.0)
+    lens = MODELS["kannala_brandt"]((-0.2, 0.0, 0.0, 0.0), None, 1.5)
     assert 0.9 * turn < lens.limit < turn
     assert float(lens.radius(np.float64(lens.limit))[1]) > 0

@@ -1,4 +1,4 @@
-"""Two-bone inverse kinematics of a leg: move the ankle, keep the hip, the foot and the knee's side."""
+"""Two-bone inverse kinematics of a leg: the ankle moves; hip, foot and knee plane stay."""
 
 from __future__ import annotations
 

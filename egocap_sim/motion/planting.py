@@ -1,8 +1,8 @@
 """Put a retargeted motion on the person's floor: height, standing feet, no sliding.
 
-A stance is a time in which some corner of a side's two soles is low and slow. In a stance the leg is
-bent anew (two-bone inverse kinematics) so that the standing corners keep their place at z = 0; in
-between the correction glides from one stance to the next.
+A stance is a time in which some corner of a side's two soles is low and slow. In a stance the leg
+is bent anew (two-bone inverse kinematics) so that the standing corners keep their place at z = 0;
+in between the correction glides from one stance to the next.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ _SLOW = 0.5  # metres a second
 _DRIFT_S = 0.06  # standard deviation of the height correction over time, seconds
 _STANCE_HEIGHT = 0.03  # metres
 _SHORTEST_S = 0.06  # a shorter stance is noise, seconds
-_FARTHEST = 0.10  # metres: the most a foot is moved
+_FARTHEST = 0.10  # metres: the most a foot is moved horizontally
+_GAP_S = 0.08  # a shorter break in standing is noise, seconds
 _EASE_S = 0.02  # standard deviation of the smoothing of corrections, seconds
-_GATE_SPEED = 0.8  # metres a second: a low foot slower than this may touch the floor
+_GATE_SPEED = 0.5  # metres a second: a low foot slower than this may touch the floor
 
 
 def plant(
@@ -42,8 +43,7 @@ def plant(
         positions = body_positions(person, root, turned)
         turned = bend_leg(positions, turned, side, move)
     points = sole_points(person, body_positions(person, root, turned), turned)
-    touching = (points[..., 2] < _STANCE_HEIGHT) & (_speed(points, fps) < _GATE_SPEED)
-    return root, turned, touching.any(-1)
+    return root, turned, standing(points, fps)
 
 
 def body_positions(
@@ -97,9 +97,24 @@ def foot_correction(points: Float[Array, "T 2 4 3"], fps: float) -> Float[Array,
         known[first:end] = True
     for axis in range(3):
         move[:, axis] = np.interp(frames, frames[known], move[known, axis])
+    move[:, 2] = np.maximum(move[:, 2], -height.min(1))
     move = gaussian_filter1d(move, _EASE_S * fps, axis=0, mode="nearest")
-    length = np.linalg.norm(move, axis=1, keepdims=True)
-    return move * np.minimum(1.0, _FARTHEST / np.maximum(length, 1e-9))
+    length = np.linalg.norm(move[:, :2], axis=1, keepdims=True)
+    move[:, :2] *= np.minimum(1.0, _FARTHEST / np.maximum(length, 1e-9))
+    return move
+
+
+def standing(points: Float[Array, "T 4 4 3"], fps: float) -> Bool[Array, "T 4"]:
+    """Which soles have a low and slow corner; short gaps in which one stays low are closed."""
+    low = points[..., 2] < _STANCE_HEIGHT
+    slow = _speed(points, fps) < _GATE_SPEED
+    stands = (low & slow).any(-1)
+    for foot in range(stands.shape[1]):
+        for first, end in _runs(~stands[:, foot]):
+            inside = 0 < first and end < len(stands)
+            if inside and end - first <= _GAP_S * fps and low[first:end, foot].any(-1).all():
+                stands[first:end, foot] = True
+    return stands
 
 
 def _speed(points: Float[Array, "T *n 3"], fps: float) -> Float[Array, "T *n"]:

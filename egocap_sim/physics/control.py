@@ -1,10 +1,13 @@
 """Torques that make the simulated person follow a motion.
 
-Computed torque: M (qacc + feedback) + bias gives the generalised forces the motion needs. The six of
-them at the free root nobody can apply; they are first explained by pushes of the floor against the
-feet (non-negative least squares over the edges of the friction pyramids at the contact points). The
-planned pushes are taken off the joint torques too, since the floor will deliver them. What they do
-not explain stays as a residual wrench on the root.
+Computed torque: M (qacc + feedback) + bias gives the generalised forces that the motion needs. The
+six of them at the free root nobody can apply; they are first explained by pushes of the floor
+against the feet (non-negative least squares over the edges of the friction pyramids at the contact
+points). The planned pushes are taken off the joint torques too, since the floor will deliver them.
+What they do not explain stays as a residual wrench on the root.
+
+Source: one-step-ahead feedback from J. Tan et al., "Stable proportional-derivative controllers",
+IEEE CG&A 31 (2011).
 """
 
 from __future__ import annotations
@@ -13,12 +16,15 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 from scipy.optimize import nnls
 
 from egocap_sim.bodies import FEET, INDEX
 from egocap_sim.physics.target import Target
+
+
+_SIDE = np.array([0, 0, 1, 1])  # of the feet, as egocap_sim.bodies.FEET
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,7 @@ class ControlConfig:
     torque_weight: float = 4.0  # weight of the root's torques against its forces, 1/m
     regularisation: float = 0.02  # of planned pushes: spreads them over the contact points
     plan_filter_s: float = 0.02  # time constant of the planned pushes
+    release_rad: float = 0.1  # a leg joint this far off lets its foot go until it is back
 
 
 class Controller:
@@ -41,21 +48,28 @@ class Controller:
         dt, nv = model.opt.timestep, model.nv
         rate = np.full(nv, config.joint_rate)
         rate[:6] = config.root_rate
-        # Feedback evaluated one step ahead (stable PD, Tan et al. 2011), so any gain is stable.
+        # Feedback evaluated one step ahead, so that any gain is stable.
         self._damping = 2 * rate / (1 + 2 * rate * dt + (rate * dt) ** 2)
         self._stiffness = rate**2 / (1 + 2 * rate * dt + (rate * dt) ** 2)
         self._blend = min(1.0, dt / config.plan_filter_s)
-        self._foot_body = [INDEX[foot] + 1 for foot in FEET]
+        self._foot_body = np.array([INDEX[foot] + 1 for foot in FEET])
         self._foot_geom = np.array([model.geom(foot).id for foot in FEET])
-        self._plan = np.zeros(nv)
+        self._leg_dofs = np.array([_leg_dofs(model, side) for side in ("l", "r")])
+        self._plan = np.zeros((len(FEET), 6))
+        self._open = np.zeros(len(FEET), bool)
         self._error, self._inertia = np.zeros(nv), np.zeros(nv)
         self._jacobian, self._spin = np.zeros((3, nv)), np.zeros((3, nv))
         k = config.friction
         self._edges = np.array([(k, 0, 1), (-k, 0, 1), (0, k, 1), (0, -k, 1)], float)
 
     def gate(self, planted: Bool[Array, "4"]) -> None:
-        """Let only the feet that the motion plants collide with the floor."""
-        self._model.geom_conaffinity[self._foot_geom] = planted
+        """Let only feet that the motion plants, and that are near their place, touch the floor.
+
+        A foot held by friction in a wrong place would drag the whole person off the motion.
+        """
+        astray = np.abs(self._error[self._leg_dofs]).max(1) > self._config.release_rad
+        self._open = planted & ~astray[_SIDE]
+        self._model.geom_conaffinity[self._foot_geom] = self._open
 
     def apply(self, data: mujoco.MjData, target: Target, i: int) -> None:
         """Set the generalised forces for step i of a block; positions must be up to date.
@@ -68,29 +82,49 @@ class Controller:
         wanted = target.qacc[i] + self._stiffness * (self._error + dt * lag) + self._damping * lag
         mujoco.mj_mulM(model, data, self._inertia, wanted)
         force = self._inertia + data.qfrc_bias - data.qfrc_passive
-        self._plan += self._blend * (self._planned(data, force[:6]) - self._plan)
-        data.qfrc_applied[:] = force - self._plan
+        self._plan += self._blend * (self._pushes(data, force[:6]) - self._plan)
+        # The leg must not go on pushing against a floor that has been taken away.
+        self._plan[~self._open] = 0.0
+        data.qfrc_applied[:] = force - self._generalised(data)
 
-    def _planned(self, data: mujoco.MjData, wrench: Float[Array, "6"]) -> Float[Array, "nv"]:
-        """Generalised forces of the floor's best pushes against the feet for a root wrench."""
+    def _pushes(self, data: mujoco.MjData, wrench: Float[Array, "6"]) -> Float[Array, "4 6"]:
+        """The floor's best pushes for a root wrench: force and torque on each foot, world."""
+        plan = np.zeros((4, 6))
         if data.ncon == 0:
-            return np.zeros(self._model.nv)
+            return plan
+        config, edges = self._config, self._edges
         points, geoms = data.contact.pos, data.contact.geom.max(1)
-        config, weight = self._config, np.ones(6)
+        n, weight = len(points), np.ones(6)
         weight[3:] = config.torque_weight
-        n, edges = len(points), self._edges
         # The free joint's torques are in the pelvis frame, its forces in the world's.
-        R = data.xmat[1].reshape(3, 3)
-        arms = np.cross((points - data.xpos[1])[:, None], edges[None]) @ R
+        arms = _cross((points - data.xpos[1])[:, None], edges) @ data.xmat[1].reshape(3, 3)
         columns = np.concatenate([np.broadcast_to(edges, (n, 4, 3)), arms], -1).reshape(-1, 6)
         A = np.concatenate([columns.T * weight[:, None], config.regularisation * np.eye(4 * n)])
-        pushes, _ = nnls(A, np.concatenate([wrench * weight, np.zeros(4 * n)]), maxiter=40 * n)
-        forces = pushes.reshape(n, 4) @ edges
-        plan = np.zeros(self._model.nv)
-        for geom in set(geoms.tolist()):
-            mine = geoms == geom
-            body = self._model.geom_bodyid[geom]
-            mujoco.mj_jac(self._model, data, self._jacobian, self._spin, data.xpos[body], body)
-            moment = np.cross(points[mine] - data.xpos[body], forces[mine]).sum(0)
-            plan += forces[mine].sum(0) @ self._jacobian + moment @ self._spin
+        shares, _ = nnls(A, np.concatenate([wrench * weight, np.zeros(4 * n)]), maxiter=100 * n)
+        forces = shares.reshape(n, 4) @ edges
+        foot = np.searchsorted(self._foot_geom, geoms)
+        np.add.at(plan[:, :3], foot, forces)
+        np.add.at(plan[:, 3:], foot, _cross(points - data.xpos[self._foot_body[foot]], forces))
         return plan
+
+    def _generalised(self, data: mujoco.MjData) -> Float[Array, "nv"]:
+        """The planned pushes in joint coordinates."""
+        total = np.zeros(self._model.nv)
+        for body, push in zip(self._foot_body, self._plan, strict=True):
+            if push.any():
+                mujoco.mj_jacBody(self._model, data, self._jacobian, self._spin, body)
+                total += push[:3] @ self._jacobian + push[3:] @ self._spin
+        return total
+
+
+def _cross(a: Float[Array, "*n 3"], b: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """Cross products; numpy's own is several times slower on small arrays."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], -1)
+
+
+def _leg_dofs(model: mujoco.MjModel, side: str) -> Int[Array, "9"]:
+    """Degrees of freedom of a leg's hip, knee and ankle."""
+    first = [int(model.joint(f"{side}_{part}").dofadr[0]) for part in ("thigh", "calf", "foot")]
+    return np.concatenate([np.arange(f, f + 3) for f in first])

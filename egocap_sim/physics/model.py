@@ -4,9 +4,9 @@ Masses are shares of the person's mass; shapes follow the skin each body owns, s
 the person's own. Body i + 1 of the model is `egocap_sim.bodies.BODIES[i]`, its frame parallel to
 the world at rest.
 
-Source: segment masses (mean of women and men) and the cut of the trunk from P. de Leva, "Adjustments
-to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29 (1996), table 4; shares
-within head + neck, upper trunk + clavicles and foot + toes split by us.
+Source: segment masses (mean of women and men) and the cut of the trunk from P. de Leva,
+"Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29 (1996),
+table 4; the shares within head + neck, upper trunk + clavicles and foot + toes are ours.
 """
 
 from __future__ import annotations

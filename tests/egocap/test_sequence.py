@@ -1,5 +1,6 @@
 """Sequences: what is written is read back, and nothing damaged or foreign passes for whole."""
 
+import contextlib
 import json
 import tarfile
 from dataclasses import fields
@@ -200,10 +201,8 @@ def test_a_mangled_manifest_never_passes_silently_or_crashes(tmp_path_factory, c
     data = bytearray(path.read_bytes())
     data[flip % len(data)] ^= 0x15
     path.write_bytes(data[: len(data) - cut % len(data)])
-    try:
+    with contextlib.suppress(FileError, InputError):
         list(Sequence(folder))
-    except (FileError, InputError):
-        pass
 
 
 def test_missing_and_truncated_shards_name_themselves(folder):

@@ -38,8 +38,10 @@ class TrackerConfig:
     """Steps of the solver for one frame."""
     tolerance: float = 1e-4
     """A frame has converged when a step lowers its energy by less than this share."""
-    lost_energy: float = 3.0
-    """Mean robust energy of a frame's detections above which it is solved afresh from all starts."""
+    lost_share: float = 0.5
+    """Less than this share of a frame's detections agreeing means lost: solved from all starts."""
+    retry_s: float = 0.3
+    """Seconds before a frame that stays lost is solved from all starts again."""
     gaussian_frames: float = 1.0
     """Standard deviation of the Gaussian low-pass, frames (5 frames wide)."""
 

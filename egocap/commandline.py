@@ -126,9 +126,11 @@ def _lines(what: str, total: int, unit: str, every: float) -> Iterator[Advance]:
         line = f"{what}: {done}/{total} {unit}, {_rate(done, start, unit)}"
         print(line, file=sys.stderr, flush=True)
 
-    yield advance
-    if done != said:
-        say()
+    try:
+        yield advance
+    finally:
+        if done != said:
+            say()
 
 
 def _rate(done: int, start: float, unit: str) -> str:

@@ -1,0 +1,139 @@
+import errno
+import io
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from tyro.extras import SubcommandApp
+
+from egocap import commandline
+from egocap.commandline import progress, run
+from egocap.errors import FileError, InputError, MachineError
+
+
+def code_of(command, *args):
+    app = SubcommandApp()
+    app.command(command, name="do")
+    return run(app, prog="thing", args=["do", *args])
+
+
+def raising(error):
+    def do() -> None:
+        raise error
+
+    return do
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (InputError("no such motion", valid=["walk", "squat"]), 2),
+        (FileError("a.toml", "unknown key", key="rig", line=3), 2),
+        (MachineError("no OpenGL", remedy="install libegl1"), 1),
+        (OSError(errno.ENOSPC, "No space left on device", "x.tar"), 1),
+        (PermissionError(errno.EACCES, "Permission denied", "/root/x"), 1),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_errors_become_one_line_and_a_code(error, code, capsys):
+    assert code_of(raising(error)) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("thing: ") and captured.err.count("\n") == 1
+    assert "Traceback" not in captured.err
+
+
+def test_messages_say_what_is_valid_and_where(capsys):
+    code_of(raising(InputError("no such motion", valid=["walk", "squat"])))
+    assert capsys.readouterr().err == "thing: no such motion (valid: walk, squat)\n"
+    code_of(raising(OSError(errno.ENOSPC, "No space left on device", "x.tar")))
+    assert "x.tar: No space left" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("returned", "code"), [(None, 0), (0, 0), (3, 3)])
+def test_commands_return_their_code(returned, code):
+    assert code_of(lambda: returned) == code
+
+
+def test_bugs_keep_their_traceback():
+    with pytest.raises(ZeroDivisionError):
+        code_of(raising(ZeroDivisionError()))
+
+
+@pytest.mark.parametrize("args", [[], ["undo"], ["do"], ["do", "--count", "x"], ["do", "--no"]])
+def test_wrong_usage_is_2_on_stderr(args, capsys):
+    app = SubcommandApp()
+
+    @app.command
+    def do(count: int) -> None: ...
+
+    assert run(app, prog="thing", args=args) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err
+
+
+def test_help_is_0_and_flags_have_no_twin(capsys):
+    app = SubcommandApp()
+
+    @app.command
+    def do(json: bool = False) -> None: ...
+
+    assert run(app, prog="thing", args=["do", "--help"]) == 0
+    out = capsys.readouterr().out
+    assert "--json" in out and "--no-json" not in out
+
+
+def test_a_closed_pipe_is_quiet():
+    code = (
+        "import sys; from tyro.extras import SubcommandApp; from egocap.commandline import run\n"
+        "app = SubcommandApp()\n"
+        "@app.command\n"
+        "def do() -> None:\n"
+        "    for _ in range(100_000): print('many words')\n"
+        "sys.exit(run(app, prog='thing', args=['do']))"
+    )
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(
+        [sys.executable, "-c", code], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(20) == 1
+
+
+def test_progress_prints_plain_lines_where_there_is_no_terminal(capsys, monkeypatch):
+    now = iter(range(0, 1000, 2))
+    monkeypatch.setattr(commandline.time, "monotonic", lambda: float(next(now)))
+    with progress("render", 10) as advance:
+        for _ in range(5):
+            advance(2)
+    captured = capsys.readouterr()
+    lines = captured.err.splitlines()
+    assert captured.out == ""
+    assert 2 <= len(lines) <= 4
+    assert lines[-1].startswith("render: 10/10 frames, ")
+
+
+def test_progress_says_how_far_it_came_when_stopped(capsys):
+    with pytest.raises(KeyboardInterrupt), progress("render", 10) as advance:
+        advance()
+        raise KeyboardInterrupt
+    assert "render: 1/10 frames" in capsys.readouterr().err
+
+
+def test_progress_draws_a_bar_on_a_terminal(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setitem(os.environ, "TERM", "xterm-256color")
+    with progress("render", 2, unit="clips") as advance:
+        advance(2)
+        time.sleep(0.01)
+    shown = sys.stderr.getvalue()
+    assert "render" in shown and "2/2" in shown and "clips/s" in shown

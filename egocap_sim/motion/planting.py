@@ -26,15 +26,17 @@ _SHORTEST_S = 0.06  # a shorter stance is noise, seconds
 _FARTHEST = 0.10  # metres: the most a foot is moved horizontally
 _GAP_S = 0.08  # a shorter break in standing is noise, seconds
 _EASE_S = 0.02  # standard deviation of the smoothing of corrections, seconds
+_TOUCH_HEIGHT = 0.01  # metres: a foot this low touches the floor even while it slides
 _GATE_SPEED = 0.5  # metres a second: a low foot slower than this may touch the floor
 
 
 def plant(
     person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"], fps: float
-) -> tuple[Float[Array, "T 3"], Float[Array, "T 21 3 3"], Bool[Array, "T 4"]]:
+) -> tuple[Float[Array, "T 3"], Float[Array, "T 21 3 3"], Bool[Array, "T 4"], Bool[Array, "T 4"]]:
     """Lay standing soles on z = 0 and hold them there.
 
-    Returns root positions, body rotations and which feet stand (`egocap_sim.bodies.FEET`).
+    Returns root positions, body rotations, which feet stand and which at least touch the floor
+    (`egocap_sim.bodies.FEET`).
     """
     root = snap(person, root, turned, fps)
     points = sole_points(person, body_positions(person, root, turned), turned)
@@ -43,7 +45,7 @@ def plant(
         positions = body_positions(person, root, turned)
         turned = bend_leg(positions, turned, side, move)
     points = sole_points(person, body_positions(person, root, turned), turned)
-    return root, turned, standing(points, fps)
+    return root, turned, standing(points, fps), points[..., 2].min(-1) < _TOUCH_HEIGHT
 
 
 def body_positions(
@@ -111,7 +113,7 @@ def standing(points: Float[Array, "T 4 4 3"], fps: float) -> Bool[Array, "T 4"]:
     stands = (low & slow).any(-1)
     for foot in range(stands.shape[1]):
         for first, end in _runs(~stands[:, foot]):
-            inside = 0 < first and end < len(stands)
+            inside = first > 0 and end < len(stands)
             if inside and end - first <= _GAP_S * fps and low[first:end, foot].any(-1).all():
                 stands[first:end, foot] = True
     return stands

@@ -40,6 +40,7 @@ class Reference:
     root: Float[Array, "T 3"]  # metres, world
     rotations: Float[Array, "T 21 3 3"]
     planted: Bool[Array, "T 4"]  # feet that stand on the floor, as egocap_sim.bodies.FEET
+    touching: Bool[Array, "T 4"]  # feet so low that they touch it, be it sliding
 
     @property
     def duration_s(self) -> float:
@@ -61,8 +62,8 @@ def retarget(
     if from_origin:
         root, turned = _to_origin(root, turned, clip.rotations[0])
     root, turned = _resample(root, turned, clip.fps, fps)
-    root, turned, planted = plant(person, root, turned, fps)
-    return Reference(float(fps), root, turned, planted)
+    root, turned, planted, touching = plant(person, root, turned, fps)
+    return Reference(float(fps), root, turned, planted, touching)
 
 
 def canonical_offsets(person: Person) -> Float[Array, "21 3 3"]:

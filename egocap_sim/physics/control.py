@@ -21,8 +21,8 @@ from numpy import ndarray as Array
 from scipy.optimize import nnls
 
 from egocap_sim.bodies import FEET, INDEX
+from egocap_sim.physics.model import FRICTION
 from egocap_sim.physics.target import Target
-
 
 _SIDE = np.array([0, 0, 1, 1])  # of the feet, as egocap_sim.bodies.FEET
 
@@ -37,6 +37,7 @@ class ControlConfig:
     torque_weight: float = 4.0  # weight of the root's torques against its forces, 1/m
     regularisation: float = 0.02  # of planned pushes: spreads them over the contact points
     plan_filter_s: float = 0.02  # time constant of the planned pushes
+    slip: float = 0.1  # share of the friction that is left to a sliding foot
     release_rad: float = 0.1  # a leg joint this far off lets its foot go until it is back
 
 
@@ -56,20 +57,23 @@ class Controller:
         self._foot_geom = np.array([model.geom(foot).id for foot in FEET])
         self._leg_dofs = np.array([_leg_dofs(model, side) for side in ("l", "r")])
         self._plan = np.zeros((len(FEET), 6))
-        self._open = np.zeros(len(FEET), bool)
+        self._open, self._grip = np.zeros(len(FEET), bool), np.ones(len(FEET))
         self._error, self._inertia = np.zeros(nv), np.zeros(nv)
         self._jacobian, self._spin = np.zeros((3, nv)), np.zeros((3, nv))
         k = config.friction
         self._edges = np.array([(k, 0, 1), (-k, 0, 1), (0, k, 1), (0, -k, 1)], float)
 
-    def gate(self, planted: Bool[Array, "4"]) -> None:
-        """Let only feet that the motion plants, and that are near their place, touch the floor.
+    def gate(self, planted: Bool[Array, "4"], touching: Bool[Array, "4"]) -> None:
+        """Let only feet that the motion plants or slides, and near their place, touch the floor.
 
-        A foot held by friction in a wrong place would drag the whole person off the motion.
+        A foot held by friction in a wrong place would drag the whole person off the motion; one
+        that the motion slides is slippery.
         """
         astray = np.abs(self._error[self._leg_dofs]).max(1) > self._config.release_rad
-        self._open = planted & ~astray[_SIDE]
+        self._open = (planted | touching) & ~astray[_SIDE]
+        self._grip = np.where(planted, 1.0, self._config.slip)
         self._model.geom_conaffinity[self._foot_geom] = self._open
+        self._model.geom_friction[self._foot_geom, 0] = FRICTION * self._grip
 
     def apply(self, data: mujoco.MjData, target: Target, i: int) -> None:
         """Set the generalised forces for step i of a block; positions must be up to date.
@@ -97,12 +101,14 @@ class Controller:
         n, weight = len(points), np.ones(6)
         weight[3:] = config.torque_weight
         # The free joint's torques are in the pelvis frame, its forces in the world's.
+        foot = np.searchsorted(self._foot_geom, geoms)
+        edges = np.repeat(edges[None], n, 0)
+        edges[..., :2] *= self._grip[foot, None, None]
         arms = _cross((points - data.xpos[1])[:, None], edges) @ data.xmat[1].reshape(3, 3)
-        columns = np.concatenate([np.broadcast_to(edges, (n, 4, 3)), arms], -1).reshape(-1, 6)
+        columns = np.concatenate([edges, arms], -1).reshape(-1, 6)
         A = np.concatenate([columns.T * weight[:, None], config.regularisation * np.eye(4 * n)])
         shares, _ = nnls(A, np.concatenate([wrench * weight, np.zeros(4 * n)]), maxiter=100 * n)
-        forces = shares.reshape(n, 4) @ edges
-        foot = np.searchsorted(self._foot_geom, geoms)
+        forces = (shares.reshape(n, 4, 1) * edges).sum(1)
         np.add.at(plan[:, :3], foot, forces)
         np.add.at(plan[:, 3:], foot, _cross(points - data.xpos[self._foot_body[foot]], forces))
         return plan

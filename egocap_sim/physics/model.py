@@ -70,7 +70,7 @@ def mjcf(person: Person, timestep_s: float) -> str:
     <geom contype="0" conaffinity="0" friction="{FRICTION} 0.01 0.001" solref="0.01 1"/>
   </default>
   <worldbody>
-    <geom name="{FLOOR}" type="plane" size="0 0 1" contype="1"/>
+    <geom name="{FLOOR}" type="plane" size="0 0 1" contype="1" friction="0.01 0.01 0.001"/>
     {_body_xml("pelvis", person, geoms)}
   </worldbody>
 </mujoco>"""

@@ -104,7 +104,7 @@ class _Run:
         """Advance one step; afterwards positions and forces in `data` are those at its start."""
         if begin:
             self.data.qpos[:], self.data.qvel[:] = target.qpos[i], target.qvel[i]
-        self._controller.gate(target.planted[i])
+        self._controller.gate(target.planted[i], target.touching[i])
         mujoco.mj_step1(self._model, self.data)
         self._controller.apply(self.data, target, i)
         mujoco.mj_step2(self._model, self.data)

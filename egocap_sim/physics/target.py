@@ -24,6 +24,7 @@ class Target:
     qvel: Float[Array, "N 66"]  # half a step earlier: where semi-implicit Euler has its velocity
     qacc: Float[Array, "N 66"]
     planted: Bool[Array, "N 4"]
+    touching: Bool[Array, "N 4"]
 
 
 class TargetMotion:
@@ -39,7 +40,7 @@ class TargetMotion:
         local = np.concatenate([R[:, :1], np.swapaxes(R[:, parents], -1, -2) @ R[:, 1:]], 1)
         q = continuous(matrix_to_quaternion(local))
         self._fps = reference.fps
-        self._planted = reference.planted
+        self._planted, self._touching = reference.planted, reference.touching
         self._last = (len(R) - 1) / reference.fps
         times = np.arange(len(R)) / reference.fps
         keys = np.concatenate([reference.root, q.reshape(len(R), -1)], 1)
@@ -51,7 +52,7 @@ class TargetMotion:
         qpos, _, qacc = self._coordinates(times)
         _, qvel, _ = self._coordinates(times - timestep_s / 2)
         frame = np.clip(np.rint(times * self._fps).astype(int), 0, len(self._planted) - 1)
-        return Target(qpos, qvel, qacc, self._planted[frame])
+        return Target(qpos, qvel, qacc, self._planted[frame], self._touching[frame])
 
     def _coordinates(
         self, times: Float[Array, "N"]

@@ -123,7 +123,7 @@ def landmarks(body: BareBody) -> dict[str, Float[Array, "3"]]:
 
 
 def skull_middle(head: Float[Array, "N 3"]) -> Float[Array, "3"]:
-    """Middle of the brain case: halfway between brow and nape, a head's half width below the top."""
+    """Middle of the brain case: halfway from brow to nape, half a head's width below the top."""
     top = head[:, 2].max()
     upper = head[head[:, 2] > top - 0.5 * (top - head[:, 2].min())]
     low, high = upper.min(0), upper.max(0)

@@ -1,0 +1,131 @@
+"""Where on a person each point of the skin lies: along the arms, along the legs, how high.
+
+Garments are cut and their fabric is laid along these coordinates, so that a hem is a clean line
+around a limb however the triangles run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from egocap.geometry import unit
+from egocap_sim.bodies import BODIES, INDEX
+from egocap_sim.human.anny_model import BareBody, anatomy
+
+ARM = ("upperarm", "forearm", "hand")
+LEG = ("thigh", "calf", "foot", "toe")
+TORSO, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG = range(5)  # pieces a garment is sewn from
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Coordinates of every skin vertex, in metres.
+
+    `arm` runs from the shoulder down the arm, `leg` from the hip down the leg (both 0 elsewhere);
+    `neck` is the height above a ring around the base of the neck, lower in front.
+    """
+
+    piece: Int[Array, "N"]  # TORSO ... RIGHT_LEG
+    arm: Float[Array, "N"]
+    leg: Float[Array, "N"]
+    neck: Float[Array, "N"]
+    elbow: float  # `arm` of the elbow, the wrist, `leg` of the knee and the ankle
+    wrist: float
+    knee: float
+    ankle: float
+    normals: Float[Array, "N 3"]
+
+
+def make_chart(body: BareBody) -> Chart:
+    """Lay the coordinates over a person."""
+    joints = {name: body.joints[i] for name, i in INDEX.items()}
+    piece = _pieces()
+    arm, leg = np.zeros(len(piece)), np.zeros(len(piece))
+    for prefix, arm_piece, leg_piece in (("l_", LEFT_ARM, LEFT_LEG), ("r_", RIGHT_ARM, RIGHT_LEG)):
+        on_arm, on_leg = piece == arm_piece, piece == leg_piece
+        points = [joints[prefix + b] for b in ("upperarm", "forearm", "hand")]
+        arm[on_arm] = _along(points, body.vertices[on_arm])
+        points = [joints[prefix + b] for b in ("thigh", "calf", "foot")]
+        leg[on_leg] = _along(points, body.vertices[on_leg])
+    return Chart(
+        piece=piece,
+        arm=arm,
+        leg=leg,
+        neck=_above_neck(body.vertices, joints),
+        elbow=_length(joints, "l_upperarm", "l_forearm"),
+        wrist=_length(joints, "l_upperarm", "l_forearm", "l_hand"),
+        knee=_length(joints, "l_thigh", "l_calf"),
+        ankle=_length(joints, "l_thigh", "l_calf", "l_foot"),
+        normals=vertex_normals(body.vertices, anatomy().faces),
+    )
+
+
+def vertex_normals(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> Float[Array, "N 3"]:
+    """Unit normals of the vertices, weighted by the areas around them."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    face = np.cross(b - a, c - a)
+    normal = np.zeros_like(vertices)
+    for i in range(3):
+        np.add.at(normal, faces[:, i], face)
+    return unit(normal)
+
+
+@cache
+def neighbours() -> sp.csr_matrix:
+    """Adjacency (N, N) of the skin's vertices, ones where an edge joins two."""
+    faces = anatomy().faces
+    n = len(anatomy().owner)
+    i = np.concatenate([faces[:, 0], faces[:, 1], faces[:, 2]])
+    j = np.concatenate([faces[:, 1], faces[:, 2], faces[:, 0]])
+    graph = sp.coo_matrix((np.ones(len(i)), (i, j)), shape=(n, n)).tocsr()
+    return ((graph + graph.T) > 0).astype(float).tocsr()
+
+
+def averaging(patch: Bool[Array, "N"]) -> sp.csr_matrix:
+    """Matrix that replaces each vertex of a patch by the mean of its neighbours in the patch."""
+    inside = sp.diags(patch.astype(float))
+    graph = inside @ neighbours() @ inside
+    count = np.asarray(graph.sum(1)).ravel()
+    alone = sp.diags((count == 0).astype(float))
+    return (sp.diags(1 / np.maximum(count, 1)) @ graph + alone).tocsr()
+
+
+@cache
+def _pieces() -> Int[Array, "N"]:
+    of_body = np.zeros(len(BODIES), int)
+    for prefix, arm_piece, leg_piece in (("l_", LEFT_ARM, LEFT_LEG), ("r_", RIGHT_ARM, RIGHT_LEG)):
+        of_body[[INDEX[prefix + b] for b in ARM]] = arm_piece
+        of_body[[INDEX[prefix + b] for b in LEG]] = leg_piece
+    return of_body[anatomy().owner]
+
+
+def _along(points: list[Array], vertices: Float[Array, "N 3"]) -> Float[Array, "N"]:
+    """Distance travelled along two bones in a row, continuous across the joint between them."""
+    first, second = points[1] - points[0], points[2] - points[1]
+    length = np.linalg.norm(first)
+    upper = (vertices - points[0]) @ (first / length)
+    lower = (vertices - points[1]) @ unit(second)
+    return np.minimum(upper, length) + np.maximum(lower, 0.0)
+
+
+def _above_neck(vertices: Float[Array, "N 3"], joints: dict[str, Array]) -> Float[Array, "N"]:
+    """Height above the collar's plane; on the torso never more than the way in from its edge."""
+    neck, notch = joints["neck"], joints["l_clavicle"]
+    back, front = neck + [-0.055, 0.0, 0.005], np.array([notch[0] + 0.04, 0.0, notch[2]])
+    slope = (front[2] - back[2]) / (front[0] - back[0])
+    height = vertices[:, 2] - (back[2] + slope * (vertices[:, 0] - back[0]))
+    centre = (back + front) / 2
+    radius = np.hypot(vertices[:, 0] - centre[0], vertices[:, 1])
+    on_head = anatomy().owner == INDEX["head"]
+    return np.where(on_head, height, np.minimum(height, 0.105 - radius))
+
+
+def _length(joints: dict[str, Array], *names: str) -> float:
+    return float(sum(np.linalg.norm(joints[b] - joints[a]) for a, b in pairwise(names)))

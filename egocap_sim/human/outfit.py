@@ -1,0 +1,120 @@
+"""What a person wears, by name: sampled from a seed, changed by the user, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from egocap.errors import InputError
+from egocap_sim.human.fabric import PALETTE, PATTERNS, Fabric
+from egocap_sim.human.garments import BOTTOMS, TOPS
+from egocap_sim.human.headwear import HAIR_COLORS, HAIRCUTS
+from egocap_sim.human.shoes import SHOES
+
+BAREFOOT = "barefoot"
+TOP_PATTERNS = {
+    "plain": 5, "stripes": 4, "checks": 2, "gingham": 1, "dots": 1, "shapes": 2,
+    "camouflage": 1, "marl": 2, "pinstripes": 1, "knit": 1,
+}  # fmt: skip
+WARM_PATTERNS = {"plain": 5, "knit": 3, "marl": 3, "stripes": 1, "checks": 1, "camouflage": 1}
+BOTTOM_PATTERNS = {"denim": 5, "plain": 5, "marl": 2, "pinstripes": 1, "checks": 1, "camouflage": 1}
+DENIM_COLORS = ("navy", "blue", "sky", "charcoal", "black", "grey")
+BOTTOM_COLORS = (
+    "black", "charcoal", "grey", "navy", "blue", "olive", "sand", "brown", "cream", "burgundy",
+)  # fmt: skip
+SHOE_COLORS = ("white", "black", "charcoal", "brown", "navy", "red", "grey", "sand", "green")
+SOLE_COLORS = ("white", "black", "cream", "brown")
+
+
+@dataclass(frozen=True)
+class Outfit:
+    """Garments and fabrics by name. Raises InputError for a name that does not exist."""
+
+    top: str
+    top_fabric: Fabric
+    bottom: str
+    bottom_fabric: Fabric
+    shoes: str
+    shoe_color: str
+    sole_color: str
+    hair: str
+    hair_color: str
+
+    def __post_init__(self) -> None:
+        for kind, name, valid in (
+            ("top", self.top, TOPS),
+            ("bottom", self.bottom, BOTTOMS),
+            ("shoes", self.shoes, (*SHOES, BAREFOOT)),
+            ("hair", self.hair, HAIRCUTS),
+            ("hair_color", self.hair_color, HAIR_COLORS),
+            ("shoe_color", self.shoe_color, PALETTE),
+            ("sole_color", self.sole_color, PALETTE),
+        ):
+            if name not in valid:
+                raise InputError(f"unknown {kind} '{name}'", valid=valid)
+
+
+def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Generator) -> Outfit:
+    """Draw clothes and hair; hair greys with age and darkens with skin."""
+    top = str(rng.choice(list(TOPS)))
+    bottom = str(rng.choice(list(BOTTOMS), p=[0.2, 0.05, 0.25, 0.3, 0.12, 0.08]))
+    patterns = WARM_PATTERNS if top in ("sweater", "hoodie", "jacket") else TOP_PATTERNS
+    return Outfit(
+        top=top,
+        top_fabric=_fabric(patterns, tuple(PALETTE), rng),
+        bottom=bottom,
+        bottom_fabric=_fabric(BOTTOM_PATTERNS, BOTTOM_COLORS, rng),
+        shoes=str(rng.choice([*SHOES, BAREFOOT], p=[0.45, 0.15, 0.18, 0.12, 0.1])),
+        shoe_color=str(rng.choice(SHOE_COLORS)),
+        sole_color=str(rng.choice(SOLE_COLORS)),
+        hair=_haircut(sex, rng),
+        hair_color=_hair_color(age_years, tone, rng),
+    )
+
+
+def change_outfit(outfit: Outfit, changes: Mapping[str, str]) -> Outfit:
+    """Replace parts of an outfit by name; fabrics as 'pattern:color[,color[,color]]'."""
+    names = [field.name for field in fields(Outfit)]
+    for key in changes:
+        if key not in names:
+            raise InputError(f"unknown part of an outfit '{key}'", valid=names)
+    parsed = {
+        key: _parse_fabric(str(value), getattr(outfit, key)) if "fabric" in key else str(value)
+        for key, value in changes.items()
+    }
+    return replace(outfit, **parsed)
+
+
+def _parse_fabric(text: str, present: Fabric) -> Fabric:
+    pattern, _, colors = text.partition(":")
+    names = [c.strip() for c in colors.split(",") if c.strip()] or list(present.colors)
+    if len(names) > 3:
+        raise InputError(f"fabric '{text}' has {len(names)} colours", valid="1 to 3")
+    names += [names[-1]] * (3 - len(names))
+    return Fabric(pattern.strip(), (names[0], names[1], names[2]), present.wear)
+
+
+def _fabric(
+    patterns: Mapping[str, int], colors: tuple[str, ...], rng: np.random.Generator
+) -> Fabric:
+    assert set(patterns) <= set(PATTERNS)
+    share = np.array(list(patterns.values())) / sum(patterns.values())
+    pattern = str(rng.choice(list(patterns), p=share))
+    main = str(rng.choice(DENIM_COLORS if pattern == "denim" else colors))
+    others = rng.choice([c for c in PALETTE if c != main], 2, replace=False)
+    return Fabric(pattern, (main, str(others[0]), str(others[1])), round(float(rng.uniform()), 2))
+
+
+def _haircut(sex: str, rng: np.random.Generator) -> str:
+    share = [0.02, 0.03, 0.2, 0.25, 0.5] if sex == "female" else [0.12, 0.2, 0.38, 0.25, 0.05]
+    return str(rng.choice(list(HAIRCUTS), p=share))
+
+
+def _hair_color(age_years: float, tone: float, rng: np.random.Generator) -> str:
+    if rng.uniform() < np.clip((age_years - 40) / 40, 0, 0.9):
+        return str(rng.choice(["grey", "white"]))
+    colors = [c for c in HAIR_COLORS if c not in ("grey", "white")]
+    likely = np.array([3, 3, 2, 1, 1, 0.5]) * np.exp(-4 * tone * np.arange(6) / 5)
+    return str(rng.choice(colors, p=likely / likely.sum()))

@@ -1,0 +1,182 @@
+"""Garment shells: the skin's surface pushed outward, smoothed, cut along hems and turned in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from egocap_sim.bodies import BODIES
+from egocap_sim.human.anny_model import BareBody, anatomy
+from egocap_sim.human.chart import Chart, averaging
+
+APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
+SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
+HEM_FOLD = 0.7  # share of the gap to the skin by which a hem's edge is turned in
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Where a garment is: distances (m) inside each edge; cloth lies where all are above 0.
+
+    Skin more than `margin` inside every edge counts as hidden: enough for hems to move.
+    """
+
+    edges: Sequence[Float[Array, "N"]]
+    margin: float = 0.05
+
+    @property
+    def inside(self) -> Float[Array, "N"]:
+        return np.min(self.edges, axis=0)
+
+    @property
+    def covered(self) -> Bool[Array, "N"]:
+        return self.inside > self.margin
+
+
+@dataclass(frozen=True, eq=False)
+class Shell:
+    """Cloth at rest, before its fabric is laid on."""
+
+    vertices: Float[Array, "M 3"]
+    skin: Float[Array, "M 3"]  # the point of the skin under each vertex
+    faces: Int[Array, "F 3"]
+    weights: Float[Array, "M 21"]
+    piece: Int[Array, "M"]  # of `chart`
+
+
+def make_shell(
+    body: BareBody,
+    chart: Chart,
+    cut: Cut,
+    gap: Float[Array, "N"],
+    looseness: Float[Array, "N"],
+    buried: Bool[Array, "N"] | None = None,
+) -> Shell:
+    """Cut a garment from the body.
+
+    `gap` (m) is the least distance to the skin along its normal, `looseness` (m) is added to it
+    before the cloth is smoothed. Triangles all of whose corners are `buried` (under another
+    garment) are left out.
+    """
+    near = cut.inside > -APRON
+    cloth = _push_out(body, chart, near, gap, looseness)
+    weights = smooth_weights(near, 4)
+    faces = anatomy().faces
+    faces = faces[near[faces].all(1)]
+    if buried is not None:
+        faces = faces[~buried[faces].all(1)]
+    mix = sp.identity(len(near), format="csr")
+    for edge in cut.edges:
+        faces, step = clip(faces, mix @ edge)
+        mix = step @ mix
+    return _turn_hems(
+        Shell(
+            vertices=mix @ cloth,
+            skin=mix @ body.vertices,
+            faces=faces,
+            weights=mix @ weights,
+            piece=chart.piece[np.asarray(mix.argmax(axis=1)).ravel()],
+        )
+    )
+
+
+def smooth_weights(patch: Bool[Array, "N"], rounds: int) -> Float[Array, "N 21"]:
+    """Skin weights on all bodies, averaged over neighbours so that cloth bends less sharply."""
+    shape = anatomy()
+    weights = np.zeros((len(shape.bones), len(BODIES)))
+    np.put_along_axis(weights, shape.bones, shape.weights, 1)
+    average = averaging(patch)
+    for _ in range(rounds):
+        weights = 0.5 * weights + 0.5 * (average @ weights)
+    return weights
+
+
+def clip(
+    faces: Int[Array, "F 3"], value: Float[Array, "N"]
+) -> tuple[Int[Array, "G 3"], sp.csr_matrix]:
+    """Cut triangles along the line where `value` is zero and keep the side above it.
+
+    Returns the new triangles and the matrix (M, N) that makes attributes of the new vertices from
+    those of the old.
+    """
+    inside = value > 0
+    count = inside[faces].sum(1)
+    whole = faces[count == 3]
+    # Turn the partly kept triangles so that the corner that stands alone comes first.
+    lone = _alone_first(faces[count == 1], inside)
+    pair = _alone_first(faces[count == 2], ~inside)
+    crossed = np.concatenate([lone[:, [0, 1]], lone[:, [0, 2]], pair[:, [0, 1]], pair[:, [0, 2]]])
+    edge, index = np.unique(np.sort(crossed, 1), axis=0, return_inverse=True)
+    n, index = len(value), index.ravel() + len(value)
+    a, b, c, d = np.split(index, np.cumsum([len(lone), len(lone), len(pair)]))
+    cut = np.concatenate(
+        [
+            whole,
+            np.stack([lone[:, 0], a, b], 1),
+            np.stack([c, pair[:, 1], pair[:, 2]], 1),
+            np.stack([c, pair[:, 2], d], 1),
+        ]
+    )
+    low, high = edge.T if len(edge) else (np.zeros(0, int), np.zeros(0, int))
+    share = value[low] / (value[low] - value[high])
+    rows = np.concatenate([np.arange(n), n + np.arange(len(edge)), n + np.arange(len(edge))])
+    columns = np.concatenate([np.arange(n), low, high])
+    amount = np.concatenate([np.ones(n), 1 - share, share])
+    mix = sp.csr_matrix((amount, (rows, columns)), shape=(n + len(edge), n))
+    used, cut = np.unique(cut, return_inverse=True)
+    return cut.reshape(-1, 3), mix[used]
+
+
+def border(faces: Int[Array, "F 3"]) -> Int[Array, "E 2"]:
+    """Directed edges that have a triangle on one side only."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    n = int(faces.max()) + 1
+    return edges[~np.isin(edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0])]
+
+
+def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array, "F 3"]:
+    start = mask[faces].argmax(1)
+    return np.take_along_axis(faces, (start[:, None] + np.arange(3)) % 3, 1)
+
+
+def _push_out(
+    body: BareBody,
+    chart: Chart,
+    patch: Bool[Array, "N"],
+    gap: Float[Array, "N"],
+    looseness: Float[Array, "N"],
+) -> Float[Array, "N 3"]:
+    skin, average = body.vertices, averaging(patch)
+    normals = chart.normals
+    for _ in range(4):
+        normals = 0.5 * normals + 0.5 * (average @ normals)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cloth = skin + normals * (gap + looseness)[:, None]
+    for _ in range(SMOOTHING):
+        cloth = 0.5 * cloth + 0.5 * (average @ cloth)
+        short = gap - ((cloth - skin) * chart.normals).sum(1)
+        cloth = cloth + chart.normals * np.maximum(short, 0)[:, None]
+    return cloth
+
+
+def _turn_hems(shell: Shell) -> Shell:
+    """Add a narrow strip inside every edge, so that cloth has a thickness where it ends."""
+    edges = border(shell.faces)
+    rim = np.unique(edges)
+    place = np.zeros(len(shell.vertices), int)
+    place[rim] = len(shell.vertices) + np.arange(len(rim))
+    a, b = edges.T
+    strip = np.concatenate([np.stack([b, a, place[a]], 1), np.stack([b, place[a], place[b]], 1)])
+    turned = shell.vertices[rim] * (1 - HEM_FOLD) + shell.skin[rim] * HEM_FOLD
+    return Shell(
+        vertices=np.concatenate([shell.vertices, turned]),
+        skin=np.concatenate([shell.skin, shell.skin[rim]]),
+        faces=np.concatenate([shell.faces, strip]),
+        weights=np.concatenate([shell.weights, shell.weights[rim]]),
+        piece=np.concatenate([shell.piece, shell.piece[rim]]),
+    )

@@ -84,7 +84,8 @@ class Report:
         return tables
 
     def _heading(self) -> str:
-        return f"{self.protocol}: {self.protocol_description}; {self.frames} frames"
+        source = f"; detections {self.detections_source}" if self.detections_source else ""
+        return f"{self.protocol}: {self.protocol_description}; {self.frames} frames{source}"
 
     def _summary(self) -> Table:
         low_high = self.mpjpe_ci95_mm

@@ -182,6 +182,7 @@ def test_command_prints_tables(files, capsys, tmp_path):
     words = ["pose", *files, "--detections", str(tmp_path / "detections.npz")]
     assert main(words) == 0
     text = capsys.readouterr().out
+    assert "130 frames; detections simulated:2.0" in text.splitlines()[0]
     assert "MPJPE                30.0  mm" in text and "simulated:2.0" in text
     assert main([*words, "--markdown", "--protocol", "egocap-17-pa"]) == 0
     assert "egocap-17-pa: " in capsys.readouterr().out

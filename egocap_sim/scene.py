@@ -27,16 +27,12 @@ class RigTable(Strict):
 class PersonTable(Strict):
     """The wearer. What is left out is drawn from the seed."""
 
-    height_m: float | None = Field(None, ge=1.50, le=2.00)
+    sex: Literal["female", "male"] | None = None
+    height_m: float | None = Field(None, ge=1.40, le=2.10)
     age_years: float | None = Field(None, ge=18, le=90)
-    sex: float | None = Field(None, ge=0, le=1)  # 0 female, 1 male, and between
-    weight: float | None = Field(None, ge=0, le=1)  # from slight to heavy
-    muscle: float | None = Field(None, ge=0, le=1)
-    top: str | None = None
-    bottom: str | None = None
-    shoes: str | None = None
-    hair: str | None = None
-    skin_tone: int | None = None
+    skin_tone: float | None = Field(None, ge=0, le=1)  # light to dark
+    phenotype: dict[str, float] = {}  # weight, muscle, proportions, ...: egocap_sim.human.phenotype
+    outfit: dict[str, str] = {}  # top, bottom, shoes, hair, fabrics: egocap_sim.human.outfit
     headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": what the rig is worn on
 
 

@@ -19,6 +19,8 @@ from egocap_sim.motion.legs import bend_leg
 
 _FLOOR_PERCENTILE = 8.0  # of the lowest sole's height: robust against a few low frames
 _NEAR = 0.10  # metres: a slow lowest sole point this close to the floor is standing on it
+_STEP = 0.35  # metres: the highest step that counts as ground
+_STEP_S = 0.2  # the least time on a step, seconds
 _SLOW = 0.5  # metres a second
 _DRIFT_S = 0.06  # standard deviation of the height correction over time, seconds
 _STANCE_HEIGHT = 0.03  # metres
@@ -71,6 +73,10 @@ def snap(
     lowest, speed = points[frames, corner, 2], _speed(points, fps)[frames, corner]
     lowest = lowest - (offset := np.percentile(lowest, _FLOOR_PERCENTILE))
     stands = (np.abs(lowest) < _NEAR) & (speed < _SLOW)
+    # Rough ground is levelled; the top of a jump is as slow, but not for as long.
+    for first, end in _runs((np.abs(lowest) < _STEP) & (speed < _SLOW)):
+        if end - first >= _STEP_S * fps:
+            stands[first:end] = True
     drift = np.interp(frames, frames[stands], lowest[stands]) if stands.any() else 0.0 * lowest
     drift = gaussian_filter1d(drift, _DRIFT_S * fps, mode="nearest")
     return root - np.outer(offset + drift, [0, 0, 1])

@@ -32,11 +32,11 @@ class ControlConfig:
     """Gains of the tracking controller."""
 
     joint_rate: float = 30.0  # rad/s: natural frequency of the critically damped joint feedback
-    root_rate: float = 20.0  # rad/s: the same for the root
+    root_rate: float = 30.0  # rad/s: the same for the root
     friction: float = 0.6  # slope of the planned friction pyramid, below the floor's own
     torque_weight: float = 4.0  # weight of the root's torques against its forces, 1/m
     regularisation: float = 0.02  # of planned pushes: spreads them over the contact points
-    plan_filter_s: float = 0.02  # time constant of the planned pushes
+    plan_filter_s: float = 0.01  # time constant of the planned pushes
     slip: float = 0.1  # share of the friction that is left to a sliding foot
     release_rad: float = 0.1  # a leg joint this far off lets its foot go until it is back
 

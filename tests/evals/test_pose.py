@@ -47,9 +47,11 @@ def make_truth():
     size = np.array([[c.width, c.height] for c in rig.cameras])[:, None]
     in_view = valid & (pixels > -0.5).all(-1) & (pixels < size - 0.5).all(-1)
     visibility = np.where(in_view, VISIBLE, OUT_OF_VIEW).astype(np.uint8)
-    hidden = in_view & (np.arange(18) % 9 == 4)
-    visibility[:, 0][hidden[:, 0]] = SELF_OCCLUDED
-    visibility[:, 1][hidden[:, 1]] = OCCLUDED
+    for view, (cause, joints_hidden) in enumerate(
+        ((SELF_OCCLUDED, [4, 13, 16]), (OCCLUDED, [5, 14, 16]))
+    ):
+        hidden = in_view[:, view] & np.isin(np.arange(18), joints_hidden)
+        visibility[:, view][hidden] = cause
     eye = np.broadcast_to(np.eye(4), (FRAMES, 21, 4, 4))
     return Truth(
         time=times,
@@ -151,7 +153,17 @@ def test_hidden_joints_without_detection_are_misses(folder, truth):
 def test_visible_share_is_of_joints_seen_by_either_camera(folder, truth):
     report = score_track(open_sequence(folder), make_track(truth))
     seen = (truth.visibility == VISIBLE).any(1)[:, 1:]
-    assert report.visible_share == pytest.approx(seen.mean())
+    assert report.visible_share == pytest.approx(seen.mean()) == 16 / 17
+
+
+def test_a_joint_tracked_out_of_the_lens_is_a_miss(folder, truth):
+    joints = truth.joints_head.copy()
+    joints[:, LABELS.index("left_hand")] = [0.0, 0.0, 3.0]  # far above cameras that look down
+    report = score_track(open_sequence(folder), make_track(truth, joints))
+    score = report.reprojection
+    assert score.per_joint_pck20["left_hand"] == 0
+    assert score.per_joint_pck20["right_hand"] == 100
+    assert score.missing_share > 0
 
 
 def test_a_track_of_other_frames_is_refused(folder, truth):

@@ -29,7 +29,8 @@ class Chart:
     """Coordinates of every skin vertex, in metres.
 
     `arm` runs from the shoulder down the arm, `leg` from the hip down the leg (both 0 elsewhere);
-    `neck` is the height above a ring around the base of the neck, lower in front.
+    `neck` is the height above a ring around the base of the neck, lower in front, and minus the
+    distance to it on the shoulders and the chest.
     """
 
     piece: Int[Array, "N"]  # TORSO ... RIGHT_LEG
@@ -116,15 +117,15 @@ def _along(points: list[Array], vertices: Float[Array, "N 3"]) -> Float[Array, "
 
 
 def _above_neck(vertices: Float[Array, "N 3"], joints: dict[str, Array]) -> Float[Array, "N"]:
-    """Height above the collar's plane; on the torso never more than the way in from its edge."""
+    """Height above the neck's ring; below and beside it, minus the distance to the ring's disc."""
     neck, notch = joints["neck"], joints["l_clavicle"]
-    back, front = neck + [-0.055, 0.0, 0.005], np.array([notch[0] + 0.04, 0.0, notch[2]])
-    slope = (front[2] - back[2]) / (front[0] - back[0])
-    height = vertices[:, 2] - (back[2] + slope * (vertices[:, 0] - back[0]))
-    centre = (back + front) / 2
-    radius = np.hypot(vertices[:, 0] - centre[0], vertices[:, 1])
-    on_head = anatomy().owner == INDEX["head"]
-    return np.where(on_head, height, np.minimum(height, 0.105 - radius))
+    back, front = neck + [-0.055, 0.0, 0.01], np.array([notch[0] + 0.04, 0.0, notch[2] + 0.01])
+    up = unit(np.array([back[2] - front[2], 0.0, front[0] - back[0]]))
+    offset = vertices - (back + front) / 2
+    height = offset @ up
+    beside = np.maximum(np.linalg.norm(offset - height[:, None] * up, axis=1) - 0.06, 0.0)
+    beside[anatomy().owner == INDEX["head"]] = 0.0
+    return np.where(height > 0, height - beside, -np.hypot(height, beside))
 
 
 def _length(joints: dict[str, Array], *names: str) -> float:

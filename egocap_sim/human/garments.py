@@ -11,9 +11,7 @@ from numpy import ndarray as Array
 from egocap_sim.bodies import INDEX
 from egocap_sim.human.anny_model import BareBody
 from egocap_sim.human.chart import LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, TORSO, Chart
-from egocap_sim.human.shell import Cut, Shell, make_shell
-
-ELSEWHERE = 1.0  # m inside: an edge that does not concern this part of the body
+from egocap_sim.human.shell import ELSEWHERE, Cut, Level, Shell, make_shell
 
 
 @dataclass(frozen=True)
@@ -73,10 +71,10 @@ def fit_top(body: BareBody, chart: Chart, top: Top) -> Fitted:
     arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
     cut = Cut(
         [
-            np.where(arm, ELSEWHERE, z - hem),
             np.where(arm, _along(top.sleeve, chart.elbow, chart.wrist) - chart.arm, ELSEWHERE),
             np.where(chart.piece == TORSO, top.collar - chart.neck, ELSEWHERE),
-        ]
+        ],
+        Level(hem, above=True, where=~arm),
     )
     drop = np.clip((chest - z) / (chest - hem), 0, 1)
     # Shoulders carry the cloth; it falls freely from the chest down and along the sleeves.
@@ -87,7 +85,9 @@ def fit_top(body: BareBody, chart: Chart, top: Top) -> Fitted:
     gap = top.gap + 0.004 * drop * ~arm  # over the waistband below
     shell = make_shell(body, chart, cut, gap, looseness)
     legs = np.isin(shell.piece, (LEFT_LEG, RIGHT_LEG))
-    return Fitted(replace(shell, piece=np.where(legs, TORSO, shell.piece)), cut.covered)
+    return Fitted(
+        replace(shell, piece=np.where(legs, TORSO, shell.piece)), cut.covered(body.vertices)
+    )
 
 
 def fit_bottom(body: BareBody, chart: Chart, bottom: Bottom, buried: Bool[Array, "N"]) -> Fitted:
@@ -99,13 +99,14 @@ def fit_bottom(body: BareBody, chart: Chart, bottom: Bottom, buried: Bool[Array,
     length = _along(bottom.leg, chart.knee, chart.ankle)
     cut = Cut(
         [
-            np.where(arm, -ELSEWHERE, waist - z),
+            np.where(arm, -ELSEWHERE, ELSEWHERE),
             np.where(leg, length - chart.leg, ELSEWHERE),
-        ]
+        ],
+        Level(waist, above=False, where=~arm),
     )
     looseness = bottom.ease * np.where(leg, np.clip(chart.leg / length, 0.05, 1), 0.05)
     gap = np.full(len(z), bottom.gap)
-    return Fitted(make_shell(body, chart, cut, gap, looseness, buried), cut.covered)
+    return Fitted(make_shell(body, chart, cut, gap, looseness, buried), cut.covered(body.vertices))
 
 
 def _levels(body: BareBody) -> tuple[float, float, float]:

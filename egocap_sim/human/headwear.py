@@ -57,7 +57,7 @@ def fit_hair(body: BareBody, chart: Chart, hair: Hair) -> tuple[Shell, Bool[Arra
     gap = hair.edge * 0.5 + 0.001 + 0 * z
     return make_shell(
         body, chart, cut, gap, hair.edge / 2 + (hair.top - hair.edge) * rise
-    ), cut.covered
+    ), cut.covered(body.vertices)
 
 
 def hair_texture(color: Float[Array, "3"], rng: np.random.Generator) -> UInt8[Array, "256 256 3"]:

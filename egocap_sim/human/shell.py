@@ -16,26 +16,43 @@ from egocap_sim.human.chart import Chart, averaging
 
 APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
 SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
+ELSEWHERE = 1.0  # m inside: what an edge says of parts of the body that it does not concern
 HEM_FOLD = 0.7  # share of the gap to the skin by which a hem's edge is turned in
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """An edge at one height (m) of the cloth itself: cloth lies above it, or below it."""
+
+    height: float
+    above: bool
+    where: Bool[Array, "N"]  # vertices it concerns
+
+    def inside(self, points: Float[Array, "N 3"]) -> Float[Array, "N"]:
+        """Distance inside the edge of vertices at these points."""
+        depth = points[:, 2] - self.height
+        return np.where(self.where, depth if self.above else -depth, ELSEWHERE)
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
     """Where a garment is: distances (m) inside each edge; cloth lies where all are above 0.
 
-    Skin more than `margin` inside every edge counts as hidden: enough for hems to move.
+    Skin more than `margin` inside every edge counts as hidden: enough for hems to move. Where
+    `level` is given, cloth also ends at that height, wherever `levelled`.
     """
 
     edges: Sequence[Float[Array, "N"]]
+    level: Level | None = None
     margin: float = 0.05
 
-    @property
-    def inside(self) -> Float[Array, "N"]:
-        return np.min(self.edges, axis=0)
+    def edges_at(self, points: Float[Array, "N 3"]) -> list[Float[Array, "N"]]:
+        """Distances inside each edge of cloth (or skin) whose vertices are at these points."""
+        return [*self.edges, *([self.level.inside(points)] if self.level else [])]
 
-    @property
-    def covered(self) -> Bool[Array, "N"]:
-        return self.inside > self.margin
+    def covered(self, skin: Float[Array, "N 3"]) -> Bool[Array, "N"]:
+        """The skin's vertices that cannot be seen."""
+        return np.min(self.edges_at(skin), axis=0) > self.margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +80,7 @@ def make_shell(
     before the cloth is smoothed. Triangles all of whose corners are `buried` (under another
     garment) are left out.
     """
-    near = cut.inside > -APRON
+    near = np.min(cut.edges_at(body.vertices), axis=0) > -APRON
     cloth = _push_out(body, chart, near, gap, looseness)
     weights = smooth_weights(near, 4)
     faces = anatomy().faces
@@ -71,7 +88,7 @@ def make_shell(
     if buried is not None:
         faces = faces[~buried[faces].all(1)]
     mix = sp.identity(len(near), format="csr")
-    for edge in cut.edges:
+    for edge in cut.edges_at(cloth):
         faces, step = clip(faces, mix @ edge)
         mix = step @ mix
     return _turn_hems(

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from egocap.skeleton import DOF_COUNT, SPREAD
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import predict
-from egocap.track.kernel import Model, squared_residuals
+from egocap.track.kernel import Model, detections, priors, squared_residuals
 from egocap.track.observations import Observations
 from egocap.track.solver import solve_frame
 from egocap.track.starts import start_poses
 
-_WIDE = 10.0
-"""Factor on the robust scale while a pose is sought: far residuals must still pull."""
+_WIDENING = (10.0, 3.0)
+"""Factors on the robust scale while a pose is sought: far residuals must pull at first."""
 _NO_SCATTER = np.zeros(0)
 
 
@@ -37,7 +37,7 @@ def track_causally(
             scatter = config.speed * step * SPREAD
             angles[t], converged[t] = frame.solve(predicted, predicted, scatter)
         if times[t] >= retry and (t == 0 or not frame.agrees(angles[t])):
-            angles[t], converged[t] = frame.search(angles[t])
+            angles[t], converged[t] = frame.search(angles[t], jump_cost(config) if t else 0.0)
             if not frame.agrees(angles[t]):
                 retry = times[t] + config.retry_s
     return angles, converged
@@ -64,14 +64,18 @@ class _Frame:
         angles, _, converged, _ = self._minimise(start, predicted, scatter, 1.0)
         return angles, converged
 
-    def search(self, last: Float[Array, "37"]) -> tuple[Float[Array, "37"], bool]:
-        """The lowest energy reached from the last pose and from all starting poses."""
-        found = []
-        for start in (last, *start_poses()):
-            near = self._minimise(start, start, _NO_SCATTER, _WIDE)[0]
+    def search(self, tracked: Float[Array, "37"], cost: float) -> tuple[Float[Array, "37"], bool]:
+        """The lowest energy reached from all starting poses; the tracked pose is `cost` ahead."""
+        found = [self._minimise(tracked, tracked, _NO_SCATTER, 1.0)]
+        for start in start_poses():
+            near = start
+            for widening in _WIDENING:
+                near = self._minimise(near, near, _NO_SCATTER, widening)[0]
             found.append(self._minimise(near, near, _NO_SCATTER, 1.0))
-        angles, _, converged, _ = min(found, key=lambda result: result[1])
-        return angles, converged
+        angles, energy, converged, _ = min(found, key=lambda result: result[1])
+        if energy + cost < found[0][1]:
+            return angles, converged
+        return (tracked, True) if cost else (found[0][0], found[0][2])
 
     def agrees(self, angles: Float[Array, "37"]) -> bool:
         """Whether enough of the frame's detections lie within the robust scale of the pose."""
@@ -94,3 +98,58 @@ class _Frame:
         return solve_frame(
             self.model, start, predicted, scatter, *self.data, scale, iterations, tolerance
         )
+
+
+def track_both_ways(
+    observations: Observations, model: Model, config: TrackerConfig
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
+    """The better of a forward and a backward pass in every frame.
+
+    What the forward pass loses until it recovers, the backward pass has from the other side.
+    """
+    forward, forward_done = track_causally(observations, model, config)
+    backward, backward_done = track_causally(observations.reversed, model, config)
+    both = np.stack([forward, backward[::-1]])
+    done = np.stack([forward_done, backward_done[::-1]])
+    energies = np.stack([frame_energies(a, observations, model, config) for a in both])
+    choice = cheapest_path(energies, jump_cost(config))
+    frames = np.arange(len(choice))
+    return both[choice, frames], done[choice, frames]
+
+
+def jump_cost(config: TrackerConfig) -> float:
+    """Energy that leaving a continuous motion must save: so many wholly wrong detections."""
+    return config.jump_gain * 0.5 * config.lambda_detection * config.robust_scale**2
+
+
+def cheapest_path(costs: Float[Array, "S T"], change: float) -> Int[Array, "T"]:
+    """Choose one of S states in each of T frames at the least sum of costs and of changes.
+
+    Source: Viterbi 1967, with the same price for every change of state.
+    """
+    states, frames = costs.shape
+    total, came_from = costs[:, 0].copy(), np.zeros((states, frames), int)
+    for t in range(1, frames):
+        best = int(np.argmin(total))
+        stay = total <= total[best] + change
+        came_from[:, t] = np.where(stay, np.arange(states), best)
+        total = np.where(stay, total, total[best] + change) + costs[:, t]
+    path = np.zeros(frames, int)
+    path[-1] = int(np.argmin(total))
+    for t in range(frames - 1, 0, -1):
+        path[t - 1] = came_from[path[t], t]
+    return path
+
+
+def frame_energies(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
+) -> Float[Array, "T"]:
+    """Energy of every frame on its own: detections, limits, pose prior."""
+    energy = np.zeros(len(angles))
+    H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
+    for t, pose in enumerate(np.ascontiguousarray(angles)):
+        data = observations.centres, observations.rays[t], observations.whiten[t]
+        energy[t] = detections(
+            model, pose, *data, observations.weights[t], float(config.robust_scale), H, g
+        ) + priors(model, pose, H, g)
+    return energy

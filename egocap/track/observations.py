@@ -29,6 +29,12 @@ class Observations:
     whiten: Float[Array, "T V 18 2 3"]  # direction across the ray -> standard deviations
     weights: Float[Array, "T V 18"]  # 0 for missing
 
+    @property
+    def reversed(self) -> Observations:
+        """The same with time running backwards."""
+        flipped = (np.ascontiguousarray(a[::-1]) for a in (self.rays, self.whiten, self.weights))
+        return Observations(-self.times[::-1], self.centres, *flipped)
+
 
 def observe(
     detections: Detections, rig: Rig, proportions: Proportions, config: TrackerConfig

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,9 +15,12 @@ from egocap.body import Proportions
 from egocap.errors import InputError
 from egocap.results import Detections, Track
 from egocap.rig import Rig
-from egocap.skeleton import DOF_COUNT, forward
+from egocap.skeleton import forward
 from egocap.track.config import TrackerConfig
 from egocap.track.observations import Observations, observe
+
+if TYPE_CHECKING:
+    from egocap.track.kernel import Model
 
 log = logging.getLogger(__name__)
 
@@ -39,11 +43,14 @@ def track(
         raise InputError("no frames to track")
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise InputError("the detections' times do not increase from frame to frame")
-    _compile(observe(detections, rig, proportions, config), proportions, config)
+    from egocap.track import causal, kernel
+
+    model = kernel.make_model(proportions, config)
+    _compile(observe(detections, rig, proportions, config), model, config)
 
     started = time.perf_counter()
     observations = observe(detections, rig, proportions, config)
-    angles, converged = _solve(observations, proportions, config)
+    angles, converged = _solve(observations, model, config)
     joints = forward(proportions, angles)
     seconds = time.perf_counter() - started
 
@@ -51,7 +58,7 @@ def track(
         times=times,
         angles=angles,
         joints_head=joints,
-        energy=_energies(angles, observations, proportions, config),
+        energy=causal.frame_energies(angles, observations, model, config),
         converged=converged,
         detections_used=np.count_nonzero(observations.weights, axis=(1, 2)).astype(float),
         seconds_per_frame=seconds / len(times),
@@ -60,43 +67,24 @@ def track(
 
 
 def _solve(
-    observations: Observations, proportions: Proportions, config: TrackerConfig
+    observations: Observations, model: Model, config: TrackerConfig
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
-    from egocap.track import causal, kernel, smoothing
+    from egocap.track import causal, smoothing
 
-    model = kernel.make_model(proportions, config)
-    angles, converged = causal.track_causally(observations, model, config)
     if config.smoothing == "interval":
+        angles, _ = causal.track_both_ways(observations, model, config)
         return smoothing.smooth_interval(angles, observations, model, config)
+    angles, converged = causal.track_causally(observations, model, config)
     if config.smoothing == "gaussian":
         return smoothing.smooth_gaussian(angles, config.gaussian_frames), converged
     return angles, converged
 
 
-def _compile(observations: Observations, proportions: Proportions, config: TrackerConfig) -> None:
+def _compile(observations: Observations, model: Model, config: TrackerConfig) -> None:
     """Compile the kernels, or load them from the cache, outside the clock."""
     started = time.perf_counter()
     head = {
         name: getattr(observations, name)[:3] for name in ("times", "rays", "whiten", "weights")
     }
-    _solve(replace(observations, **head), proportions, config)
+    _solve(replace(observations, **head), model, config)
     log.debug("kernels ready after %.1f s", time.perf_counter() - started)
-
-
-def _energies(
-    angles: Float[Array, "T 37"],
-    observations: Observations,
-    proportions: Proportions,
-    config: TrackerConfig,
-) -> Float[Array, "T"]:
-    from egocap.track.kernel import detections, make_model, priors
-
-    model = make_model(proportions, config)
-    energy = np.zeros(len(angles))
-    H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
-    for t, pose in enumerate(angles):
-        energy[t] = detections(
-            model, pose, observations.centres, observations.rays[t], observations.whiten[t],
-            observations.weights[t], float(config.robust_scale), H, g,
-        ) + priors(model, pose, H, g)  # fmt: skip
-    return energy

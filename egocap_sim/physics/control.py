@@ -24,6 +24,7 @@ from egocap_sim.bodies import FEET, INDEX
 from egocap_sim.physics.model import FRICTION
 from egocap_sim.physics.target import Target
 
+_PLAN_EVERY = 2  # steps between two plans: planning is the dearest part of a step
 _SIDE = np.array([0, 0, 1, 1])  # of the feet, as egocap_sim.bodies.FEET
 
 
@@ -57,6 +58,7 @@ class Controller:
         self._foot_geom = np.array([model.geom(foot).id for foot in FEET])
         self._leg_dofs = np.array([_leg_dofs(model, side) for side in ("l", "r")])
         self._plan = np.zeros((len(FEET), 6))
+        self._goal, self._steps = self._plan.copy(), 0
         self._open, self._grip = np.zeros(len(FEET), bool), np.ones(len(FEET))
         self._error, self._inertia = np.zeros(nv), np.zeros(nv)
         self._jacobian, self._spin = np.zeros((3, nv)), np.zeros((3, nv))
@@ -86,7 +88,10 @@ class Controller:
         wanted = target.qacc[i] + self._stiffness * (self._error + dt * lag) + self._damping * lag
         mujoco.mj_mulM(model, data, self._inertia, wanted)
         force = self._inertia + data.qfrc_bias - data.qfrc_passive
-        self._plan += self._blend * (self._pushes(data, force[:6]) - self._plan)
+        if self._steps % _PLAN_EVERY == 0:
+            self._goal = self._pushes(data, force[:6])
+        self._steps += 1
+        self._plan += self._blend * (self._goal - self._plan)
         # The leg must not go on pushing against a floor that has been taken away.
         self._plan[~self._open] = 0.0
         data.qfrc_applied[:] = force - self._generalised(data)

@@ -1,0 +1,66 @@
+"""Curves that procedural motions are made of: minimum jerk, slow noise, and rotations from angles.
+
+Source: T. Flash and N. Hogan, The coordination of arm movements (J. Neuroscience 5, 1985), for the
+minimum-jerk profile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.geometry import axis_angle
+
+
+def minimum_jerk(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """From 0 to 1 over 0..1 with zero speed and acceleration at both ends; held outside."""
+    x = np.clip(x, 0.0, 1.0)
+    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+
+
+def through(
+    t: Float[Array, "T"],
+    times: Sequence[float],
+    values: Float[Array, "K *D"],
+    bulge: Float[Array, "*D"] | float = 0.0,
+) -> Float[Array, "T *D"]:
+    """Minimum-jerk moves through keys at increasing times; held before the first and after the last.
+
+    Halfway between two keys the curve is `bulge` times their distance off the straight line.
+    """
+    times, values = np.asarray(times, float), np.asarray(values, float)
+    if len(times) == 1:
+        return np.broadcast_to(values[0], (len(t), *values.shape[1:])).copy()
+    k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+    s = minimum_jerk((t - times[k]) / np.maximum(times[k + 1] - times[k], 1e-6))
+    s = s.reshape(-1, *[1] * (values.ndim - 1))
+    move = values[k + 1] - values[k]
+    curve = values[k] + s * move
+    if values.ndim > 1:
+        distance = np.linalg.norm(move, axis=-1, keepdims=True)
+        curve = curve + 4.0 * s * (1.0 - s) * distance * bulge
+    return curve
+
+
+def slow_noise(
+    t: Float[Array, "T"], rng: np.random.Generator, lowest: float, highest: float, waves: int = 5
+) -> Float[Array, "T"]:
+    """Smooth random signal of standard deviation about 1, of frequencies in a band [Hz]."""
+    f = np.exp(rng.uniform(np.log(lowest), np.log(highest), waves))
+    phase = rng.uniform(0.0, 2.0 * np.pi, waves)
+    waves_ = np.sin(2.0 * np.pi * np.outer(t, f) + phase)
+    return waves_.sum(1) * np.sqrt(2.0 / waves)
+
+
+def turn(
+    yaw: Float[Array, "*n"] | float = 0.0,
+    pitch: Float[Array, "*n"] | float = 0.0,
+    roll: Float[Array, "*n"] | float = 0.0,
+) -> Float[Array, "*n 3 3"]:
+    """Rotations that roll about x, then pitch about y (positive: forward), then yaw about z."""
+    yaw, pitch, roll = np.broadcast_arrays(*(np.asarray(a, float) for a in (yaw, pitch, roll)))
+    x, y, z = np.eye(3)
+    return axis_angle(z, yaw) @ axis_angle(y, pitch) @ axis_angle(x, roll)

@@ -7,7 +7,8 @@ index buffer, each with a bounding box, so that a cube face draws only the chunk
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -24,11 +25,10 @@ GLOW = 255  # alpha of a texture that shines by itself
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """A run of triangles that share a side rule and a shadow rule."""
+    """A run of triangles that is drawn or left out as one."""
 
     first: int  # first index in the index buffer
     count: int
-    double_sided: bool
     casts_shadow: bool
 
 
@@ -54,7 +54,7 @@ class Batch:
     _starts: Int[Array, "C"]
 
     def pose(self, transforms: Float[Array, "B 4 4"]) -> tuple[Array, Array]:
-        """Posed positions and (unnormalised) normals under an actor's skinning transforms.
+        """Posed positions and unit normals under an actor's skinning transforms.
 
         Raises: InputError when the actor's meshes name more bones than there are transforms.
         """
@@ -68,7 +68,9 @@ class Batch:
         # The last bone is the world itself, for rigid meshes of an actor.
         S = np.concatenate([transforms[: self.n_bones], np.eye(4)[None]]).astype(np.float32)
         rows = np.swapaxes(S[:, :3, :], 1, 2)  # (B, 4, 3)
-        return self.blend @ rows.reshape(-1, 3), self.blend_normals @ rows[:, :3].reshape(-1, 3)
+        normals = self.blend_normals @ rows[:, :3].reshape(-1, 3)
+        normals /= np.maximum(np.sqrt(np.einsum("ni,ni->n", normals, normals)), 1e-9)[:, None]
+        return self.blend @ rows.reshape(-1, 3), normals
 
     def boxes(self, positions: Float[Array, "N 3"]) -> tuple[Array, Array]:
         """Lower and upper corners (C, 3) of every chunk's bounding box."""
@@ -80,7 +82,11 @@ class Batch:
 
 
 def merge(meshes: Sequence[Mesh]) -> Batch:
-    """Merge meshes into one batch; rigid ones stay in the world."""
+    """Merge meshes into one batch; rigid ones stay in the world.
+
+    A double-sided mesh becomes two: what is seen from behind needs normals of its own.
+    """
+    meshes = [side for m in meshes for side in ((m, _inside_out(m)) if m.double_sided else (m,))]
     n_bones = max((int(m.bones.max()) + 1 for m in meshes if m.bones is not None), default=0)
     offsets = np.cumsum([0] + [len(m.vertices) for m in meshes])
     positions = np.concatenate([m.vertices for m in meshes]).astype(np.float32)
@@ -136,22 +142,29 @@ def _normals(mesh: Mesh) -> Array:
     return vertex_normals(mesh.vertices[first], welded[mesh.faces])[welded]
 
 
+def _inside_out(mesh: Mesh) -> Mesh:
+    return replace(mesh, faces=mesh.faces[:, ::-1], casts_shadow=False)
+
+
 def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, tuple[Chunk, ...]]:
-    """Sort triangles by side rule, shadow rule, mesh (if rigid) and part; list the runs."""
+    """Sort triangles by shadow rule, mesh (if rigid, small ones first) and part; list the runs.
+
+    Small things stand before large ones, and what is hidden by then costs no shading.
+    """
+    small_first = np.argsort(np.argsort([np.ptp(m.vertices, axis=0).max() for m in meshes]))
     mesh_of_face = np.repeat(np.arange(len(meshes)), [len(m.faces) for m in meshes])
     rules = np.array(
-        [(m.double_sided, m.casts_shadow, -1 if m.bones is not None else i)
-         for i, m in enumerate(meshes)]
-    )[mesh_of_face]  # fmt: skip
+        [
+            (not m.casts_shadow, -1 if m.bones is not None else small_first[i])
+            for i, m in enumerate(meshes)
+        ]
+    )[mesh_of_face]
     keys = np.c_[rules, parts[faces[:, 2]]]
     order = np.lexsort(keys.T[::-1])
     keys, faces = keys[order], faces[order]
     cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
     edges = [0, *cuts.tolist(), len(faces)]
-    return faces, tuple(
-        Chunk(3 * a, 3 * (b - a), bool(keys[a, 0]), bool(keys[a, 1]))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
-    )
+    return faces, tuple(Chunk(3 * a, 3 * (b - a), not keys[a, 0]) for a, b in pairwise(edges))
 
 
 def _layers(meshes: Sequence[Mesh]) -> tuple[UInt8[Array, "L S S 4"], Int[Array, "M"]]:

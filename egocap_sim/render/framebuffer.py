@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from ctypes import c_void_p
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap_sim.render.gl import GL
@@ -20,14 +20,16 @@ class AtlasBuffer:
     Averaging would mix labels, so with `samples` they are drawn again, unaveraged, when asked for.
     """
 
-    def __init__(self, width: int, height: int, samples: int) -> None:
-        self.width, self.height, self.samples = width, height, samples
+    def __init__(self, needed: Bool[Array, "h w"], samples: int) -> None:
+        self.height, self.width = needed.shape
+        self.samples = samples
         self._renderbuffers: list[int] = []
         self._plain = self._make(0)
         self._drawn = self._make(samples) if samples else self._plain
-        self.color = np.empty((height, width, 4), np.uint8)
-        self.labels = np.empty((height, width), np.uint8)
+        self.color = np.empty((self.height, self.width, 4), np.uint8)
+        self.labels = np.empty((self.height, self.width), np.uint8)
         self.has_labels = False
+        self._empty_depth = self._make_empty_depth(needed)
 
     def begin(self, background: Float[Array, "3"]) -> None:
         """Clear and draw here; background colour as written to pixels, 0..1."""
@@ -71,7 +73,8 @@ class AtlasBuffer:
 
     def free(self) -> None:
         """Give the memory back."""
-        frames = {self._plain, self._drawn}
+        frames = {self._plain, self._drawn, self._empty_depth}
+        GL.glDeleteTextures([self._texture])
         GL.glDeleteFramebuffers(len(frames), list(frames))
         GL.glDeleteRenderbuffers(len(self._renderbuffers), self._renderbuffers)
 
@@ -87,10 +90,31 @@ class AtlasBuffer:
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthMask(GL.GL_TRUE)
         GL.glDepthFunc(GL.GL_LESS)
+        GL.glEnable(GL.GL_CULL_FACE)
         GL.glCullFace(GL.GL_BACK)
         GL.glClearColor(*map(float, background), 0.0)
-        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT)
+        box = (0, 0, self.width, self.height)
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._empty_depth)
+        GL.glBlitFramebuffer(*box, *box, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
         GL.glEnable(GL.GL_SCISSOR_TEST)
+
+    def _make_empty_depth(self, needed: Array) -> int:
+        """Depth to start from: infinitely far, but nearest of all where nothing need be drawn."""
+        self._texture = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
+        GL.glTexImage2D(
+            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, self.width, self.height, 0,
+            GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, needed.astype(np.float32),
+        )  # fmt: skip
+        frame = GL.glGenFramebuffers(1)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+        GL.glFramebufferTexture2D(
+            GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, self._texture, 0
+        )
+        GL.glDrawBuffer(GL.GL_NONE)
+        GL.glReadBuffer(GL.GL_NONE)
+        return frame
 
     def _make(self, samples: int) -> int:
         frame = GL.glGenFramebuffers(1)
@@ -151,6 +175,7 @@ class ShadowMap:
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthMask(GL.GL_TRUE)
         GL.glDepthFunc(GL.GL_LESS)
+        GL.glDisable(GL.GL_CULL_FACE)
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
         GL.glEnable(GL.GL_DEPTH_CLAMP)  # casters behind the light still cast
         GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)

@@ -29,7 +29,6 @@ class GpuBatch:
             [batch.positions, batch.normals, batch.uv, batch.layer_part], axis=1
         ).astype(np.float32)
         self._texture = _texture_array(batch.layers)
-        self._double = np.array([c.double_sided for c in batch.chunks])
         self._first = np.array([c.first for c in batch.chunks])
         self._count = np.array([c.count for c in batch.chunks])
 
@@ -44,35 +43,23 @@ class GpuBatch:
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._texture)
 
-    def draw(self, chosen: Bool[Array, "C"], *, both_sides: bool = False) -> None:
-        """Draw the chosen chunks with the bound program."""
+    def draw(self, chosen: Bool[Array, "C"]) -> None:
+        """Draw the chosen chunks with the bound program, neighbours in one call."""
         self.primitive._bind()
-        if both_sides:
-            GL.glDisable(GL.GL_CULL_FACE)
-            self._draw(chosen)
-            return
-        GL.glEnable(GL.GL_CULL_FACE)
-        self._draw(chosen & ~self._double)
-        GL.glDisable(GL.GL_CULL_FACE)
-        self._draw(chosen & self._double)
+        index = np.flatnonzero(chosen)
+        for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
+            if len(run):
+                GL.glDrawElementsInstanced(
+                    GL.GL_TRIANGLES,
+                    int(self._count[run].sum()),
+                    GL.GL_UNSIGNED_INT,
+                    ctypes.c_void_p(4 * int(self._first[run[0]])),
+                    1,
+                )
 
     def free(self) -> None:
         """Give the texture memory back; the buffers go with the renderer."""
         GL.glDeleteTextures([self._texture])
-
-    def _draw(self, chosen: Bool[Array, "C"]) -> None:
-        index = np.flatnonzero(chosen)
-        if not len(index):
-            return
-        runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)  # neighbours in one call
-        for run in runs:
-            GL.glDrawElementsInstanced(
-                GL.GL_TRIANGLES,
-                int(self._count[run].sum()),
-                GL.GL_UNSIGNED_INT,
-                ctypes.c_void_p(4 * int(self._first[run[0]])),
-                1,
-            )
 
 
 class Uniforms:
@@ -112,7 +99,7 @@ def _texture_array(layers: Array) -> int:
         GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, np.ascontiguousarray(layers),
     )  # fmt: skip
     for key, value in (
-        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_LINEAR),
+        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST),
         (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
         (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
         (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),

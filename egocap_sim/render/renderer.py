@@ -67,7 +67,7 @@ class FisheyeRenderer(pyrender.Renderer):
             self._scene.add(gpu.mesh)
         self._update_context(self._scene, _SCENE)
         self._shadow = ShadowMap()
-        self._buffer = AtlasBuffer(self.atlas.width, self.atlas.height, samples)
+        self._buffer = AtlasBuffer(self.atlas.needed, samples)
         self._resampler = Resampler(self.atlas)
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
@@ -157,7 +157,7 @@ class FisheyeRenderer(pyrender.Renderer):
         for gpu in self._gpu.values():
             program = self._program(gpu, _SHADOW)
             self._uniforms.matrix(program, "clip_from_world", clip)
-            gpu.draw(np.array([c.casts_shadow for c in gpu.batch.chunks]), both_sides=True)
+            gpu.draw(np.array([c.casts_shadow for c in gpu.batch.chunks]))
         self._shadow.end()
         return projection.TO_TEXTURE @ clip
 

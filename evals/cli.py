@@ -56,9 +56,44 @@ def pose(
     print(shown)
 
 
+@app.command
+def physics(
+    motions: Annotated[Path, arg(metavar="DIR")],
+    person: int = 0,
+    workers: int = 1,
+    json: bool = False,
+    out: Annotated[Path | None, arg(metavar="FILE")] = None,
+) -> int:
+    """Retarget and simulate every motion clip of a folder; exit code 3 when a target is missed.
+
+    Args:
+        motions: Folder of .bvh and .npz clips.
+        person: Seed of the person who moves.
+        workers: Processes to use.
+        json: Print JSON instead of a table.
+        out: Write the result there too: .json (with command, commit and machine) or .txt.
+    """
+    from egocap.commandline import DONE, MISSED
+    from evals.physics import run_physics
+    from evals.record import save_result, write_text
+
+    formats = (".json", ".txt")
+    if out is not None and out.suffix not in formats:
+        raise InputError(f"--out {out}: no format for '{out.suffix}'", valid=formats)
+    report = run_physics(motions, person=person, workers=workers)
+    if out is not None and out.suffix == ".json":
+        words = ["egocap-eval", "physics", "--motions", str(motions), "--person", str(person)]
+        save_result(out, report.to_dict(), shlex.join([*words, "--out", str(out)]))
+    elif out is not None:
+        write_text(out, report.to_text() + "\n")
+    print(report.to_json() if json else report.to_text())
+    return MISSED if report.missed() else DONE
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    return run(app, prog="egocap-eval", description="Measure tracks and detections.", args=args)
+    what = "Measure tracks, detections and physics."
+    return run(app, prog="egocap-eval", description=what, args=args)
 
 
 _FORMATS = (".json", ".md", ".txt")

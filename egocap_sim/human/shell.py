@@ -73,15 +73,16 @@ def make_shell(
     gap: Float[Array, "N"],
     looseness: Float[Array, "N"],
     buried: Bool[Array, "N"] | None = None,
+    rounds: int = SMOOTHING,
 ) -> Shell:
     """Cut a garment from the body.
 
     `gap` (m) is the least distance to the skin along its normal, `looseness` (m) is added to it
-    before the cloth is smoothed. Triangles all of whose corners are `buried` (under another
-    garment) are left out.
+    before the cloth is smoothed in so many `rounds` of averaging. Triangles all of whose corners
+    are `buried` (under another garment) are left out.
     """
     near = np.min(cut.edges_at(body.vertices), axis=0) > -APRON
-    cloth = _push_out(body, chart, near, gap, looseness)
+    cloth = _push_out(body, chart, near, gap, looseness, rounds)
     weights = smooth_weights(near, 4)
     faces = anatomy().faces
     faces = faces[near[faces].all(1)]
@@ -167,6 +168,7 @@ def _push_out(
     patch: Bool[Array, "N"],
     gap: Float[Array, "N"],
     looseness: Float[Array, "N"],
+    rounds: int,
 ) -> Float[Array, "N 3"]:
     skin, average = body.vertices, averaging(patch)
     normals = chart.normals
@@ -174,7 +176,7 @@ def _push_out(
         normals = 0.5 * normals + 0.5 * (average @ normals)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     cloth = skin + normals * (gap + looseness)[:, None]
-    for _ in range(SMOOTHING):
+    for _ in range(rounds):
         cloth = 0.5 * cloth + 0.5 * (average @ cloth)
         short = gap - ((cloth - skin) * chart.normals).sum(1)
         cloth = cloth + chart.normals * np.maximum(short, 0)[:, None]

@@ -52,7 +52,7 @@ def make_shoes(
     for side in ("l_", "r_"):
         top = body.joints[INDEX[side + "foot"], 2] + shoe.collar
         leg = np.isin(shape.owner, [INDEX[side + b] for b in ("calf", "foot", "toe")])
-        foot = leg & (body.vertices[:, 2] < top + 0.02)
+        foot = leg & (body.vertices[:, 2] < top + 0.035)
         covered |= foot & (body.vertices[:, 2] < top - 0.025)
         ring_points, ring_uv = _rings(body.vertices[foot], top, shoe)
         start = sum(len(v) for v in vertices)

@@ -55,7 +55,7 @@ def skin_texture(
     for eye in EYES:
         _paint(image, eye, (0.012, 0.012), np.array([0.88, 0.86, 0.84]), 1.0)
     for eye in EYES[:2]:
-        _paint(image, eye, (0.0035, 0.0035), rgb(iris), 1.0)
+        _paint(image, eye, (0.0022, 0.0022), rgb(iris), 1.0)
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
 
 

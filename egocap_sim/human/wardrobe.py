@@ -132,8 +132,8 @@ def _sample_body(
     while True:
         values = {
             "gender": 1 - gender if sex == "female" else gender,
-            "weight": 0.1 + 0.8 * rng.beta(2.0, 2.0),
-            "muscle": 0.25 + 0.65 * rng.beta(2.0, 2.0),
+            "weight": 0.1 + 0.9 * rng.beta(2.0, 1.8),
+            "muscle": 0.05 + 0.85 * rng.beta(1.6, 2.0),
             "proportions": rng.uniform(0.0, 0.7),
             "cup": rng.beta(2.0, 3.0),
             **ancestry,

@@ -216,4 +216,3 @@ def _interpolate(q: Float[Array, "T 4"], bad: Bool[Array, "T"]) -> Float[Array, 
     slerp = Slerp(good, Rotation.from_quat(q[good][:, [1, 2, 3, 0]]))
     fixed = slerp(times).as_quat()[:, [3, 0, 1, 2]]
     return np.where(bad[:, None], fixed, q)
-

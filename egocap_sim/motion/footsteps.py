@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 
 from egocap_sim.motion import figure
 from egocap_sim.motion.curves import minimum_jerk, turn
+from egocap_sim.motion.stance import TOE_OUT
 
 STANCE = 1.24  # of a step's duration (two steps a cycle)
 FLAT_FROM, FLAT_TO = 0.16, 0.78  # of a step's duration after the strike
@@ -47,19 +48,25 @@ class Plant:
 
 
 def plan(
-    path: PathAt, starts: float, ends: float, step_s: float, side: int, width: float, toe_out: float
+    path: PathAt,
+    width: Callable[[float], float],
+    starts: float,
+    ends: float,
+    step_s: float,
+    side: int,
 ) -> tuple[list[Plant], list[Plant]]:
     """Stances of the left and the right foot for steps from `starts` to `ends` [s].
 
-    `side` is the foot that steps first, 0 left. A walk begins and ends with both feet side by side.
+    `width` is the distance between the feet at a time, `side` the foot that steps first (0 left). A
+    walk begins and ends with both feet side by side.
     """
     feet: tuple[list[Plant], list[Plant]] = ([], [])
     strikes = np.arange(starts + step_s * 0.76, ends + 3.0 * step_s, step_s)
-    spots: tuple[list, list] = ([(-np.inf, *_spot(path, starts, 0, width, toe_out))],
-                                [(-np.inf, *_spot(path, starts, 1, width, toe_out))])  # fmt: skip
+    spots: tuple[list, list] = ([(-np.inf, *_spot(path, width, starts, 0))],
+                                [(-np.inf, *_spot(path, width, starts, 1))])  # fmt: skip
     for k, strike in enumerate(strikes):
         foot = (side + k) % 2
-        place, yaw = _spot(path, strike + MIDSTANCE * step_s, foot, width, toe_out)
+        place, yaw = _spot(path, width, strike + MIDSTANCE * step_s, foot)
         _, last, last_yaw = spots[foot][-1]
         if np.hypot(*np.subtract(place, last)) > 0.015 or abs(yaw - last_yaw) > 0.05:
             spots[foot].append((float(strike), place, yaw))
@@ -80,13 +87,13 @@ def plan(
 
 
 def _spot(
-    path: PathAt, time: float, foot: int, width: float, toe_out: float
+    path: PathAt, width: Callable[[float], float], time: float, foot: int
 ) -> tuple[tuple[float, float], float]:
     at, heading = path(np.array([time]))
     sign = 1.0 - 2.0 * foot
     left = np.array([-np.sin(heading[0]), np.cos(heading[0])])
-    place = at[0] + sign * 0.5 * width * left
-    return (float(place[0]), float(place[1])), float(heading[0] + sign * toe_out)
+    place = at[0] + sign * 0.5 * width(time) * left
+    return (float(place[0]), float(place[1])), float(heading[0] + sign * TOE_OUT)
 
 
 def roll_feet(

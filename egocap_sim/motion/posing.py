@@ -16,7 +16,7 @@ from egocap_sim.motion.curves import turn
 from egocap_sim.motion.limbs import two_bones
 
 SIDES = (("l_", 1.0), ("r_", -1.0))
-FULL_LEG = 0.994  # of its length: the pelvis sinks rather than a leg being straighter
+FULL_LEG = 0.996  # of its length: the pelvis sinks rather than a leg being straighter
 FULL_ARM = 0.985
 
 
@@ -127,9 +127,7 @@ def _arm(
     axis = unit(end - shoulder)
     swivel = axis_angle(axis, -sign * np.broadcast_to(c.swivel[:, i], len(w)))
     towards = np.einsum("tij,tj->ti", swivel, towards)
-    upper, lower = two_bones(
-        shoulder, end, towards, figure.UPPERARM, figure.FOREARM, knee=False
-    )
+    upper, lower = two_bones(shoulder, end, towards, figure.UPPERARM, figure.FOREARM, knee=False)
     # Pronation turns about the forearm; wrist and elbow share it as radius and hand do.
     lower = lower @ turn(yaw=-sign * 0.6 * c.pronation[:, i])
     hand = lower @ turn(yaw=-sign * 0.4 * c.pronation[:, i]) @ turn(roll=sign * c.wrist_bend[:, i])
@@ -140,7 +138,5 @@ def _arm(
 def _elbow_side(w: Float[Array, "T 3"], sign: float) -> Float[Array, "T 3"]:
     """Where an elbow hangs, in the chest's frame: back and down; outward when the hand is high."""
     high = np.clip(unit(w)[:, 2], 0.0, 1.0)
-    side = np.stack(
-        [-0.5 + 0.9 * high, sign * (0.35 + 0.6 * high), np.full(len(w), -0.8)], axis=-1
-    )
+    side = np.stack([-0.5 + 0.9 * high, sign * (0.35 + 0.6 * high), np.full(len(w), -0.8)], axis=-1)
     return unit(side)

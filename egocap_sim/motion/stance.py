@@ -17,7 +17,7 @@ TOE_OUT = 0.13  # radians
 HANG = np.array([0.03, 0.055, -0.555])
 """Wrist of a hanging left arm, from the shoulder in the chest's frame."""
 HANG_PRONATION = 0.35
-HIP_HEIGHT = figure.REST[0, 2] - 0.012  # the pelvis joint of someone standing at ease
+HIP_HEIGHT = figure.REST[0, 2] - 0.006  # the pelvis joint of someone standing at ease
 
 
 @dataclass(frozen=True)

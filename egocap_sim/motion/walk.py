@@ -19,7 +19,7 @@ from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.curves import minimum_jerk, slow_noise, turn
 from egocap_sim.motion.footsteps import MIDSTANCE, plan, roll_feet
 from egocap_sim.motion.posing import SIDES, Controls, pose_figure
-from egocap_sim.motion.stance import HALF_WIDTH, HANG_PRONATION, HIP_HEIGHT, TOE_OUT, draw_style
+from egocap_sim.motion.stance import HALF_WIDTH, HANG_PRONATION, HIP_HEIGHT, draw_style
 
 WALK_RATIO = 0.39  # metres of step a step/s
 TIGHTEST = 0.75  # metres, radius of the tightest turn
@@ -51,8 +51,12 @@ def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps
     style = draw_style(rng)
     way = _Way(float(t[-1]), rng, params)
     first = int(rng.integers(2))
-    width = 2.0 * HALF_WIDTH if params.stops else 0.13
-    feet = plan(way.at, way.starts, way.ends, way.step_s, first, width, TOE_OUT * rng.uniform(0.4, 1.1))
+    narrow = rng.uniform(0.08, 0.13)
+
+    def width(time: float) -> float:
+        return 2.0 * HALF_WIDTH + (narrow - 2.0 * HALF_WIDTH) * float(way.amplitude(time))
+
+    feet = plan(way.at, width, way.starts, way.ends, way.step_s, first)
     rolled = [roll_feet(t, plants, way.step_s) for plants in feet]
     gait = way.amplitude(t)
     # +1 when the left foot strikes, -1 when the right does.
@@ -65,7 +69,7 @@ def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps
     dip = 0.5 * params.bounce * 0.045 * (length / 0.7) ** 2 * gait
     pelvis = np.empty((len(t), 3))
     pelvis[:, :2] = xy + (0.02 * gait * stance_side)[:, None] * left
-    pelvis[:, 2] = HIP_HEIGHT - 0.012 * gait - 0.35 * dip + dip * (np.cos(2.0 * phase) - 1.0) * 0.5
+    pelvis[:, 2] = HIP_HEIGHT - 0.014 * gait - 0.35 * dip + dip * (np.cos(2.0 * phase) - 1.0) * 0.5
     arm, flex = _arms(t, swing * gait, gait, params, rng)
     yaw = -0.09 * gait * swing
     look = heading_ahead(way, t, 0.7)
@@ -110,9 +114,9 @@ def _arms(
         out = 0.11 + 0.02 * gait
         upper = _down(shoulder) * figure.UPPERARM
         wrist[:, i] = upper + _down(shoulder + elbow) * figure.FOREARM
-        wrist[:, i, 1] += sign * np.tan(out) * -wrist[:, i, 2] - sign * 0.25 * (
-            elbow - 0.22
-        ) * figure.FOREARM
+        wrist[:, i, 1] += (
+            sign * np.tan(out) * -wrist[:, i, 2] - sign * 0.25 * (elbow - 0.22) * figure.FOREARM
+        )
         flex[:, i] = elbow
     return wrist, flex
 
@@ -129,11 +133,17 @@ class _Way:
         self.step_s = float(np.sqrt(WALK_RATIO / params.speed))
         ramp = 2.0 * self.step_s
         self.starts = float(rng.uniform(0.25, 0.5)) if params.stops else -2.3 * self.step_s
-        self.ends = max(seconds - 2.6 * self.step_s, self.starts) if params.stops else seconds + self.step_s
+        self.ends = (
+            max(seconds - 2.6 * self.step_s, self.starts) if params.stops else seconds + self.step_s
+        )
         dt = 1.0 / 240.0
         self._t = np.arange(-4.0, seconds + 6.0, dt)
         up = minimum_jerk((self._t - self.starts) / ramp)
-        down = 1.0 - minimum_jerk((self._t - self.ends + 0.3 * self.step_s) / ramp) if params.stops else 1.0
+        down = (
+            1.0 - minimum_jerk((self._t - self.ends + 0.3 * self.step_s) / ramp)
+            if params.stops
+            else 1.0
+        )
         self._gait = up * down if params.stops else np.ones(len(self._t))
         self._speed = params.speed * self._gait
         self._integrate(dt, rng, params)
@@ -166,6 +176,6 @@ class _Way:
         xy = np.stack([np.interp(t, self._t, self._xy[:, a]) for a in (0, 1)], -1)
         return xy, np.interp(t, self._t, self._heading)
 
-    def amplitude(self, t: Array) -> Array:
+    def amplitude(self, t: Array | float) -> Array:
         """How much of a full gait there is, 0 standing to 1."""
         return np.interp(t, self._t, self._gait)

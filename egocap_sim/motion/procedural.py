@@ -1,0 +1,131 @@
+"""Built-in motions, which need no file: a table of names, and `make_motion`.
+
+All are canonical clips on the standard figure (`figure`), metres, floor at z = 0. Standing motions
+start and end in the neutral stance at the origin, facing +x, so that `sequence` can join them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from egocap.errors import InputError
+from egocap_sim.motion.clip import Clip
+from egocap_sim.motion.gestures import GESTURES, GestureParams, gesticulate
+from egocap_sim.motion.postures import (
+    IdleParams, LookParams, SitParams, SquatParams, idle, look_around, sit, squat,
+)  # fmt: skip
+from egocap_sim.motion.sequence import concatenate
+from egocap_sim.motion.walk import WalkParams, walk
+
+
+@dataclass(frozen=True)
+class SequenceParams:
+    """Several motions, one after another."""
+
+    parts: tuple[str, ...] = ("walk", "gestures", "look_around", "squat", "sit")
+    """Names of motions; each gets an equal share of the time."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A built-in motion: how it is made, the type of its parameters, what they are unless given."""
+
+    make: Callable[..., Clip]  # (times, rng, params, fps)
+    params: type
+    about: str
+    defaults: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+def _sequence(t: np.ndarray, rng: np.random.Generator, params: SequenceParams, fps: float) -> Clip:
+    for part in params.parts:
+        if part not in MOTIONS or part == "sequence":
+            raise InputError(
+                f"unknown part '{part}'", valid=[m for m in MOTIONS if m != "sequence"]
+            )
+    if not params.parts:
+        raise InputError("a sequence without parts", valid=[m for m in MOTIONS if m != "sequence"])
+    count, clips = len(params.parts), []
+    edges = np.linspace(0, len(t) - 1, count + 1).round().astype(int)
+    for part, a, b in zip(params.parts, edges[:-1], edges[1:], strict=True):
+        clips.append(_make(MOTIONS[part], (b - a + 1), rng, fps, {}))
+    return concatenate("sequence", clips)
+
+
+_LIMITS: dict[str, tuple[float, float]] = {
+    "speed": (0.3, 1.9), "radius": (1.0, 100.0), "wander": (0.0, 2.0), "arm_swing": (0.0, 2.0),
+    "bounce": (0.0, 2.0), "lean": (-0.2, 0.4), "pace": (0.5, 2.0), "size": (0.4, 1.15),
+    "depth": (0.1, 1.0), "seat": (0.35, 0.6), "stay": (0.0, 600.0), "yaw": (0.1, 1.3),
+}  # fmt: skip
+
+MOTIONS: dict[str, Motion] = {
+    "walk": Motion(walk, WalkParams, "walk along a winding way inside a circle"),
+    "gestures": Motion(gesticulate, GestureParams, "gestures and reaches of all kinds, standing"),
+    "squat": Motion(squat, SquatParams, "squats"),
+    "sit": Motion(sit, SitParams, "sit down onto an implied seat and stand up"),
+    "look_around": Motion(look_around, LookParams, "look at one thing after another"),
+    "idle": Motion(idle, IdleParams, "stand, breathe, shift weight"),
+    "sequence": Motion(_sequence, SequenceParams, "several motions, one after another"),
+} | {
+    name: Motion(
+        gesticulate, GestureParams, (make.__doc__ or "").split("\n")[0], {"kinds": (name,)}
+    )
+    for name, make in GESTURES.items()
+}
+"""Every built-in motion by name."""
+
+
+def make_motion(
+    name: str, duration_s: float, rng: np.random.Generator, fps: float = 60.0, **params: Any
+) -> Clip:
+    """Make a built-in motion of `duration_s` seconds; chance (style, choices) comes from `rng`.
+
+    `params` are fields of the motion's parameter class (`MOTIONS[name].params`). Raises InputError
+    for an unknown motion or parameter or an impossible value, listing what is valid.
+    """
+    if name not in MOTIONS:
+        raise InputError(f"unknown motion '{name}'", valid=MOTIONS)
+    if not (np.isfinite(duration_s) and 0.5 <= duration_s <= 3600.0):
+        raise InputError(f"a motion of {duration_s} s", valid="0.5 to 3600 s")
+    if not (np.isfinite(fps) and 10.0 <= fps <= 1000.0):
+        raise InputError(f"{fps} frames per second", valid="10 to 1000")
+    frames = round(duration_s * fps) + 1
+    clip = _make(MOTIONS[name], frames, rng, fps, params)
+    return dataclasses.replace(clip, name=name)
+
+
+def _make(
+    motion: Motion, frames: int, rng: np.random.Generator, fps: float, params: dict[str, Any]
+) -> Clip:
+    t = np.arange(frames) / fps
+    return motion.make(t, rng, _parameters(motion, params), fps)
+
+
+def _parameters(motion: Motion, params: dict[str, Any]) -> Any:
+    hints = typing.get_type_hints(motion.params)
+    for key, value in params.items():
+        if key not in hints:
+            raise InputError(f"unknown parameter '{key}'", valid=hints or "none")
+        params = params | {key: _checked(key, value, hints[key])}
+    return motion.params(**(motion.defaults | params))
+
+
+def _checked(key: str, value: Any, kind: Any) -> Any:
+    if kind is float:
+        low, high = _LIMITS[key]
+        good = isinstance(value, int | float) and not isinstance(value, bool)
+        if not good or not low <= value <= high:
+            raise InputError(f"{key} is {value!r}", valid=f"{low:g} to {high:g}")
+        return float(value)
+    if kind is bool or kind is str:
+        if not isinstance(value, kind):
+            raise InputError(f"{key} is {value!r}", valid=f"a {kind.__name__}")
+        return value
+    if isinstance(value, str) or not all(isinstance(v, str) for v in value):
+        raise InputError(f"{key} is {value!r}", valid="a list of names")
+    return tuple(value)

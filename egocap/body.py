@@ -144,15 +144,18 @@ class Proportions:
             offsets[i] = (0.0, 0.0, -np.linalg.norm(offsets[i]))
         return cls(offsets)
 
-    def save(self, path: str | Path) -> None:
-        """Write body.json."""
-        content = {
+    def to_dict(self) -> dict[str, object]:
+        """The content of body.json."""
+        return {
             "kind": "egocap-body",
             "schema_version": SCHEMA,
             "units": "m",
             "offsets": {name: row.tolist() for name, row in zip(POINTS, self.offsets, strict=True)},
         }
-        Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+    def save(self, path: str | Path) -> None:
+        """Write body.json."""
+        Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> Proportions:

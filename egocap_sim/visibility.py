@@ -1,7 +1,7 @@
 """Which joints each view sees, and what hides the others, from what the renderer drew.
 
-A joint lies inside the body, so it counts as seen when the surface its ray first meets is the skin or
-cloth right around it: a part next to the joint, no farther in front of it than the tissue is deep.
+A joint lies inside the body, so it counts as seen when the surface its ray first meets is the skin
+or cloth right around it: a part next to the joint, no farther in front than the tissue is deep.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ TISSUE_M = {
     "head": 0.14, "neck": 0.10, "shoulder": 0.10, "elbow": 0.07, "wrist": 0.05, "hand": 0.05,
     "hip": 0.17, "knee": 0.09, "ankle": 0.08, "foot": 0.07,
 }  # fmt: skip
-"""Greatest depth of each kind of joint under skin for a person of 1.75 m, metres: half the largest
-breadth or depth of the segment there in adults (NASA-STD-3000, 95th percentile), rounded up."""
+"""How deep each kind of joint may lie under skin along a ray, metres, for a person of 1.75 m: half
+the breadth of a heavy adult there. Our estimate, generous: another limb is told by its part."""
 CLOTH_M = 0.04  # how far loose cloth stands off the skin
 _STATURE_M = 1.75
 

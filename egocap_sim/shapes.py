@@ -1,0 +1,164 @@
+"""Boxes, cylinders, balls and sheets as textured meshes, with texture at a natural size.
+
+`tile` is always the size in metres that one repeat of the texture covers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap import geometry
+from egocap_sim import parts
+from egocap_sim.mesh import Mesh
+
+Texture = UInt8[Array, "H W 3"]
+
+
+def sheet(
+    name: str,
+    corner: Iterable[float],
+    across: Iterable[float],
+    down: Iterable[float],
+    texture: Texture,
+    tile: float | None = None,
+    *,
+    part: int = parts.ROOM,
+    casts_shadow: bool = False,
+    glows: bool = False,
+) -> Mesh:
+    """A rectangle from its top-left corner, as seen by whoever it faces; metres.
+
+    It faces down x across... that is, the viewer for whom `across` points right and `down` down.
+    Without `tile` the texture is stretched over it once.
+    """
+    c, a, d = (np.array(v, float) for v in (corner, across, down))
+    repeats = (
+        np.ones(2) if tile is None else np.array([np.linalg.norm(a), np.linalg.norm(d)]) / tile
+    )
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * repeats
+    return Mesh(
+        name, np.array([c, c + a, c + a + d, c + d]), np.array([[0, 3, 2], [0, 2, 1]]), uv, texture,
+        np.full(4, part, np.uint8), casts_shadow=casts_shadow, glows=glows,
+    )  # fmt: skip
+
+
+def box(
+    name: str,
+    center: Iterable[float],
+    size: Iterable[float],
+    texture: Texture,
+    tile: float = 1.0,
+    *,
+    part: int = parts.FURNITURE,
+    shininess: float = 0.0,
+    casts_shadow: bool = True,
+) -> Mesh:
+    """A box with hard edges; the texture's rows follow z on its sides."""
+    center, half = np.array(center, float), np.array(size, float) / 2
+    vertices, uv, faces = [], [], []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            u, v = ((1, 2), (0, 2), (0, 1))[axis]
+            corner = np.zeros((4, 3))
+            corner[:, axis] = sign * half[axis]
+            corner[:, u] = np.array([-1, 1, 1, -1]) * half[u]
+            corner[:, v] = np.array([-1, -1, 1, 1]) * half[v]
+            outward = np.cross(corner[1] - corner[0], corner[3] - corner[0])[axis] * sign > 0
+            base = 4 * len(vertices)
+            turn = [[0, 1, 2], [0, 2, 3]] if outward else [[0, 2, 1], [0, 3, 2]]
+            faces.append(np.array(turn) + base)
+            vertices.append(corner + center)
+            uv.append(np.c_[corner[:, u], -corner[:, v]] / tile)
+    return _rigid(name, vertices, faces, uv, texture, part, shininess, casts_shadow)
+
+
+def cylinder(
+    name: str,
+    bottom: Iterable[float],
+    radius: float | tuple[float, float],
+    height: float,
+    texture: Texture,
+    tile: float = 1.0,
+    *,
+    part: int = parts.FURNITURE,
+    shininess: float = 0.0,
+    sides: int = 20,
+    glows: bool = False,
+) -> Mesh:
+    """An upright cylinder, or cone with the radii below and above; closed at both ends."""
+    below, above = radius if isinstance(radius, tuple) else (radius, radius)
+    turn = np.linspace(0, 2 * np.pi, sides + 1)
+    ring = np.c_[np.cos(turn), np.sin(turn), np.zeros_like(turn)]
+    low, high = ring * below, ring * above + [0, 0, height]
+    i = np.arange(sides)
+    j = i + sides + 1
+    side = np.concatenate([np.c_[i, i + 1, j + 1], np.c_[i, j + 1, j]])
+    s = turn * max(below, above) / tile
+    uv = np.concatenate([np.c_[s, np.full_like(s, height / tile)], np.c_[s, np.zeros_like(s)]])
+    vertices, faces, uvs = [np.concatenate([low, high])], [side], [uv]
+    for rim, order in ((high, [0, 1, 2]), (low, [0, 2, 1])):
+        base = sum(map(len, vertices))
+        middle = rim[:-1].mean(axis=0)
+        vertices.append(np.concatenate([middle[None], rim]))
+        faces.append((np.c_[np.zeros_like(i), i + 1, i + 2] + base)[:, order])
+        uvs.append(vertices[-1][:, :2] / tile)
+    vertices = [v + np.array(bottom, float) for v in vertices]
+    mesh = _rigid(name, vertices, faces, uvs, texture, part, shininess, True)
+    return replace(mesh, glows=glows, casts_shadow=not glows)
+
+
+def ball(
+    name: str,
+    center: Iterable[float],
+    radii: Iterable[float],
+    texture: Texture,
+    tile: float = 1.0,
+    *,
+    part: int = parts.FURNITURE,
+    shininess: float = 0.0,
+    inward: bool = False,
+    rings: int = 10,
+    casts_shadow: bool = True,
+    glows: bool = False,
+) -> Mesh:
+    """An ellipsoid; `inward` shows its inside (a sky). One turn is a whole number of repeats."""
+    lat, lon = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij"
+    )
+    unit = np.stack([np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)], -1)
+    radii = np.array(list(radii), float)
+    around = max(1, round(2 * np.pi * float(radii.max()) / tile))
+    uv = np.stack([lon / (2 * np.pi) * around, lat / np.pi * max(1, around / 2)], -1)
+    n = 2 * rings + 1
+    i, j = np.meshgrid(np.arange(rings), np.arange(n - 1), indexing="ij")
+    k = (i * n + j).ravel()
+    faces = np.concatenate([np.c_[k, k + n, k + n + 1], np.c_[k, k + n + 1, k + 1]])
+    faces = faces[:, ::-1] if inward else faces
+    vertices = unit.reshape(-1, 3) * radii + np.array(list(center), float)
+    mesh = _rigid(name, [vertices], [faces], [uv.reshape(-1, 2)], texture, part, shininess, True)
+    return replace(mesh, casts_shadow=casts_shadow, glows=glows)
+
+
+def placed(meshes: Iterable[Mesh], position: Iterable[float], yaw: float = 0.0) -> tuple[Mesh, ...]:
+    """Meshes turned about z by `yaw` (rad) and moved to a position."""
+    T = geometry.rigid(geometry.axis_angle(geometry.UP, yaw), np.array(list(position), float))
+    return tuple(replace(m, vertices=geometry.transform(T, m.vertices)) for m in meshes)
+
+
+def extent(meshes: Iterable[Mesh]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """Lower and upper corner of the box around meshes."""
+    all_vertices = np.concatenate([m.vertices for m in meshes])
+    return all_vertices.min(axis=0), all_vertices.max(axis=0)
+
+
+def _rigid(name, vertices, faces, uv, texture, part, shininess, casts_shadow) -> Mesh:
+    vertices = np.concatenate(vertices)
+    return Mesh(
+        name, vertices, np.concatenate(faces), np.concatenate(uv), texture,
+        np.full(len(vertices), part, np.uint8), shininess=shininess, casts_shadow=casts_shadow,
+    )  # fmt: skip

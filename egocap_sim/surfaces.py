@@ -1,0 +1,232 @@
+"""Procedural surface textures of rooms: each a seamless square of known size, from a generator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+SIZE = 512  # pixels along a texture
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A texture (sRGB) and how many metres one repeat of it covers."""
+
+    texture: UInt8[Array, "S S 3"]
+    tile: float
+
+
+def noise(rng: np.random.Generator, low: float, high: float, steep: float = 1.0) -> Array:
+    """Seamless noise (S, S), mean 0 and deviation 1, with `low` to `high` waves along an edge."""
+    return _filtered(rng, low, high, steep, 1.0)
+
+
+def grain(rng: np.random.Generator, stretch: float) -> Array:
+    """Seamless noise drawn out along the rows, like the grain of wood."""
+    return _filtered(rng, 2, 200, 0.8, stretch)
+
+
+def planks(rng: np.random.Generator) -> Surface:
+    """Wooden floorboards running along x, each of its own tone."""
+    count, tile = int(rng.integers(6, 11)), float(rng.uniform(1.1, 1.6))
+    wood = _wood_colour(rng)
+    row = np.arange(SIZE) * count // SIZE
+    tone, shift = rng.normal(0, 0.07, count), rng.integers(0, SIZE, count)
+    column = (np.arange(SIZE)[None, :] + shift[row][:, None]) % SIZE
+    base = grain(rng, 14)[np.arange(SIZE)[:, None], column]
+    value = 1 + tone[row][:, None] + 0.06 * base
+    edge = (np.arange(SIZE) * count % SIZE) < 1.2 * count
+    value[edge] *= 0.55
+    value[column < 2] *= 0.65  # where boards meet end to end
+    return Surface(_tinted(value, wood), tile)
+
+
+def tiles(rng: np.random.Generator) -> Surface:
+    """Stone or ceramic tiles with grout, sometimes in two colours."""
+    count, tile = 4, float(rng.uniform(1.2, 2.0))
+    stone = rng.uniform(0.45, 0.85) * np.array(
+        [1.0, rng.uniform(0.93, 1.0), rng.uniform(0.85, 1.0)]
+    )
+    i, j = np.meshgrid(np.arange(SIZE) * count // SIZE, np.arange(SIZE) * count // SIZE)
+    tone = 1 + rng.normal(0, 0.03, (count, count))[j, i] + 0.04 * noise(rng, 2, 60)
+    if rng.random() < 0.4:
+        tone = tone * np.where((i + j) % 2, 1.0, rng.uniform(0.45, 0.8))
+    grout = ((np.arange(SIZE) * count) % SIZE) < rng.uniform(4, 7) * count
+    tone = np.where(grout[:, None] | grout[None, :], rng.uniform(0.5, 0.8), tone)
+    return Surface(_tinted(tone, stone), tile)
+
+
+def carpet(rng: np.random.Generator) -> Surface:
+    """Short pile in one colour, flecked, with faint worn patches."""
+    value = 1 + 0.10 * noise(rng, 60, 250, 0.0) + 0.04 * noise(rng, 1, 8)
+    return Surface(_tinted(value, _cloth_colour(rng)), float(rng.uniform(0.8, 1.2)))
+
+
+def concrete(rng: np.random.Generator) -> Surface:
+    """Smooth screed: clouds, and a few dark specks."""
+    value = 1 + 0.07 * noise(rng, 1, 40, 1.3) + 0.02 * noise(rng, 60, 250, 0.0)
+    value = np.where(noise(rng, 20, 120, 0.3) > 3.0, 0.75, value)
+    return Surface(_tinted(value, np.full(3, rng.uniform(0.45, 0.7))), 3.0)
+
+
+def plaster(rng: np.random.Generator) -> Surface:
+    """Painted wall: a light colour with the roller's texture."""
+    paint = np.array([0.86, 0.85, 0.82]) + rng.uniform(-0.12, 0.08, 3)
+    value = 1 + 0.012 * noise(rng, 30, 200, 0.2) + 0.02 * noise(rng, 1, 6)
+    return Surface(_tinted(value, paint), 1.5)
+
+
+def wallpaper(rng: np.random.Generator) -> Surface:
+    """Stripes, or a lattice of small motifs, on a light ground."""
+    ground = rng.uniform(0.6, 0.9, 3)
+    figure = np.clip(ground * rng.uniform(0.6, 0.9, 3), 0, 1)
+    count = int(rng.integers(4, 9))
+    x, y = np.meshgrid(np.arange(SIZE) / SIZE * count, np.arange(SIZE) / SIZE * count)
+    if rng.random() < 0.5:
+        mask = (x % 1.0) < rng.uniform(0.2, 0.6)
+    else:
+        x = x + 0.5 * (np.floor(y) % 2) if count % 2 == 0 else x
+        u, v = x % 1.0 - 0.5, y % 1.0 - 0.5
+        petals = 0.22 + 0.12 * np.cos(int(rng.integers(3, 7)) * np.arctan2(v, u))
+        mask = np.hypot(u, v) < petals
+    colour = np.where(mask[..., None], figure, ground)
+    return Surface(_bytes(colour * (1 + 0.015 * noise(rng, 30, 200))[..., None]), 1.0)
+
+
+def bricks(rng: np.random.Generator) -> Surface:
+    """Brickwork in stretcher bond."""
+    rows, columns = 12, 4
+    y = np.arange(SIZE) * rows / SIZE
+    shift = 0.5 * (np.floor(y) % 2)
+    x = np.arange(SIZE)[None, :] * columns / SIZE + shift[:, None]
+    i, j = np.floor(x).astype(int) % columns, np.floor(y).astype(int)[:, None] % rows
+    mortar = (x % 1.0 < 0.05) | ((y % 1.0) < 0.13)[:, None]
+    clay = np.array([0.60, 0.34, 0.27]) if rng.random() < 0.6 else np.array([0.8, 0.78, 0.74])
+    tone = 1 + rng.normal(0, 0.1, (rows, columns))[j, i] + 0.05 * noise(rng, 4, 120, 0.6)
+    colour = np.where(mortar[..., None], rng.uniform(0.55, 0.8), clay * tone[..., None])
+    return Surface(_bytes(colour), 1.0)
+
+
+def wood(rng: np.random.Generator) -> Surface:
+    """Veneer for furniture."""
+    return Surface(_tinted(1 + 0.07 * grain(rng, 12), _wood_colour(rng)), 1.0)
+
+
+def lacquer(rng: np.random.Generator) -> Surface:
+    """One even colour: white, dark or bright."""
+    colour = (np.full(3, 0.88), np.full(3, 0.15), rng.uniform(0.15, 0.8, 3))[int(rng.integers(3))]
+    return Surface(_tinted(1 + 0.01 * noise(rng, 1, 20), colour), 1.0)
+
+
+def cloth(rng: np.random.Generator) -> Surface:
+    """Upholstery: a weave, sometimes striped or checked."""
+    y, x = np.mgrid[0:SIZE, 0:SIZE]
+    weave = 0.05 * np.sin(x * 2 * np.pi / 8) * np.sin(y * 2 * np.pi / 8)
+    colour = np.broadcast_to(_cloth_colour(rng), (SIZE, SIZE, 3))
+    kind, count = rng.random(), int(rng.integers(4, 10))
+    if kind < 0.3:
+        band = ((x * count // SIZE) + (y * count // SIZE if kind < 0.15 else 0)) % 2
+        colour = np.where(band[..., None] > 0, colour, _cloth_colour(rng))
+    return Surface(_bytes(colour * (1 + weave + 0.04 * noise(rng, 20, 200, 0.2))[..., None]), 0.5)
+
+
+def rug(rng: np.random.Generator) -> Surface:
+    """A patterned rug, drawn once, with borders."""
+    y, x = np.mgrid[0:SIZE, 0:SIZE] / SIZE - 0.5
+    edge = np.maximum(abs(x), abs(y))
+    colours = np.stack([_cloth_colour(rng) for _ in range(4)])
+    waves = rng.integers(2, 7, 2)
+    field = np.sin(waves[0] * 2 * np.pi * (abs(x) + abs(y))) + np.cos(waves[1] * 4 * np.pi * x * y)
+    index = np.where(field > 0.5, 1, 0)
+    index = np.where((edge > 0.38) & (edge < 0.41), 2, np.where(edge > 0.45, 3, index))
+    return Surface(_bytes(colours[index] * (1 + 0.08 * noise(rng, 60, 250, 0.0))[..., None]), 1.0)
+
+
+def books(rng: np.random.Generator) -> Surface:
+    """Book spines, side by side; seen once along a shelf."""
+    colour, x = np.zeros((SIZE, SIZE, 3)), 0
+    while x < SIZE:
+        width, height = int(rng.integers(10, 34)), int(rng.integers(300, 490))
+        spine = rng.uniform(0.1, 0.85, 3) * rng.uniform(0.5, 1.0)
+        colour[SIZE - height :, x : x + width] = spine
+        title = SIZE - height + int(rng.integers(20, 90))
+        colour[title : title + 60, x + width // 3 : x + 2 * width // 3] = rng.uniform(0.6, 1.0)
+        colour[:, x : x + 1] *= 0.3
+        x += width
+    return Surface(_bytes(colour), 1.0)
+
+
+def leaves(rng: np.random.Generator) -> Surface:
+    """Foliage: bright and dark greens in small patches."""
+    value = 0.75 + 0.22 * noise(rng, 12, 120, 0.4) + 0.12 * noise(rng, 60, 250, 0.0)
+    return Surface(_tinted(value, np.array([0.28, 0.45, 0.16]) * rng.uniform(0.8, 1.2, 3)), 0.5)
+
+
+def grass(rng: np.random.Generator) -> Surface:
+    """A lawn with drier patches."""
+    value = 1 + 0.16 * noise(rng, 60, 250, 0.0) + 0.10 * noise(rng, 1, 12)
+    return Surface(_tinted(value, np.array([0.36, 0.46, 0.20]) * rng.uniform(0.85, 1.15, 3)), 2.0)
+
+
+def paving(rng: np.random.Generator) -> Surface:
+    """Concrete slabs outdoors."""
+    slabs = tiles(rng)
+    worn = 1 + 0.06 * noise(rng, 2, 200, 0.5)
+    return Surface(_bytes(slabs.texture / 255.0 * 0.85 * worn[..., None]), 2.0)
+
+
+def picture(rng: np.random.Generator) -> Surface:
+    """Something to hang on a wall: soft colour fields."""
+    fields = np.stack([noise(rng, 1, int(rng.integers(3, 10)), 1.2) for _ in range(3)], -1)
+    return Surface(_bytes(0.5 + 0.2 * fields * rng.uniform(0.4, 1.2, 3)), 1.0)
+
+
+def window(rng: np.random.Generator) -> Surface:
+    """A bright window with glazing bars: sky above, something green below."""
+    y, x = np.mgrid[0:SIZE, 0:SIZE] / SIZE
+    sky, ground = np.array([0.93, 0.96, 1.0]), np.array([0.72, 0.80, 0.66])
+    horizon = 0.62 + 0.03 * noise(rng, 1, 8, 1.5)[0]
+    colour = np.where((y > horizon[None, :])[..., None], ground, sky)
+    frame = np.minimum.reduce([abs(x - 0.5), x, 1 - x, abs(y - 0.4), y, 1 - y]) < 0.025
+    return Surface(_bytes(np.where(frame[..., None], 0.8, colour)), 1.0)
+
+
+def even(colour: Float[Array, "3"]) -> Surface:
+    """One colour (sRGB, 0..1) everywhere."""
+    return Surface(np.broadcast_to(_bytes(np.asarray(colour)), (4, 4, 3)).copy(), 1.0)
+
+
+FLOORS: tuple[Callable[[np.random.Generator], Surface], ...] = (planks, tiles, carpet, concrete)
+WALLS: tuple[Callable[[np.random.Generator], Surface], ...] = (plaster, plaster, wallpaper, bricks)
+
+
+def _filtered(
+    rng: np.random.Generator, low: float, high: float, steep: float, stretch: float
+) -> Array:
+    fy, fx = np.meshgrid(np.fft.fftfreq(SIZE), np.fft.rfftfreq(SIZE), indexing="ij")
+    waves = np.hypot(fy, fx * stretch) * SIZE
+    gain = np.where((waves >= low) & (waves <= high), np.maximum(waves, 1.0) ** -steep, 0.0)
+    field = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) * gain, (SIZE, SIZE))
+    return (field - field.mean()) / field.std()
+
+
+def _wood_colour(rng: np.random.Generator) -> Array:
+    pale, dark = np.array([0.80, 0.66, 0.47]), np.array([0.36, 0.23, 0.14])
+    return dark + (pale - dark) * rng.uniform(0, 1) * rng.uniform(0.9, 1.1, 3)
+
+
+def _cloth_colour(rng: np.random.Generator) -> Array:
+    grey = rng.uniform(0.25, 0.75)
+    return np.clip(grey + rng.uniform(-0.22, 0.22, 3) * rng.uniform(0, 1), 0.05, 0.95)
+
+
+def _tinted(value: Array, colour: Array) -> UInt8[Array, "S S 3"]:
+    return _bytes(value[..., None] * colour)
+
+
+def _bytes(colour: Array) -> Array:
+    return np.round(np.clip(colour, 0, 1) * 255).astype(np.uint8)

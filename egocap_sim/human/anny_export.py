@@ -16,6 +16,7 @@ import logging
 import os
 import tempfile
 import warnings
+import zipfile
 from functools import cache
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def shape_data() -> dict[str, Array]:
         try:
             with np.load(path, allow_pickle=False) as file:
                 return {key: file[key] for key in file.files}
-        except (ValueError, OSError, KeyError, EOFError) as error:
+        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
             log.warning("%s is damaged (%s); building it again", path, error)
     log.info("building the table of body shapes, once, in %s (about a minute)", path)
     data = _export()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
@@ -54,6 +54,13 @@ class Outfit:
         ):
             if name not in valid:
                 raise InputError(f"unknown {kind} '{name}'", valid=valid)
+
+    def describe(self) -> dict[str, object]:
+        """The outfit as JSON knows it."""
+        said = asdict(self)
+        for fabric in (said["top_fabric"], said["bottom_fabric"]):
+            fabric["colors"] = list(fabric["colors"])
+        return said
 
 
 def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Generator) -> Outfit:

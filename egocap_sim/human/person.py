@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap_sim.mesh import Actor
@@ -26,6 +26,6 @@ class Person:
     joints: Float[Array, "21 3"]  # rest positions of the bodies' joints, world
     landmarks: Mapping[str, Float[Array, "3"]]
     body_vertices: Float[Array, "N 3"]  # bare skin at rest, for physics geoms and truth checks
-    body_owner: Float[Array, "N"]  # index of the body each bare vertex follows most
+    body_owner: Int[Array, "N"]  # index of the body each bare vertex follows most
     actor: Actor  # everything drawn: skin not hidden by clothes, clothes, hair, helmet
     description: Mapping[str, object]  # phenotype, skin, garments, fabrics: JSON-ready

@@ -91,8 +91,13 @@ def rgb(code: str) -> Float[Array, "3"]:
 
 def _paint(image: Array, at: tuple, radii: tuple, color: Array, strength: float) -> None:
     """Blend a soft ellipse (centre and radii as shares of the image) into it."""
-    n = len(image)
-    y, x = np.mgrid[0:n, 0:n] / n
+    n, reach = len(image), 1.2
+    spans = [
+        slice(max(0, int((c - reach * r) * n)), int((c + reach * r) * n) + 2)
+        for c, r in zip(at, radii, strict=True)
+    ]
+    window = image[spans[1], spans[0]]
+    y, x = np.mgrid[spans[1], spans[0]][:, : window.shape[0], : window.shape[1]] / n
     d = np.hypot((x - at[0]) / radii[0], (y - at[1]) / radii[1])
     share = strength * np.clip(3 * (1.15 - d), 0, 1)[..., None]
-    image[:] = image * (1 - share) + color * share
+    window[:] = window * (1 - share) + color * share

@@ -99,7 +99,7 @@ def make_person(
             "phenotype": {k: round(v, 6) for k, v in asdict(body.phenotype).items()},
             "scale": round(body.scale, 6),
             "skin_tone": round(tone, 4),
-            "outfit": asdict(clothes),
+            "outfit": clothes.describe(),
             "headgear": headgear,
         },
     )

@@ -31,7 +31,9 @@ def bend_leg(
     )
     reach = ankle + move - hip
     distance = np.linalg.norm(reach, axis=1, keepdims=True)
-    distance = np.clip(distance, np.abs(upper - lower) * 1.01, _REACH * (upper + lower))
+    # A leg that is straighter already may stay so.
+    far = np.maximum(_REACH * (upper + lower), np.linalg.norm(ankle - hip, axis=1, keepdims=True))
+    distance = np.clip(distance, np.abs(upper - lower) * 1.01, far)
     towards = unit(reach)
     swing = shortest_arc(unit(ankle - hip), towards)
     bent = _apply(swing, knee - hip)

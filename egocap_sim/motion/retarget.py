@@ -96,7 +96,7 @@ def _check(clip: Clip, fps: float) -> None:
         )
     if not (np.isfinite(clip.positions).all() and np.isfinite(clip.rotations).all()):
         raise InputError(f"motion '{clip.name}' has values that are not finite numbers")
-    if len(clip.positions) < 2 or (len(clip.positions) - 1) / clip.fps < _SHORTEST_S:
+    if not clip.fps > 0 or (len(clip.positions) - 1) / clip.fps < _SHORTEST_S:
         raise InputError(
             f"motion '{clip.name}' has {len(clip.positions)} frames at {clip.fps:g} per second",
             valid=f"at least {_SHORTEST_S:g} s",

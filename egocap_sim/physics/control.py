@@ -99,7 +99,7 @@ class Controller:
     def _pushes(self, data: mujoco.MjData, wrench: Float[Array, "6"]) -> Float[Array, "4 6"]:
         """The floor's best pushes for a root wrench: force and torque on each foot, world."""
         plan = np.zeros((4, 6))
-        if data.ncon == 0:
+        if data.ncon == 0 or not np.isfinite(wrench).all():  # who blows up is stopped elsewhere
             return plan
         config, edges = self._config, self._edges
         points, geoms = data.contact.pos, data.contact.geom.max(1)

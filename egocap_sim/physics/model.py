@@ -64,7 +64,7 @@ def mjcf(person: Person, timestep_s: float) -> str:
     return f"""<mujoco model="person">
   <compiler angle="radian"/>
   <option timestep="{timestep_s!r}" gravity="{_text(GRAVITY)}" integrator="implicitfast"
-          cone="elliptic" impratio="5"/>
+          cone="elliptic" impratio="5"><flag autoreset="disable"/></option>
   <default>
     <joint type="ball" damping="{_DAMPING}" armature="{_ARMATURE}"/>
     <geom contype="0" conaffinity="0" friction="{FRICTION} 0.01 0.001" solref="0.01 1"/>

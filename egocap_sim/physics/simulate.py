@@ -24,6 +24,7 @@ from egocap_sim.trajectory import PhysicsStats, Trajectory
 STEPS_PER_S = 250.0  # at least; a whole number of steps fits between two camera frames
 _ARRAYS = {"T_world_body": (21, 4, 4), "contact": (4,), "ground_force": (2, 3), "root_wrench": (6,)}
 _TOUCH_N = 1.0  # newtons: the least push that counts as contact
+_FASTEST = 25.0  # metres a second: twice a sprinter
 _LOST_M = 1.0  # a pelvis this far off its reference has lost the motion
 
 
@@ -80,6 +81,12 @@ def _check(reference: Reference, fps: float, n_frames: int | None, start_s: floa
         )
     if not (np.isfinite(reference.root).all() and np.isfinite(reference.rotations).all()):
         raise InputError("the reference motion has values that are not finite numbers")
+    speed = np.linalg.norm(np.diff(reference.root, axis=0), axis=1) * reference.fps
+    if speed.max(initial=0.0) > _FASTEST:
+        raise InputError(
+            f"the motion jumps at {speed.argmax() / reference.fps:.2f} s: {speed.max():.0f} m/s",
+            valid=f"up to {_FASTEST:g} m/s",
+        )
     if n_frames is None:
         n_frames = int((reference.duration_s - start_s) * fps + 1e-6) + 1
     if n_frames < 1:

@@ -18,16 +18,18 @@ class TrackerConfig:
     """Weight of the detections."""
     lambda_limit: float = 200.0
     """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""
-    lambda_pose: float = 0.1
+    lambda_pose: float = 0.001
     """Weight of departing from the rest pose, in units of each angle's everyday spread (Eq. 2)."""
+    lambda_posture: float = 0.03
+    """Weight of departing from everyday postures, learned with their correlations; 0: without."""
     lambda_smooth: float = 1.0
     """Weight of departing from the motion predicted from the past two frames (Eq. 3)."""
     zeta: float = 0.25
     """Share of the last velocity that the prediction keeps (Eq. 3)."""
     speed: float = 4.0
     """Scatter of the prediction, in spreads per second."""
-    acceleration: float = 20.0
-    """Density of the random acceleration that `interval` allows, in spreads per second^1.5."""
+    acceleration: float = 1.0
+    """Scatter of the accelerations that `interval` allows, in units of each angle's agility."""
     robust_scale: float = 4.0
     """Residual, in standard deviations, beyond which a detection loses its say."""
     pixel_floor: float = 0.5
@@ -38,9 +40,9 @@ class TrackerConfig:
     """Steps of the solver for one frame."""
     tolerance: float = 1e-4
     """A frame has converged when a step lowers its energy by less than this share."""
-    lost_share: float = 0.9
+    lost_share: float = 0.85
     """Less than this share of a frame's detections agreeing means lost: solved from all starts."""
-    retry_s: float = 0.2
+    retry_s: float = 0.3
     """Seconds before a frame that stays lost is solved from all starts again."""
     jump_gain: float = 2.5
     """A pose found afresh replaces the tracked one if it explains this many more detections."""

@@ -13,10 +13,9 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
-from egocap.skeleton import AXES, LIMITS, SPREAD, HasOffsets, forward
+from egocap.skeleton import LIMITS, SPREAD, HasOffsets, forward
 from egocap.track.config import TrackerConfig
-
-assert len(AXES) == len(LIMITS) == len(SPREAD)
+from egocap.track.posture import Posture, load_posture
 
 
 def angular_residual(
@@ -76,6 +75,12 @@ def pose_energy(angles: Float[Array, "37"], weight: float) -> float:
     return float(weight * np.sum(pseudo_huber(angles / SPREAD)))
 
 
+def posture_energy(angles: Float[Array, "37"], posture: Posture, weight: float) -> float:
+    """Departure from everyday postures, with their correlations: half a Mahalanobis distance."""
+    departure = angles - posture.mean
+    return float(0.5 * weight * departure @ posture.precision @ departure)
+
+
 def predict(
     last: Float[Array, "37"], before_last: Float[Array, "37"], zeta: float
 ) -> Float[Array, "37"]:
@@ -132,9 +137,10 @@ def frame_energy(
     weights: Float[Array, "V 18"],
     config: TrackerConfig,
 ) -> float:
-    """Everything that concerns one frame alone: detections, limits, pose prior."""
+    """Everything that concerns one frame alone: detections, limits, priors."""
     return (
         detection_energy(proportions, angles, centres, rays, whiten, weights, config.robust_scale)
         + limit_energy(angles, config.lambda_limit)
         + pose_energy(angles, config.lambda_pose)
+        + posture_energy(angles, load_posture(), config.lambda_posture)
     )

@@ -29,6 +29,7 @@ from egocap.skeleton import (
     SPREAD,
 )
 from egocap.track.config import TrackerConfig
+from egocap.track.posture import load_posture
 
 
 class Model(NamedTuple):
@@ -46,6 +47,8 @@ class Model(NamedTuple):
     lambda_limit: float
     lambda_pose: float
     lambda_smooth: float
+    posture_mean: Float[Array, "37"]
+    posture_precision: Float[Array, "37 37"]  # times its weight
 
 
 def make_model(proportions: Proportions, config: TrackerConfig) -> Model:
@@ -54,11 +57,13 @@ def make_model(proportions: Proportions, config: TrackerConfig) -> Model:
     chains = np.full((len(moves), max(map(len, moves))), -1)
     for row, chain in zip(chains, moves, strict=True):
         row[: len(chain)] = chain
+    posture = load_posture()
     return Model(
         np.array(proportions.offsets), np.array(POINT_PARENTS), np.array(AXES),
         np.searchsorted(DOF_JOINT, np.arange(len(JOINTS) + 1)), np.array(DOF_JOINT),
         np.array(LABEL_POINTS), chains, np.array(LIMITS), np.array(SPREAD),
         float(config.lambda_limit), float(config.lambda_pose), float(config.lambda_smooth),
+        posture.mean, config.lambda_posture * posture.precision,
     )  # fmt: skip
 
 
@@ -171,7 +176,7 @@ def detections(model, angles, centres, rays, whiten, weights, scale, H, g):
 
 @njit(cache=True)
 def priors(model, angles, H, g):
-    """Add limits and pose prior to H (37,37) and g (37,); return their energy.
+    """Add limits, pose and posture prior to H (37,37) and g (37,); return their energy.
 
     The pseudo-Huber terms enter H with their reweighted curvature, which is never negative.
     """
@@ -189,6 +194,13 @@ def priors(model, angles, H, g):
         energy += model.lambda_pose * (root - 1.0)
         g[d] += model.lambda_pose * x / root / model.spread[d]
         H[d, d] += model.lambda_pose / root / model.spread[d] ** 2
+        pull = 0.0
+        for e in range(len(angles)):
+            pull += model.posture_precision[d, e] * (angles[e] - model.posture_mean[e])
+            if e <= d:
+                H[d, e] += model.posture_precision[d, e]
+        g[d] += pull
+        energy += 0.5 * pull * (angles[d] - model.posture_mean[d])
     return energy
 
 

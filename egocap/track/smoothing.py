@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from numba import njit
 from numpy import ndarray as Array
 
-from egocap.skeleton import DOF_COUNT, SPREAD
+from egocap.skeleton import AGILITY, DOF_COUNT
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import acceleration_stencil
 from egocap.track.kernel import Model, detections, priors
@@ -66,7 +66,7 @@ def _solve_window(
     data = (
         observations.centres, observations.rays[window], observations.whiten[window],
         observations.weights[window], float(config.robust_scale),
-        acceleration_stencil(observations.times[window]), config.acceleration * SPREAD,
+        acceleration_stencil(observations.times[window]), config.acceleration * AGILITY,
     )  # fmt: skip
     bands, gradient = _blank(len(angles))
     energy = assemble(model, angles, *data, bands, gradient)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 import zipfile
 from dataclasses import asdict, fields
@@ -12,6 +13,7 @@ import numpy as np
 
 from egocap.errors import FileError, InputError
 from egocap.geometry import rigid
+from egocap.sequence_writer import write_atomically
 from egocap_sim.bodies import BODIES, FEET
 from egocap_sim.human.person import Person
 from egocap_sim.motion.retarget import Reference
@@ -56,11 +58,11 @@ def simulate(
         target = motion.block(first, min(BLOCK, steps - first), model.opt.timestep, start_s)
         for i in range(len(target.qpos)):
             step = first + i
-            run.step(target, i, begin=step == 0)
+            sound = run.step(target, i, begin=step == 0)
             if step % substeps == 0:
                 run.record(step // substeps)
             witness.note(run.data, target, i)
-            if not witness.lost_m < _LOST_M:
+            if not (sound and witness.lost_m < _LOST_M):
                 raise InputError(
                     f"the person cannot follow the motion: lost {step * model.opt.timestep:.2f} s "
                     "after its start",
@@ -107,14 +109,20 @@ class _Run:
         self._wrench = np.zeros(6)
         self._foot_geoms = [model.geom(foot).id for foot in FEET]
 
-    def step(self, target: Target, i: int, begin: bool = False) -> None:
-        """Advance one step; afterwards positions and forces in `data` are those at its start."""
+    def step(self, target: Target, i: int, begin: bool = False) -> bool:
+        """Advance one step; afterwards positions and forces in `data` are those at its start.
+
+        Returns False, without the step, when the forces are not finite.
+        """
         if begin:
             self.data.qpos[:], self.data.qvel[:] = target.qpos[i], target.qvel[i]
         self._controller.gate(target.planted[i], target.touching[i])
         mujoco.mj_step1(self._model, self.data)
         self._controller.apply(self.data, target, i)
+        if not np.isfinite(self.data.qfrc_applied).all():
+            return False
         mujoco.mj_step2(self._model, self.data)
+        return True
 
     def record(self, frame: int) -> None:
         """Store the bodies of a camera frame and the forces that act on them."""
@@ -133,11 +141,15 @@ class _Run:
 
 
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory to an npz file (no pickle inside)."""
+    """Write a trajectory to an npz file (no pickle inside); it appears whole or not at all.
+
+    Raises MachineError where the disk refuses.
+    """
     arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
     stats = {f"stats_{name}": value for name, value in asdict(trajectory.stats).items()}
-    with Path(path).open("wb") as file:  # an open file: savez would add its own suffix to a name
-        np.savez(file, fps=trajectory.fps, **arrays, **stats)
+    content = io.BytesIO()
+    np.savez(content, fps=trajectory.fps, **arrays, **stats)
+    write_atomically(Path(path), content.getvalue())
 
 
 def load_trajectory(path: str | Path) -> Trajectory:

@@ -83,7 +83,7 @@ def fit_top(body: BareBody, chart: Chart, top: Top) -> Fitted:
     collar_ease = np.clip((top.collar - chart.neck) / 0.08, 0.2, 1)
     looseness = np.where(arm, sleeve, ease * collar_ease)
     gap = top.gap + 0.004 * drop * ~arm  # over the waistband below
-    shell = make_shell(body, chart, cut, gap, looseness)
+    shell = make_shell(body, chart, cut, gap, looseness, _hips(body, chart))
     legs = np.isin(shell.piece, (LEFT_LEG, RIGHT_LEG))
     return Fitted(
         replace(shell, piece=np.where(legs, TORSO, shell.piece)), cut.covered(body.vertices)
@@ -106,7 +106,16 @@ def fit_bottom(body: BareBody, chart: Chart, bottom: Bottom, buried: Bool[Array,
     )
     looseness = bottom.ease * np.where(leg, np.clip(chart.leg / length, 0.05, 1), 0.05)
     gap = np.full(len(z), bottom.gap)
-    return Fitted(make_shell(body, chart, cut, gap, looseness, buried), cut.covered(body.vertices))
+    shell = make_shell(body, chart, cut, gap, looseness, _hips(body, chart), buried)
+    return Fitted(shell, cut.covered(body.vertices))
+
+
+def _hips(body: BareBody, chart: Chart) -> Float[Array, "N"]:
+    """1 from the crotch to the waist and 0 elsewhere: where cloth spans from leg to leg."""
+    z = body.vertices[:, 2]
+    crotch, waist, _ = _levels(body)
+    rise = np.clip((z - crotch + 0.05) / 0.08, 0, 1) * np.clip((waist + 0.1 - z) / 0.1, 0, 1)
+    return np.where(np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM)), 0.0, rise)
 
 
 def _levels(body: BareBody) -> tuple[float, float, float]:

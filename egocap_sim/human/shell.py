@@ -10,13 +10,15 @@ import scipy.sparse as sp
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from egocap.geometry import unit
 from egocap_sim.bodies import BODIES
 from egocap_sim.human.anny_model import BareBody, anatomy
-from egocap_sim.human.chart import Chart, averaging
+from egocap_sim.human.chart import TORSO, Chart, averaging
 
 APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
 SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
 ELSEWHERE = 1.0  # m inside: what an edge says of parts of the body that it does not concern
+TIGHT, WIDE = 4, 24  # rounds of averaging of the skin weights
 HEM_FOLD = 0.7  # share of the gap to the skin by which a hem's edge is turned in
 
 
@@ -72,18 +74,26 @@ def make_shell(
     cut: Cut,
     gap: Float[Array, "N"],
     looseness: Float[Array, "N"],
+    drape: Float[Array, "N"] | None = None,
     buried: Bool[Array, "N"] | None = None,
     rounds: int = SMOOTHING,
 ) -> Shell:
     """Cut a garment from the body.
 
     `gap` (m) is the least distance to the skin along its normal, `looseness` (m) is added to it
-    before the cloth is smoothed in so many `rounds` of averaging. Triangles all of whose corners
+    before the cloth is smoothed in so many `rounds` of averaging. `drape` (0 to 1) is how far the
+    cloth bends wider than the skin under it, as between the legs. Triangles all of whose corners
     are `buried` (under another garment) are left out.
     """
     near = np.min(cut.edges_at(body.vertices), axis=0) > -APRON
-    cloth = _push_out(body, chart, near, gap, looseness, rounds)
-    weights = smooth_weights(near, 4)
+    # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
+    flat = cut.covered(body.vertices) & (chart.piece == TORSO)
+    least = np.where(flat, np.maximum(gap - 0.006, 0.0015), gap)
+    cloth = _push_out(body.vertices, chart.normals, near, gap + looseness, least, rounds)
+    weights = smooth_weights(near, TIGHT)
+    if drape is not None:
+        wide = smooth_weights(near, WIDE)
+        weights = weights + drape[:, None] * (wide - weights)
     faces = anatomy().faces
     faces = faces[near[faces].all(1)]
     if buried is not None:
@@ -163,23 +173,22 @@ def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array,
 
 
 def _push_out(
-    body: BareBody,
-    chart: Chart,
+    skin: Float[Array, "N 3"],
+    normals: Float[Array, "N 3"],
     patch: Bool[Array, "N"],
-    gap: Float[Array, "N"],
-    looseness: Float[Array, "N"],
+    distance: Float[Array, "N"],
+    least: Float[Array, "N"],
     rounds: int,
 ) -> Float[Array, "N 3"]:
-    skin, average = body.vertices, averaging(patch)
-    normals = chart.normals
+    """Move a surface outward by a distance, smooth it, and keep it the least distance off."""
+    average, outward = averaging(patch), normals
     for _ in range(4):
-        normals = 0.5 * normals + 0.5 * (average @ normals)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    cloth = skin + normals * (gap + looseness)[:, None]
+        outward = 0.5 * outward + 0.5 * (average @ outward)
+    cloth = skin + unit(outward) * distance[:, None]
     for _ in range(rounds):
         cloth = 0.5 * cloth + 0.5 * (average @ cloth)
-        short = gap - ((cloth - skin) * chart.normals).sum(1)
-        cloth = cloth + chart.normals * np.maximum(short, 0)[:, None]
+        short = least - ((cloth - skin) * normals).sum(1)
+        cloth = cloth + normals * np.maximum(short, 0)[:, None]
     return cloth
 
 

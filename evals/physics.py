@@ -103,7 +103,7 @@ class PhysicsReport:
         head = f"{'clip':26}{'s':>6}" + "".join(f"{h:>12}" for h, _ in COLUMNS.values())
         lines = [head]
         for clip in self.clips:
-            start = f"{clip.name:24}{clip.seconds:6.1f}"
+            start = f"{clip.name:26}{clip.seconds:6.1f}"
             lines.append(
                 start + (_cells(asdict(clip.stats)) if clip.stats else "  " + clip.problem)
             )

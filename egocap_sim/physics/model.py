@@ -34,7 +34,7 @@ _LIMBS = {"neck": "head", "clavicle": "upperarm", "upperarm": "forearm", "forear
 _ARMATURE = 0.08  # kg m^2 on every ball joint: keeps light segments stable at 4 ms
 _DAMPING = 1.0  # N m s/rad
 FRICTION = 1.0
-_GIVE = 0.004  # metres by which soles are thicker than the skin
+_GIVE = 0.002  # metres by which soles are thicker than the skin
 FLOOR = "floor"
 
 

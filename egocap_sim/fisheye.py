@@ -55,10 +55,13 @@ class Tile:
 
     def atlas_of(self, directions_face: Float[Array, "*n 3"]) -> Float[Array, "*n 2"]:
         """Atlas coordinates of directions in the face's frame (z > 0)."""
+        return self.at_slopes(directions_face[..., :2] / directions_face[..., 2:])
+
+    def at_slopes(self, slopes: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
+        """Atlas coordinates of points of the face."""
         u0, _, _, v1 = self.slopes
-        u, v = (directions_face[..., i] / directions_face[..., 2] for i in (0, 1))
-        x = self.column + (u - u0) * self.density - 0.5
-        y = self.row + (v1 - v) * self.density - 0.5
+        x = self.column + (slopes[..., 0] - u0) * self.density - 0.5
+        y = self.row + (v1 - slopes[..., 1]) * self.density - 0.5
         return np.stack([x, y], -1)
 
     def ray_length(self) -> Float[Array, "h w"]:
@@ -79,7 +82,7 @@ class Atlas:
     lookup: tuple[Float[Array, "H W 2"], ...]  # float32 per view
     inside: tuple[Bool[Array, "H W"], ...]  # the lens forms an image here
     needed: Bool[Array, "h w"]  # atlas pixels that some ray comes near; the rest need no drawing
-    _faces: tuple[Array, ...] = field(repr=False, default=())
+    _faces: tuple[tuple[Array, ...], ...] = field(repr=False, default=())
 
     def locate(
         self, view: int, directions: Float[Array, "N 3"]
@@ -113,46 +116,39 @@ def build_atlas(cameras: Sequence[Lens], face_size: int | None = None) -> Atlas:
     radian on the axis would give a face's middle, its coarsest place, the density of the image's
     centre; None takes 15/8, where a marker without anti-aliasing still lands within 0.25 pixels.
     """
-    cropped: list[tuple[int, int, tuple[int, int, int, int], float]] = []
-    orientations, traced = [], []
+    orientations: list[tuple[Array, ...]] = []
+    traced: list[tuple[Array, Array]] = []  # per view: inside (H, W); slopes (H W, 2)
+    pixels: list[tuple[int, int, Array]] = []  # per tile: view, face, pixels that look through it
+    cropped: list[tuple[tuple[int, int, int, int], float]] = []  # per tile: box in pixels, density
     for view, camera in enumerate(cameras):
         rays, inside = _rays(camera)
         density = (face_size or round(1.875 * _pixels_per_radian(camera))) / 2
         faces = min(_orientations(), key=lambda f: _cost(f, rays[::4, ::4], inside[::4, ::4]))
-        face = np.where(inside, _face_of(rays, faces), -1)
-        orientations.append(faces)
-        traced.append((rays, inside, face))
+        face = np.where(inside, _face_of(rays, faces), -1).ravel()
+        slopes = np.zeros((face.size, 2))
         for i, R in enumerate(faces):
-            if np.any(face == i):
-                cropped.append((view, i, _bounds(rays[face == i] @ R, density), density))
-    sizes = [(x1 - x0, y1 - y0) for _, _, (x0, x1, y0, y1), _ in cropped]
-    width, height, corners = _pack(sizes)
-    tiles = tuple(
-        Tile(
-            view,
-            i,
-            orientations[view][i],
-            (x0 / d, x1 / d, y0 / d, y1 / d),
-            column,
-            row,
-            x1 - x0,
-            y1 - y0,
-            d,
+            mine = np.flatnonzero(face == i)
+            if len(mine):
+                out = rays.reshape(-1, 3)[mine] @ R
+                slopes[mine] = out[:, :2] / out[:, 2:]
+                pixels.append((view, i, mine))
+                cropped.append((_box(slopes[mine] * density), density))
+        orientations.append(faces)
+        traced.append((inside, slopes))
+    width, height, corners = _pack([(x1 - x0, y1 - y0) for (x0, x1, y0, y1), _ in cropped])
+    tiles, lookup = [], [np.full((i.size, 2), -9.0, np.float32) for i, _ in traced]  # off the atlas
+    for (view, i, mine), (box, density), corner in zip(pixels, cropped, corners, strict=True):
+        x0, x1, y0, y1 = box
+        tile = Tile(
+            view, i, orientations[view][i], tuple(b / density for b in box), *corner,
+            x1 - x0, y1 - y0, density,
         )  # fmt: skip
-        for (view, i, (x0, x1, y0, y1), d), (column, row) in zip(cropped, corners, strict=True)
-    )
-    lookup = []
-    for view, (rays, inside, face) in enumerate(traced):
-        xy = np.full((*inside.shape, 2), -9.0, np.float32)  # off the atlas: remap's border, black
-        for tile in (t for t in tiles if t.view == view):
-            mine = face == tile.face
-            xy[mine] = tile.atlas_of(rays[mine] @ tile.R_camera_face)
-        lookup.append(xy)
-    inside = tuple(t[1] for t in traced)
-    needed = _needed(width, height, lookup, inside)
-    return Atlas(
-        width, height, tiles, tuple(lookup), inside, needed, tuple(map(tuple, orientations))
-    )
+        lookup[view][mine] = tile.at_slopes(traced[view][1][mine])
+        tiles.append(tile)
+    inside = tuple(i for i, _ in traced)
+    shaped = tuple(xy.reshape(*i.shape, 2) for xy, i in zip(lookup, inside, strict=True))
+    needed = _needed(width, height, shaped, inside)
+    return Atlas(width, height, tuple(tiles), shaped, inside, needed, tuple(orientations))
 
 
 def _rays(camera: Lens) -> tuple[Array, Array]:
@@ -195,13 +191,10 @@ def _face_of(directions: Float[Array, "*n 3"], faces: Sequence[Array]) -> Int[Ar
     return np.argmax(directions @ outward, -1)
 
 
-def _bounds(directions_face: Float[Array, "N 3"], density: float) -> tuple[int, int, int, int]:
-    """Whole pixels (u0, u1, v0, v1, in pixels from the face's middle) that hold the directions."""
-    u, v = (directions_face[:, i] / directions_face[:, 2] * density for i in (0, 1))
-    return (
-        floor(u.min()) - MARGIN, ceil(u.max()) + MARGIN,
-        floor(v.min()) - MARGIN, ceil(v.max()) + MARGIN,
-    )  # fmt: skip
+def _box(at: Float[Array, "N 2"]) -> tuple[int, int, int, int]:
+    """Whole pixels (u0, u1, v0, v1, counted from the face's middle) that hold points of a face."""
+    (u0, v0), (u1, v1) = at.min(axis=0), at.max(axis=0)
+    return floor(u0) - MARGIN, ceil(u1) + MARGIN, floor(v0) - MARGIN, ceil(v1) + MARGIN
 
 
 def _cost(faces: Sequence[Array], rays: Array, inside: Array) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
+from scipy.fft import irfft2, rfft2
 
 SIZE = 512  # pixels along a texture
 
@@ -119,7 +120,7 @@ def wood(rng: np.random.Generator) -> Surface:
 def lacquer(rng: np.random.Generator) -> Surface:
     """One even colour: white, dark or bright."""
     colour = (np.full(3, 0.88), np.full(3, 0.15), rng.uniform(0.15, 0.8, 3))[int(rng.integers(3))]
-    return Surface(_tinted(1 + 0.01 * noise(rng, 1, 20), colour), 1.0)
+    return even(colour)
 
 
 def cloth(rng: np.random.Generator) -> Surface:
@@ -182,7 +183,7 @@ def paving(rng: np.random.Generator) -> Surface:
 def picture(rng: np.random.Generator) -> Surface:
     """Something to hang on a wall: soft colour fields."""
     fields = np.stack([noise(rng, 1, int(rng.integers(3, 10)), 1.2) for _ in range(3)], -1)
-    return Surface(_bytes(0.5 + 0.2 * fields * rng.uniform(0.4, 1.2, 3)), 1.0)
+    return Surface(_bytes(0.5 + 0.2 * fields * rng.uniform(0.2, 0.9, 3)), 1.0)
 
 
 def window(rng: np.random.Generator) -> Surface:
@@ -207,10 +208,12 @@ WALLS: tuple[Callable[[np.random.Generator], Surface], ...] = (plaster, plaster,
 def _filtered(
     rng: np.random.Generator, low: float, high: float, steep: float, stretch: float
 ) -> Array:
-    fy, fx = np.meshgrid(np.fft.fftfreq(SIZE), np.fft.rfftfreq(SIZE), indexing="ij")
-    waves = np.hypot(fy, fx * stretch) * SIZE
+    fy = np.fft.fftfreq(SIZE, 1 / SIZE).astype(np.float32)[:, None]
+    fx = np.fft.rfftfreq(SIZE, 1 / SIZE).astype(np.float32)[None, :]
+    waves = np.hypot(fy, fx * np.float32(stretch))
     gain = np.where((waves >= low) & (waves <= high), np.maximum(waves, 1.0) ** -steep, 0.0)
-    field = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) * gain, (SIZE, SIZE))
+    white = rng.standard_normal((SIZE, SIZE), dtype=np.float32)
+    field = irfft2(rfft2(white) * gain.astype(np.float32), (SIZE, SIZE))
     return (field - field.mean()) / field.std()
 
 
@@ -220,8 +223,8 @@ def _wood_colour(rng: np.random.Generator) -> Array:
 
 
 def _cloth_colour(rng: np.random.Generator) -> Array:
-    grey = rng.uniform(0.25, 0.75)
-    return np.clip(grey + rng.uniform(-0.22, 0.22, 3) * rng.uniform(0, 1), 0.05, 0.95)
+    grey = rng.uniform(0.25, 0.7)
+    return np.clip(grey + rng.uniform(-0.18, 0.18, 3) * rng.uniform(0, 1), 0.05, 0.95)
 
 
 def _tinted(value: Array, colour: Array) -> UInt8[Array, "S S 3"]:

@@ -16,7 +16,7 @@ from egocap_sim.human.person import Person
 from egocap_sim.place import Place
 from egocap_sim.render.renderer import FisheyeRenderer
 from egocap_sim.scene import RecordTable
-from egocap_sim.visibility import joint_visibility
+from egocap_sim.visibility import JointVisibility
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 
@@ -31,6 +31,7 @@ class FrameMaker:
         self.renderer = FisheyeRenderer(
             rig, [person.actor], place, samples=record.samples, face_size=record.face_size
         )
+        self._visibility = JointVisibility(person, rig)
         self._T_body_rest = rigid(np.eye(3), -person.joints)
 
     def close(self) -> None:
@@ -42,13 +43,7 @@ class FrameMaker:
         truth = self.truth
         skinning = truth.T_world_body[index] @ self._T_body_rest
         views = self.renderer.render(truth.T_world_head[index], {self.person.actor.name: skinning})
-        visibility = joint_visibility(
-            views,
-            self.person,
-            truth.joints_camera[index],
-            truth.joints_2d[index],
-            truth.in_view[index],
-        )
+        visibility = self._visibility(views, truth.T_world_body[index], truth.in_view[index])
         files: dict[str, bytes] = {}
         for view, image in zip(self.rig.views, views.images, strict=True):
             files[f"{view}.{self.record.image_format}"] = self._encode(image)

@@ -1,78 +1,105 @@
 """Which joints each view sees, and what hides the others, from what the renderer drew.
 
-A joint lies inside the body, so it counts as seen when the surface its ray first meets is the skin
-or cloth right around it: a part next to the joint, no farther in front than the tissue is deep.
+A joint lies inside the body, so it counts as seen when enough of the skin nearest to it is: points
+spread over that skin are followed through the motion and compared with the surface drawn at their
+pixels. Cloth may lie over them; another limb, the rig or a thing may not.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
+from egocap.geometry import inverse, transform
 from egocap.labels import LABELS
+from egocap.rig import Rig
 from egocap.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
-from egocap_sim.bodies import BODIES, LABEL_BODY, PARENT
+from egocap_sim.bodies import BODIES, INDEX, LABEL_BODY, PARENT
 from egocap_sim.human.person import Person
 from egocap_sim.parts import RIG, WEARER_FIRST, WEARER_LAST, wearer_part
 from egocap_sim.render.views import Views
 
-TISSUE_M = {
-    "head": 0.14, "neck": 0.10, "shoulder": 0.10, "elbow": 0.07, "wrist": 0.05, "hand": 0.05,
-    "hip": 0.17, "knee": 0.09, "ankle": 0.08, "foot": 0.07,
-}  # fmt: skip
-"""How deep each kind of joint may lie under skin along a ray, metres, for a person of 1.75 m: half
-the breadth of a heavy adult there. Our estimate, generous: another limb is told by its part."""
-CLOTH_M = 0.04  # how far loose cloth stands off the skin
-_STATURE_M = 1.75
+SAMPLES = 16  # points of skin around each joint
+PATCH = 160  # the skin vertices nearest to a joint from which they are chosen
+CLOTH_M = 0.05  # how far cloth, hair or a helmet may stand off the skin along a ray
+SHARE = 0.25  # of the samples must show; of a limb in full view, half face the camera
 
 
-def joint_visibility(
-    views: Views,
-    person: Person,
-    joints_camera: Float[Array, "V 18 3"],
-    joints_2d: Float[Array, "V 18 2"],
-    in_view: Bool[Array, "V 18"],
-) -> UInt8[Array, "V 18"]:
-    """VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED or OCCLUDED (`egocap.sequence`) of every joint and view.
+class JointVisibility:
+    """Tells, frame by frame, which joints of one person each view of a rig sees."""
 
-    The wearer's body, clothes and the rig occlude as self, everything else as others. A joint whose
-    ray meets nothing, or a surface beyond it, is visible: it shows at the very edge of the body.
-    """
-    reach = person.height_m / _STATURE_M * np.array([TISSUE_M[_kind(n)] for n in LABELS]) + CLOTH_M
-    result = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
-    for v, seen in enumerate(in_view):
-        joints = np.flatnonzero(seen)
-        surface, part = views.surface_at(v, joints_2d[v, joints])
-        depth = np.linalg.norm(joints_camera[v, joints], axis=-1)
-        around = _AROUND[joints, part] & (surface >= depth - reach[joints])
-        mine = (part >= WEARER_FIRST) & (part <= WEARER_LAST) | (part == RIG)
-        hidden = np.where(mine, SELF_OCCLUDED, OCCLUDED)
-        result[v, joints] = np.where(around | (surface >= depth), VISIBLE, hidden)
-    return result
+    def __init__(self, person: Person, rig: Rig) -> None:
+        self._rig = rig
+        chosen = np.array([_skin_around(person, label) for label in LABELS])  # (18, S)
+        self._body = person.body_owner[chosen].astype(int)
+        self._offset = person.body_vertices[chosen] - person.joints[self._body]
+
+    def __call__(
+        self,
+        views: Views,
+        T_world_body: Float[Array, "21 4 4"],
+        in_view: Bool[Array, "V 18"],
+    ) -> UInt8[Array, "V 18"]:
+        """VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED or OCCLUDED (`egocap.sequence`) of joints and views.
+
+        `in_view` tells which joints are inside the lens and image. The wearer's body, clothes and
+        rig occlude as self, everything else as others; what hides most samples names the cause.
+        """
+        skin_world = transform(T_world_body[self._body], self._offset[..., None, :])[..., 0, :]
+        T_head_world = inverse(T_world_body[INDEX["head"]])
+        result = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
+        for v, mount in enumerate(self._rig.mounts):
+            skin = transform(inverse(mount.T_head_camera) @ T_head_world, skin_world.reshape(-1, 3))
+            pixels, valid = mount.camera.project(skin)
+            surface, part = views.surface_at(v, np.where(valid[:, None], pixels, -9.0))
+            depth = np.linalg.norm(skin, axis=-1)
+            label = np.repeat(np.arange(len(LABELS)), SAMPLES)
+            shows = valid & (depth <= surface + CLOTH_M) & (_AROUND[label, part] | (part == 0))
+            mine = (part >= WEARER_FIRST) & (part <= WEARER_LAST) | (part == RIG)
+            seen = shows.reshape(-1, SAMPLES).mean(1) >= SHARE
+            by_others = (~shows & valid & ~mine).reshape(-1, SAMPLES).sum(1)
+            by_self = (~shows & valid & mine).reshape(-1, SAMPLES).sum(1)
+            hidden = np.where(by_others > by_self, OCCLUDED, SELF_OCCLUDED)
+            result[v] = np.where(in_view[v], np.where(seen, VISIBLE, hidden), OUT_OF_VIEW)
+        return result
 
 
-def _kind(label: str) -> str:
-    return label.split("_")[-1]
+def _skin_around(person: Person, label: str) -> Int[Array, "S"]:
+    """Skin vertices spread over the patch nearest to a joint, by farthest-point sampling."""
+    body = INDEX[LABEL_BODY[label]]
+    near = [INDEX[b] for b in _neighbours(LABEL_BODY[label])]
+    at = person.joints[body] + person.landmarks[label]
+    candidates = np.flatnonzero(np.isin(person.body_owner, near))
+    vertices = person.body_vertices[candidates]
+    patch = candidates[np.argsort(np.linalg.norm(vertices - at, axis=1), kind="stable")[:PATCH]]
+    points = person.body_vertices[patch]
+    chosen = [0]
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < SAMPLES:
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return patch[chosen]
+
+
+def _neighbours(body: str) -> set[str]:
+    """A body, its parent and its children."""
+    return {body, PARENT.get(body, body)} | {child for child, p in PARENT.items() if p == body}
 
 
 def _parts_around() -> Bool[Array, "18 256"]:
-    """For every label, the parts whose surface lies around it: its body, parent and children.
+    """For every label, the parts that may lie over its skin: its neighbours, and theirs.
 
-    The clavicle and neck are no wider than the joints at their ends, so what lies beyond them
-    counts too.
+    Cloth is labelled by the body it follows most, so it carries labels one body farther along.
     """
-    neighbours = {body: {body} for body in BODIES}
-    for child, parent in PARENT.items():
-        neighbours[child].add(parent)
-        neighbours[parent].add(child)
-    slim = {"neck", "l_clavicle", "r_clavicle"}
     table = np.zeros((len(LABELS), 256), bool)
     for j, label in enumerate(LABELS):
-        near = neighbours[LABEL_BODY[label]]
-        for body in near | set().union(*(neighbours[b] for b in near & slim)):
+        near = _neighbours(LABEL_BODY[label])
+        for body in near.union(*(_neighbours(b) for b in near)):
             table[j, wearer_part(body)] = True
+        table[j, RIG] = label == "head"  # a helmet sits on the skull as hair does
     return table
 
 
 _AROUND = _parts_around()
+assert len(BODIES) == WEARER_LAST

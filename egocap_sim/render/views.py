@@ -22,10 +22,15 @@ class Resampler:
         self.atlas = atlas
         # Fixed-point maps (1/32 pixel) are twice as fast as float ones.
         self._linear = [cv2.convertMaps(xy, None, cv2.CV_16SC2) for xy in atlas.lookup]
-        self._column_row = [np.round(xy).astype(np.int32) for xy in atlas.lookup]
-        self._factor = np.ones((atlas.height, atlas.width), np.float32)
+        self._nearest = [
+            np.where(inside[..., None], np.round(xy), -1).astype(np.int16)
+            for xy, inside in zip(atlas.lookup, atlas.inside, strict=True)
+        ]
+        self.ray_factor = np.ones((atlas.height, atlas.width), np.float32)
         for t in atlas.tiles:
-            self._factor[t.row : t.row + t.height, t.column : t.column + t.width] = t.ray_length()
+            self.ray_factor[t.row : t.row + t.height, t.column : t.column + t.width] = (
+                t.ray_length()
+            )
 
     def colors(self, atlas_rgba: UInt8[Array, "h w 4"]) -> tuple[UInt8[Array, "H W 3"], ...]:
         """Images of all views, black outside the lens."""
@@ -36,15 +41,15 @@ class Resampler:
 
     def nearest(self, view: int, atlas_values: Array, outside: float) -> Array:
         """Values (H, W) at the nearest atlas pixel; `outside` where the lens sees nothing."""
-        at = self._column_row[view]
-        inside = self.atlas.inside[view]
-        out = np.full(inside.shape, outside, atlas_values.dtype)
-        out[inside] = atlas_values[at[inside, 1], at[inside, 0]]
-        return out
+        border = cv2.BORDER_CONSTANT  # outside the lens the map points at (-1, -1)
+        return cv2.remap(
+            atlas_values, self._nearest[view], None, cv2.INTER_NEAREST,
+            borderMode=border, borderValue=outside,
+        )  # fmt: skip
 
     def along_ray(self, z: Float[Array, "h w"]) -> Float[Array, "h w"]:
         """Distances along the rays from depths along the faces' z axes."""
-        return z * self._factor
+        return z * self.ray_factor
 
 
 class Views:
@@ -77,8 +82,8 @@ class Views:
     ) -> tuple[Float[Array, "N"], Int[Array, "N"]]:
         """Distance along the ray (m) and part label of what is first hit at pixels of a view.
 
-        Pixels outside the image or the lens give an infinite distance and label 0. Cheap for a few
-        dozen pixels; the depth is that of the nearest atlas pixel.
+        Pixels outside the image or the lens give an infinite distance and label 0. Reads
+        depth once a cube face, in the box around the pixels, at the nearest atlas pixels.
         """
         self._require_current()
         pixels = np.asarray(pixels, float)
@@ -87,13 +92,16 @@ class Views:
         size = np.array([camera.width, camera.height])
         valid = valid & np.all((pixels >= -0.5) & (pixels < size - 0.5), -1)
         tile, xy = self._resampler.atlas.locate(view, np.where(valid[:, None], rays, [0, 0, 1.0]))
-        hit = np.flatnonzero(valid & (tile >= 0))
+        tile = np.where(valid, tile, -1)
+        at = np.round(xy).astype(int)
         distance, part = np.full(len(pixels), np.inf), np.zeros(len(pixels), int)
-        at = np.round(xy[hit]).astype(int)
-        part[hit] = self._renderer.read_labels()[at[:, 1], at[:, 0]]
-        z = self._renderer.read_depth([(int(x), int(y), 1, 1) for x, y in at])
-        factor = self._resampler.along_ray(np.float32(1.0))[at[:, 1], at[:, 0]]
-        distance[hit] = np.array([float(d[0, 0]) for d in z]) * factor
+        for i in np.unique(tile[tile >= 0]):
+            here = np.flatnonzero(tile == i)
+            (x0, y0), (x1, y1) = at[here].min(0), at[here].max(0) + 1
+            (z,) = self._renderer.read_depth([(int(x0), int(y0), int(x1 - x0), int(y1 - y0))])
+            x, y = at[here].T
+            distance[here] = z[y - y0, x - x0] * self._resampler.ray_factor[y, x]
+            part[here] = self._renderer.read_labels()[y, x]
         distance[part == 0] = np.inf
         return distance, part
 

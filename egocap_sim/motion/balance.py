@@ -1,7 +1,7 @@
 """Keep the centre of mass of a standing figure over its feet, by shifting the pelvis.
 
-Source: segment masses and centres after D. Winter, Biomechanics and Motor Control of Human Movement,
-table 4.1.
+Source: segment masses and centres after D. Winter, Biomechanics and Motor Control of Human
+Movement, table 4.1.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def centre_of_mass(clip: Clip) -> Float[Array, "T 3"]:
 
 
 def balanced(controls: Controls, pose: Callable[[Controls], Clip]) -> Clip:
-    """Pose the controls; where the centre of mass leaves the feet, shift the pelvis and pose again."""
+    """Pose the controls, shifting the pelvis where the centre of mass leaves the feet."""
     from scipy.ndimage import gaussian_filter1d
 
     clip = pose(controls)

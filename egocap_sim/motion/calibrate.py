@@ -96,6 +96,8 @@ class _Calibration:
 
     def _stance(self) -> None:
         """How much each frame counts as standing, and the frame the body then faces along."""
+        from scipy.ndimage import gaussian_filter1d
+
         self.trunk = unit(self.to("pelvis", "neck"))
         trunk = self.trunk[:, 2]
         legs = -0.5 * (unit(self.to("l_thigh", "l_calf")) + unit(self.to("r_thigh", "r_calf")))
@@ -107,6 +109,10 @@ class _Calibration:
         if self.stand.sum() < min(5, 0.1 * self.T):  # never upright: the trunk's own axis is up
             self.stand, self.up = np.ones(self.T), self.trunk
         self.facing = _frames(left, self.up)
+        if self.T > 1:  # who walks round a corner looks into it
+            heading = np.unwrap(np.arctan2(self.facing[:, 1, 0], self.facing[:, 0, 0]))
+            rate = gaussian_filter1d(np.gradient(heading) * self.fps, 0.3 * self.fps)
+            self.stand = self.stand * (np.exp(-((rate / 0.5) ** 2)) + 0.01)
 
     def _trunk(self) -> None:
         roots = np.linalg.norm(self.to("r_clavicle", "l_clavicle"), axis=1).mean()

@@ -12,9 +12,11 @@ from numpy import ndarray as Array
 class Clip:
     """A recorded or made motion on its source skeleton.
 
-    Axis B follows `egocap_sim.bodies.BODIES`. `rotations` are the world orientations of the source's
-    bone frames, whatever they are at rest; `retarget` works out the constant offset. When the frames
-    are already those of `egocap_sim.bodies` (identity at rest), `canonical` is True.
+    Axis B follows `egocap_sim.bodies.BODIES`. `rotations` are the world orientations of the
+    source's bone frames, whatever they are at rest; `calibrate` works out the constant offsets.
+    A `canonical` clip has body frames instead: all rotations are the identity for a person who
+    stands upright facing +x, arms straight down with the palms at the thighs, feet flat and
+    pointing forward.
     """
 
     name: str

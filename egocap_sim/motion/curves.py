@@ -27,7 +27,7 @@ def through(
     values: Float[Array, "K *D"],
     bulge: Float[Array, "*D"] | float = 0.0,
 ) -> Float[Array, "T *D"]:
-    """Minimum-jerk moves through keys at increasing times; held before the first and after the last.
+    """Minimum-jerk moves through keys at increasing times; the first and the last are held.
 
     Halfway between two keys the curve is `bulge` times their distance off the straight line.
     """

@@ -5,7 +5,7 @@ sole, then the toes while the heel lifts. Between stances the ankle swings along
 leaves and meets the ground with the speed the stances have there.
 
 Source: timing and foot angles after J. Perry, Gait Analysis (1992): stance is 62 % of a cycle, foot
-flat from 8 % to 38 %; foot angle about 20 degrees at heel strike and 60 at toe-off in a full step.
+flat from 8 % to 35 %; foot angle about 20 degrees at heel strike and 60 at toe-off in a full step.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from egocap_sim.motion.curves import minimum_jerk, turn
 from egocap_sim.motion.stance import TOE_OUT
 
 STANCE = 1.24  # of a step's duration (two steps a cycle)
-FLAT_FROM, FLAT_TO = 0.16, 0.78  # of a step's duration after the strike
-STRIKE_PITCH, LIFT_PITCH = 0.33, 0.95  # radians at full step: toes up; heel up
+FLAT_FROM, FLAT_TO = 0.16, 0.70  # of a step's duration after the strike
+STRIKE_PITCH, LIFT_PITCH = 0.33, 1.1  # radians at full step: toes up; heel up
 FULL_STEP = 0.72  # metres between successive feet
 MIDSTANCE = 0.50  # of a step's duration after the strike: the hip is above the ankle
 TOE_CLEARANCE = 0.022  # metres, of the swinging toe over the ground

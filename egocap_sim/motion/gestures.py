@@ -1,4 +1,4 @@
-"""Gestures and reaches of a standing person: one function a gesture, one line each in `GESTURES`."""
+"""Gestures and reaches of a standing person: a function each, and a line in `GESTURES`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _back(score: Score, *hands: int) -> None:
 def wave(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
     """Raise a hand beside the head and wave it from the elbow."""
     side = 1.0 - 2.0 * hand
-    up = _near(rng, size, Hand((0.16, 0.24, 0.10), 1.35, swivel=0.15))
+    up = _near(rng, size, Hand((0.15, 0.25, 0.18), 1.35, swivel=0.15))
     score.gaze(side * rng.uniform(-0.1, 0.35), -0.05)
     score.clock = score.hand(hand, up)
     for n in range(int(rng.integers(4, 8))):
@@ -64,8 +64,9 @@ def point(score: Score, hand: int, size: float, rng: np.random.Generator) -> Non
 def explain(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
     """Talk with both hands: beats with open palms before the body."""
     beats = [
-        Hand((0.31, 0.02, -0.26), -0.4), Hand((0.30, 0.20, -0.22), -0.7), Hand((0.34, 0.06, -0.12), 0.3),
-        Hand((0.33, -0.06, -0.22), 0.9), Hand((0.26, 0.12, -0.30), 0.5),
+        Hand((0.31, 0.02, -0.26), -0.4), Hand((0.30, 0.20, -0.22), -0.7),
+        Hand((0.34, 0.06, -0.12), 0.3), Hand((0.33, -0.06, -0.22), 0.9),
+        Hand((0.26, 0.12, -0.30), 0.5),
     ]  # fmt: skip
     for _ in range(int(rng.integers(4, 8))):
         key = beats[int(rng.integers(len(beats)))]
@@ -193,7 +194,8 @@ def gesticulate(
 ) -> Clip:
     """Standing, one gesture after another with short rests, for the times t [s].
 
-    Every gesture comes before any comes again. Raises InputError for an unknown gesture or hand.
+    Every gesture comes before any comes again, but for the last ones, which must be over in time;
+    then the person stands. Raises InputError for an unknown gesture or hand.
     """
     unknown = [k for k in params.kinds if k not in GESTURES]
     if unknown:
@@ -205,10 +207,16 @@ def gesticulate(
     score = Score(style, rng, params.pace)
     score.wait(rng.uniform(0.2, 0.5))
     waiting: list[str] = []
-    while score.clock < t[-1]:
+    while True:
         waiting = waiting or [kinds[i] for i in rng.permutation(len(kinds))]
         better = style.handed if rng.random() < 0.65 else -style.handed
         hand = {"left": 0, "right": 1}.get(params.hand, 0 if better > 0 else 1)
-        GESTURES[waiting.pop()](score, hand, params.size, rng)
+        moves = [_move(kind, hand, params.size) for kind in waiting]
+        if not score.perform(moves, float(t[-1])):
+            return score.clip("gestures", t, fps)
+        waiting.pop(0)
         score.wait(rng.uniform(0.1, 0.5) * score.pace)
-    return score.clip("gestures", t, fps)
+
+
+def _move(kind: str, hand: int, size: float) -> Callable[[Score], None]:
+    return lambda score: GESTURES[kind](score, hand, size, score.rng)

@@ -71,7 +71,7 @@ def load_clip(
 
 
 def clean(clip: Clip, hints: Hints | None = None) -> tuple[Clip, Cleaning]:
-    """Despike, trim, calibrate, hold to joint limits and put on the floor; says what was changed."""
+    """Trim, despike, calibrate, hold to joint limits, put on the floor; says what changed."""
     clip, trimmed = longest_take(clip)
     clip, spikes = despike(clip)
     clip, beyond = within_limits(calibrate(clip, hints))

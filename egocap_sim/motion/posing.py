@@ -1,4 +1,4 @@
-"""From a few curves (pelvis, trunk, gaze, soles, wrists) to a whole-body clip on the standard figure."""
+"""Pose the standard figure from a few curves: pelvis, trunk, gaze, ankles, wrists."""
 
 from __future__ import annotations
 

@@ -29,22 +29,25 @@ def squat(t: Float[Array, "T"], rng: np.random.Generator, params: SquatParams, f
     """Squats with the arms stretched forward for balance, for the times t [s]."""
     score = Score(draw_style(rng), rng, params.pace)
     score.wait(rng.uniform(0.3, 0.5))
-    front = Hand((0.50, 0.0, -0.10), 1.2)
-    while score.clock < t[-1]:
+
+    def once(score: Score) -> None:
         depth = float(np.clip(params.depth * rng.uniform(0.9, 1.05), 0.1, 1.05))
         down, up = rng.uniform(1.1, 1.4) * score.pace, rng.uniform(0.95, 1.2) * score.pace
         score.pelvis(-0.16 * depth, 0.0, -0.36 * depth, down)
         score.trunk(0.0, 0.62 * depth, 0.0, down)
         score.gaze(0.0, 0.12, down)
         for hand in (0, 1):
-            score.hand(hand, front, down)
+            score.hand(hand, Hand((0.50, 0.0, -0.10), 1.2), down)
         score.wait(down + rng.uniform(0.1, 0.4))
         score.pelvis(0.0, 0.0, 0.0, up)
         score.trunk(0.0, 0.0, 0.0, up)
         score.gaze(0.0, 0.0, up)
         for hand in (0, 1):
             score.hand(hand, DOWN, up)
-        score.wait(up + rng.uniform(0.3, 0.8))
+        score.wait(up)
+
+    while score.perform([once], float(t[-1])):
+        score.wait(rng.uniform(0.3, 0.8))
     return score.clip("squat", t, fps)
 
 
@@ -66,7 +69,8 @@ def sit(t: Float[Array, "T"], rng: np.random.Generator, params: SitParams, fps: 
     score.wait(rng.uniform(0.3, 0.6))
     drop, back = params.seat + SEAT_TO_PELVIS - HIP_HEIGHT, -0.40
     lap = Hand((0.34, -0.01, -0.37), 1.1)
-    while score.clock < t[-1]:
+
+    def once(score: Score) -> None:
         down = rng.uniform(1.5, 1.8) * score.pace
         score.trunk(0.0, 0.62, 0.0, 0.6 * down)
         score.pelvis(back, 0.0, drop, down)
@@ -87,7 +91,10 @@ def sit(t: Float[Array, "T"], rng: np.random.Generator, params: SitParams, fps: 
         score.wait(0.25 * up)
         score.trunk(0.0, 0.0, 0.0, 0.6 * up)
         score.gaze(0.0, 0.0, 0.5)
-        score.wait(0.65 * up + rng.uniform(0.4, 0.9))
+        score.wait(0.65 * up)
+
+    while score.perform([once], float(t[-1])):
+        score.wait(rng.uniform(0.4, 0.9))
     return score.clip("sit", t, fps, balance=False)
 
 
@@ -108,13 +115,22 @@ def look_around(
     score = Score(draw_style(rng), rng, params.pace)
     score.wait(rng.uniform(0.2, 0.5))
     side = rng.choice([-1.0, 1.0])
-    while score.clock < t[-1]:
-        yaw = side * rng.uniform(0.25, 1.0) * params.yaw
+
+    def look(score: Score, yaw: float, pitch: float) -> None:
         seconds = (0.45 + 0.35 * abs(yaw)) * score.pace
-        score.gaze(yaw, rng.uniform(-0.3, 0.4), seconds / score.pace)
+        score.gaze(yaw, pitch, seconds / score.pace)
         score.trunk(0.3 * yaw, 0.0, 0.0, 1.2 * seconds)
-        score.wait(1.2 * seconds + rng.uniform(0.3, 1.2))
+        score.wait(1.2 * seconds)
+
+    home = 1.2 * (0.45 + 0.35 * params.yaw) * score.pace
+    while True:
+        yaw, pitch = float(side * rng.uniform(0.25, 1.0) * params.yaw), rng.uniform(-0.3, 0.4)
+        if not score.perform([lambda s, y=yaw, p=pitch: look(s, y, p)], float(t[-1]) - home):
+            break
+        score.wait(rng.uniform(0.3, 1.2))
         side = -side if rng.random() < 0.75 else side
+    score.clock = min(score.clock, max(float(t[-1]) - home - 0.15, 0.0))
+    look(score, 0.0, 0.0)
     return score.clip("look_around", t, fps)
 
 

@@ -18,18 +18,29 @@ from egocap.errors import InputError
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.gestures import GESTURES, GestureParams, gesticulate
 from egocap_sim.motion.postures import (
-    IdleParams, LookParams, SitParams, SquatParams, idle, look_around, sit, squat,
+    IdleParams,
+    LookParams,
+    SitParams,
+    SquatParams,
+    idle,
+    look_around,
+    sit,
+    squat,
 )  # fmt: skip
 from egocap_sim.motion.sequence import concatenate
 from egocap_sim.motion.walk import WalkParams, walk
+
+PART_S = 4.5  # seconds the shortest part of a sequence takes
+USUAL_PARTS = ("walk", "gestures", "look_around", "squat", "sit")
 
 
 @dataclass(frozen=True)
 class SequenceParams:
     """Several motions, one after another."""
 
-    parts: tuple[str, ...] = ("walk", "gestures", "look_around", "squat", "sit")
-    """Names of motions; each gets an equal share of the time."""
+    parts: tuple[str, ...] = ()
+    """Names of motions, each with an equal share of the time; empty: as many kinds as there is
+    time for."""
 
 
 @dataclass(frozen=True)
@@ -43,22 +54,24 @@ class Motion:
 
 
 def _sequence(t: np.ndarray, rng: np.random.Generator, params: SequenceParams, fps: float) -> Clip:
+    others = [m for m in MOTIONS if m != "sequence"]
     for part in params.parts:
-        if part not in MOTIONS or part == "sequence":
-            raise InputError(
-                f"unknown part '{part}'", valid=[m for m in MOTIONS if m != "sequence"]
-            )
-    if not params.parts:
-        raise InputError("a sequence without parts", valid=[m for m in MOTIONS if m != "sequence"])
-    count, clips = len(params.parts), []
-    edges = np.linspace(0, len(t) - 1, count + 1).round().astype(int)
-    for part, a, b in zip(params.parts, edges[:-1], edges[1:], strict=True):
-        clips.append(_make(MOTIONS[part], (b - a + 1), rng, fps, {}))
+        if part not in others:
+            raise InputError(f"unknown part '{part}'", valid=others)
+    room = max(int((t[-1] + 0.5 / fps) / PART_S), 1)
+    if len(params.parts) > room:
+        raise InputError(f"{len(params.parts)} parts in {t[-1]:.3g} s", valid=f"{room} or fewer")
+    parts = params.parts or USUAL_PARTS[:room]
+    edges = np.linspace(0, len(t) - 1, len(parts) + 1).round().astype(int)
+    clips = [
+        _make(MOTIONS[part], int(b - a) + 1, rng, fps, {})
+        for part, a, b in zip(parts, edges[:-1], edges[1:], strict=True)
+    ]
     return concatenate("sequence", clips)
 
 
 _LIMITS: dict[str, tuple[float, float]] = {
-    "speed": (0.3, 1.9), "radius": (1.0, 100.0), "wander": (0.0, 2.0), "arm_swing": (0.0, 2.0),
+    "speed": (0.3, 1.7), "radius": (1.0, 100.0), "wander": (0.0, 2.0), "arm_swing": (0.0, 2.0),
     "bounce": (0.0, 2.0), "lean": (-0.2, 0.4), "pace": (0.5, 2.0), "size": (0.4, 1.15),
     "depth": (0.1, 1.0), "seat": (0.35, 0.6), "stay": (0.0, 600.0), "yaw": (0.1, 1.3),
 }  # fmt: skip
@@ -126,6 +139,6 @@ def _checked(key: str, value: Any, kind: Any) -> Any:
         if not isinstance(value, kind):
             raise InputError(f"{key} is {value!r}", valid=f"a {kind.__name__}")
         return value
-    if isinstance(value, str) or not all(isinstance(v, str) for v in value):
+    if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
         raise InputError(f"{key} is {value!r}", valid="a list of names")
     return tuple(value)

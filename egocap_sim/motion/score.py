@@ -7,6 +7,8 @@ right is mirrored).
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +23,7 @@ from egocap_sim.motion.stance import HANG, HANG_PRONATION, Style, standing
 
 HAND_SPEED = 0.75  # m/s, mean over a reach at ordinary pace (peak 1.9 times that)
 REACTION = 0.3  # s a move takes however short it is
+END = 0.15  # s of rest after the last move
 BULGE = np.array([0.16, 0.05, 0.0])  # a hand's way curves forward and outward
 
 
@@ -62,6 +65,7 @@ class Score:
 
     def __init__(self, style: Style, rng: np.random.Generator, pace: float = 1.0) -> None:
         self.style, self.rng, self.pace, self.clock = style, rng, pace * style.tempo, 0.0
+        self.moved = False
         self._hands = [_Track([DOWN.row]) for _ in range(2)]
         self._gaze = _Track([np.zeros(2)])  # yaw, pitch
         self._trunk = _Track([np.zeros(3)])  # yaw, pitch (forward), roll
@@ -95,6 +99,20 @@ class Score:
 
     def wait(self, seconds: float) -> None:
         self.clock += seconds
+
+    def perform(self, moves: Sequence[Callable[[Score], None]], seconds: float) -> bool:
+        """Write the first of the moves that is over in `seconds`; False when none is.
+
+        Where nothing has been written yet, the first is written even if it will be cut short.
+        """
+        for move in moves:
+            attempt = copy.deepcopy(self)
+            move(attempt)
+            if attempt.clock <= seconds - END or not self.moved:
+                attempt.moved = True
+                self.__dict__.update(attempt.__dict__)
+                return True
+        return False
 
     def clip(self, name: str, t: Float[Array, "T"], fps: float, balance: bool = True) -> Clip:
         """Pose the score for the times t."""

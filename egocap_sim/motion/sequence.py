@@ -66,7 +66,24 @@ def _faded(clip: Clip, before: Clip) -> Clip:
         local[:, b] = Rotation.from_rotvec(fade[:, None] * difference[b]).as_matrix() @ local[:, b]
     moved = fade[:, None] * (before.positions[-1, 0] - clip.positions[0, 0])
     posed = rebuilt(clip, local)
-    return _feet_kept(dataclasses.replace(posed, positions=posed.positions + moved[:, None]), clip)
+    posed = dataclasses.replace(posed, positions=posed.positions + moved[:, None])
+    return _feet_kept(posed, _on_same_spots(clip, before))
+
+
+def _on_same_spots(clip: Clip, before: Clip) -> Clip:
+    """The clip with each foot where the last one left it, until it is lifted and put elsewhere."""
+    from scipy.spatial.transform import Rotation
+
+    p, R = clip.positions.copy(), clip.rotations.copy()
+    for s in ("l_", "r_"):
+        foot, toe = INDEX[s + "foot"], INDEX[s + "toe"]
+        away = np.linalg.norm(p[:, foot] - p[0, foot], axis=1)
+        stays = 1.0 - minimum_jerk(np.maximum.accumulate(away) / 0.2)
+        p[:, foot] += stays[:, None] * (before.positions[-1, foot] - clip.positions[0, foot])
+        turned = Rotation.from_matrix(before.rotations[-1, foot] @ clip.rotations[0, foot].T)
+        back = Rotation.from_rotvec(stays[:, None] * turned.as_rotvec()).as_matrix()
+        R[:, foot], R[:, toe] = back @ R[:, foot], back @ R[:, toe]
+    return dataclasses.replace(clip, positions=p, rotations=R)
 
 
 def _feet_kept(clip: Clip, wanted: Clip) -> Clip:

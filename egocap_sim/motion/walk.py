@@ -23,7 +23,6 @@ from egocap_sim.motion.stance import HALF_WIDTH, HANG_PRONATION, HIP_HEIGHT, dra
 
 WALK_RATIO = 0.39  # metres of step a step/s
 TIGHTEST = 0.75  # metres, radius of the tightest turn
-SLOWEST, FASTEST = 0.3, 1.9  # m/s
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class WalkParams:
     """Style of a walk; the factors are 1 for an ordinary person."""
 
     speed: float = 1.15
-    """Speed in m/s, 0.3 to 1.9."""
+    """Speed in m/s, 0.3 to 1.7."""
     radius: float = 1.7
     """Metres around the origin that the way stays in, 1 or more."""
     wander: float = 1.0
@@ -72,7 +71,7 @@ def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps
     pelvis[:, 2] = HIP_HEIGHT - 0.014 * gait - 0.35 * dip + dip * (np.cos(2.0 * phase) - 1.0) * 0.5
     arm, flex = _arms(t, swing * gait, gait, params, rng)
     yaw = -0.09 * gait * swing
-    look = heading_ahead(way, t, 0.7)
+    look = heading_ahead(way, t, 0.3)
     nod = style.gaze_down + 0.03 * slow_noise(t, rng, 0.05, 0.3)
     controls = Controls(
         pelvis=pelvis,
@@ -134,7 +133,7 @@ class _Way:
         ramp = 2.0 * self.step_s
         self.starts = float(rng.uniform(0.25, 0.5)) if params.stops else -2.3 * self.step_s
         self.ends = (
-            max(seconds - 2.6 * self.step_s, self.starts) if params.stops else seconds + self.step_s
+            max(seconds - 3.3 * self.step_s, self.starts) if params.stops else seconds + self.step_s
         )
         dt = 1.0 / 240.0
         self._t = np.arange(-4.0, seconds + 6.0, dt)

@@ -123,9 +123,9 @@ def _read(path: Path) -> dict[str, Array]:
     if not path.is_file():
         raise FileError(path, "is a directory" if path.is_dir() else "no such file")
     try:
+        if not zipfile.is_zipfile(path):  # np.load would take other kinds of file too
+            raise ValueError
         with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError
             return {name: archive[name] for name in archive.files}
     except (ValueError, OSError, EOFError, KeyError, NotImplementedError, RuntimeError,
             zipfile.BadZipFile, zlib.error) as error:  # fmt: skip

@@ -40,9 +40,9 @@ class TrackerConfig:
     """Steps of the solver for one frame."""
     tolerance: float = 1e-4
     """A frame has converged when a step lowers its energy by less than this share."""
-    lost_share: float = 0.85
+    lost_share: float = 0.75
     """Less than this share of a frame's detections agreeing means lost: solved from all starts."""
-    retry_s: float = 0.3
+    retry_s: float = 0.1
     """Seconds before a frame that stays lost is solved from all starts again."""
     jump_gain: float = 2.5
     """A pose found afresh replaces the tracked one if it explains this many more detections."""

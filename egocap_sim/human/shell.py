@@ -98,7 +98,7 @@ def make_shell(
     faces = faces[near[faces].all(1)]
     if buried is not None:
         faces = faces[~buried[faces].all(1)]
-    mix = sp.identity(len(near), format="csr")
+    mix = sp.csr_matrix(sp.identity(len(near)))
     for edge in cut.edges_at(cloth):
         faces, step = clip(faces, mix @ edge)
         mix = step @ mix

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, KDTree
 
 from egocap_sim.bodies import INDEX
 from egocap_sim.human.anny_model import BareBody, anatomy
@@ -157,6 +157,6 @@ def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "
     result = np.zeros((len(points), weights.shape[1]))
     for sign in (1, -1):
         mine, skin = sign * points[:, 1] > 0, sign * body.vertices[:, 1] > 0
-        _, near = cKDTree(body.vertices[skin]).query(points[mine], k=12)
+        _, near = KDTree(body.vertices[skin]).query(points[mine], k=12)
         result[mine] = weights[skin][near].mean(1)
     return result

@@ -32,8 +32,9 @@ PART_OF_BODY = np.array([wearer_part(b) for b in BODIES], np.uint8)
 def tone_color(tone: float) -> Float[Array, "3"]:
     """sRGB (0 to 1) of a place on the scale of skin tones, 0 lightest, 1 darkest."""
     table = np.array([rgb(t) for t in TONES])
-    # The scale's lightest swatches are brighter than lit skin is in photographs.
-    table = table * np.array([0.93, 0.84, 0.78])
+    # Flat swatches look paler at the light end, and blacker at the dark end, than lit skin does.
+    lift = 1 + 0.5 * np.clip(np.arange(len(table)) / 3 - 2, 0, 1)
+    table = table * np.array([0.93, 0.84, 0.78]) * lift[:, None]
     at = np.clip(tone, 0, 1) * (len(TONES) - 1)
     return np.array([np.interp(at, np.arange(len(TONES)), table[:, c]) for c in range(3)])
 
@@ -47,7 +48,7 @@ def skin_texture(
     mottle = 0.6 * smooth_noise(n, 24, rng) + 0.4 * smooth_noise(n, 64, rng)
     redness = smooth_noise(n, 8, rng)
     image = np.broadcast_to(base, (n, n, 3)) * (1 + 0.05 * mottle[..., None])
-    image = image + redness[..., None] * np.array([0.022, -0.008, -0.008])
+    image = image * (1 + redness[..., None] * np.array([0.02, -0.01, -0.01]))
     lips = base * np.array([0.92, 0.70, 0.70])
     _paint(image, MOUTH, (0.0085, 0.024), lips, 0.8)
     for brow in BROWS:
@@ -59,14 +60,10 @@ def skin_texture(
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
 
 
-def skin_mesh(
-    body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array, "N"]
-) -> Mesh | None:
-    """The skin without the triangles whose corners are all hidden; None when nothing is left."""
+def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array, "N"]) -> Mesh:
+    """The skin without the triangles whose corners are all hidden."""
     shape = anatomy()
     shown = ~hidden[shape.faces].all(1)
-    if not shown.any():
-        return None
     faces, face_uv = shape.faces[shown], shape.face_uv[shown]
     pairs = faces.astype(np.int64) * len(shape.uv) + face_uv
     unique, index = np.unique(pairs, return_inverse=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from numbers import Real
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from egocap_sim.human.headwear import (
 )
 from egocap_sim.human.outfit import BAREFOOT, Outfit, change_outfit, sample_outfit
 from egocap_sim.human.person import Person
-from egocap_sim.human.phenotype import PHENOTYPE_NAMES, Phenotype, age_from_years
+from egocap_sim.human.phenotype import ADULT_YEARS, PHENOTYPE_NAMES, Phenotype, age_from_years
 from egocap_sim.human.sewing import sew
 from egocap_sim.human.shoes import SHOES, make_shoes, shoe_texture
 from egocap_sim.human.skin import IRISES, rgb, skin_mesh, skin_texture
@@ -66,6 +67,7 @@ def make_person(
     _check("sex", sex, SEXES)
     _check("headgear", headgear, HEADGEAR)
     _check_range("height_m", height_m, HEIGHTS_M)
+    _check_range("age_years", age_years, ADULT_YEARS)
     _check_range("skin_tone", skin_tone, (0.0, 1.0))
 
     shape_rng = _stream(seed, SHAPE)
@@ -118,15 +120,18 @@ def _sample_body(
 ) -> tuple[str, float, BareBody]:
     """Draw a shape until its body mass index is plausible (at once if weight is fixed)."""
     free = [n for n in PHENOTYPE_NAMES if n not in ("age", "height")]
-    for key in fixed:
-        if key not in free:
-            raise InputError(f"unknown phenotype '{key}'", valid=free)
+    for key, value in fixed.items():
+        _check("phenotype", key, free)
+        _check_range(f"phenotype {key}", value, (0.0, 1.0))
     drawn_sex = SEXES[int(rng.integers(2))]
+    if sex is None and "gender" in fixed:
+        sex = "female" if fixed["gender"] >= 0.5 else "male"
     sex = sex or drawn_sex
     drawn_years, drawn_height = rng.uniform(18.0, 75.0), rng.normal(0.0, 0.07)
     years = float(drawn_years if age_years is None else age_years)
-    if height_m is None:
-        height_m = np.clip(drawn_height + (1.64 if sex == "female" else 1.77), *SAMPLED_HEIGHTS_M)
+    usual = 1.64 if sex == "female" else 1.77
+    sampled = np.clip(usual + drawn_height, *SAMPLED_HEIGHTS_M)
+    height = float(sampled if height_m is None else height_m)
     ancestry = dict(zip(("african", "asian", "caucasian"), rng.dirichlet([0.4] * 3), strict=True))
     gender = rng.uniform(0.0, 0.2)
     while True:
@@ -140,7 +145,7 @@ def _sample_body(
             **{key: float(value) for key, value in fixed.items()},
         }
         shape = Phenotype(age=age_from_years(years), **{k: float(v) for k, v in values.items()})
-        body = bare_body(shape, float(height_m))
+        body = bare_body(shape, height)
         bmi = _mass(body) / body.height_m**2
         if SAMPLED_BMI[0] <= bmi <= SAMPLED_BMI[1] or {"weight", "muscle"} & fixed.keys():
             return sex, years, body
@@ -171,7 +176,8 @@ def _dress(body: BareBody, clothes: Outfit, tone: float, seed: int) -> list[Mesh
         sew("bottom", bottom.shell, body, fabric_texture(clothes.bottom_fabric, rng), TILE_M),
     ]
     if clothes.shoes != BAREFOOT:
-        leather = Fabric("plain", (clothes.shoe_color,) * 3, 0.5)
+        color = clothes.shoe_color
+        leather = Fabric("plain", (color, color, color), 0.5)
         texture = shoe_texture(fabric_texture(leather, rng), rgb(PALETTE[clothes.sole_color]))
         shoes, in_shoes = make_shoes(body, SHOES[clothes.shoes], texture)
         hidden |= in_shoes
@@ -184,11 +190,13 @@ def _dress(body: BareBody, clothes: Outfit, tone: float, seed: int) -> list[Mesh
     return [skin_mesh(body, skin, hidden), *meshes]
 
 
-def _check(what: str, value: str | None, valid: tuple[str, ...]) -> None:
+def _check(what: str, value: str | None, valid: Sequence[str]) -> None:
     if value is not None and value not in valid:
         raise InputError(f"unknown {what} '{value}'", valid=valid)
 
 
 def _check_range(what: str, value: float | None, band: tuple[float, float]) -> None:
-    if value is not None and not band[0] <= value <= band[1]:
-        raise InputError(f"{what} is {value}", valid=f"{band[0]:g} to {band[1]:g}")
+    if value is None:
+        return
+    if not isinstance(value, Real) or not band[0] <= value <= band[1]:
+        raise InputError(f"{what} is {value!r}", valid=f"{band[0]:g} to {band[1]:g}")

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid
@@ -111,7 +111,7 @@ def check_outside(someone, name):
     """The vertices that seem to lie deepest, by the normal of the nearest skin, are outside."""
     mesh = next(m for m in someone.actor.meshes if m.name == name)
     skin, faces = someone.body_vertices, anatomy().faces
-    _, near = cKDTree(skin).query(mesh.vertices)
+    _, near = KDTree(skin).query(mesh.vertices)
     normals = vertex_normals(skin, faces)[near]
     height = np.einsum("ij,ij->i", mesh.vertices - skin[near], normals)
     worst = mesh.vertices[np.argsort(height)[:30]]
@@ -198,6 +198,8 @@ def test_every_haircut_can_be_worn():
         ({"headgear": "crown"}, "helmet, headset"),
         ({"phenotype": {"charm": 1}}, "weight"),
         ({"phenotype": {"weight": 3}}, "0 to 1"),
+        ({"phenotype": {"weight": "much"}}, "0 to 1"),
+        ({"height_m": "tall"}, "1.4 to 2.1"),
         ({"outfit": {"top": "toga"}}, "hoodie"),
         ({"outfit": {"hat": "toga"}}, "top_fabric"),
         ({"outfit": {"top_fabric": "stripes:white,navy,red,blue"}}, "1 to 3"),

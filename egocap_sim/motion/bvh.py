@@ -20,6 +20,7 @@ from egocap.errors import FileError
 from egocap.geometry import axis_angle
 
 _CHANNELS = tuple(f"{a}{kind}" for kind in ("position", "rotation") for a in "XYZ")
+LARGEST = 1e7  # a length, an angle or a step between frames beyond it is damage
 _TOKEN = re.compile(r"[{}]|[^\s{}]+")
 
 
@@ -153,8 +154,8 @@ class _Hierarchy:
             value = float(token)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
-            raise self.fail(f"'{token[:40]}' is not a finite number ({what})")
+        if not abs(value) < LARGEST:
+            raise self.fail(f"'{token[:40]}' is not a finite number of sane size ({what})")
         return value
 
     def name(self) -> str:
@@ -241,10 +242,13 @@ def _motion_header(lines: list[str], line: int, path: str | Path) -> tuple[float
             found.append(float(value))
         except ValueError:
             found.append(math.nan)
-        limit = 1 if wanted == "frames" else 1e-5
-        if not (math.isfinite(found[-1]) and found[-1] >= limit):
+        low, high = (1.0, LARGEST) if wanted == "frames" else (1e-5, 1.0)
+        if not low <= found[-1] <= high:
             raise FileError(
-                path, f"{wanted.title()} is '{value.strip()[:40]}'", line=n + 1, valid="above 0"
+                path,
+                f"{wanted.title()} is '{value.strip()[:40]}'",
+                line=n + 1,
+                valid=f"above 0, {low:g} to {high:g}",
             )
         if len(found) == 2:
             if found[0] != int(found[0]):
@@ -263,7 +267,7 @@ def _frame_block(
         values = np.array(" ".join(lines[start:]).split(), dtype=np.float64)
     except ValueError:
         values = None
-    if values is None or not np.isfinite(values).all():
+    if values is None or not (np.abs(values) < LARGEST).all():
         raise _bad_number(lines, start, path)
     if values.size != count * columns:
         raise FileError(
@@ -280,9 +284,11 @@ def _bad_number(lines: list[str], start: int, path: str | Path) -> FileError:
     for n in range(start, len(lines)):
         for word in lines[n].split():
             try:
-                good = math.isfinite(float(word))
+                good = abs(float(word)) < LARGEST
             except ValueError:
                 good = False
             if not good:
-                return FileError(path, f"'{word[:40]}' is not a finite number", line=n + 1)
+                return FileError(
+                    path, f"'{word[:40]}' is not a finite number of sane size", line=n + 1
+                )
     return FileError(path, "a frame value is not a finite number", line=start + 1)

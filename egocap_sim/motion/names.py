@@ -32,12 +32,13 @@ CONVENTIONS: dict[str, tuple[str, ...]] = {
         "clavicle", "upperarm", "forearm", "hand", "thigh", "calf", "foot", "toebase|toe0|toe"),
     "Unreal": ("clavicle", "upperarm", "lowerarm", "hand", "thigh", "calf", "foot", "ball"),
     "Xsens (joints)": (
-        "collar|clavicle", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe|toebase"),
+        "collar|clavicle|scapula", "shoulder", "elbow", "wrist", "hip", "knee", "ankle",
+        "toe|toebase|toes"),
     "Xsens MVN (segments)": (
         "shoulder", "upperarm", "forearm", "hand", "upperleg", "lowerleg", "foot", "toe"),
     "plain": (
-        "clavicle|collar|shoulder", "upperarm", "lowerarm|forearm", "hand|wrist",
-        "upperleg|thigh", "lowerleg|calf|shin", "foot|ankle", "toes|toe|toebase"),
+        "clavicle|collar|shoulder", "upperarm|uparm", "lowerarm|forearm|lowarm", "hand|wrist",
+        "upperleg|thigh|upleg", "lowerleg|calf|shin|lowleg", "foot|ankle", "toes|toe|toebase"),
     "SMPL": ("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot"),
 }  # fmt: skip
 
@@ -122,7 +123,8 @@ def _limbs(names: Sequence[str], row: Sequence[str]) -> dict[str, int]:
     index: dict[str, int] = {}
     for i, name in enumerate(names):
         index.setdefault(normal(name), i)
-    found = {"head": index["head"]} if "head" in index else {}
+    head = index.get("head", index.get("headm"))
+    found = {} if head is None else {"head": head}
     for side, word in (("l", "left"), ("r", "right")):
         for limb, stems in zip(LIMBS, row, strict=True):
             for stem in stems.split("|"):

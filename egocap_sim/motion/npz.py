@@ -18,6 +18,7 @@ from egocap.errors import FileError
 from egocap.geometry import quaternion_to_matrix
 from egocap_sim.bodies import BODIES
 
+FARTHEST = 1e4  # metres
 _KEYS = ("joints", "pos", "quat", "fps")
 _SHORT = {"clav": "clavicle", "arm": "upperarm", "fore": "forearm"}
 
@@ -43,6 +44,8 @@ def read_npz(
     for key in ("pos", "quat", "fps"):
         if not np.isfinite(data[key]).all():
             raise FileError(path, "has values that are not finite", key=key)
+    if np.abs(data["pos"]).max() > FARTHEST:
+        raise FileError(path, "has positions beyond any room", key="pos", valid="metres")
     if data["fps"].size != 1 or not 1 <= float(data["fps"].ravel()[0]) <= 10_000:
         raise FileError(path, f"is {data['fps']}", key="fps", valid="one number, 1 to 10000")
     quat = data["quat"][:, order]

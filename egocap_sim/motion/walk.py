@@ -177,4 +177,4 @@ class _Way:
 
     def amplitude(self, t: Array | float) -> Array:
         """How much of a full gait there is, 0 standing to 1."""
-        return np.interp(t, self._t, self._gait)
+        return np.asarray(np.interp(t, self._t, self._gait))

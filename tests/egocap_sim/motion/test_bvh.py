@@ -97,6 +97,8 @@ def test_every_euler_order(order: str) -> None:
         ("0.01", "fast", 21, "above 0"),
         ("1 2 4 11", "1 2 inf 11", 23, "inf"),
         ("1 2 4 11", "1 2 x 11", 23, "'x'"),
+        ("1 2 4 11", "1 2 1e9 11", 23, "sane"),
+        ("0.01", "7", 21, "1e-05 to 1"),
     ],
 )
 def test_defects_name_the_line(old: str, new: str, line: int, says: str) -> None:

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from egocap.errors import FileError, InputError
@@ -62,6 +66,30 @@ def test_no_unit_fits(active, bvh_file, rig) -> None:
 def test_unknown_kind(tmp_path) -> None:
     with pytest.raises(FileError, match=r"valid: \.bvh"):
         load_clip(tmp_path / "a.fbx")
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_damaged_files_give_a_finite_clip_or_an_error(
+    data: st.DataObject, active, bvh_file
+) -> None:
+    path = bvh_file(dataclasses.replace(
+        active, positions=active.positions[:4], rotations=active.rotations[:4]))  # fmt: skip
+    lines = path.read_text().splitlines()
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(lines) - 1))
+        words = lines[at].split() or [""]
+        word = data.draw(st.integers(0, len(words) - 1))
+        words[word] = data.draw(st.sampled_from(["", "0", "-9e6", "l_hand", "}", "1e-300", "180"]))
+        lines[at] = " ".join(words)
+    path.write_text("\n".join(lines))
+    try:
+        clip = load_clip(path)
+    except FileError:
+        return
+    assert np.isfinite(clip.positions).all() and np.isfinite(clip.rotations).all()
 
 
 @pytest.mark.parametrize("name", SAMPLE)

@@ -35,9 +35,10 @@ def track_causally(
             fresh = t < 2 or step > 2.0 * (times[t - 1] - times[t - 2])
             predicted = predict(angles[t - 1], angles[t - 1 if fresh else t - 2], config.zeta)
             scatter = config.speed * step * SPREAD
-            angles[t], converged[t] = frame.solve(predicted, predicted, scatter)
+            angles[t], converged[t] = frame.solve(predicted, scatter)
         if times[t] >= retry and (t == 0 or not frame.agrees(angles[t])):
-            angles[t], converged[t] = frame.search(angles[t], jump_cost(config) if t else 0.0)
+            cost = jump_cost(config) if t > 0 else -np.inf
+            angles[t], converged[t] = frame.search(angles[t], cost)
             if not frame.agrees(angles[t]):
                 retry = times[t] + config.retry_s
     return angles, converged
@@ -56,26 +57,26 @@ class _Frame:
         self.model, self.config = model, config
 
     def solve(
-        self,
-        start: Float[Array, "37"],
-        predicted: Float[Array, "37"],
-        scatter: Float[Array, "37"],
+        self, predicted: Float[Array, "37"], scatter: Float[Array, "37"]
     ) -> tuple[Float[Array, "37"], bool]:
-        angles, _, converged, _ = self._minimise(start, predicted, scatter, 1.0)
+        """Solve with a prediction and its scatter; returns angles and convergence."""
+        angles, _, converged, _ = solve_frame(
+            self.model, predicted, predicted, scatter, *self.data, float(self.config.robust_scale),
+            int(self.config.max_iterations), self.config.tolerance,
+        )  # fmt: skip
         return angles, converged
 
     def search(self, tracked: Float[Array, "37"], cost: float) -> tuple[Float[Array, "37"], bool]:
         """The lowest energy reached from all starting poses; the tracked pose is `cost` ahead."""
-        found = [self._minimise(tracked, tracked, _NO_SCATTER, 1.0)]
+        found = [self._minimise(tracked, 1.0)]
         for start in start_poses():
             near = start
             for widening in _WIDENING:
-                near = self._minimise(near, near, _NO_SCATTER, widening)[0]
-            found.append(self._minimise(near, near, _NO_SCATTER, 1.0))
+                near = self._minimise(near, widening)[0]
+            found.append(self._minimise(near, 1.0))
         angles, energy, converged, _ = min(found, key=lambda result: result[1])
-        if energy + cost < found[0][1]:
-            return angles, converged
-        return (tracked, True) if cost else (found[0][0], found[0][2])
+        _, held, _, _ = self._minimise(tracked, 1.0, iterations=0)
+        return (angles, converged) if energy + cost < held else (tracked, False)
 
     def agrees(self, angles: Float[Array, "37"]) -> bool:
         """Whether enough of the frame's detections lie within the robust scale of the pose."""
@@ -87,17 +88,14 @@ class _Frame:
         return inliers >= self.config.lost_share * count
 
     def _minimise(
-        self,
-        start: Float[Array, "37"],
-        predicted: Float[Array, "37"],
-        scatter: Float[Array, "37"],
-        widening: float,
+        self, start: Float[Array, "37"], widening: float, iterations: int | None = None
     ) -> tuple[Float[Array, "37"], float, bool, int]:
-        scale = widening * self.config.robust_scale
-        iterations, tolerance = int(self.config.max_iterations), self.config.tolerance
+        """Solve without a prediction; returns angles, energy, converged, steps."""
+        steps = int(self.config.max_iterations) if iterations is None else iterations
         return solve_frame(
-            self.model, start, predicted, scatter, *self.data, scale, iterations, tolerance
-        )
+            self.model, start, start, _NO_SCATTER, *self.data,
+            widening * self.config.robust_scale, steps, self.config.tolerance,
+        )  # fmt: skip
 
 
 def track_both_ways(

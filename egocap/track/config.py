@@ -44,7 +44,7 @@ class TrackerConfig:
     """Less than this share of a frame's detections agreeing means lost: solved from all starts."""
     retry_s: float = 0.1
     """Seconds before a frame that stays lost is solved from all starts again."""
-    jump_gain: float = 2.5
+    jump_gain: float = 4.0
     """A pose found afresh replaces the tracked one if it explains this many more detections."""
     gaussian_frames: float = 1.0
     """Standard deviation of the Gaussian low-pass, frames (5 frames wide)."""

@@ -7,6 +7,7 @@ leaves the others as they were.
 from __future__ import annotations
 
 import hashlib
+import math
 import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
     from egocap_sim.trajectory import Trajectory
 
 _RIG_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # what a built-in rig is worn on
+
+
+_MOTION_S = 30.0
+"""Procedural motions are made in multiples of this, so that fewer frames are the start of more."""
 
 
 def stream(seed: int, purpose: str) -> np.random.Generator:
@@ -71,7 +76,8 @@ def clip_of(scene: Scene) -> Clip:
     from egocap_sim.motion.procedural import make_motion
 
     assert motion.name is not None
-    duration = motion.start_s + (scene.frames + 1) / scene.fps
+    needed = motion.start_s + (scene.frames + 1) / scene.fps
+    duration = math.ceil(needed / _MOTION_S) * _MOTION_S
     return make_motion(motion.name, duration, stream(scene.seed, "motion"), **motion.parameters)
 
 

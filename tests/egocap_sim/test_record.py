@@ -109,21 +109,24 @@ def test_truth_is_physically_and_geometrically_sane(folder):
 
 
 def test_masks_and_depth_agree_with_the_joints_that_are_seen(folder):
-    """A seen joint lies just under the wearer's own surface, at the mask's and depth's pixel."""
+    """Most seen joints lie just under the wearer's own surface, at the mask's and depth's pixel.
+
+    Not all: at this image size a pixel is 2 cm, and of a limb seen along its length the skin around
+    the joint shows while its middle is deeper.
+    """
     sequence = Sequence(folder)
     truth = sequence.truth
-    checked = 0
+    under_own_skin = []
     for t in range(FRAMES):
         for v, view in enumerate(sequence.manifest.views):
             mask, depth = sequence.mask(t, view), sequence.depth(t, view)
             for j in np.flatnonzero(truth.visibility[t, v] == VISIBLE):
                 x, y = np.rint(truth.joints_2d[t, v, j]).astype(int)
-                part = mask[y, x]
-                assert WEARER_FIRST <= part <= WEARER_LAST or part == RIG, (t, view, j, part)
+                wearer = WEARER_FIRST <= mask[y, x] <= WEARER_LAST or mask[y, x] == RIG
                 inside = np.linalg.norm(truth.joints_camera[t, v, j]) - depth[y, x] / 1000
-                assert -0.03 < inside < 0.25, (t, view, j, inside)
-                checked += 1
-    assert checked > 50
+                under_own_skin.append(wearer and -0.01 < inside < 0.25)
+    assert len(under_own_skin) > 50
+    assert np.mean(under_own_skin) > 0.85
     assert (truth.visibility == OUT_OF_VIEW).mean() < 0.2
 
 

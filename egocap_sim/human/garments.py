@@ -46,10 +46,10 @@ TOPS: dict[str, Top] = {
     "jacket": Top(1.97, 0.10, 0.05, 0.014, 0.034, 0.026),
 }
 BOTTOMS: dict[str, Bottom] = {
-    "shorts": Bottom(0.78, 0.005, 0.030),
+    "shorts": Bottom(0.78, 0.007, 0.030),
     "tight_shorts": Bottom(0.55, 0.004, 0.0),
     "slim_trousers": Bottom(1.86, 0.005, 0.003),
-    "trousers": Bottom(1.96, 0.005, 0.018),
+    "trousers": Bottom(1.96, 0.006, 0.018),
     "wide_trousers": Bottom(1.99, 0.005, 0.045),
     "leggings": Bottom(1.80, 0.004, 0.0),
 }
@@ -75,6 +75,7 @@ def fit_top(body: BareBody, chart: Chart, top: Top) -> Fitted:
             np.where(chart.piece == TORSO, top.collar - chart.neck, ELSEWHERE),
         ],
         Level(hem, above=True, where=~arm),
+        margin=_margin(max(top.ease, top.sleeve_ease)),
     )
     drop = np.clip((chest - z) / (chest - hem), 0, 1)
     # Shoulders carry the cloth; it falls freely from the chest down and along the sleeves.
@@ -103,11 +104,17 @@ def fit_bottom(body: BareBody, chart: Chart, bottom: Bottom, buried: Bool[Array,
             np.where(leg, length - chart.leg, ELSEWHERE),
         ],
         Level(waist, above=False, where=~arm),
+        margin=_margin(bottom.ease),
     )
     looseness = bottom.ease * np.where(leg, np.clip(chart.leg / length, 0.05, 1), 0.05)
     gap = np.full(len(z), bottom.gap)
     shell = make_shell(body, chart, cut, gap, looseness, _hips(body, chart), buried)
     return Fitted(shell, cut.covered(body.vertices))
+
+
+def _margin(ease: float) -> float:
+    """How deep (m) under its hems skin can be seen: less under tight cloth."""
+    return 0.02 + 0.8 * ease
 
 
 def _hips(body: BareBody, chart: Chart) -> Float[Array, "N"]:

@@ -18,7 +18,7 @@ from egocap_sim.human.chart import TORSO, Chart, averaging
 APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
 SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
 ELSEWHERE = 1.0  # m inside: what an edge says of parts of the body that it does not concern
-TIGHT, WIDE = 4, 24  # rounds of averaging of the skin weights
+TIGHT, WIDE = 2, 24  # rounds of averaging of the skin weights
 HEM_FOLD = 0.7  # share of the gap to the skin by which a hem's edge is turned in
 
 

@@ -33,6 +33,8 @@ from egocap_sim.truth import truth_before_rendering
 if TYPE_CHECKING:
     from egocap_sim.frames import FrameMaker
 
+_THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Thread counts of Mesa's software OpenGL and of the numeric libraries."""
 _DRAFT = (
     "truth.draft.tmp"  # truth before rendering, for the workers; gone when the sequence is whole
 )
@@ -122,11 +124,14 @@ def _render_shards(
 ) -> None:
     """Render shards in spawned workers and enter each as it is done."""
     workers = max(1, min(workers, len(pending)))
+    threads = str(max(1, (os.cpu_count() or 1) // workers))
+    before = dict(os.environ)
+    os.environ |= dict.fromkeys(_THREADS, threads)  # read by libraries as a worker loads them
     pool = ProcessPoolExecutor(
         workers,
         mp_context=mp.get_context("spawn"),
         initializer=_begin_worker,
-        initargs=(scene, out, workers),
+        initargs=(scene, out, int(threads)),
     )
     try:
         waiting: set[Future[ShardEntry]] = {
@@ -145,6 +150,8 @@ def _render_shards(
         ) from None
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def _finish(writer: SequenceWriter, draft: Truth) -> None:
@@ -174,12 +181,10 @@ _maker: FrameMaker | None = None  # a worker process's own renderer, made with i
 _task: tuple[Scene, Path]
 
 
-def _begin_worker(scene: Scene, out: Path, workers: int) -> None:
+def _begin_worker(scene: Scene, out: Path, threads: int) -> None:
     """Set up one worker process; it ends by itself when its parent is gone."""
     global _task
     _task = scene, out
-    threads = max(1, (os.cpu_count() or 1) // workers)
-    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # read by Mesa when GL is loaded
     parent = mp.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()

@@ -7,7 +7,7 @@ index buffer, each with a bounding box, so that a cube face draws only the chunk
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
@@ -30,6 +30,7 @@ class Chunk:
     first: int  # first index in the index buffer
     count: int
     casts_shadow: bool
+    double_sided: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +83,7 @@ class Batch:
 
 
 def merge(meshes: Sequence[Mesh]) -> Batch:
-    """Merge meshes into one batch; rigid ones stay in the world.
-
-    A double-sided mesh becomes two: what is seen from behind needs normals of its own.
-    """
-    meshes = [side for m in meshes for side in ((m, _inside_out(m)) if m.double_sided else (m,))]
+    """Merge meshes into one batch; rigid ones stay in the world."""
     n_bones = max((int(m.bones.max()) + 1 for m in meshes if m.bones is not None), default=0)
     offsets = np.cumsum([0] + [len(m.vertices) for m in meshes])
     positions = np.concatenate([m.vertices for m in meshes]).astype(np.float32)
@@ -142,12 +139,8 @@ def _normals(mesh: Mesh) -> Array:
     return vertex_normals(mesh.vertices[first], welded[mesh.faces])[welded]
 
 
-def _inside_out(mesh: Mesh) -> Mesh:
-    return replace(mesh, faces=mesh.faces[:, ::-1], casts_shadow=False)
-
-
 def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, tuple[Chunk, ...]]:
-    """Sort triangles by shadow rule, mesh (if rigid, small ones first) and part; list the runs.
+    """Sort triangles by the rules, mesh (if rigid, small ones first) and part; list the runs.
 
     Small things stand before large ones, and what is hidden by then costs no shading.
     """
@@ -155,7 +148,7 @@ def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, 
     mesh_of_face = np.repeat(np.arange(len(meshes)), [len(m.faces) for m in meshes])
     rules = np.array(
         [
-            (not m.casts_shadow, -1 if m.bones is not None else small_first[i])
+            (m.double_sided, not m.casts_shadow, -1 if m.bones is not None else small_first[i])
             for i, m in enumerate(meshes)
         ]
     )[mesh_of_face]
@@ -164,7 +157,9 @@ def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, 
     keys, faces = keys[order], faces[order]
     cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
     edges = [0, *cuts.tolist(), len(faces)]
-    return faces, tuple(Chunk(3 * a, 3 * (b - a), not keys[a, 0]) for a, b in pairwise(edges))
+    return faces, tuple(
+        Chunk(3 * a, 3 * (b - a), not keys[a, 1], bool(keys[a, 0])) for a, b in pairwise(edges)
+    )
 
 
 def _layers(meshes: Sequence[Mesh]) -> tuple[UInt8[Array, "L S S 4"], Int[Array, "M"]]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from ctypes import c_void_p
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
-from egocap_sim.render.gl import GL
+from egocap_sim.render.gl import GL, read_pixels
 
 SHADOW_SIZE = 1024
 
@@ -62,14 +61,21 @@ class AtlasBuffer:
         self._read(self.color, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, (0, 0, self.width, self.height))
         return self.color
 
-    def read_depth(self, boxes: Sequence[tuple[int, int, int, int]]) -> list[Array]:
-        """Depth buffer values 0..1 in boxes (column, row, width, height)."""
-        out = []
-        for box in boxes:
-            depth = np.empty((box[3], box[2]), np.float32)
-            self._read(depth, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, box)
-            out.append(depth)
-        return out
+    def read_depth(self) -> Float[Array, "h w"]:
+        """Depth buffer values 0..1 of the atlas."""
+        depth = np.empty((self.height, self.width), np.float32)
+        self._read(depth, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, (0, 0, self.width, self.height))
+        return depth
+
+    def read_depth_at(self, at: Int[Array, "N 2"]) -> Float[Array, "N"]:
+        """Depth buffer values 0..1 at atlas pixels (column, row)."""
+        depth = np.empty(len(at), np.float32)
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._plain)
+        for i, (column, row) in enumerate(at.tolist()):
+            # The unwrapped call: PyOpenGL's own costs three times as much as the read itself.
+            place = c_void_p(depth.ctypes.data + 4 * i)
+            read_pixels(column, row, 1, 1, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, place)
+        return depth
 
     def free(self) -> None:
         """Give the memory back."""
@@ -90,7 +96,6 @@ class AtlasBuffer:
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthMask(GL.GL_TRUE)
         GL.glDepthFunc(GL.GL_LESS)
-        GL.glEnable(GL.GL_CULL_FACE)
         GL.glCullFace(GL.GL_BACK)
         GL.glClearColor(*map(float, background), 0.0)
         GL.glClear(GL.GL_COLOR_BUFFER_BIT)
@@ -175,7 +180,6 @@ class ShadowMap:
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthMask(GL.GL_TRUE)
         GL.glDepthFunc(GL.GL_LESS)
-        GL.glDisable(GL.GL_CULL_FACE)
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
         GL.glEnable(GL.GL_DEPTH_CLAMP)  # casters behind the light still cast
         GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)

@@ -38,13 +38,14 @@ try:
     import pyrender
     import pyrender.renderer
     from OpenGL import contextdata
+    from OpenGL.raw.GL.VERSION.GL_1_0 import glReadPixels as read_pixels
     from pyrender.platforms import egl as _platform
 except MachineError:
     raise
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
 
-__all__ = ["GL", "Context", "pyrender"]
+__all__ = ["GL", "Context", "pyrender", "read_pixels"]
 
 
 class Context:

@@ -29,6 +29,7 @@ class GpuBatch:
             [batch.positions, batch.normals, batch.uv, batch.layer_part], axis=1
         ).astype(np.float32)
         self._texture = _texture_array(batch.layers)
+        self._double_sided = np.array([c.double_sided for c in batch.chunks])
         self._first = np.array([c.first for c in batch.chunks])
         self._count = np.array([c.count for c in batch.chunks])
 
@@ -44,22 +45,24 @@ class GpuBatch:
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._texture)
 
     def draw(self, chosen: Bool[Array, "C"]) -> None:
-        """Draw the chosen chunks with the bound program, neighbours in one call."""
+        """Draw the chosen chunks with the bound program, hiding the backs of one-sided ones."""
         self.primitive._bind()
-        index = np.flatnonzero(chosen)
-        for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
-            if len(run):
-                GL.glDrawElementsInstanced(
-                    GL.GL_TRIANGLES,
-                    int(self._count[run].sum()),
-                    GL.GL_UNSIGNED_INT,
-                    ctypes.c_void_p(4 * int(self._first[run[0]])),
-                    1,
-                )
+        for double_sided in (False, True):
+            index = np.flatnonzero(chosen & (self._double_sided == double_sided))
+            if len(index):
+                (GL.glDisable if double_sided else GL.glEnable)(GL.GL_CULL_FACE)
+                for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
+                    self._draw_run(run)
 
     def free(self) -> None:
         """Give the texture memory back; the buffers go with the renderer."""
         GL.glDeleteTextures([self._texture])
+
+    def _draw_run(self, run: Array) -> None:
+        """Draw neighbouring chunks in one call."""
+        first = ctypes.c_void_p(4 * int(self._first[run[0]]))
+        count = int(self._count[run].sum())
+        GL.glDrawElementsInstanced(GL.GL_TRIANGLES, count, GL.GL_UNSIGNED_INT, first, 1)
 
 
 class Uniforms:

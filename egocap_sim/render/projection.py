@@ -48,7 +48,7 @@ def of_light(
     return clip
 
 
-def depth_of(raw: Float[Array, "h w"], near: float, far: float) -> Float[Array, "h w"]:
+def depth_of(raw: Float[Array, "*n"], near: float, far: float) -> Float[Array, "*n"]:
     """Metres along the face's z axis from the depth buffer's 0..1."""
     return (near * far / (far - raw.astype(np.float64) * (far - near))).astype(np.float32)
 

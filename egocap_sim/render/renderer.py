@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.errors import InputError
@@ -125,16 +125,15 @@ class FisheyeRenderer(pyrender.Renderer):
         """Whether the drawing behind these views is still the one in the buffers."""
         return views is self._views
 
-    def read_depth(self, boxes: Sequence[tuple[int, int, int, int]] | None = None) -> list[Array]:
-        """Distances along z of the face, metres, in atlas boxes (column, row, width, height)."""
-        self.context.make_current()
-        if self._buffer.samples and not self._buffer.has_labels:
-            self._draw_labels()
-        whole = (0, 0, self.atlas.width, self.atlas.height)
-        return [
-            projection.depth_of(raw, NEAR, FAR)
-            for raw in self._buffer.read_depth([whole] if boxes is None else boxes)
-        ]
+    def read_depth(self) -> Float[Array, "h w"]:
+        """Metres along the face's z axis at every atlas pixel."""
+        self._prepare_depth()
+        return projection.depth_of(self._buffer.read_depth(), NEAR, FAR)
+
+    def read_depth_at(self, at: Int[Array, "N 2"]) -> Float[Array, "N"]:
+        """Metres along the face's z axis at some atlas pixels (column, row)."""
+        self._prepare_depth()
+        return projection.depth_of(self._buffer.read_depth_at(at), NEAR, FAR)
 
     def read_labels(self) -> Array:
         """Part labels of the atlas (h, w) uint8, each of exactly one surface."""
@@ -144,6 +143,11 @@ class FisheyeRenderer(pyrender.Renderer):
         if not self._buffer.has_labels:
             self._draw_labels()
         return self._buffer.labels
+
+    def _prepare_depth(self) -> None:
+        self.context.make_current()
+        if self._buffer.samples and not self._buffer.has_labels:
+            self._draw_labels()
 
     def _require_transforms(self, skinning: Mapping[str, Array]) -> None:
         for name, batch in self._batches.items():

@@ -56,9 +56,12 @@ def test_every_triangle_is_in_one_chunk_and_casters_are_marked():
         replace(box("d", (0, 3, 0), (1, 1, 1), RED), double_sided=True),
     ]
     batch = merge(meshes)
-    assert len(batch.faces) == 12 + 2 + 24  # both sides of the double-sided one
+    assert len(batch.faces) == 12 + 2 + 12
     assert sum(c.count for c in batch.chunks) == batch.faces.size
-    assert sum(c.count for c in batch.chunks if c.casts_shadow) == 3 * 24
+    assert (
+        sum(c.count for c in batch.chunks if c.casts_shadow) == 3 * 24
+        and sum(c.double_sided for c in batch.chunks) == 1
+    )
     assert len(batch.layers) == 2
 
 

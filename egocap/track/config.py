@@ -30,11 +30,11 @@ class TrackerConfig:
     """Scatter of the prediction, in spreads per second."""
     acceleration: float = 1.0
     """Scatter of the accelerations that `interval` allows, in units of each angle's agility."""
-    robust_scale: float = 4.0
+    robust_scale: float = 5.0
     """Residual, in standard deviations, beyond which a detection loses its say."""
     pixel_floor: float = 0.5
     """Least standard deviation of a detection, in pixels at an image width of 640."""
-    model_error_m: float = 0.008
+    model_error_m: float = 0.004
     """Scatter of true joints about the tracker's skeleton, metres."""
     max_iterations: int = 20
     """Steps of the solver for one frame."""

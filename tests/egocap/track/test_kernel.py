@@ -119,10 +119,10 @@ def test_window_of_frames(motion):
     model = kernel.make_model(motion.person, CONFIG)
     poses = motion.angles[:frames] + 0.1 * np.random.default_rng(2).normal(size=(frames, 37))
     stencil = energy.acceleration_stencil(np.array([0, 0.03, 0.07, 0.1, 0.2]))
-    bands, g = np.zeros((75, frames * 37)), np.zeros(frames * 37)
+    bands, g = np.zeros((75, frames * 37), order="F"), np.zeros(frames * 37)
+    data = seen.centres, seen.rays, seen.whiten, seen.weights, CONFIG.robust_scale
     value = smoothing.assemble(
-        model, poses, seen.centres, seen.rays, seen.whiten, seen.weights, 4.0, stencil, AGILITY,
-        np.asfortranarray(bands), g,
+        model, poses, *data, stencil, AGILITY, bands, g,
     )  # fmt: skip
 
     def readable(flat):

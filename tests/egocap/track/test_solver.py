@@ -40,7 +40,9 @@ def test_cholesky_solve_refuses_what_is_not_positive(bad):
 def test_minimum_is_that_of_a_general_optimiser(motion, frame):
     model, data = frame
     start = motion.angles[20] + 0.1
-    solved, value, converged, _ = solve_frame(model, start, start, ALONE, *data, 4.0, 50, 1e-9)
+    solved, value, converged, _ = solve_frame(
+        model, start, start, ALONE, *data, CONFIG.robust_scale, 50, 1e-9
+    )
     readable = minimize(
         lambda p: energy.frame_energy(motion.person, p, *data, CONFIG), solved, method="L-BFGS-B",
         options={"maxfun": 3000},
@@ -53,7 +55,7 @@ def test_minimum_is_that_of_a_general_optimiser(motion, frame):
 def test_energy_never_rises_with_more_steps(frame):
     model, data = frame
     values = [
-        solve_frame(model, np.zeros(37), np.zeros(37), ALONE, *data, 4.0, n, 0.0)[1]
+        solve_frame(model, np.zeros(37), np.zeros(37), ALONE, *data, CONFIG.robust_scale, n, 0.0)[1]
         for n in range(0, 12, 2)
     ]
     assert (np.diff(values) <= 0).all() and values[-1] < values[0]
@@ -62,7 +64,9 @@ def test_energy_never_rises_with_more_steps(frame):
 def test_no_steps_do_not_count_as_converged(frame):
     model, data = frame
     start = np.full(37, 0.3)
-    solved, _, converged, steps = solve_frame(model, start, start, ALONE, *data, 4.0, 0, 1e-4)
+    solved, _, converged, steps = solve_frame(
+        model, start, start, ALONE, *data, CONFIG.robust_scale, 0, 1e-4
+    )
     assert not converged and steps == 0 and np.array_equal(solved, start)
 
 
@@ -71,6 +75,6 @@ def test_prediction_holds_what_is_not_seen(frame):
     predicted = np.full(37, 0.1)
     solved, *_ = solve_frame(
         model, np.zeros(37), predicted, np.full(37, 0.01), centres, rays, whiten, 0 * weights,
-        4.0, 50, 1e-9,
+        CONFIG.robust_scale, 50, 1e-9,
     )  # fmt: skip
     assert np.allclose(solved, predicted, atol=0.01)

@@ -47,6 +47,11 @@ class Fabric:
             raise InputError(f"wear is {self.wear}", valid="0 to 1")
 
 
+def one_color(pattern: str, color: str) -> Fabric:
+    """A fabric of a single colour."""
+    return Fabric(pattern, (color, color, color))
+
+
 def fabric_texture(fabric: Fabric, rng: np.random.Generator) -> UInt8[Array, "512 512 3"]:
     """Draw a fabric; it tiles in both directions. Rows run down the garment."""
     colors = np.array([rgb(PALETTE[c]) for c in fabric.colors])

@@ -54,6 +54,8 @@ BOTTOMS: dict[str, Bottom] = {
     "leggings": Bottom(1.80, 0.004, 0.0),
 }
 
+SOCKS: dict[str, float] = {"ankle_socks": 0.06, "crew_socks": 0.16}  # m above the ankle
+
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
@@ -109,6 +111,15 @@ def fit_bottom(body: BareBody, chart: Chart, bottom: Bottom, buried: Bool[Array,
     looseness = bottom.ease * np.where(leg, np.clip(chart.leg / length, 0.05, 1), 0.05)
     gap = np.full(len(z), bottom.gap)
     shell = make_shell(body, chart, cut, gap, looseness, _hips(body, chart), buried)
+    return Fitted(shell, cut.covered(body.vertices))
+
+
+def fit_socks(body: BareBody, chart: Chart, rise: float, buried: Bool[Array, "N"]) -> Fitted:
+    """Put socks on a person; `buried` is what shoes and trousers hide of them."""
+    leg = np.isin(chart.piece, (LEFT_LEG, RIGHT_LEG))
+    cut = Cut([np.where(leg, chart.leg - (chart.ankle - rise), -ELSEWHERE)], margin=0.012)
+    gap = np.full(len(leg), 0.0025)
+    shell = make_shell(body, chart, cut, gap, 0 * gap, buried=buried, rounds=4)
     return Fitted(shell, cut.covered(body.vertices))
 
 

@@ -103,15 +103,15 @@ def make_headset(body: BareBody, color: Float[Array, "3"]) -> Mesh:
     around = 48
     turn = np.linspace(0, 2 * np.pi, around + 1)
     front = np.clip(2.2 * np.cos(turn) - 1.0, 0, 1)
-    squared = 1 + 0.18 * front * np.abs(np.sin(turn))
-    out = np.stack([np.cos(turn), np.sin(turn)], 1) * squared[:, None]
+    around_head = np.stack([np.cos(turn), np.sin(turn)], 1)
+    squared = (1 + 0.18 * front * np.abs(np.sin(turn)))[:, None]
+    inner = around_head * skull.half[:2] * 0.95  # inside the head: closes the box
+    reach = np.stack([skull.half[0] + 0.012 + 0.060 * front, skull.half[1] + 0.010 + 0 * turn], 1)
+    outer = around_head * squared * reach
     points = []
-    for side, size in ((-1.0, 0.96), (-1.0, 1.0), (1.0, 1.0), (1.0, 0.96)):
-        reach = np.stack(
-            [skull.half[0] + 0.012 + 0.060 * front, skull.half[1] + 0.010 + 0 * turn], 1
-        )
+    for side, ring in ((-1.0, inner), (-1.0, outer), (1.0, outer), (1.0, inner)):
         height = side * (0.016 + 0.030 * front) - 0.40 * skull.half[2] * front
-        points.append(np.column_stack([out * size * reach, height]))
+        points.append(np.column_stack([ring, height]))
     vertices = np.concatenate(points) + skull.centre
     faces = _rings_faces(len(points), around)[:, ::-1]
     rows = np.array([0.0, 0.3, 0.7, 1.0])

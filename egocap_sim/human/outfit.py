@@ -9,11 +9,12 @@ import numpy as np
 
 from egocap.errors import InputError
 from egocap_sim.human.fabric import PALETTE, PATTERNS, Fabric
-from egocap_sim.human.garments import BOTTOMS, TOPS
+from egocap_sim.human.garments import BOTTOMS, SOCKS, TOPS
 from egocap_sim.human.headwear import HAIR_COLORS, HAIRCUTS
 from egocap_sim.human.shoes import SHOES
 
 BAREFOOT = "barefoot"
+NO_SOCKS = "no_socks"
 TOP_PATTERNS = {
     "plain": 5, "stripes": 4, "checks": 2, "gingham": 1, "dots": 1, "shapes": 2,
     "camouflage": 1, "marl": 2, "pinstripes": 1, "knit": 1,
@@ -25,12 +26,16 @@ BOTTOM_COLORS = (
     "black", "charcoal", "grey", "navy", "blue", "olive", "sand", "brown", "cream", "burgundy",
 )  # fmt: skip
 SHOE_COLORS = ("white", "black", "charcoal", "brown", "navy", "red", "grey", "sand", "green")
+SOCK_COLORS = ("white", "white", "black", "charcoal", "grey", "navy", "red", "mustard", "green")
 SOLE_COLORS = ("white", "black", "cream", "brown")
 
 
 @dataclass(frozen=True)
 class Outfit:
-    """Garments and fabrics by name. Raises InputError for a name that does not exist."""
+    """Garments and fabrics by name; socks are worn in shoes only.
+
+    Raises InputError for a name that does not exist.
+    """
 
     top: str
     top_fabric: Fabric
@@ -39,6 +44,8 @@ class Outfit:
     shoes: str
     shoe_color: str
     sole_color: str
+    socks: str
+    sock_color: str
     hair: str
     hair_color: str
 
@@ -47,6 +54,8 @@ class Outfit:
             ("top", self.top, TOPS),
             ("bottom", self.bottom, BOTTOMS),
             ("shoes", self.shoes, (*SHOES, BAREFOOT)),
+            ("socks", self.socks, (*SOCKS, NO_SOCKS)),
+            ("sock_color", self.sock_color, PALETTE),
             ("hair", self.hair, HAIRCUTS),
             ("hair_color", self.hair_color, HAIR_COLORS),
             ("shoe_color", self.shoe_color, PALETTE),
@@ -76,6 +85,8 @@ def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Genera
         shoes=str(rng.choice([*SHOES, BAREFOOT], p=[0.45, 0.15, 0.18, 0.12, 0.1])),
         shoe_color=str(rng.choice(SHOE_COLORS)),
         sole_color=str(rng.choice(SOLE_COLORS)),
+        socks=str(rng.choice([*SOCKS, NO_SOCKS], p=[0.4, 0.45, 0.15])),
+        sock_color=str(rng.choice(SOCK_COLORS)),
         hair=_haircut(sex, rng),
         hair_color=_hair_color(age_years, tone, rng),
     )

@@ -163,7 +163,7 @@ def clip(
 def border(faces: Int[Array, "F 3"]) -> Int[Array, "E 2"]:
     """Directed edges that have a triangle on one side only."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    n = int(faces.max()) + 1
+    n = int(faces.max(initial=0)) + 1
     return edges[~np.isin(edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0])]
 
 

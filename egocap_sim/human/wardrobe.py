@@ -11,8 +11,8 @@ import numpy as np
 from egocap.errors import InputError
 from egocap_sim.human.anny_model import BareBody, anatomy, bare_body, landmarks
 from egocap_sim.human.chart import make_chart
-from egocap_sim.human.fabric import PALETTE, TILE_M, Fabric, fabric_texture
-from egocap_sim.human.garments import BOTTOMS, TOPS, fit_bottom, fit_top
+from egocap_sim.human.fabric import PALETTE, TILE_M, fabric_texture, one_color
+from egocap_sim.human.garments import BOTTOMS, SOCKS, TOPS, fit_bottom, fit_socks, fit_top
 from egocap_sim.human.headwear import (
     HAIR_COLORS,
     HAIRCUTS,
@@ -22,7 +22,7 @@ from egocap_sim.human.headwear import (
     make_headset,
     make_helmet,
 )
-from egocap_sim.human.outfit import BAREFOOT, Outfit, change_outfit, sample_outfit
+from egocap_sim.human.outfit import BAREFOOT, NO_SOCKS, Outfit, change_outfit, sample_outfit
 from egocap_sim.human.person import Person
 from egocap_sim.human.phenotype import ADULT_YEARS, PHENOTYPE_NAMES, Phenotype, age_from_years
 from egocap_sim.human.sewing import sew
@@ -36,6 +36,7 @@ SAMPLED_HEIGHTS_M = (1.50, 2.00)
 SAMPLED_BMI = (18.0, 35.0)  # kg/m^2
 SEXES = ("female", "male")
 DENSITY = (1010.0, 985.0)  # kg/m^3 with air in the lungs, of phenotype weights 0 and 1
+UNDER_TROUSERS = 1.9  # length of trousers (`Bottom.leg`) from which shoes are worn under them
 SHAPE, SKIN, OUTFIT, FABRIC, GEAR = range(5)  # streams of random numbers of one seed
 
 
@@ -176,12 +177,21 @@ def _dress(body: BareBody, clothes: Outfit, tone: float, seed: int) -> list[Mesh
         sew("bottom", bottom.shell, body, fabric_texture(clothes.bottom_fabric, rng), TILE_M),
     ]
     if clothes.shoes != BAREFOOT:
-        color = clothes.shoe_color
-        leather = Fabric("plain", (color, color, color), 0.5)
+        leather = one_color("plain", clothes.shoe_color)
         texture = shoe_texture(fabric_texture(leather, rng), rgb(PALETTE[clothes.sole_color]))
-        shoes, in_shoes = make_shoes(body, SHOES[clothes.shoes], texture)
-        hidden |= in_shoes
+        shoe = SHOES[clothes.shoes]
+        if BOTTOMS[clothes.bottom].leg > UNDER_TROUSERS:
+            shoe = replace(shoe, collar=min(shoe.collar, 0.02))  # or it would stand out at the heel
+        shoes, in_shoes = make_shoes(body, shoe, texture)
         meshes.append(shoes)
+        if clothes.socks != NO_SOCKS:
+            rise = SOCKS[clothes.socks]
+            socks = fit_socks(body, chart, rise, in_shoes | bottom.covered)
+            wool = fabric_texture(one_color("knit", clothes.sock_color), rng)
+            if len(socks.shell.faces):  # boots and trousers may hide them whole
+                meshes.append(sew("socks", socks.shell, body, wool, TILE_M))
+                hidden |= socks.covered
+        hidden |= in_shoes
     haircut = HAIRCUTS[clothes.hair]
     if haircut:
         shell, under_hair = fit_hair(body, chart, haircut)

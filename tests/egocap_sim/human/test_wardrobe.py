@@ -181,6 +181,17 @@ def test_wishes_are_met():
     assert [m.name for m in someone.actor.meshes] == ["skin", "top", "bottom", "hair"]
 
 
+def test_socks_show_between_shoe_and_trousers():
+    wear = {"bottom": "shorts", "shoes": "sneakers", "socks": "crew_socks", "sock_color": "white"}
+    someone = person(3, outfit=freeze(**wear))
+    socks = next(m for m in someone.actor.meshes if m.name == "socks")
+    ankle = someone.joints[INDEX["l_foot"], 2]
+    assert socks.vertices[:, 2].max() == pytest.approx(ankle + 0.16, abs=0.02)
+    check_outside(someone, "socks")
+    bare = person(3, outfit=freeze(**wear | {"socks": "no_socks"}))
+    assert "socks" not in [m.name for m in bare.actor.meshes]
+
+
 def test_every_haircut_can_be_worn():
     for hair in HAIRCUTS:
         names = [m.name for m in person(5, outfit=freeze(hair=hair)).actor.meshes]

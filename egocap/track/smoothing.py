@@ -25,6 +25,8 @@ from egocap.track.observations import Observations
 WINDOW, MARGIN = 400, 40
 """Frames solved at once, and frames on either side that only lend them their context."""
 BAND = 2 * DOF_COUNT
+_SETTLED = 1e-3
+"""A frame whose last step was under so many radians counts as converged, whatever its window."""
 
 
 def smooth_interval(
@@ -41,7 +43,7 @@ def smooth_interval(
         window = slice(low, high)
         solved, done = _solve_window(angles[window], observations, window, model, config)
         refined[first:last] = solved[first - low : last - low]
-        converged[first:last] = done
+        converged[first:last] = done[first - low : last - low]
     return refined, converged
 
 
@@ -60,7 +62,7 @@ def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[
 def _solve_window(
     angles: Float[Array, "T 37"], observations: Observations, window: slice, model: Model,
     config: TrackerConfig,
-) -> tuple[Float[Array, "T 37"], bool]:  # fmt: skip
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
     from scipy.linalg import LinAlgError, solveh_banded
 
     data = (
@@ -70,7 +72,7 @@ def _solve_window(
     )  # fmt: skip
     bands, gradient = _blank(len(angles))
     energy = assemble(model, angles, *data, bands, gradient)
-    damping = 1e-4
+    damping, last_step = 1e-4, np.full(angles.shape, np.inf)
     for _ in range(int(config.max_iterations)):
         damped = bands.copy(order="F")
         damped[0] *= 1.0 + damping
@@ -79,18 +81,19 @@ def _solve_window(
         except LinAlgError:
             damping = max(10.0 * damping, 1e-6)
             continue
-        trial = angles + np.clip(step, -0.5, 0.5).reshape(angles.shape)
+        step = np.clip(step, -0.5, 0.5).reshape(angles.shape)
+        trial = angles + step
         new_bands, new_gradient = _blank(len(angles))
         new = assemble(model, trial, *data, new_bands, new_gradient)
         if new > energy:
             damping = max(10.0 * damping, 1e-3)
             continue
-        gain, energy = energy - new, new
+        gain, energy, last_step = energy - new, new, step
         angles, bands, gradient = trial, new_bands, new_gradient
         damping = max(0.1 * damping, 1e-9)
         if gain <= config.tolerance * energy:
-            return angles, True
-    return angles, False
+            return angles, np.ones(len(angles), bool)
+    return angles, np.abs(last_step).max(axis=1) < _SETTLED
 
 
 def _blank(frames: int) -> tuple[Float[Array, "75 N"], Float[Array, "N"]]:

@@ -4,9 +4,10 @@
     python benchmarks/generation.py --frames 2000 --size 1280x1024 --workers 2    # memory over time
 
 The scene is validation-walk without part labels and depth. `fps` counts from the start of the
-workers to the last file in place, the workers' start-up included; `memory_mb` is the resident memory
-of the largest worker at each finished shard. `benchmarks/rendering.py` compares rendering alone with
-stock pyrender. `--out FILE` keeps the result with command, machine and versions.
+workers to the last file in place, their start-up included, `steady_fps` from when every worker has
+finished a shard; `memory_mb` is the resident memory of the largest worker at each finished shard.
+`benchmarks/rendering.py` compares rendering alone with stock pyrender. `--out FILE` keeps the
+result with command, machine and versions.
 """
 
 from __future__ import annotations

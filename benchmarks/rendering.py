@@ -173,7 +173,7 @@ def measure(work, size: tuple[int, int], workers: int, frames: int) -> dict:
 def main() -> None:
     """Measure, and print a table or JSON."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--frames", type=int, default=60, help="0 measures memory alone")
     parser.add_argument("--stock-frames", type=int, default=6, help="0 leaves stock pyrender out")
     parser.add_argument("--memory-frames", type=int, default=0)
     parser.add_argument("--size", choices=SIZES, action="append")
@@ -182,7 +182,7 @@ def main() -> None:
     args = parser.parse_args()
     rows = []
     for name in args.size or SIZES:
-        for workers in args.workers or [1, 2]:
+        for workers in (args.workers or [1, 2]) if args.frames else []:
             row = {"size": name, "workers": workers}
             row |= measure(ours, SIZES[name], workers, args.frames)
             if args.stock_frames:
@@ -195,7 +195,7 @@ def main() -> None:
                 print({k: v for k, v in row.items() if k != "memory_mb"}, flush=True)
     result: dict = {"rows": rows}
     if args.memory_frames:
-        result["memory"] = measure(ours, SIZES["1280x1024"], 1, args.memory_frames)
+        result["memory"] = measure(ours, SIZES[(args.size or [*SIZES])[0]], 1, args.memory_frames)
     print(json.dumps(result) if args.json else result.get("memory", ""))
 
 

@@ -120,8 +120,8 @@ def plant(rng: np.random.Generator) -> tuple[Mesh, ...]:
         cylinder("pot", (0, 0.3, 0), (0.75 * r, r), 1.7 * r, pot.texture, shininess=0.3),
         cylinder("stem", (0, 0.3, r), 0.02, h, bark, sides=8),
     ]
-    for _ in range(int(rng.integers(4, 8))):
-        at = np.array([0, 0.3, 1.6 * r + h * rng.uniform(0.5, 1.0)]) + rng.normal(0, 0.09, 3)
+    for _ in range(int(rng.integers(6, 11))):
+        at = np.array([0, 0.3, r + h * rng.uniform(0.55, 1.0)]) + rng.normal(0, 0.07, 3)
         radii = rng.uniform(0.09, 0.2, 3)
         at[1] = max(at[1], radii[1])
         out.append(ball("leaves", at, radii, leaf.texture, leaf.tile, rings=7))

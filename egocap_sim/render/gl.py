@@ -21,7 +21,7 @@ from egocap.errors import MachineError
 
 REMEDY = "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
-os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ["PYOPENGL_PLATFORM"] = "egl"
 os.environ.setdefault("MUJOCO_GL", "egl")
 if not hasattr(np, "infty"):
     np.inf = np.inf  # type: ignore[attr-defined]
@@ -30,18 +30,16 @@ try:
     import OpenGL.GL as GL
     import OpenGL.GL.shaders  # noqa: F401  (before OpenGL.EGL, or PyOpenGL 3.1.0 fails)
 
-    if os.environ["PYOPENGL_PLATFORM"] == "egl":
-        import OpenGL.EGL as EGL
+    # isort: split
+    import OpenGL.EGL as EGL
 
-        if not hasattr(EGL, "EGLDeviceEXT"):
-            EGL.EGLDeviceEXT = ctypes.c_void_p
+    if not hasattr(EGL, "EGLDeviceEXT"):
+        EGL.EGLDeviceEXT = ctypes.c_void_p
     import pyrender
     import pyrender.renderer
     from OpenGL import contextdata
     from OpenGL.raw.GL.VERSION.GL_1_0 import glReadPixels as read_pixels
     from pyrender.platforms import egl as _platform
-except MachineError:
-    raise
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
 

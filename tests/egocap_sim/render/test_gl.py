@@ -1,0 +1,45 @@
+"""Where there is no OpenGL, the user is told what to install."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+ASK = """
+import sys
+{setup}
+from egocap.errors import MachineError
+try:
+    from egocap_sim.render.gl import Context
+    Context()
+except MachineError as error:
+    assert error.exit_code == 1
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    "setup",
+    [
+        "sys.modules['OpenGL.EGL'] = None",
+        "import os; os.environ['__EGL_VENDOR_LIBRARY_FILENAMES'] = '/nonexistent'",
+    ],
+    ids=["library missing", "driver missing"],
+)
+def test_a_machine_without_opengl_names_the_packages(setup):
+    done = subprocess.run(
+        [sys.executable, "-c", ASK.format(setup=setup)], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert "libegl1 libgl1 libgl1-mesa-dri" in done.stdout
+
+
+def test_a_context_says_what_draws(gl):
+    from egocap_sim.render.gl import Context
+
+    context = Context()
+    assert context.renderer and int(context.version.split(".")[0]) >= 4
+    context.close()
+    context.close()

@@ -23,15 +23,14 @@ REMEDY = "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
 os.environ["PYOPENGL_PLATFORM"] = "egl"
 os.environ.setdefault("MUJOCO_GL", "egl")
-if not hasattr(np, "infty"):
-    np.inf = np.inf  # type: ignore[attr-defined]
+vars(np).setdefault("infty", np.inf)
 
 try:
+    # isort: off
     import OpenGL.GL as GL
     import OpenGL.GL.shaders  # noqa: F401  (before OpenGL.EGL, or PyOpenGL 3.1.0 fails)
-
-    # isort: split
     import OpenGL.EGL as EGL
+    # isort: on
 
     if not hasattr(EGL, "EGLDeviceEXT"):
         EGL.EGLDeviceEXT = ctypes.c_void_p

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any, Literal
 
 ONE_CORE = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 os.environ.update(ONE_CORE)  # before numpy is imported
@@ -36,7 +37,7 @@ from egocap.track.tracker import track  # noqa: E402
 ROOT = Path(__file__).resolve().parents[1]
 FPS = 30.0
 HIDDEN = 0.3
-CASES = {
+CASES: dict[str, tuple[str, Literal["interval", "none"]]] = {
     "interval": ("simulated:2.0", "interval"),
     "live": ("simulated:2.0", "none"),
     "interval, wild": ("simulated:2.0,outliers=0.3", "interval"),
@@ -76,7 +77,7 @@ def compile_seconds() -> float:
     return float(done.stdout)
 
 
-def measure(frames: int) -> dict[str, object]:
+def measure(frames: int) -> dict[str, Any]:
     """Frames a second and error of every case, and the compile time."""
     cases = {}
     for name, (source, smoothing) in CASES.items():
@@ -91,7 +92,9 @@ def measure(frames: int) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--frames", type=int, default=900)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()

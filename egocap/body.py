@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,7 @@ from pydantic import Field
 
 from egocap.errors import FileError, InputError
 from egocap.labels import LABELS
-from egocap.schema import Strict, checked, read_json
+from egocap.schema import Number, Strict, checked, read_json
 from egocap.skeleton import LABEL_POINTS, POINT_COUNT, POINT_INDEX, POINT_PARENTS, POINTS
 
 SCHEMA = 1
@@ -40,10 +40,7 @@ class _BodyFile(Strict):
     kind: Literal["egocap-body"]
     schema_version: int = Field(ge=1)
     units: Literal["m"]
-    offsets: dict[str, tuple[_Metres, _Metres, _Metres]]
-
-
-_Metres = Annotated[float, Field(allow_inf_nan=False)]
+    offsets: dict[str, tuple[Number, Number, Number]]
 
 
 @dataclass(frozen=True, eq=False)

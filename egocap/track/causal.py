@@ -85,7 +85,7 @@ class _Frame:
         squared_residuals(self.model, angles, *self.data, squared)
         count = np.count_nonzero(weights)
         inliers = np.count_nonzero(squared < self.config.robust_scale**2)
-        return inliers >= self.config.lost_share * count
+        return bool(inliers >= self.config.lost_share * count)
 
     def _minimise(
         self, start: Float[Array, "37"], widening: float, iterations: int | None = None

@@ -43,7 +43,7 @@ def observe(
 
     A pixel's accuracy becomes an angular covariance by the camera's local resolution; to it comes
     the scatter of true joints about the tracker's skeleton, seen from the rest pose's distance.
-    Detections outside the image or lens count as missing. Raises InputError when the number of
+    Detections outside the image or lens, or with values that are not finite, count as missing. Raises InputError when the number of
     views does not match the rig.
     """
     T, V = detections.valid.shape[:2]
@@ -52,6 +52,7 @@ def observe(
     centres = np.array([m.T_head_camera[:3, 3] for m in rig.mounts])
     rays, whiten = np.zeros((T, V, 18, 3)), np.zeros((T, V, 18, 2, 3))
     usable = detections.valid & np.isfinite(detections.points).all(-1)
+    usable &= np.isfinite(detections.sigma) & np.isfinite(detections.confidence)
     for v, mount in enumerate(rig.mounts):
         camera, R = mount.camera, mount.T_head_camera[:3, :3]
         pixels = np.where(usable[:, v, :, None], detections.points[:, v], camera.centre)

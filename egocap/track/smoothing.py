@@ -53,10 +53,12 @@ def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[
         return angles
     offsets = np.arange(-2, 3)
     taps = np.exp(-0.5 * (offsets / sigma_frames) ** 2)
+    inside = np.pad(np.ones(len(angles)), 2)
     padded = np.pad(angles, ((2, 2), (0, 0)))
-    mass = np.pad(np.ones(len(angles)), 2)
-    total = sum(w * padded[k : k + len(angles)] for k, w in enumerate(taps))
-    return total / sum(w * mass[k : k + len(angles)] for k, w in enumerate(taps))[:, None]
+    windows = np.arange(len(angles))[:, None] + np.arange(5)  # (T, 5)
+    weights = taps * inside[windows]
+    total = np.einsum("tk,tkd->td", weights, padded[windows])
+    return total / weights.sum(axis=1, keepdims=True)
 
 
 def _solve_window(

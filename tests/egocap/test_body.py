@@ -102,6 +102,7 @@ def test_impossible_heights_are_refused(height):
         (lambda d: d["offsets"].update(tail=[0, 0, 0]), "tail"),
         (lambda d: d["offsets"].update(neck=[0, 0]), "neck"),
         (lambda d: d["offsets"].update(neck=[0, 0, "far"]), "neck"),
+        (lambda d: d["offsets"].update(neck=[0, 0, "0.1"]), "neck"),
         (lambda d: d["offsets"].update(left_knee=[0, 0, -3.0]), "left_knee"),
         (lambda d: d["offsets"].update(left_knee=[0, 0, float("nan")]), "left_knee"),
         (lambda d: d.update(units="cm"), "units"),

@@ -65,11 +65,17 @@ def test_garbage_never_gives_nan(motion, kind):
     assert np.isfinite(result.joints_head).all() and np.isfinite(result.energy).all()
 
 
-def test_nan_and_infinite_pixels_marked_valid_are_missing(motion):
+def test_nan_and_infinity_marked_valid_are_missing(motion):
     found = motion.detect("simulated:1")
     points = found.points.copy()
     points[10, 0], points[11, 1] = np.nan, np.inf
-    result = run(motion, replace(found, points=points, valid=np.ones_like(found.valid)))
+    sigma, confidence = found.sigma.copy(), found.confidence.copy()
+    sigma[10, 1, :9], confidence[11, 0, :9] = np.nan, np.inf
+    result = run(
+        motion,
+        replace(found, points=points, sigma=sigma, confidence=confidence,
+                valid=np.ones_like(found.valid)),
+    )  # fmt: skip
     assert np.isfinite(result.joints_head).all()
     assert motion.errors(result)[10:12].mean() < 0.02
 

@@ -43,8 +43,8 @@ def observe(
 
     A pixel's accuracy becomes an angular covariance by the camera's local resolution; to it comes
     the scatter of true joints about the tracker's skeleton, seen from the rest pose's distance.
-    Detections outside the image or lens, or with values that are not finite, count as missing. Raises InputError when the number of
-    views does not match the rig.
+    Detections outside the image or lens, or with values that are not finite, count as missing.
+    Raises InputError when the number of views does not match the rig.
     """
     T, V = detections.valid.shape[:2]
     if len(rig.mounts) != V:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from numpy import ndarray as Array
 from egocap.geometry import rigid
 from egocap.rig import Rig
 from egocap.sequence import Truth
+from egocap_sim.extras import Extra
 from egocap_sim.human.person import Person
 from egocap_sim.place import Place
 from egocap_sim.render.renderer import FisheyeRenderer
@@ -25,11 +27,22 @@ class FrameMaker:
     """Renders the frames of one scene. Holds a GL context: one a process, kept to its thread."""
 
     def __init__(
-        self, rig: Rig, person: Person, place: Place, truth: Truth, record: RecordTable
+        self,
+        rig: Rig,
+        person: Person,
+        place: Place,
+        truth: Truth,
+        record: RecordTable,
+        extras: Sequence[Extra] = (),
     ) -> None:
         self.rig, self.person, self.truth, self.record = rig, person, truth, record
+        self.extras = extras
         self.renderer = FisheyeRenderer(
-            rig, [person.actor], place, samples=record.samples, face_size=record.face_size
+            rig,
+            [person.actor, *(extra.actor for extra in extras)],
+            place,
+            samples=record.samples,
+            face_size=record.face_size,
         )
         self._visibility = JointVisibility(person, rig)
         self._T_body_rest = rigid(np.eye(3), -person.joints)
@@ -41,8 +54,9 @@ class FrameMaker:
     def files(self, index: int) -> dict[str, bytes]:
         """Suffix to content, for every file of one frame."""
         truth = self.truth
-        skinning = truth.T_world_body[index] @ self._T_body_rest
-        views = self.renderer.render(truth.T_world_head[index], {self.person.actor.name: skinning})
+        skinning = {self.person.actor.name: truth.T_world_body[index] @ self._T_body_rest}
+        skinning |= {extra.actor.name: extra.skinning[index] for extra in self.extras}
+        views = self.renderer.render(truth.T_world_head[index], skinning)
         visibility = self._visibility(views, truth.T_world_body[index], truth.in_view[index])
         files: dict[str, bytes] = {}
         for view, image in zip(self.rig.views, views.images, strict=True):

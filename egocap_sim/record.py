@@ -26,7 +26,7 @@ from egocap.errors import MachineError
 from egocap.sequence import SCHEMA, Manifest, Sequence, ShardEntry, Truth
 from egocap.sequence_writer import SequenceWriter, disk_errors, write_shard
 from egocap_sim.scene import Scene, to_toml
-from egocap_sim.stage import config_of, perform, person_of, place_of, rig_of
+from egocap_sim.stage import config_of, extras_of, perform, person_of, place_of, rig_of
 from egocap_sim.trajectory import PhysicsStats
 from egocap_sim.truth import truth_before_rendering
 
@@ -208,7 +208,12 @@ def _render_shard(index: int, frames: range) -> ShardEntry:
 
         truth = Truth.load(out / _DRAFT)
         _maker = FrameMaker(
-            rig_of(scene.rig), person_of(scene), place_of(scene), truth, scene.record
+            rig_of(scene.rig),
+            person_of(scene),
+            place_of(scene),
+            truth,
+            scene.record,
+            extras_of(scene, truth),
         )
     maker = _maker
     return write_shard(out, index, frames.start, (maker.files(i) for i in frames))

@@ -19,6 +19,8 @@ from egocap_sim.builtin import builtin_file
 from egocap_sim.scene import MotionTable, PersonTable, RigTable, Scene
 
 if TYPE_CHECKING:
+    from egocap.sequence import Truth
+    from egocap_sim.extras import Extra
     from egocap_sim.human.person import Person
     from egocap_sim.motion.clip import Clip
     from egocap_sim.place import Place
@@ -63,6 +65,11 @@ def place_of(scene: Scene) -> Place:
     return make_place(
         scene.place.name, stream(scene.seed, "place"), clear_radius=scene.place.clear_radius
     )
+
+
+def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
+    """Everything else that moves, at the frame times of `truth`. No built-in scene has any yet."""
+    return []
 
 
 def clip_of(scene: Scene) -> Clip:

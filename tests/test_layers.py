@@ -13,7 +13,7 @@ PACKAGES = ("egocap", "egocap_sim", "evals")
 LAYERS = (
     {"errors", "geometry", "labels", "schema", "commandline"},
     {"lens", "camera", "camera_files", "skeleton"},
-    {"rig", "rig_files", "body", "sequence", "sequence_writer", "results"},
+    {"rig", "rig_files", "body", "gaussians", "sequence", "sequence_writer", "results"},
     {"detect", "track", "posterior", "evaluate", "io"},  # these do not import each other
     {"cli", "__main__"},
 )

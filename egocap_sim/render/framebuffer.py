@@ -97,11 +97,12 @@ class AtlasBuffer:
         GL.glDepthMask(GL.GL_TRUE)
         GL.glDepthFunc(GL.GL_LESS)
         GL.glCullFace(GL.GL_BACK)
-        GL.glClearColor(*map(float, background), 0.0)
-        GL.glClear(GL.GL_COLOR_BUFFER_BIT)
+        # Depth first: clearing colour is put off to the drawing, unless a copy comes after it.
         box = (0, 0, self.width, self.height)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._empty_depth)
         GL.glBlitFramebuffer(*box, *box, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
+        GL.glClearColor(*map(float, background), 0.0)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT)
         GL.glEnable(GL.GL_SCISSOR_TEST)
 
     def _make_empty_depth(self, needed: Array) -> int:

@@ -30,6 +30,7 @@ class GpuBatch:
         ).astype(np.float32)
         self._texture = _texture_array(batch.layers)
         self._double_sided = np.array([c.double_sided for c in batch.chunks])
+        self._casts_shadow = np.array([c.casts_shadow for c in batch.chunks])
         self._first = np.array([c.first for c in batch.chunks])
         self._count = np.array([c.count for c in batch.chunks])
 
@@ -47,22 +48,30 @@ class GpuBatch:
     def draw(self, chosen: Bool[Array, "C"]) -> None:
         """Draw the chosen chunks with the bound program, hiding the backs of one-sided ones."""
         self.primitive._bind()
-        for double_sided in (False, True):
-            index = np.flatnonzero(chosen & (self._double_sided == double_sided))
-            if len(index):
-                (GL.glDisable if double_sided else GL.glEnable)(GL.GL_CULL_FACE)
-                for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
-                    self._draw_run(run)
+        GL.glEnable(GL.GL_CULL_FACE)
+        self._draw_runs(chosen & ~self._double_sided)
+        GL.glDisable(GL.GL_CULL_FACE)
+        self._draw_runs(chosen & self._double_sided)
+
+    def draw_shadow(self) -> None:
+        """Draw whatever casts shadows, from either side."""
+        self.primitive._bind()
+        GL.glDisable(GL.GL_CULL_FACE)
+        self._draw_runs(self._casts_shadow)
 
     def free(self) -> None:
         """Give the texture memory back; the buffers go with the renderer."""
         GL.glDeleteTextures([self._texture])
 
-    def _draw_run(self, run: Array) -> None:
-        """Draw neighbouring chunks in one call."""
-        first = ctypes.c_void_p(4 * int(self._first[run[0]]))
-        count = int(self._count[run].sum())
-        GL.glDrawElementsInstanced(GL.GL_TRIANGLES, count, GL.GL_UNSIGNED_INT, first, 1)
+    def _draw_runs(self, chosen: Bool[Array, "C"]) -> None:
+        """Draw chunks, neighbours in one call."""
+        index = np.flatnonzero(chosen)
+        if not len(index):
+            return
+        for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
+            first = ctypes.c_void_p(4 * int(self._first[run[0]]))
+            count = int(self._count[run].sum())
+            GL.glDrawElementsInstanced(GL.GL_TRIANGLES, count, GL.GL_UNSIGNED_INT, first, 1)
 
 
 class Uniforms:

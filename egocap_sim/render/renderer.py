@@ -161,7 +161,7 @@ class FisheyeRenderer(pyrender.Renderer):
         for gpu in self._gpu.values():
             program = self._program(gpu, _SHADOW)
             self._uniforms.matrix(program, "clip_from_world", clip)
-            gpu.draw(np.array([c.casts_shadow for c in gpu.batch.chunks]))
+            gpu.draw_shadow()
         self._shadow.end()
         return projection.TO_TEXTURE @ clip
 

@@ -53,16 +53,34 @@ def test_every_triangle_is_in_one_chunk_and_casters_are_marked():
     meshes = [
         box("b", (1, 0, 0), (1, 1, 1), GREY),
         sheet("s", (0, 0, 0), (5, 0, 0), (0, 5, 0), RED),
-        replace(box("d", (0, 3, 0), (1, 1, 1), RED), double_sided=True),
+        replace(sheet("d", (0, 0, 3), (1, 0, 0), (0, 1, 0), RED), double_sided=True),
     ]
     batch = merge(meshes)
-    assert len(batch.faces) == 12 + 2 + 12
+    assert len(batch.faces) == 12 + 2 + 2
     assert sum(c.count for c in batch.chunks) == batch.faces.size
-    assert (
-        sum(c.count for c in batch.chunks if c.casts_shadow) == 3 * 24
-        and sum(c.double_sided for c in batch.chunks) == 1
-    )
+    assert sum(c.count for c in batch.chunks if c.casts_shadow) == 3 * 12
+    assert [c.count for c in batch.chunks if c.double_sided] == [3 * 2]
     assert len(batch.layers) == 2
+
+
+def test_the_inside_of_a_sleeve_is_drawn_near_its_ends_only():
+    turn, along = np.meshgrid(np.linspace(0, 2 * np.pi, 13), np.linspace(0, 1, 21))
+    vertices = np.stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), along], -1).reshape(-1, 3)
+    k = (np.arange(20)[:, None] * 13 + np.arange(12)).ravel()
+    faces = np.concatenate([np.c_[k, k + 1, k + 14], np.c_[k, k + 14, k + 13]])
+    n = len(vertices)
+    sleeve = replace(
+        ball("s", (0, 0, 0), (1, 1, 1), RED), vertices=vertices, faces=faces, uv=vertices[:, :2],
+        parts=np.ones(n, np.uint8), double_sided=True,
+    )  # fmt: skip
+    batch = merge([sleeve])
+    middle = vertices[batch.faces].mean(axis=1)[:, 2]
+    for c in batch.chunks:
+        at = middle[c.first // 3 : (c.first + c.count) // 3]
+        assert (
+            (np.minimum(at, 1 - at) < 0.2).all() if c.double_sided else (abs(at - 0.5) < 0.36).all()
+        )
+    assert {c.double_sided for c in batch.chunks} == {True, False}
 
 
 def test_skin_is_smooth_across_seams_and_boxes_keep_their_edges():

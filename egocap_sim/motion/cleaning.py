@@ -42,6 +42,12 @@ class Cleaning:
     beyond_limits: int = 0
     floor_shift: float = 0.0  # metres added to every height
 
+    def __str__(self) -> str:
+        return (
+            f"{self.trimmed} frames outside the longest take dropped, {self.spikes} spikes and "
+            f"{self.beyond_limits} impossible angles repaired, raised by {self.floor_shift:.3f} m"
+        )
+
 
 def longest_take(clip: Clip) -> tuple[Clip, int]:
     """The longest stretch without a cut, and the number of frames left out."""

@@ -29,6 +29,7 @@ log = logging.getLogger(__name__)
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048, "cmu": 0.0254 / 0.45}
 """Metres a file unit; 'cmu' is that of the CMU database's own skeletons (0.45 units an inch)."""
 LEG = (0.55, 1.15)  # metres from hip to ankle of a person; decides the unit
+BELIEVED_LEG = (0.2, 3.0)  # metres; beyond it a unit that was given, or an npz file's, is wrong
 UP_AXES = ("y", "z")
 """Up axes a file may have; recognised from where the head is."""
 
@@ -62,11 +63,15 @@ def load_clip(
         clip, hints = _from_bvh(read_bvh(path), path, up, unit, given)
     else:
         raise FileError(path, f"is of an unknown kind '{kind}'", valid=".bvh, .npz")
+    leg = _leg(clip.positions, INDEX)
+    if not BELIEVED_LEG[0] < leg < BELIEVED_LEG[1]:
+        wrong = "positions are in metres" if kind == ".npz" else f"unit={'|'.join(UNITS)}"
+        raise FileError(path, f"the person's legs are {leg:.3g} m long", valid=wrong)
     try:
         clip, cleaning = clean(clip, hints)
     except InputError as e:
         raise FileError(path, str(e)) from e
-    log.info("%s: %s", path, cleaning)
+    log.info("%s: %d frames; %s", path, len(clip.positions), cleaning)
     return clip
 
 
@@ -121,21 +126,25 @@ def _up_axis(
 
 def _unit(P: Float[Array, "T J 3"], mapped: Mapping[str, int], path: Path) -> float:
     """Metres a file unit, from the length of the legs."""
-    leg = np.mean(
-        [
-            np.linalg.norm(P[:, mapped[s + a]] - P[:, mapped[s + b]], axis=1).mean()
-            for s in ("l_", "r_")
-            for a, b in (("thigh", "calf"), ("calf", "foot"))
-        ]
-    )
-    fits = [m for m in UNITS.values() if LEG[0] < 2 * leg * m < LEG[1]]
+    leg = _leg(P, mapped)
+    fits = [m for m in UNITS.values() if LEG[0] < leg * m < LEG[1]]
     if not fits:
         raise FileError(
             path,
-            f"the unit cannot be told: a leg is {2 * leg:.4g} units long",
+            f"the unit cannot be told: a leg is {leg:.4g} units long",
             valid="unit=" + "|".join(UNITS),
         )
     return fits[0]
+
+
+def _leg(P: Float[Array, "T J 3"], joints: Mapping[str, int]) -> float:
+    """Length of the legs from hip to ankle, the mean of both and of all frames."""
+    bones = [
+        np.linalg.norm(P[:, joints[s + a]] - P[:, joints[s + b]], axis=1).mean()
+        for s in ("l_", "r_")
+        for a, b in (("thigh", "calf"), ("calf", "foot"))
+    ]
+    return float(2 * np.mean(bones))
 
 
 def _bodies(

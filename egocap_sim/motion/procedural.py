@@ -94,7 +94,7 @@ MOTIONS: dict[str, Motion] = {
 
 
 def make_motion(
-    name: str, duration_s: float, rng: np.random.Generator, fps: float = 60.0, **params: Any
+    name: str, duration_s: float, rng: np.random.Generator, fps: float = 60.0, /, **params: Any
 ) -> Clip:
     """Make a built-in motion of `duration_s` seconds; chance (style, choices) comes from `rng`.
 

@@ -96,7 +96,7 @@ def active() -> Clip:
     from egocap_sim.motion.procedural import make_motion
 
     rng = np.random.default_rng(11)
-    return make_motion("sequence", 14.0, rng, fps=30.0, parts=("walk", "explain", "squat"))
+    return make_motion("sequence", 14.0, rng, 30.0, parts=("walk", "explain", "squat"))
 
 
 @pytest.fixture

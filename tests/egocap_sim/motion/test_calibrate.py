@@ -53,7 +53,7 @@ def test_turning_the_world_turns_the_result(active: Clip) -> None:
 
 
 def test_limbs_that_never_bend_swing_without_twist() -> None:
-    idle = make_motion("idle", 3.0, np.random.default_rng(0), fps=30.0)
+    idle = make_motion("idle", 3.0, np.random.default_rng(0), 30.0)
     off = degrees_off(idle.rotations, calibrate(disguised(idle)).rotations)
     limbs = [INDEX[s + b] for s in ("l_", "r_") for b in ("thigh", "calf", "upperarm")]
     assert off[:, limbs].max() < 25.0
@@ -70,7 +70,7 @@ def test_fingers_tell_how_the_hand_is_turned(active: Clip) -> None:
 
 
 def test_a_stoop_stays_a_stoop() -> None:
-    clip = make_motion("reach_low", 6.0, np.random.default_rng(2), fps=30.0)
+    clip = make_motion("reach_low", 6.0, np.random.default_rng(2), 30.0)
     found = calibrate(disguised(clip))
     pitch = np.degrees(np.arcsin(-found.rotations[:, INDEX["chest"], 2, 0]))
     true = np.degrees(np.arcsin(-clip.rotations[:, INDEX["chest"], 2, 0]))

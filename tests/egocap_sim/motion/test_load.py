@@ -45,7 +45,7 @@ def test_given_up_axis_and_unit_win(active, bvh_file, rig) -> None:
 def test_any_frame_rate(fps: float, bvh_file) -> None:
     from egocap_sim.motion import make_motion
 
-    clip = make_motion("squat", 4.0, np.random.default_rng(0), fps=fps)
+    clip = make_motion("squat", 4.0, np.random.default_rng(0), fps)
     found = load_clip(bvh_file(clip))
     assert found.fps == pytest.approx(fps, rel=1e-4) and len(found.positions) == len(clip.positions)
 
@@ -61,6 +61,20 @@ def test_impossible_options(options: dict, active, bvh_file) -> None:
 def test_no_unit_fits(active, bvh_file, rig) -> None:
     with pytest.raises(FileError, match="unit"):
         load_clip(bvh_file(active, rig(unit=7.0)))
+
+
+@pytest.mark.parametrize("scale", [0.0, 100.0])
+def test_npz_that_is_not_in_metres(scale: float, active, tmp_path) -> None:
+    quat = Rotation.from_matrix(active.rotations.reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    np.savez(tmp_path / "a.npz", joints=np.array(BODIES), pos=active.positions * scale,
+             quat=quat.reshape(-1, len(BODIES), 4), fps=active.fps)  # fmt: skip
+    with pytest.raises(FileError, match=r"a\.npz: .*legs are .*metres"):
+        load_clip(tmp_path / "a.npz")
+
+
+def test_a_given_unit_that_makes_a_giant(active, bvh_file, rig) -> None:
+    with pytest.raises(FileError, match=r"legs are .*unit=m"):
+        load_clip(bvh_file(active, rig(unit=0.01)), unit="m")
 
 
 def test_unknown_kind(tmp_path) -> None:

@@ -141,6 +141,8 @@ def test_sitting_reaches_the_seat() -> None:
         ("sequence", {"parts": ["sequence"]}, "walk"),
         ("sequence", {"parts": ["walk"] * 9}, "or fewer"),
         ("idle", {"speed": 1.0}, "none"),
+        ("walk", {"fps": 50.0}, "unknown parameter 'fps'"),
+        ("walk", {"name": "idle"}, "unknown parameter 'name'"),
     ],
 )
 def test_bad_requests_list_what_is_valid(name: str, options: dict, says: str) -> None:
@@ -151,10 +153,10 @@ def test_bad_requests_list_what_is_valid(name: str, options: dict, says: str) ->
 @pytest.mark.parametrize(("seconds", "fps"), [(0.0, 60.0), (float("inf"), 60.0), (5.0, 0.0)])
 def test_bad_durations(seconds: float, fps: float) -> None:
     with pytest.raises(InputError, match="valid"):
-        make_motion("idle", seconds, np.random.default_rng(0), fps=fps)
+        make_motion("idle", seconds, np.random.default_rng(0), fps)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_the_shortest_motion(name: str) -> None:
-    clip = make_motion(name, 0.5, np.random.default_rng(0), fps=30.0)
+    clip = make_motion(name, 0.5, np.random.default_rng(0), 30.0)
     assert np.isfinite(clip.positions).all() and len(clip.positions) == 16

@@ -21,6 +21,8 @@ log = logging.getLogger(__name__)
 DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit codes: done; failed or the machine cannot; bad usage or file; a threshold missed; Ctrl-C."""
 
+_WRONG_PATH = (FileNotFoundError, NotADirectoryError, IsADirectoryError, FileExistsError)
+
 Advance = Callable[..., None]
 
 
@@ -30,8 +32,8 @@ def run(
     """Run one command of `app` and return the process's exit code.
 
     A command returns None (done) or an exit code. Its EgocapError becomes one line on stderr and
-    the error's own exit code; so do a full disk, a closed pipe and Ctrl-C. Any other exception is a
-    bug of ours and keeps its traceback.
+    the error's own exit code; so do a full disk, a path that leads nowhere, a closed pipe and
+    Ctrl-C. Any other exception is a bug of ours and keeps its traceback.
 
     Args:
         app: subcommands; booleans become flags without a `--no-` twin.
@@ -66,7 +68,7 @@ def run(
         hint = "; free some space and run the same command again" * (error.errno == errno.ENOSPC)
         _complain(prog, f"{where}{error.strerror}{hint}")
         log.debug("where it came from", exc_info=True)
-        return FAILED
+        return USAGE if isinstance(error, _WRONG_PATH) else FAILED
     return DONE if code is None else int(code)
 
 

@@ -1,6 +1,6 @@
 """A sequence on disk, read: frames for trackers, truth for evaluations, and never mixed.
 
-A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz and WebDataset shards
+A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz [rig.true.json sensor.npz] and WebDataset shards
 (shard-00000.tar with KEY.left.jpg KEY.right.jpg [KEY.left.mask.png KEY.left.depth.png] KEY.json).
 The manifest holds the byte range of every file in every shard, so that any frame is one seek away.
 `egocap.sequence_writer` makes such folders.
@@ -9,18 +9,18 @@ The manifest holds the byte range of every file in every shard, so that any fram
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8, UInt16
+from jaxtyping import Bool, Float, Int64, UInt8, UInt16
 from numpy import ndarray as Array
 from pydantic import Field
 
+from egocap.arrays import FrameArrays
 from egocap.body import Proportions
 from egocap.errors import FileError, InputError
 from egocap.rig import Rig
@@ -28,7 +28,10 @@ from egocap.schema import Strict, checked, read_json
 
 SCHEMA = 1
 MANIFEST = "manifest.json"
+TRUE_RIG = "rig.true.json"  # beside a rig.json that is off
+SENSOR = "sensor.npz"
 
+BLACK = -1  # `SensorTruth.source` of a dropped frame that is recorded black
 VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED = range(4)
 """Values of `Truth.visibility`: seen, outside image or lens, behind the wearer, behind others."""
 
@@ -89,7 +92,7 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class Truth(FrameArrays):
     """Exact state of the simulated person at every frame. Axis J follows `egocap.labels.LABELS`."""
 
     time: Float[Array, "T"]
@@ -105,34 +108,26 @@ class Truth:
     ground_force: Float[Array, "T 2 3"]  # left, right; newtons, world, on the person
     root_wrench: Float[Array, "T 6"]  # residual force (N) and torque (N m) at the pelvis
 
-    def save(self, path: Path) -> None:
-        """Write truth.npz (uncompressed, the same bytes every time)."""
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
-            for field in fields(self):
-                entry = zipfile.ZipInfo(field.name + ".npy", date_time=(1980, 1, 1, 0, 0, 0))
-                with archive.open(entry, "w") as file:
-                    np.lib.format.write_array(file, getattr(self, field.name), allow_pickle=False)
 
-    @classmethod
-    def load(cls, path: Path) -> Truth:
-        """Read truth.npz; FileError when an array is missing or of another length."""
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                missing = [f.name for f in fields(cls) if f.name not in data]
-                if missing:
-                    raise FileError(path, "array missing", key=missing[0])
-                truth = cls(**{f.name: data[f.name] for f in fields(cls)})
-        except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
-            raise FileError(path, f"not a readable truth file: {error}") from None
-        frames = len(truth.time)
-        for field in fields(cls):
-            if len(getattr(truth, field.name)) != frames:
-                raise FileError(
-                    path,
-                    f"has {len(getattr(truth, field.name))} rows, not {frames}",
-                    key=field.name,
-                )
-        return truth
+@dataclass(frozen=True, eq=False)
+class SensorTruth(FrameArrays):
+    """What the sensor did to every frame; sequences recorded by a perfect one have none.
+
+    `Truth` holds joints_camera, joints_2d, in_view and visibility at the instant at which the view
+    exposed each joint, everything else at the frame's own time. A dropped frame's truth is that of
+    the picture that was lost.
+    """
+
+    time: Float[Array, "T V"]  # s, middle of the exposure of the view's middle row
+    joint_time: Float[Array, "T V 18"]  # s, middle of the exposure of the row the joint is in
+    exposure_ev: Float[Array, "T V"]  # stops brighter than rendered
+    source: Int64[Array, "T V"]  # the frame whose picture is shown; BLACK: none
+    subframes: Int64[Array, "T V"]  # of which the picture was put together
+
+    @property
+    def dropped(self) -> Bool[Array, "T V"]:
+        """Whether a frame was dropped and something else stands in for it."""
+        return self.source != np.arange(len(self.source))[:, None]
 
 
 class Sequence:
@@ -160,8 +155,12 @@ class Sequence:
 
     @cached_property
     def rig(self) -> Rig:
-        """The cameras, exactly as rendered."""
-        return Rig.from_json(self.folder / "rig.json")
+        """The cameras, exactly as rendered. Raises FileError where the manifest has other views."""
+        path = self.folder / "rig.json"
+        rig = Rig.from_json(path)
+        if rig.views != self.manifest.views:
+            raise FileError(path, f"has the views {rig.views}", valid=str(self.manifest.views))
+        return rig
 
     @cached_property
     def proportions(self) -> Proportions:
@@ -180,11 +179,7 @@ class Sequence:
 
     def frame(self, index: int) -> Frame:
         """Decode the images of one frame."""
-        suffixes = self._files(index)
-        images = tuple(
-            _decode_image(self.read(index, _image_suffix(view, suffixes, self.folder)))
-            for view in self.manifest.views
-        )
+        images = tuple(self._image(index, view) for view in self.manifest.views)
         return Frame(index, index / self.manifest.fps, images)
 
     def mask(self, index: int, view: str) -> UInt8[Array, "H W"] | None:
@@ -228,17 +223,28 @@ class Sequence:
         shard, row = divmod(index, self.manifest.shard_frames)
         return self.manifest.shards[shard].frames[row]
 
+    def _image(self, index: int, view: str) -> UInt8[Array, "H W 3"]:
+        import cv2
+
+        suffix = _image_suffix(view, self._files(index), self.folder)
+        return self._decoded(index, suffix, cv2.IMREAD_COLOR_RGB)
+
     def _plane(self, index: int, suffix: str) -> Any:
         import cv2
 
         if suffix not in self._files(index):
             return None
-        plane = cv2.imdecode(
-            np.frombuffer(self.read(index, suffix), np.uint8), cv2.IMREAD_UNCHANGED
-        )
-        if plane is None:
-            raise FileError(self.folder, f"frame {index}: '{suffix}' is not a readable PNG")
-        return plane
+        return self._decoded(index, suffix, cv2.IMREAD_UNCHANGED)
+
+    def _decoded(self, index: int, suffix: str, flags: int) -> Any:
+        import cv2
+
+        data = np.frombuffer(self.read(index, suffix), np.uint8)
+        image = cv2.imdecode(data, flags) if len(data) else None
+        if image is None:
+            shard = self.manifest.shards[index // self.manifest.shard_frames].name
+            raise FileError(self.folder / shard, f"frame {index}: '{suffix}' is damaged")
+        return image
 
 
 def open_sequence(folder: str | Path) -> Sequence:
@@ -275,13 +281,17 @@ def _check_index(manifest: Manifest, path: Path) -> None:
             key="shards",
             valid=f"at most {manifest.shard_count}",
         )
-    for i, shard in enumerate(sorted(manifest.shards, key=lambda s: s.first)):
+    last = -1
+    for i, shard in enumerate(manifest.shards):
         index, rest = divmod(shard.first, manifest.shard_frames)
         expected = min(manifest.shard_frames, manifest.frames - shard.first)
         if rest or len(shard.frames) != expected or shard.name != shard_name(index):
             raise FileError(
                 path, f"entry of {shard.name} does not fit the frame count", key=f"shards.{i}"
             )
+        if index <= last:  # frames are found by their shard's place in the list
+            raise FileError(path, f"{shard.name} is there twice or out of order", key=f"shards.{i}")
+        last = index
 
 
 def shard_name(index: int) -> str:
@@ -294,12 +304,3 @@ def _image_suffix(view: str, suffixes: dict[str, tuple[int, int]], folder: Path)
         if f"{view}.{extension}" in suffixes:
             return f"{view}.{extension}"
     raise FileError(folder / MANIFEST, f"no image of view '{view}'", valid=sorted(suffixes))
-
-
-def _decode_image(data: bytes) -> UInt8[Array, "H W 3"]:
-    import cv2
-
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
-    if image is None:
-        raise InputError("an image in the shard is damaged", valid="JPEG or PNG")
-    return image

@@ -135,9 +135,8 @@ def write_shard(
     The same frames give the same bytes. Returns the entry for `SequenceWriter.enter_shard`.
     """
     path = folder / shard_name(index)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     ranges: list[dict[str, tuple[int, int]]] = []
-    with disk_errors(path), temporary.open("wb") as raw:
+    with disk_errors(path), _temporary(path) as temporary, temporary.open("wb") as raw:
         file = _HashingFile(raw)
         with tarfile.open(fileobj=file, mode="w|", format=tarfile.USTAR_FORMAT) as tar:  # pyright: ignore
             for row, frame in enumerate(frames):
@@ -157,8 +156,7 @@ def write_shard(
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Replace a file so that a reader, or a kill, finds the old content or the new, whole."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with disk_errors(path):
+    with disk_errors(path), _temporary(path) as temporary:
         with temporary.open("wb") as file:
             file.write(content)
             file.flush()
@@ -183,6 +181,17 @@ def file_is_intact(path: Path, entry: FileEntry) -> bool:
 
 
 @contextmanager
+def _temporary(path: Path) -> Iterator[Path]:
+    """A name beside `path` to write to before renaming; whatever is left there goes on an error."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+    except BaseException:
+        temporary.unlink(missing_ok=True)  # on a full disk it would keep the space
+        raise
+
+
+@contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
     """Turn the disk's refusals into errors a user can act on."""
     try:
@@ -195,7 +204,9 @@ def disk_errors(path: Path) -> Iterator[None]:
         if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
             raise MachineError(f"{path}: no permission to write there") from None
         if isinstance(error, (NotADirectoryError, FileExistsError)):
-            raise FileError(path, "is not a folder") from None
+            raise FileError(path, "is not a folder, or lies in none") from None
+        if isinstance(error, IsADirectoryError):
+            raise FileError(path, "is a folder", valid="the name of a file") from None
         raise
 
 

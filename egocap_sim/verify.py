@@ -52,10 +52,11 @@ def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
     text = json.dumps(manifest.config, sort_keys=True).encode()
     if hashlib.sha256(text).hexdigest() != manifest.config_sha256:
         yield "manifest.json: the configuration does not match its checksum"
+    damaged = False  # what is known to be damaged is not opened
     for name, entry in manifest.files.items():
         if not file_is_intact(folder / name, entry):
+            damaged = True
             yield f"{name}: {_state(folder / name)}"
-    damaged = False
     for shard in manifest.shards:
         if shard_is_intact(folder, shard):
             yield from _shard_problems(folder, shard)

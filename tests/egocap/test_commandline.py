@@ -35,6 +35,7 @@ def raising(error):
         (MachineError("no OpenGL", remedy="install libegl1"), 1),
         (OSError(errno.ENOSPC, "No space left on device", "x.tar"), 1),
         (PermissionError(errno.EACCES, "Permission denied", "/root/x"), 1),
+        (FileExistsError(errno.EEXIST, "File exists", "a.toml"), 2),
         (KeyboardInterrupt(), 130),
     ],
 )

@@ -173,6 +173,45 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(tmp_path, monkeypat
     with pytest.raises(MachineError, match="disk is full"):
         write_atomically(target, b"new")
     assert target.read_bytes() == b"old"
+    with pytest.raises(MachineError, match=r"shard-00000\.tar: the disk is full"):
+        write_shard(tmp_path, 0, 0, [frame_files(0)])
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+
+
+def test_a_file_cannot_take_the_place_of_a_folder(tmp_path):
+    with pytest.raises(FileError, match="is a folder"):
+        write_atomically(tmp_path, b"new")
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(FileError, match="is not a folder"):
+            SequenceWriter(folder, manifest(), {}).__enter__()
+
+
+@pytest.mark.parametrize("order", [(0, 0, 2), (2, 1, 0)])
+def test_shards_listed_twice_or_out_of_order_are_refused(folder, order):
+    path = folder / "manifest.json"
+    content = json.loads(path.read_text())
+    content["shards"] = [content["shards"][i] for i in order]
+    path.write_text(json.dumps(content))
+    with pytest.raises(FileError, match=r"'shards\.1': .* twice or out of order"):
+        Sequence(folder)
+
+
+def test_a_damaged_image_names_shard_frame_and_view(folder):
+    path = folder / "shard-00001.tar"
+    offset, size = Sequence(folder).manifest.shards[1].frames[0]["right.png"]
+    data = bytearray(path.read_bytes())
+    data[offset : offset + size] = bytes(size)
+    path.write_bytes(data)
+    with pytest.raises(FileError, match=r"shard-00001\.tar: frame 2: 'right\.png' is damaged"):
+        Sequence(folder).frame(2)
+
+
+def test_a_rig_of_other_views_is_refused(folder):
+    text = (folder / "rig.json").read_text().replace('"left"', '"port"')
+    (folder / "rig.json").write_text(text)
+    with pytest.raises(FileError, match=r"rig\.json: has the views"):
+        _ = Sequence(folder).rig
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import json
 import os
 import tarfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -29,16 +29,19 @@ class SequenceWriter:
     """Creates a sequence folder, or takes up an unfinished one of the same configuration.
 
     Use as a context manager: it holds the folder's lock. Raises InputError when the folder holds
-    something else or another sequence, MachineError when another process is writing it.
+    something else or another sequence, MachineError when another process is writing it. A new
+    sequence gets its first files from `begin`: what can fail before should be tried before.
     """
 
     def __init__(self, folder: Path, manifest: Manifest, side_files: Mapping[str, bytes]) -> None:
         self.folder, self.manifest = folder, manifest
         self._side_files = side_files
         self._lock = -1
+        self._made_folder = False
 
     def __enter__(self) -> SequenceWriter:
         with disk_errors(self.folder):
+            self._made_folder = not self.folder.exists()
             self.folder.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self.folder, os.O_RDONLY)
             try:
@@ -50,14 +53,29 @@ class SequenceWriter:
             if (self.folder / MANIFEST).exists():
                 self._resume()
             else:
-                self._create()
+                self._refuse_strangers()
         except BaseException:
             self.__exit__()
             raise
         return self
 
     def __exit__(self, *exception: object) -> None:
+        if self._made_folder:
+            with suppress(OSError):  # it stays unless it is empty
+                self.folder.rmdir()
         os.close(self._lock)
+
+    def begin(self) -> None:
+        """Put the side files and the manifest of a new sequence in place; nothing when resuming."""
+        if (self.folder / MANIFEST).exists():
+            return
+        for name, content in self._side_files.items():
+            write_atomically(self.folder / name, content)
+        entries = {
+            name: FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
+            for name, content in self._side_files.items()
+        }
+        self._replace(self.manifest.model_copy(update={"files": entries}))
 
     def pending(self) -> list[int]:
         """Indices of the shards still to be written."""
@@ -82,7 +100,7 @@ class SequenceWriter:
             self.manifest.model_copy(update={"files": self.manifest.files | {name: entry}})
         )
 
-    def _create(self) -> None:
+    def _refuse_strangers(self) -> None:
         strangers = [p.name for p in self.folder.iterdir() if not p.name.endswith(".tmp")]
         strangers = [name for name in strangers if name not in self._side_files]
         if strangers:
@@ -90,13 +108,6 @@ class SequenceWriter:
                 f"{self.folder} holds other files ('{strangers[0]}')",
                 valid="an empty or new folder, or the same unfinished sequence",
             )
-        for name, content in self._side_files.items():
-            write_atomically(self.folder / name, content)
-        entries = {
-            name: FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
-            for name, content in self._side_files.items()
-        }
-        self._replace(self.manifest.model_copy(update={"files": entries}))
 
     def _resume(self) -> None:
         there = load_manifest(self.folder)

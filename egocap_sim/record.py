@@ -67,8 +67,9 @@ def generate(
     """Make, or complete, the sequence of a scene in folder `out`.
 
     `on_frames` is called with the number of frames each finished shard adds, first with those an
-    earlier run left. Raises InputError or FileError for a bad scene, motion or output folder,
-    MachineError when GL is missing, the disk is full or a worker dies.
+    earlier run left. Raises SceneError, InputError or FileError for a bad scene, motion or output
+    folder, before anything is written; MachineError when GL is missing, the disk is full or a
+    worker dies.
     """
     config = config_of(scene)
     rig = rig_of(scene.rig)
@@ -84,6 +85,7 @@ def generate(
         config_sha256=_digest(config),
         code_version=egocap.__version__,
     )
+    check_place(scene)
     person = person_of(scene)
     side_files = _side_files(scene, rig, person)
     with SequenceWriter(out, manifest, side_files) as writer:
@@ -92,6 +94,7 @@ def generate(
             return Summary(out, scene.frames, 0, 0.0, _size(out), None)
         trajectory = perform(scene, person)
         draft = truth_before_rendering(person, trajectory, rig)
+        writer.begin()
         with disk_errors(out):
             draft.save(out / _DRAFT)
         pending = [(i, writer.frames_of(i)) for i in writer.pending()]

@@ -9,29 +9,50 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from egocap.schema import Strict, checked, read_toml
+from egocap.schema import Number, Strict, checked, read_toml
+
+Whole = Annotated[int, Field(strict=True)]
+"""A whole number; text and booleans are not numbers."""
+Switch = Annotated[bool, Field(strict=True)]
+Pixels = Annotated[int, Field(strict=True, ge=64, le=8192)]
+
+
+def _plain(value: Any) -> Any:
+    """A value TOML can hold on one line; what a motion makes of it is the motion's affair."""
+    if isinstance(value, list | tuple) and all(isinstance(item, str) for item in value):
+        return list(value)
+    if not isinstance(value, str | int | float):
+        raise ValueError("input should be a number, text, true or false, or a list of texts")
+    return value
+
+
+Parameter = Annotated[Any, AfterValidator(_plain)]
 
 
 class RigTable(Strict):
     """The cameras: a built-in rig's name or a rig file, and the recorded image size."""
 
-    name: str = "egorig1"
+    name: str | None = None  # None and no file: egorig1
     file: str | None = None  # path, relative to the scene file; in place of a name
-    size: (
-        tuple[Annotated[int, Field(ge=64, le=8192)], Annotated[int, Field(ge=64, le=8192)]] | None
-    ) = None  # width, height in pixels; None: the rig's own
+    size: tuple[Pixels, Pixels] | None = None  # width, height; None: the rig's own
+
+    @model_validator(mode="after")
+    def _one_source(self) -> RigTable:
+        if self.name is not None and self.file is not None:
+            raise ValueError("give either 'name' (a built-in rig) or 'file' (a rig file)")
+        return self
 
 
 class PersonTable(Strict):
     """The wearer. What is left out is drawn from the seed."""
 
     sex: Literal["female", "male"] | None = None
-    height_m: float | None = Field(None, ge=1.40, le=2.10)
-    age_years: float | None = Field(None, ge=18, le=90)
-    skin_tone: float | None = Field(None, ge=0, le=1)  # light to dark
-    phenotype: dict[str, float] = {}  # weight, muscle, proportions, ...: egocap_sim.human.phenotype
+    height_m: Number | None = Field(default=None, ge=1.40, le=2.10)
+    age_years: Number | None = Field(default=None, ge=18, le=90)
+    skin_tone: Number | None = Field(default=None, ge=0, le=1)  # light to dark
+    phenotype: dict[str, Number] = {}  # weight, muscle, proportions, ...: egocap_sim.human.phenotype
     outfit: dict[str, str] = {}  # top, bottom, shoes, hair, fabrics: egocap_sim.human.outfit
     headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": what the rig is worn on
 
@@ -40,17 +61,27 @@ class MotionTable(Strict):
     """What the person does: a procedural motion by name, or a clip file."""
 
     name: str | None = None
-    parameters: dict[str, float | int | str | bool] = {}
+    parameters: dict[str, Parameter] = {}  # of a procedural motion
     file: str | None = None  # BVH or npz; path relative to the scene file
-    start_s: float = Field(0.0, ge=0)
+    start_s: Number = Field(default=0.0, ge=0)
     up: Literal["y", "z"] | None = None  # None: recognised from the file
-    unit: Literal["m", "cm", "mm", "in"] | None = None
+    unit: Literal["m", "cm", "mm", "inch", "foot", "cmu"] | None = None
     joint_names: str | None = None  # TOML file that maps bodies to the file's joint names
 
     @model_validator(mode="after")
     def _one_source(self) -> MotionTable:
         if (self.name is None) == (self.file is None):
             raise ValueError("give either 'name' (a procedural motion) or 'file' (a clip)")
+        return self
+
+    @model_validator(mode="after")
+    def _nothing_unused(self) -> MotionTable:
+        of_clips = {"up": self.up, "unit": self.unit, "joint_names": self.joint_names}
+        unused = [key for key, value in of_clips.items() if self.name is not None and value]
+        if unused:
+            raise ValueError(f"'{unused[0]}' is for a clip, not for the motion '{self.name}'")
+        if self.file is not None and self.parameters:
+            raise ValueError("'parameters' are for a procedural motion, not for a clip")
         return self
 
 
@@ -65,12 +96,12 @@ class RecordTable(Strict):
     """How it is rendered and what is written."""
 
     image_format: Literal["jpg", "png"] = "jpg"
-    jpeg_quality: int = Field(95, ge=1, le=100)
+    jpeg_quality: Whole = Field(default=95, ge=1, le=100)
     samples: Literal[0, 2, 4, 8] = 0  # multisample anti-aliasing
-    face_size: int | None = Field(None, ge=16, le=4096)  # pixels; None: the image's own density
-    masks: bool = True  # part labels
-    depth: bool = False
-    shard_frames: PositiveInt = 25
+    face_size: Whole | None = Field(default=None, ge=16, le=4096)  # pixels; None: the image's own
+    masks: Switch = True  # part labels
+    depth: Switch = False
+    shard_frames: Whole = Field(default=25, ge=1)
 
 
 class Scene(Strict):

@@ -9,11 +9,14 @@ from __future__ import annotations
 import hashlib
 import math
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from egocap.errors import FileError, InputError
 from egocap.rig import Rig, load_rig
 from egocap_sim.builtin import builtin_file
 from egocap_sim.scene import MotionTable, PersonTable, RigTable, Scene
@@ -26,11 +29,29 @@ if TYPE_CHECKING:
     from egocap_sim.place import Place
     from egocap_sim.trajectory import Trajectory
 
+DEFAULT_RIG = "egorig1"
 _RIG_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # what a built-in rig is worn on
 
 
 _MOTION_S = 30.0
 """Procedural motions are made in multiples of this, so that fewer frames are the start of more."""
+
+
+class SceneError(InputError):
+    """A table of a scene, `key`, asks for something that cannot be made."""
+
+    def __init__(self, scene: Scene, key: str, problem: str) -> None:
+        super().__init__(f"scene '{scene.name}', key '{key}': {problem}")
+        self.key, self.problem = key, problem
+
+
+@contextmanager
+def _table(scene: Scene, key: str) -> Iterator[None]:
+    """Put what is wrong on a table of the scene; errors that name a file say enough."""
+    try:
+        yield
+    except InputError as error:
+        raise SceneError(scene, key, str(error)) from None
 
 
 def stream(seed: int, purpose: str) -> np.random.Generator:
@@ -40,7 +61,8 @@ def stream(seed: int, purpose: str) -> np.random.Generator:
 
 def rig_of(table: RigTable) -> Rig:
     """The scene's rig at the recorded image size."""
-    rig = load_rig(Path(table.file) if table.file else builtin_file("rig", table.name))
+    path = Path(table.file) if table.file else builtin_file("rig", table.name or DEFAULT_RIG)
+    rig = load_rig(path)
     return rig.resized(*table.size) if table.size else rig
 
 
@@ -53,9 +75,18 @@ def person_of(scene: Scene) -> Person:
     if headgear == "rig":
         headgear = _RIG_HEADGEAR.get(rig_of(scene.rig).name, "helmet")
     asked = table.model_dump(exclude={"headgear"}, exclude_none=True)
-    return make_person(
-        scene.seed, headgear=None if headgear == "none" else headgear, name="wearer", **asked
-    )
+    worn = None if headgear == "none" else headgear
+    with _table(scene, "person"):
+        return make_person(scene.seed, headgear=worn, name="wearer", **asked)
+
+
+def check_place(scene: Scene) -> None:
+    """Raise SceneError unless there is such a place; making it, which workers do, takes longer."""
+    from egocap_sim.place import PLACES
+
+    if scene.place.name not in PLACES:
+        problem = f"unknown place '{scene.place.name}' (valid: {', '.join(PLACES)})"
+        raise SceneError(scene, "place.name", problem)
 
 
 def place_of(scene: Scene) -> Place:
@@ -93,10 +124,11 @@ def perform(scene: Scene, person: Person) -> Trajectory:
     from egocap_sim.motion.retarget import retarget
     from egocap_sim.physics.simulate import simulate
 
-    reference = retarget(clip_of(scene), person)
-    return simulate(
-        person, reference, fps=scene.fps, n_frames=scene.frames, start_s=scene.motion.start_s
-    )
+    with _table(scene, "motion"):
+        reference = retarget(clip_of(scene), person)
+        return simulate(
+            person, reference, fps=scene.fps, n_frames=scene.frames, start_s=scene.motion.start_s
+        )
 
 
 def config_of(scene: Scene) -> dict[str, Any]:
@@ -108,6 +140,12 @@ def config_of(scene: Scene) -> dict[str, Any]:
     config["rig"] = rig_of(scene.rig).to_dict()
     for key in ("file", "joint_names"):
         if path := config["motion"].pop(key, None):
-            digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
-            config["motion"][key] = {"name": Path(path).name, "sha256": digest}
+            config["motion"][key] = {"name": Path(path).name, "sha256": _checksum(Path(path))}
     return config
+
+
+def _checksum(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from None

@@ -66,6 +66,7 @@ def side_files():
 
 def write_all(folder, shards=range(3), **changes):
     with SequenceWriter(folder, manifest(**changes), side_files()) as writer:
+        writer.begin()
         for i in shards:
             frames = writer.frames_of(i)
             entry = write_shard(folder, i, frames.start, (frame_files(k) for k in frames))
@@ -146,6 +147,15 @@ def test_another_sequence_is_not_overwritten(folder):
         SequenceWriter(folder, other, {}).__enter__()
     with pytest.raises(InputError, match="begun by version 1, this is 2"):
         SequenceWriter(folder, manifest(code_version="2"), {}).__enter__()
+
+
+def test_a_sequence_that_was_not_begun_leaves_no_folder(tmp_path):
+    with SequenceWriter(tmp_path / "new", manifest(), side_files()):
+        pass
+    (tmp_path / "there").mkdir()
+    with SequenceWriter(tmp_path / "there", manifest(), side_files()):
+        pass
+    assert [path.name for path in tmp_path.rglob("*")] == ["there"]
 
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path):

@@ -49,7 +49,7 @@ def track(
     from egocap.track.tracker import track as run_tracker
 
     opened = Sequence(sequence)
-    found = _detections(opened, detections, seed)
+    found = detections_from(opened, detections, seed)
     result = run_tracker(found, opened.rig, opened.proportions, config)
     for path in (out, save_detections):
         if path is not None:
@@ -66,8 +66,8 @@ def main() -> int:
     return run(app, prog="egocap", description="Full-body motion from head-worn fisheye cameras.")
 
 
-def _detections(sequence: Sequence, source: str, seed: int) -> Detections:
-    """Detections by the name of their source, or from a file."""
+def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
+    """Detections of a sequence by the name of their source, or from a file; `seed` is of noise."""
     import numpy as np
 
     from egocap.detect.simulated import parse_source, simulate_detections

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -87,6 +88,50 @@ def physics(
     elif out is not None:
         write_text(out, report.to_text() + "\n")
     print(report.to_json() if json else report.to_text())
+    return MISSED if report.missed() else DONE
+
+
+@app.command
+def accuracy(
+    work: Annotated[Path, arg(metavar="DIR")] = Path("out/accuracy"),
+    motions: Annotated[Path | None, arg(metavar="DIR")] = None,
+    size: tuple[int, int] = (640, 512),
+    seeds: int = 3,
+    workers: int = 2,
+    json: bool = False,
+    markdown: bool = False,
+    out: Annotated[Path | None, arg(metavar="FILE")] = None,
+) -> int:
+    """Track the validation scenes from simulated detections; exit code 3 when a target is missed.
+
+    Args:
+        work: Folder of the sequences; made where they are missing.
+        motions: Folder with the validation clips bvh/007_05.bvh and npz/basketball_signal_3.npz,
+            tracked too when given.
+        size: Image width and height in pixels.
+        seeds: How many draws of the detections' noise to average over.
+        workers: Rendering processes.
+        json: Print JSON instead of a table.
+        markdown: Print Markdown instead of a table.
+        out: Write the result there too, .json (with command, commit and machine).
+    """
+    from egocap.commandline import DONE, MISSED
+    from evals.accuracy import run_accuracy
+    from evals.record import save_result
+
+    if seeds < 1:
+        raise InputError(f"{seeds} seeds", valid="1 or more")
+    if out is not None and out.suffix != ".json":
+        raise InputError(f"--out {out}: no format for '{out.suffix}'", valid=".json")
+    report = run_accuracy(work, motions=motions, size=size, seeds=seeds, workers=workers)
+    if out is not None:
+        words = ["egocap-eval", "accuracy", *(["--motions", str(motions)] if motions else [])]
+        words += ["--size", *map(str, size), "--seeds", str(seeds), "--out", str(out)]
+        save_result(out, report.to_dict(), shlex.join(words))
+    table = report.to_table()
+    print(report.to_json() if json else table.markdown() if markdown else table.text())
+    for what in report.missed():
+        print(f"missed: {what}", file=sys.stderr)
     return MISSED if report.missed() else DONE
 
 

@@ -43,16 +43,20 @@ def track(
         raise InputError("no frames to track")
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise InputError("the detections' times do not increase from frame to frame")
+    from threadpoolctl import threadpool_limits
+
     from egocap.track import causal, kernel
 
     model = kernel.make_model(proportions, config)
     _compile(observe(detections, rig, proportions, config), model, config)
 
-    started = time.perf_counter()
-    observations = observe(detections, rig, proportions, config)
-    angles, converged = _solve(observations, model, config)
-    joints = forward(proportions, angles)
-    seconds = time.perf_counter() - started
+    # Matrices of 37 rows gain nothing from BLAS threads, which on a busy machine wait for each other.
+    with threadpool_limits(1, user_api="blas"):
+        started = time.perf_counter()
+        observations = observe(detections, rig, proportions, config)
+        angles, converged = _solve(observations, model, config)
+        joints = forward(proportions, angles)
+        seconds = time.perf_counter() - started
 
     return Track(
         times=times,

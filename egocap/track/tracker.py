@@ -50,7 +50,8 @@ def track(
     model = kernel.make_model(proportions, config)
     _compile(observe(detections, rig, proportions, config), model, config)
 
-    # Matrices of 37 rows gain nothing from BLAS threads, which on a busy machine wait for each other.
+    # Matrices of 37 rows gain nothing from BLAS threads, which wait for each other when
+    # the machine is busy.
     with threadpool_limits(1, user_api="blas"):
         started = time.perf_counter()
         observations = observe(detections, rig, proportions, config)

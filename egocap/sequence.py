@@ -1,6 +1,7 @@
 """A sequence on disk, read: frames for trackers, truth for evaluations, and never mixed.
 
-A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz [rig.true.json sensor.npz] and WebDataset shards
+A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz [rig.true.json
+sensor.npz] and WebDataset shards
 (shard-00000.tar with KEY.left.jpg KEY.right.jpg [KEY.left.mask.png KEY.left.depth.png] KEY.json).
 The manifest holds the byte range of every file in every shard, so that any frame is one seek away.
 `egocap.sequence_writer` makes such folders.
@@ -122,7 +123,7 @@ class SensorTruth(FrameArrays):
     joint_time: Float[Array, "T V 18"]  # s, middle of the exposure of the row the joint is in
     exposure_ev: Float[Array, "T V"]  # stops brighter than rendered
     source: Int64[Array, "T V"]  # the frame whose picture is shown; BLACK: none
-    subframes: Int64[Array, "T V"]  # of which the picture was put together
+    subframes: Int64[Array, "T"]  # of which each view's picture was put together
 
     @property
     def dropped(self) -> Bool[Array, "T V"]:

@@ -1,0 +1,68 @@
+"""What the sensor does to each frame, drawn from the seed before anything is rendered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from egocap.geometry import axis_angle, unit
+from egocap.rig import Mount, Rig
+from egocap.sequence import BLACK
+from egocap_sim.sensor.settings import SensorTable
+
+_WAVES = 5  # sines of which the wander of the exposure is made
+_PERIOD_S = (2.0, 20.0)
+
+
+def wander(times: Float[Array, "T"], deviation: float, rng: np.random.Generator) -> Array:
+    """A slow random curve (T,) of zero mean and this standard deviation over long times.
+
+    A function of time alone: fewer frames are the start of more.
+    """
+    period = np.exp(rng.uniform(*np.log(_PERIOD_S), _WAVES))
+    phase = rng.uniform(0, 2 * np.pi, _WAVES)
+    waves = np.sin(2 * np.pi * times[:, None] / period + phase)
+    return deviation * np.sqrt(2.0 / _WAVES) * waves.sum(1)
+
+
+def sources(
+    frames: int, rate: float, stand_in: str, rng: np.random.Generator
+) -> Int[Array, "frames"]:
+    """Of each frame, the frame whose picture is shown: itself, an earlier one, or BLACK.
+
+    The first frame is never dropped.
+    """
+    dropped = rng.random(frames) < rate
+    dropped[0] = False
+    own = np.arange(frames)
+    if stand_in == "black":
+        return np.where(dropped, BLACK, own)
+    return np.maximum.accumulate(np.where(dropped, 0, own))
+
+
+def miscalibrated(rig: Rig, sensor: SensorTable, rng: np.random.Generator) -> Rig:
+    """The rig as a calibration would have found it, off by the sensor's stated amounts.
+
+    Every camera is turned about a random axis, moved in a random direction, its focal lengths are
+    scaled up or down and its centre moved, each by exactly the stated size.
+    """
+    mounts = []
+    for mount in rig.mounts:
+        axis, way = unit(rng.normal(size=3)), unit(rng.normal(size=3))
+        shift, sign = unit(rng.normal(size=2)), rng.choice([-1.0, 1.0])
+        T = mount.T_head_camera.copy()
+        T[:3, :3] = T[:3, :3] @ axis_angle(axis, np.deg2rad(sensor.calibration_rotation_deg))
+        T[:3, 3] += sensor.calibration_translation_m * way
+        scale = 1.0 + sign * sensor.calibration_focal
+        centre = np.array(mount.camera.centre) + sensor.calibration_centre_px * shift
+        affine = np.array(mount.camera.affine) * scale
+        camera = replace(
+            mount.camera,
+            centre=(float(centre[0]), float(centre[1])),
+            affine=tuple(tuple(map(float, row)) for row in affine),  # pyright: ignore
+        )
+        mounts.append(Mount(mount.name, camera, T))
+    return replace(rig, mounts=tuple(mounts))

@@ -1,0 +1,74 @@
+"""What a sensor does to the light of one picture: each fault one pure function.
+
+Linear light is 0 at black and 1 at white. The renderer's 8-bit values are its square roots, so that
+`encode(decode(image))` gives any image back.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.camera import Camera
+
+_DECODE = (np.arange(256, dtype=np.float32) / 255.0) ** 2
+_FINE = 4095  # steps of the encoding table over the square root of light
+
+
+def decode(image: UInt8[Array, "H W 3"]) -> Float[Array, "H W 3"]:
+    """Linear light of displayed values, float32."""
+    return cv2.LUT(image, _DECODE)
+
+
+def encode(light: Float[Array, "*n"], gamma: float = 1.0) -> UInt8[Array, "*n"]:
+    """Displayed values of linear light, clipped to black and white, raised to `gamma`."""
+    root = np.sqrt(np.clip(light, 0.0, 1.0))
+    if gamma == 1.0:
+        return np.rint(root * 255.0).astype(np.uint8)
+    table = np.rint(255.0 * (np.arange(_FINE + 1) / _FINE) ** gamma).astype(np.uint8)
+    return table[np.rint(root * _FINE).astype(np.uint16)]
+
+
+def expose(light: Float[Array, "*n"], stops: float) -> Float[Array, "*n"]:
+    """Twice the light for every stop; no clipping yet."""
+    return light * np.float32(2.0**stops)
+
+
+def vignette(camera: Camera, strength: float) -> Float[Array, "H W"]:
+    """Share of the light that reaches each pixel: 1 - strength (theta / theta_max)^2.
+
+    theta is the angle off the axis; at the rim of the lens `strength` of the light is lost.
+    """
+    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
+    rays, _ = camera.ray(pixels.astype(float))
+    theta = np.arctan2(np.linalg.norm(rays[..., :2], axis=-1), rays[..., 2])
+    ratio = np.minimum(theta / camera.max_angle, 1.0)
+    return (1.0 - strength * ratio**2).astype(np.float32)
+
+
+def noisy(
+    light: Float[Array, "*n"],
+    full_well_e: float | None,
+    read_noise: float,
+    rng: np.random.Generator,
+) -> Float[Array, "*n"]:
+    """Add shot and read noise: variance light / full_well_e + read_noise^2.
+
+    The Poisson count of electrons is taken as normal, which at 10 electrons and more it nearly is.
+    """
+    variance = np.float32(read_noise**2)
+    if full_well_e is not None:
+        variance = variance + np.maximum(light, 0.0) / np.float32(full_well_e)
+    return light + np.sqrt(variance) * rng.standard_normal(light.shape, dtype=np.float32)
+
+
+def compress(image: UInt8[Array, "H W 3"], quality: int) -> UInt8[Array, "H W 3"]:
+    """Through JPEG and back, with chroma at half the resolution as cameras store it."""
+    import simplejpeg
+
+    data = simplejpeg.encode_jpeg(
+        np.ascontiguousarray(image), quality=quality, colorspace="RGB", colorsubsampling="420"
+    )
+    return simplejpeg.decode_jpeg(data, colorspace="RGB")

@@ -1,0 +1,98 @@
+"""The `[sensor]` table: what a camera does to a perfect picture. Every fault is off by default."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from egocap.schema import Number, Strict
+
+Share = Annotated[Number, Field(ge=0, le=1)]
+Whole = Annotated[int, Field(strict=True)]
+
+
+class SensorTable(Strict):
+    """Faults of the cameras. A preset fills in whatever the table leaves out."""
+
+    preset: Literal["clean", "webcam", "action-camera", "harsh"] = "clean"
+
+    exposure_ev: Number = Field(default=0.0, ge=-6, le=6)  # stops brighter
+    exposure_drift_ev: Number = Field(default=0.0, ge=0, le=3)  # std. deviation of a slow wander
+    gamma: Number = Field(default=1.0, ge=0.2, le=5)  # of the displayed values; above 1 is darker
+    vignetting: Share = 0.0  # share of the light lost at the lens's rim
+    full_well_e: Number | None = Field(
+        default=None, ge=10, le=1e7
+    )  # electrons at white; shot noise
+    read_noise: Number = Field(default=0.0, ge=0, le=0.5)  # std. deviation, share of white
+
+    shutter_s: Number = Field(default=0.0, ge=0, le=0.2)  # how long each row gathers light
+    readout_s: Number = Field(default=0.0, ge=0, le=0.2)  # from the first row to the last
+    subframes: Whole = Field(default=9, ge=1, le=65)  # at most, of which a picture is put together
+    subframe_px: Number = Field(default=2.0, gt=0, le=100)  # motion that asks for one more of them
+
+    jpeg_quality: Whole | None = Field(default=None, ge=1, le=100)  # the camera's own; chroma 4:2:0
+    time_offset_s: Number = Field(default=0.0, ge=-0.5, le=0.5)  # all views but the first see later
+    drop_rate: Number = Field(default=0.0, ge=0, le=0.9)  # of each view's frames, from the second
+    drop: Literal["repeat", "black"] = "repeat"  # what stands in for a dropped frame
+
+    # How far rig.json is off the truth: exactly this much, in a direction drawn for each camera.
+    calibration_rotation_deg: Number = Field(default=0.0, ge=0, le=30)
+    calibration_translation_m: Number = Field(default=0.0, ge=0, le=0.2)
+    calibration_focal: Number = Field(default=0.0, ge=0, le=0.3)  # share of the focal length
+    calibration_centre_px: Number = Field(default=0.0, ge=0, le=100)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_preset(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("preset"), str):
+            return PRESETS.get(data["preset"], {}) | data
+        return data
+
+    @property
+    def timed(self) -> bool:
+        """Whether a picture shows anything but the one instant of its frame."""
+        return any((self.shutter_s, self.readout_s, self.time_offset_s))
+
+    @property
+    def miscalibrated(self) -> bool:
+        """Whether rig.json differs from the rig that was rendered."""
+        return any((self.calibration_rotation_deg, self.calibration_translation_m,
+                    self.calibration_focal, self.calibration_centre_px))  # fmt: skip
+
+    @property
+    def active(self) -> bool:
+        """Whether anything at all differs from the perfect picture."""
+        neutral = SensorTable(subframes=self.subframes, subframe_px=self.subframe_px,
+                              drop=self.drop)  # fmt: skip
+        return self.model_copy(update={"preset": "clean"}) != neutral
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "clean": {},
+    "webcam": {
+        "exposure_drift_ev": 0.15, "gamma": 1.1, "vignetting": 0.25,
+        "full_well_e": 3000.0, "read_noise": 0.004,
+        "shutter_s": 1 / 60, "readout_s": 0.02, "jpeg_quality": 75,
+        "time_offset_s": 0.008, "drop_rate": 0.005,
+        "calibration_rotation_deg": 0.3, "calibration_translation_m": 0.002,
+        "calibration_focal": 0.004, "calibration_centre_px": 1.5,
+    },
+    "action-camera": {
+        "exposure_drift_ev": 0.1, "gamma": 0.95, "vignetting": 0.35,
+        "full_well_e": 8000.0, "read_noise": 0.002,
+        "shutter_s": 1 / 120, "readout_s": 0.012, "jpeg_quality": 90,
+        "time_offset_s": 0.003,
+        "calibration_rotation_deg": 0.1, "calibration_translation_m": 0.001,
+        "calibration_focal": 0.002, "calibration_centre_px": 0.7,
+    },
+    "harsh": {
+        "exposure_ev": -1.0, "exposure_drift_ev": 0.4, "gamma": 1.25, "vignetting": 0.6,
+        "full_well_e": 600.0, "read_noise": 0.015,
+        "shutter_s": 1 / 30, "readout_s": 0.03, "jpeg_quality": 45,
+        "time_offset_s": 0.016, "drop_rate": 0.05,
+        "calibration_rotation_deg": 1.0, "calibration_translation_m": 0.006,
+        "calibration_focal": 0.01, "calibration_centre_px": 4.0,
+    },
+}  # fmt: skip
+"""What each preset switches on. Made up to be typical of such cameras, not measured on any."""

@@ -26,7 +26,15 @@ from egocap.errors import MachineError
 from egocap.sequence import SCHEMA, Manifest, Sequence, ShardEntry, Truth
 from egocap.sequence_writer import SequenceWriter, disk_errors, write_shard
 from egocap_sim.scene import Scene, to_toml
-from egocap_sim.stage import config_of, extras_of, perform, person_of, place_of, rig_of
+from egocap_sim.stage import (
+    check_place,
+    config_of,
+    extras_of,
+    perform,
+    person_of,
+    place_of,
+    rig_of,
+)
 from egocap_sim.trajectory import PhysicsStats
 from egocap_sim.truth import truth_before_rendering
 

@@ -70,6 +70,8 @@ def read_text(path: str | Path) -> str:
         return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise FileError(path, "no such file") from None
+    except IsADirectoryError:
+        raise FileError(path, "is a folder", valid="a file") from None
     except UnicodeDecodeError:
         raise FileError(path, "not a text file (UTF-8)") from None
     except (OSError, ValueError) as error:

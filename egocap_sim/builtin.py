@@ -35,10 +35,10 @@ def builtin_file(kind: str, name: str) -> Path:
 def find_file(kind: str, name_or_path: str | Path) -> Path:
     """A file given by path, or by the name of a built-in one.
 
-    Text that looks like a path (an ending or a slash), or names an existing file, is a path.
+    Text that looks like a path (an ending or a slash), or names what is there, is a path.
     Raises InputError for a name that is neither.
     """
     path = Path(name_or_path)
-    if path.suffix or len(path.parts) > 1 or path.is_file():
+    if path.suffix or len(path.parts) > 1 or path.exists():
         return path
     return builtin_file(kind, str(name_or_path))

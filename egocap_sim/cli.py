@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from tyro.conf import Positional
@@ -21,36 +22,41 @@ if TYPE_CHECKING:
 app = SubcommandApp()
 
 
+def _shown(metavar: str) -> Any:
+    """How an option that may be left out looks in the help: no 'None', no default."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
 @dataclass(frozen=True)
 class Overrides:
     """What the command line changes in a scene file. Paths are relative to where you are."""
 
-    frames: int | None = None
+    frames: Annotated[int | None, _shown("N")] = None
     """Number of stereo frames."""
-    seed: int | None = None
+    seed: Annotated[int | None, _shown("N")] = None
     """Seed of everything random: person, clothes, place, style of motion."""
-    rig: str | None = None
+    rig: Annotated[str | None, _shown("NAME|FILE")] = None
     """A built-in rig's name or a rig file."""
-    size: tuple[int, int] | None = None
-    """Image width and height in pixels; the rig is scaled to it."""
-    motion: str | None = None
+    size: Annotated[tuple[int, int] | None, _shown("WIDTH HEIGHT")] = None
+    """Image size in pixels; the rig is scaled to it."""
+    motion: Annotated[str | None, _shown("NAME|FILE")] = None
     """A procedural motion's name, or a BVH or npz clip."""
-    start: float | None = None
-    """Where in the motion to begin, seconds."""
-    up: str | None = None
-    """Up axis of a BVH file, y or z; recognised when not given."""
-    unit: str | None = None
-    """Length unit of a BVH file, m, cm, mm or in; recognised when not given."""
-    joint_names: Path | None = None
+    start: Annotated[float | None, _shown("SECONDS")] = None
+    """Where in the motion to begin."""
+    up: Annotated[str | None, _shown("y|z")] = None
+    """Up axis of a BVH file; recognised when not given."""
+    unit: Annotated[str | None, _shown("m|cm|mm|inch|foot|cmu")] = None
+    """Length unit of a BVH file; recognised when not given."""
+    joint_names: Annotated[Path | None, _shown("FILE")] = None
     """TOML file that maps body names to a BVH file's joint names."""
-    samples: int | None = None
-    """Multisample anti-aliasing: 0, 2, 4 or 8."""
-    masks: bool | None = None
+    samples: Annotated[int | None, _shown("0|2|4|8")] = None
+    """Multisample anti-aliasing."""
+    masks: Annotated[bool | None, _shown("True|False")] = None
     """Record part labels."""
-    depth: bool | None = None
+    depth: Annotated[bool | None, _shown("True|False")] = None
     """Record depth."""
-    image_format: str | None = None
-    """jpg (quality 95, 4:4:4) or png."""
+    image_format: Annotated[str | None, _shown("jpg|png")] = None
+    """JPEG (quality 95, 4:4:4) or PNG."""
 
 
 @app.command
@@ -68,7 +74,7 @@ def generate(
         out: folder of the sequence; with several scenes, one folder in it for each.
         overrides: what to change in the scenes.
         workers: rendering processes.
-        json: print the summary as JSON.
+        json: print the summary as JSON; with several scenes, a list of them.
     """
     from egocap.errors import InputError
     from egocap_sim.builtin import find_file
@@ -78,10 +84,19 @@ def generate(
         raise InputError("no scene given", valid="names or files of scenes")
     if workers < 1:
         raise InputError(f"{workers} workers", valid="1 or more")
-    loaded = [_overridden(load_scene(find_file("scene", name)), overrides) for name in scenes]
-    for scene in loaded:
-        folder = out / scene.name if len(loaded) > 1 else out
-        _print_summary(_generate(scene, folder, workers), json)
+    files = [find_file("scene", name) for name in scenes]
+    loaded = [_overridden(load_scene(file), overrides) for file in files]
+    names = [scene.name for scene in loaded]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"two scenes are called '{twice[0]}'", valid="a folder for each name")
+    done = []
+    for file, scene in zip(files, loaded, strict=True):
+        summary = _generate(scene, file, out / scene.name if len(loaded) > 1 else out, workers)
+        done.append(_as_json(summary))
+        if not json:
+            _print_summary(summary)
+    if json:
+        _print_json(done if len(done) > 1 else done[0])
     return DONE
 
 
@@ -157,14 +172,11 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
     for key in ("samples", "masks", "depth", "image_format"):
         _set(data["record"], key, getattr(asked, key))
     if asked.rig is not None:
-        kind = "name" if asked.rig in builtin_names("rig") else "file"
-        data["rig"].pop("file", None)
-        data["rig"][kind] = asked.rig if kind == "name" else str(Path(asked.rig).resolve())
+        data["rig"] = {k: v for k, v in data["rig"].items() if k not in ("name", "file")}
+        data["rig"] |= _source("rig", asked.rig, builtin_names("rig"))
     _set(data["rig"], "size", asked.size)
     if asked.motion is not None:
-        source = {"name": asked.motion} if asked.motion in MOTIONS else {
-            "file": str(Path(asked.motion).resolve())}  # fmt: skip
-        data["motion"] = source
+        data["motion"] = _source("motion", asked.motion, MOTIONS)
     for key, value in (("start_s", asked.start), ("up", asked.up), ("unit", asked.unit)):
         _set(data["motion"], key, value)
     if asked.joint_names is not None:
@@ -172,25 +184,42 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
     return checked(Scene, data, "command line")
 
 
+def _source(what: str, asked: str, names: Collection[str]) -> dict[str, str]:
+    """A name where there is one of that name, or else the file of that path."""
+    from egocap.errors import InputError
+
+    path = Path(asked)
+    if asked in names:
+        return {"name": asked}
+    if path.suffix or len(path.parts) > 1 or path.exists():
+        return {"file": str(path.resolve())}
+    raise InputError(f"no built-in {what} or file '{asked}'", valid=names)
+
+
 def _set(table: dict, key: str, value: object) -> None:
     if value is not None:
         table[key] = value
 
 
-def _generate(scene: Scene, folder: Path, workers: int) -> Summary:
+def _generate(scene: Scene, file: Path, folder: Path, workers: int) -> Summary:
+    from egocap.errors import FileError
     from egocap_sim.record import generate as generate_sequence
+    from egocap_sim.stage import SceneError
 
-    with progress(scene.name, scene.frames) as advance:
-        return generate_sequence(scene, folder, workers=workers, on_frames=advance)
+    try:
+        with progress(scene.name, scene.frames) as advance:
+            return generate_sequence(scene, folder, workers=workers, on_frames=advance)
+    except SceneError as error:
+        raise FileError(file, error.problem, key=error.key) from None
 
 
-def _print_summary(summary: Summary, as_json: bool) -> None:
-    if as_json:
-        physics = vars(summary.physics) if summary.physics else None
-        _print_json({"folder": str(summary.folder), "frames": summary.frames,
-                     "rendered": summary.rendered, "seconds": summary.seconds,
-                     "bytes": summary.bytes, "physics": physics})  # fmt: skip
-        return
+def _as_json(summary: Summary) -> dict[str, object]:
+    physics = vars(summary.physics) if summary.physics else None
+    return {"folder": str(summary.folder), "frames": summary.frames, "rendered": summary.rendered,
+            "seconds": summary.seconds, "bytes": summary.bytes, "physics": physics}  # fmt: skip
+
+
+def _print_summary(summary: Summary) -> None:
     size = summary.bytes / 1e6
     if not summary.rendered:
         print(f"{summary.folder}: {summary.frames} frames, {size:.0f} MB, already complete")
@@ -203,5 +232,5 @@ def _print_summary(summary: Summary, as_json: bool) -> None:
               f"cm/s, residual wrench {stats.residual_wrench_bw:.2f} body weights")  # fmt: skip
 
 
-def _print_json(content: dict) -> None:
+def _print_json(content: object) -> None:
     print(json.dumps(content, indent=1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
 from egocap.commandline import DONE, run
+from egocap.errors import InputError
 from egocap.track.config import TrackerConfig
 
 if TYPE_CHECKING:
@@ -46,14 +48,18 @@ def track(
     """
     from egocap import results
     from egocap.sequence import Sequence
+    from egocap.sequence_writer import disk_errors
     from egocap.track.tracker import track as run_tracker
 
     opened = Sequence(sequence)
     found = detections_from(opened, detections, seed)
     result = run_tracker(found, opened.rig, opened.proportions, config)
+    of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
+    result = replace(result, config=result.config | of_sequence)
     for path in (out, save_detections):
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            with disk_errors(path.parent):
+                path.parent.mkdir(parents=True, exist_ok=True)
     if save_detections is not None:
         results.save_detections(save_detections, found)
     results.save_track(out, result)
@@ -67,15 +73,23 @@ def main() -> int:
 
 
 def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
-    """Detections of a sequence by the name of their source, or from a file; `seed` is of noise."""
+    """Detections of a sequence by the name of their source, or from a file; `seed` is of noise.
+
+    Raises InputError or FileError, also for a file made from other frames than the sequence's.
+    """
     import numpy as np
 
     from egocap.detect.simulated import parse_source, simulate_detections
+    from egocap.evaluate.checks import require_same_times
     from egocap.results import load_detections
     from egocap.sequence import VISIBLE
 
     if source.endswith(".npz"):
-        return load_detections(source)
+        found = load_detections(source)
+        require_same_times(found.times, sequence.times, source)
+        return found
+    if seed < 0:
+        raise InputError(f"seed {seed}", valid="0 or more")
     camera = sequence.rig.mounts[0].camera
     truth = sequence.truth  # handed to the simulated detector alone
     return simulate_detections(

@@ -66,8 +66,20 @@ def save_detections(path: str | Path, detections: Detections) -> None:
 
 
 def load_detections(path: str | Path) -> Detections:
-    """Read detections; FileError names the array that is missing, damaged or of a wrong shape."""
-    return _load(Path(path), "egocap-detections", Detections, _DETECTIONS)
+    """Read detections; FileError names the array that is missing, damaged, of a wrong shape, or
+    holds something impossible for a valid detection."""
+    found = _load(Path(path), "egocap-detections", Detections, _DETECTIONS)
+    for name, good, valid in (
+        ("points", np.isfinite(found.points).all(-1), "finite pixels"),
+        ("sigma", np.isfinite(found.sigma) & (found.sigma >= 0.0), "finite pixels, 0 or more"),
+        ("confidence", (found.confidence >= 0.0) & (found.confidence <= 1.0), "0 to 1"),
+    ):
+        bad = np.argwhere(found.valid & ~good)
+        if len(bad):
+            frame, view, joint = bad[0]
+            what = f"wrong for label {joint} in view {view} of frame {frame}"
+            raise FileError(path, what, key=name, valid=f"{valid} wherever 'valid' is true")
+    return found
 
 
 def save_track(path: str | Path, track: Track) -> None:
@@ -90,6 +102,9 @@ def _save(path: Path, kind: str, result: Detections | Track) -> None:
         with part.open("wb") as file:
             np.savez_compressed(file, kind=kind, schema_version=SCHEMA, **arrays)
         part.replace(path)
+    except IsADirectoryError:
+        part.unlink(missing_ok=True)
+        raise FileError(path, "is a folder", valid="the name of a file") from None
     except OSError as error:
         part.unlink(missing_ok=True)
         raise MachineError(f"cannot write {path}: {error.strerror}") from None

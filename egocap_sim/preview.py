@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from egocap.errors import InputError
 from egocap.labels import LABELS, LIMBS
 from egocap.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE, Sequence
-from egocap.sequence_writer import write_atomically
+from egocap.sequence_writer import disk_errors, write_atomically
 
 _LEFT, _RIGHT, _MIDDLE = (80, 170, 255), (255, 140, 70), (250, 230, 90)  # RGB, by side of the body
 _RING = {VISIBLE: (255, 255, 255), SELF_OCCLUDED: (255, 60, 60), OCCLUDED: (200, 60, 255)}
@@ -27,8 +27,11 @@ def contact_sheet(
     Joints have white rings where seen, red where the wearer hides them, violet where others do. The
     last column is left out of sequences recorded without part labels.
     """
-    if rows < 1 or tile_width < 64:
-        raise InputError("a contact sheet needs rows and tiles", valid="rows >= 1, width >= 64")
+    if not 1 <= rows <= 100 or not 64 <= tile_width <= 4096:
+        raise InputError(
+            f"a contact sheet of {rows} rows of pictures {tile_width} px wide",
+            valid="1 to 100 rows, 64 to 4096 px",
+        )
     indices = np.unique(np.linspace(0, len(sequence) - 1, rows).round().astype(int))
     return np.vstack([_row(sequence, int(i), tile_width) for i in indices])
 
@@ -40,7 +43,8 @@ def save_contact_sheet(sequence: Sequence, path: Path, *, rows: int, tile_width:
     sheet = contact_sheet(sequence, rows=rows, tile_width=tile_width)
     done, data = cv2.imencode(path.suffix.lower(), sheet[..., ::-1])
     assert done, f"encoding of a sheet of shape {sheet.shape} failed"
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with disk_errors(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, data.tobytes())
 
 

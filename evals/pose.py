@@ -37,6 +37,9 @@ def score_files(
     tracked = load_track(track)
     found = None if detections is None else load_detections(detections)
     find_protocol(protocol)  # before any file is blamed
+    made_from = tracked.config.get("sequence", opened.manifest.config_sha256)
+    if made_from != opened.manifest.config_sha256:
+        raise FileError(track, "was made from another sequence", valid=f"a track of {sequence}")
     with _blamed_on(track):
         report = score_track(opened, tracked, protocol=protocol)
     if found is not None and detections is not None:

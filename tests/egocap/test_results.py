@@ -112,6 +112,20 @@ def test_views_must_agree(tmp_path):
         load_detections(rewritten(path, valid=np.ones((4, 3, 18), bool)))
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("points", np.nan), ("sigma", -1.0), ("sigma", np.inf), ("confidence", 2.0)]
+)
+def test_impossible_detections_name_array_frame_and_view(tmp_path, name, value):
+    path = tmp_path / "d.npz"
+    made = make_detections()
+    save_detections(path, made)
+    frame, view, joint = np.argwhere(made.valid)[5]
+    array = getattr(made, name).copy()
+    array[frame, view, joint] = value
+    with pytest.raises(FileError, match=f"'{name}'.* {joint} in view {view} of frame {frame}"):
+        load_detections(rewritten(path, **{name: array}))
+
+
 def test_pickles_are_never_opened(tmp_path):
     path = tmp_path / "t.npz"
     save_track(path, make_track())

@@ -10,8 +10,6 @@ from numpy import ndarray as Array
 
 from egocap_sim.render.gl import GL, read_pixels
 
-SHADOW_SIZE = 1024
-
 
 class AtlasBuffer:
     """Colour with labels in alpha, and depth; with `samples`, drawn finer and averaged on reading.
@@ -146,7 +144,7 @@ class AtlasBuffer:
 class ShadowMap:
     """Depth from the light, compared while it is sampled (four neighbours blended)."""
 
-    def __init__(self, size: int = SHADOW_SIZE) -> None:
+    def __init__(self, size: int) -> None:
         self.size = size
         self._texture = GL.glGenTextures(1)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
@@ -181,6 +179,7 @@ class ShadowMap:
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthMask(GL.GL_TRUE)
         GL.glDepthFunc(GL.GL_LESS)
+        GL.glCullFace(GL.GL_BACK)
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
         GL.glEnable(GL.GL_DEPTH_CLAMP)  # casters behind the light still cast
         GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)

@@ -30,7 +30,7 @@ class GpuBatch:
         ).astype(np.float32)
         self._texture = _texture_array(batch.layers)
         self._double_sided = np.array([c.double_sided for c in batch.chunks])
-        self._casts_shadow = np.array([c.casts_shadow for c in batch.chunks])
+        self.casts_shadow = np.array([c.casts_shadow for c in batch.chunks])
         self._first = np.array([c.first for c in batch.chunks])
         self._count = np.array([c.count for c in batch.chunks])
 
@@ -52,12 +52,6 @@ class GpuBatch:
         self._draw_runs(chosen & ~self._double_sided)
         GL.glDisable(GL.GL_CULL_FACE)
         self._draw_runs(chosen & self._double_sided)
-
-    def draw_shadow(self) -> None:
-        """Draw whatever casts shadows, from either side."""
-        self.primitive._bind()
-        GL.glDisable(GL.GL_CULL_FACE)
-        self._draw_runs(self._casts_shadow)
 
     def free(self) -> None:
         """Give the texture memory back; the buffers go with the renderer."""

@@ -66,7 +66,9 @@ class FisheyeRenderer(pyrender.Renderer):
         for gpu in self._gpu.values():
             self._scene.add(gpu.mesh)
         self._update_context(self._scene, _SCENE)
-        self._shadow = ShadowMap()
+        # About as fine on the floor as the image is there.
+        finest = max(t.density for t in self.atlas.tiles)
+        self._shadow = ShadowMap(1024 if finest > 250 else 640)
         self._buffer = AtlasBuffer(self.atlas.needed, samples)
         self._resampler = Resampler(self.atlas)
         self._boxes: dict[str | None, tuple[Array, Array]] = {
@@ -161,7 +163,7 @@ class FisheyeRenderer(pyrender.Renderer):
         for gpu in self._gpu.values():
             program = self._program(gpu, _SHADOW)
             self._uniforms.matrix(program, "clip_from_world", clip)
-            gpu.draw_shadow()
+            gpu.draw(gpu.casts_shadow)
         self._shadow.end()
         return projection.TO_TEXTURE @ clip
 

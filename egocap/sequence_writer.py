@@ -88,7 +88,8 @@ class SequenceWriter:
         return range(first, min(first + self.manifest.shard_frames, self.manifest.frames))
 
     def enter_shard(self, entry: ShardEntry) -> None:
-        """Record a shard that `write_shard` has put in place."""
+        """Record a shard that `write_shard` has put in place, after `begin`."""
+        assert (self.folder / MANIFEST).exists(), f"{self.folder} was not begun"
         shards = sorted([*self.manifest.shards, entry], key=lambda s: s.first)
         self._replace(self.manifest.model_copy(update={"shards": shards}))
 

@@ -111,6 +111,7 @@ def folder(tmp_path_factory, truth):
     )  # fmt: skip
     side = {"rig.json": json.dumps(make_rig().to_dict()).encode()}
     with SequenceWriter(folder, manifest, side) as writer:
+        writer.begin()
         writer.enter_shard(write_shard(folder, 0, 0, [{"json": b"{}"}] * FRAMES))
         truth.save(folder.parent / "truth.npz")
         writer.write_file("truth.npz", (folder.parent / "truth.npz").read_bytes())

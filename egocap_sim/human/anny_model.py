@@ -10,7 +10,8 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap_sim.bodies import BODIES, INDEX, LABEL_BODY
-from egocap_sim.human.anny_export import REGIONS, shape_data
+from egocap_sim.human.anny_export import shape_data
+from egocap_sim.human.anny_source import REGIONS
 from egocap_sim.human.phenotype import Phenotype, blend_weights
 
 HEIGHT_BAND = (0.3, 0.7)  # outside it the limbs of the height targets lose their proportions
@@ -32,12 +33,13 @@ class Anatomy:
     """What all people share: how the surface is connected and which bodies it follows."""
 
     faces: Int[Array, "F 3"]
-    region: Int[Array, "F"]  # index into `anny_export.REGIONS`
+    region: Int[Array, "F"]  # index into `anny_source.REGIONS`
     uv: Float[Array, "U 2"]  # (0, 0) is the top-left of the texture
     face_uv: Int[Array, "F 3"]
     bones: Int[Array, "N 4"]  # bodies, the heaviest first
     weights: Float[Array, "N 4"]
     owner: Int[Array, "N"]
+    openness: Float[Array, "N"]  # share of the light around that reaches it at rest
 
     def region_vertices(self, *names: str) -> Array:
         """Mask (N,) of the vertices of the named regions' faces."""
@@ -72,16 +74,15 @@ def anatomy() -> Anatomy:
         np.add.at(dense, (rows, body_of_bone[bone]), weight)
     bones = np.argsort(-dense, axis=1, kind="stable")[:, :4]
     weights = np.take_along_axis(dense, bones, 1)
-    uv = data["uv"].copy()
-    uv[:, 1] = 1 - uv[:, 1]
     return Anatomy(
         faces=data["faces"],
         region=data["region"],
-        uv=uv,
+        uv=data["uv"],
         face_uv=data["face_uv"],
         bones=bones.astype(np.int32),
         weights=weights / weights.sum(1, keepdims=True),
         owner=bones[:, 0].astype(np.int32),
+        openness=data["openness"],
     )
 
 

@@ -18,6 +18,7 @@ from numpy import ndarray as Array
 from egocap.geometry import unit
 from egocap_sim.bodies import BODIES, INDEX
 from egocap_sim.human.anny_model import BareBody, anatomy
+from egocap_sim.human.normals import vertex_normals
 
 ARM = ("upperarm", "forearm", "hand")
 LEG = ("thigh", "calf", "foot", "toe")
@@ -66,16 +67,6 @@ def make_chart(body: BareBody) -> Chart:
         ankle=_length(joints, "l_thigh", "l_calf", "l_foot"),
         normals=vertex_normals(body.vertices, anatomy().faces),
     )
-
-
-def vertex_normals(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> Float[Array, "N 3"]:
-    """Unit normals of the vertices, weighted by the areas around them."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    face = np.cross(b - a, c - a)
-    normal = np.zeros_like(vertices)
-    for i in range(3):
-        np.add.at(normal, faces[:, i], face)
-    return unit(normal)
 
 
 @cache

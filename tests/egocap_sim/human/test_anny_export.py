@@ -18,7 +18,7 @@ def fresh(monkeypatch, tmp_path):
         return {"vertices": np.arange(6.0).reshape(2, 3)}
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(anny_export, "_export", export)
+    monkeypatch.setattr(anny_export, "adult_shapes", export)
     anny_export.shape_data.cache_clear()
     yield calls, tmp_path / "egocap"
     anny_export.shape_data.cache_clear()

@@ -92,6 +92,23 @@ class PlaceTable(Strict):
     clear_radius: float = Field(2.0, gt=0, le=50)  # metres around the origin kept free
 
 
+class OthersTable(Strict):
+    """Other people around the wearer; they take turns in the behaviours."""
+
+    count: Whole = Field(default=0, ge=0, le=12)
+    behaviours: tuple[Literal["walk_by", "stand", "gesture", "approach"], ...] = Field(
+        default=("walk_by", "gesture", "approach", "stand"), min_length=1
+    )
+    nearest_m: Number = Field(default=0.75, ge=0.6, le=10)  # from the wearer, of those who stand
+    farthest_m: Number = Field(default=2.0, gt=0, le=14)
+
+    @model_validator(mode="after")
+    def _near_before_far(self) -> OthersTable:
+        if self.nearest_m >= self.farthest_m:
+            raise ValueError("'farthest_m' must be greater than 'nearest_m'")
+        return self
+
+
 class RecordTable(Strict):
     """How it is rendered and what is written."""
 
@@ -115,6 +132,7 @@ class Scene(Strict):
     person: PersonTable = PersonTable()
     motion: MotionTable
     place: PlaceTable = PlaceTable()
+    others: OthersTable = OthersTable()
     record: RecordTable = RecordTable()
 
 

@@ -99,8 +99,19 @@ def place_of(scene: Scene) -> Place:
 
 
 def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
-    """Everything else that moves, at the frame times of `truth`. No built-in scene has any yet."""
-    return []
+    """Everything else that moves, at the frame times of `truth`: the same in every process."""
+    from egocap_sim.others import make_others
+
+    extras: list[Extra] = []
+    if scene.others.count:
+        extras += make_others(
+            scene.others,
+            stream(scene.seed, "others"),
+            truth.time,
+            truth.T_world_body,
+            scene.place.clear_radius,
+        )
+    return extras
 
 
 def clip_of(scene: Scene) -> Clip:

@@ -9,6 +9,7 @@ amplitudes of pelvis, trunk and arms.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +20,7 @@ from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.curves import minimum_jerk, slow_noise, turn
 from egocap_sim.motion.footsteps import MIDSTANCE, plan, roll_feet
 from egocap_sim.motion.posing import SIDES, Controls, pose_figure
-from egocap_sim.motion.stance import HALF_WIDTH, HANG_PRONATION, HIP_HEIGHT, draw_style
+from egocap_sim.motion.stance import HALF_WIDTH, HANG_PRONATION, HIP_HEIGHT, Style, draw_style
 
 WALK_RATIO = 0.39  # metres of step a step/s
 TIGHTEST = 0.75  # metres, radius of the tightest turn
@@ -49,6 +50,25 @@ def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps
     """A walk for the times t [s]."""
     style = draw_style(rng)
     way = _Way(float(t[-1]), rng, params)
+    return pose_figure("walk", fps, walk_along(way, t, rng, params, style))
+
+
+class Way(Protocol):
+    """Where a walk goes: position and heading over time, and when it starts and ends."""
+
+    starts: float  # seconds
+    ends: float
+    step_s: float
+
+    def at(self, t: Array) -> tuple[Array, Array]: ...
+
+    def amplitude(self, t: Array | float) -> Array: ...
+
+
+def walk_along(
+    way: Way, t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, style: Style
+) -> Controls:
+    """Controls of a walk along a way; of `params` only the style of the gait counts."""
     first = int(rng.integers(2))
     narrow = rng.uniform(0.08, 0.13)
 
@@ -73,7 +93,7 @@ def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps
     yaw = -0.09 * gait * swing
     look = heading_ahead(way, t, 0.3)
     nod = style.gaze_down + 0.03 * slow_noise(t, rng, 0.05, 0.3)
-    controls = Controls(
+    return Controls(
         pelvis=pelvis,
         pelvis_R=turn(yaw=heading + yaw, pitch=0.02 * gait, roll=-0.05 * gait * stance_side),
         chest_R=turn(
@@ -93,10 +113,9 @@ def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps
         wrist_bend=np.zeros((len(t), 2)),
         swivel=np.zeros((len(t), 2)),
     )
-    return pose_figure("walk", fps, controls)
 
 
-def heading_ahead(way: _Way, t: Float[Array, "T"], seconds: float) -> Float[Array, "T"]:
+def heading_ahead(way: Way, t: Float[Array, "T"], seconds: float) -> Float[Array, "T"]:
     """Where someone looks who walks: the way they will face a little later."""
     return way.at(t + seconds)[1]
 

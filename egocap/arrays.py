@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Self
+from typing import BinaryIO, Self
 
 import numpy as np
 
@@ -18,11 +19,21 @@ class FrameArrays:
 
     def save(self, path: Path) -> None:
         """Write an npz file (uncompressed, the same bytes every time)."""
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        with path.open("wb") as file:
+            self._write(file)
+
+    def content(self) -> bytes:
+        """What `save` writes."""
+        file = io.BytesIO()
+        self._write(file)
+        return file.getvalue()
+
+    def _write(self, file: BinaryIO) -> None:
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
             for field in fields(self):
                 entry = zipfile.ZipInfo(field.name + ".npy", date_time=(1980, 1, 1, 0, 0, 0))
-                with archive.open(entry, "w") as file:
-                    np.lib.format.write_array(file, getattr(self, field.name), allow_pickle=False)
+                with archive.open(entry, "w") as member:
+                    np.lib.format.write_array(member, getattr(self, field.name), allow_pickle=False)
 
     @classmethod
     def load(cls, path: Path) -> Self:

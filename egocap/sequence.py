@@ -156,12 +156,21 @@ class Sequence:
 
     @cached_property
     def rig(self) -> Rig:
-        """The cameras, exactly as rendered. Raises FileError where the manifest has other views."""
-        path = self.folder / "rig.json"
-        rig = Rig.from_json(path)
-        if rig.views != self.manifest.views:
-            raise FileError(path, f"has the views {rig.views}", valid=str(self.manifest.views))
-        return rig
+        """The cameras as trackers know them: exactly as rendered, unless the scene's sensor has a
+        calibration error. Raises FileError where the manifest has other views."""
+        return self._rig("rig.json")
+
+    @cached_property
+    def true_rig(self) -> Rig:
+        """The cameras exactly as rendered, for evaluations."""
+        return self._rig(TRUE_RIG) if TRUE_RIG in self.manifest.files else self.rig
+
+    @cached_property
+    def sensor(self) -> SensorTruth | None:
+        """What the sensor did to every frame; None for a perfect one."""
+        if SENSOR not in self.manifest.files:
+            return None
+        return SensorTruth.load(self.folder / SENSOR)
 
     @cached_property
     def proportions(self) -> Proportions:
@@ -215,6 +224,13 @@ class Sequence:
         if len(data) != size:
             raise FileError(path, f"shard is truncated: frame {index} ends beyond its end")
         return data
+
+    def _rig(self, name: str) -> Rig:
+        path = self.folder / name
+        rig = Rig.from_json(path)
+        if rig.views != self.manifest.views:
+            raise FileError(path, f"has the views {rig.views}", valid=str(self.manifest.views))
+        return rig
 
     def _files(self, index: int) -> dict[str, tuple[int, int]]:
         if not 0 <= index < self.manifest.frames:

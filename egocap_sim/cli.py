@@ -57,6 +57,8 @@ class Overrides:
     """Record depth."""
     image_format: Annotated[str | None, _shown("jpg|png")] = None
     """JPEG (quality 95, 4:4:4) or PNG."""
+    sensor: Annotated[str | None, _shown("clean|webcam|action-camera|harsh")] = None
+    """A preset of camera faults, in place of the scene's own."""
 
 
 @app.command
@@ -181,6 +183,8 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
         _set(data["motion"], key, value)
     if asked.joint_names is not None:
         data["motion"]["joint_names"] = str(asked.joint_names.resolve())
+    if asked.sensor is not None:
+        data["sensor"] = {"preset": asked.sensor}
     return checked(Scene, data, "command line")
 
 

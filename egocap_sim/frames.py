@@ -13,11 +13,16 @@ from numpy import ndarray as Array
 from egocap.geometry import rigid
 from egocap.rig import Rig
 from egocap.sequence import Truth
+from egocap_sim.bodies import INDEX
 from egocap_sim.extras import Extra
 from egocap_sim.human.person import Person
 from egocap_sim.place import Place
+from egocap_sim.poses import between_frames
 from egocap_sim.render.renderer import FisheyeRenderer
+from egocap_sim.render.views import Views
 from egocap_sim.scene import RecordTable
+from egocap_sim.sensor.film import Film
+from egocap_sim.sensor.shooting import Shooter, Shot
 from egocap_sim.visibility import JointVisibility
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -34,9 +39,11 @@ class FrameMaker:
         truth: Truth,
         record: RecordTable,
         extras: Sequence[Extra] = (),
+        film: Film | None = None,
     ) -> None:
+        """`film` is what the sensor does to the frames; None: pictures are perfect."""
         self.rig, self.person, self.truth, self.record = rig, person, truth, record
-        self.extras = extras
+        self.extras, self._film = extras, film
         self.renderer = FisheyeRenderer(
             rig,
             [person.actor, *(extra.actor for extra in extras)],
@@ -45,7 +52,11 @@ class FrameMaker:
             face_size=record.face_size,
         )
         self._visibility = JointVisibility(person, rig)
+        self._numbers = np.arange(len(truth.time))
         self._T_body_rest = rigid(np.eye(3), -person.joints)
+        self._shooter = None
+        if film is not None:
+            self._shooter = Shooter(rig, film, self._draw, parts=record.masks, depth=record.depth)
 
     def close(self) -> None:
         """Give the GL context back."""
@@ -53,22 +64,38 @@ class FrameMaker:
 
     def files(self, index: int) -> dict[str, bytes]:
         """Suffix to content, for every file of one frame."""
-        truth = self.truth
-        skinning = {self.person.actor.name: truth.T_world_body[index] @ self._T_body_rest}
-        skinning |= {extra.actor.name: extra.skinning[index] for extra in self.extras}
-        views = self.renderer.render(truth.T_world_head[index], skinning)
-        visibility = self._visibility(views, truth.T_world_body[index], truth.in_view[index])
+        shot = self._shooter.shoot(index) if self._shooter else self._instant(index)
         files: dict[str, bytes] = {}
-        for view, image in zip(self.rig.views, views.images, strict=True):
+        for view, image in zip(self.rig.views, shot.images, strict=True):
             files[f"{view}.{self.record.image_format}"] = self._encode(image)
         if self.record.masks:
-            for view, parts in zip(self.rig.views, views.parts(), strict=True):
+            for view, parts in zip(self.rig.views, shot.parts, strict=True):
                 files[f"{view}.mask.png"] = _png(parts)
         if self.record.depth:
-            for view, depth in zip(self.rig.views, views.depth(), strict=True):
+            for view, depth in zip(self.rig.views, shot.depth, strict=True):
                 files[f"{view}.depth.png"] = _png(_millimetres(depth))
-        files["json"] = self._annotation(index, visibility)
+        files["json"] = self._annotation(index, shot.visibility)
         return files
+
+    def _instant(self, index: int) -> Shot:
+        """The frame as perfect cameras see it."""
+        views, visibility = self._draw(index, self.truth.time[index])
+        parts = views.parts() if self.record.masks else ()
+        depth = views.depth() if self.record.depth else ()
+        return Shot(views.images, parts, depth, visibility)
+
+    def _draw(self, index: int, time: float) -> tuple[Views, UInt8[Array, "V 18"]]:
+        """Render the world at a time in seconds during a frame; which joints are seen there."""
+        truth, poses = self.truth, self._film.poses if self._film else None
+        T_world_body = truth.T_world_body[index] if poses is None else poses.at(time)
+        skinning = {self.person.actor.name: T_world_body @ self._T_body_rest}
+        for extra in self.extras:
+            moved = extra.skinning[index]
+            if poses is not None:
+                moved = between_frames(extra.skinning, np.interp(time, truth.time, self._numbers))
+            skinning[extra.actor.name] = moved
+        views = self.renderer.render(T_world_body[INDEX["head"]], skinning)
+        return views, self._visibility(views, T_world_body, truth.in_view[index])
 
     def _encode(self, image: UInt8[Array, "H W 3"]) -> bytes:
         if self.record.image_format == "png":

@@ -52,6 +52,15 @@ class SampledPoses:
         return cls(rate, np.load(path, mmap_mode="r"))
 
 
+def between_frames(T: Float[Array, "T B 4 4"], place: float) -> Float[Array, "B 4 4"]:
+    """Rigid transforms at a fractional frame number within 0 .. T - 1."""
+    first = min(int(place), len(T) - 1)
+    if place == first:
+        return T[first]
+    pair = SampledPoses.of(T[first : first + 2], 1.0).poses
+    return between(pair[0], pair[1], place - first)
+
+
 def between(
     a: Float[Array, "*n 7"], b: Float[Array, "*n 7"], share: Float[Array, "*n"]
 ) -> Float[Array, "*n 4 4"]:

@@ -23,17 +23,22 @@ import numpy as np
 
 import egocap
 from egocap.errors import MachineError
-from egocap.sequence import SCHEMA, Manifest, Sequence, ShardEntry, Truth
+from egocap.rig import Rig
+from egocap.sequence import SCHEMA, SENSOR, TRUE_RIG, Manifest, Sequence, ShardEntry, Truth
 from egocap.sequence_writer import SequenceWriter, disk_errors, write_shard
 from egocap_sim.scene import Scene, to_toml
+from egocap_sim.sensor.film import Film, load_film
 from egocap_sim.stage import (
+    calibrated_rig_of,
     check_place,
     config_of,
     extras_of,
     perform,
+    perform_finely,
     person_of,
     place_of,
     rig_of,
+    sensor_of,
 )
 from egocap_sim.trajectory import PhysicsStats
 from egocap_sim.truth import truth_before_rendering
@@ -95,21 +100,30 @@ def generate(
     )
     check_place(scene)
     person = person_of(scene)
+    sensor = sensor_of(scene)
     side_files = _side_files(scene, rig, person)
     with SequenceWriter(out, manifest, side_files) as writer:
         on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
         if writer.manifest.complete:
             return Summary(out, scene.frames, 0, 0.0, _size(out), None)
-        trajectory = perform(scene, person)
+        film, poses = None, None
+        if sensor is not None and sensor.timed:
+            trajectory, poses = perform_finely(scene, person)
+        else:
+            trajectory = perform(scene, person)
         draft = truth_before_rendering(person, trajectory, rig)
+        if sensor is not None:
+            film, draft = load_film(draft, person, poses, rig, sensor, scene.seed)
         writer.begin()
         with disk_errors(out):
             draft.save(out / _DRAFT)
+            if film is not None:
+                film.save(out)
         pending = [(i, writer.frames_of(i)) for i in writer.pending()]
         start = time.perf_counter()
         _render_shards(scene, out, pending, workers, writer.enter_shard, on_frames)
         seconds = time.perf_counter() - start
-        _finish(writer, draft)
+        _finish(writer, draft, film)
     rendered = sum(len(frames) for _, frames in pending)
     return Summary(out, scene.frames, rendered, seconds, _size(out), trajectory.stats)
 
@@ -117,12 +131,18 @@ def generate(
 def _side_files(scene: Scene, rig, person) -> dict[str, bytes]:
     from egocap_sim.proportions import proportions_of
 
-    return {
-        "rig.json": (json.dumps(rig.to_dict(), indent=1) + "\n").encode(),
+    found = calibrated_rig_of(scene)  # what a calibration found, which trackers go by
+    true_rig = {} if found == rig else {TRUE_RIG: _rig_file(rig)}
+    return true_rig | {
+        "rig.json": _rig_file(found),
         "scene.toml": to_toml(scene).encode(),
         "body.json": (json.dumps(proportions_of(person).to_dict(), indent=1) + "\n").encode(),
         "person.json": (json.dumps(dict(person.description), indent=1) + "\n").encode(),
     }
+
+
+def _rig_file(rig: Rig) -> bytes:
+    return (json.dumps(rig.to_dict(), indent=1) + "\n").encode()
 
 
 def _render_shards(
@@ -165,7 +185,7 @@ def _render_shards(
         os.environ.update(before)
 
 
-def _finish(writer: SequenceWriter, draft: Truth) -> None:
+def _finish(writer: SequenceWriter, draft: Truth, film: Film | None) -> None:
     """Complete the truth with what rendering found, and record it last of all."""
     sequence = _Shards(writer)
     visibility = np.stack([sequence.visibility(i) for i in range(writer.manifest.frames)])
@@ -173,6 +193,9 @@ def _finish(writer: SequenceWriter, draft: Truth) -> None:
     path = writer.folder / _DRAFT
     with disk_errors(path):
         truth.save(path)
+    if film is not None:
+        writer.write_file(SENSOR, film.applied.content())
+        film.discard(writer.folder)
     writer.write_file("truth.npz", path.read_bytes())
     path.unlink()
 
@@ -217,7 +240,7 @@ def _render_shard(index: int, frames: range) -> ShardEntry:
     if _maker is None:
         from egocap_sim.frames import FrameMaker
 
-        truth = Truth.load(out / _DRAFT)
+        truth, sensor = Truth.load(out / _DRAFT), sensor_of(scene)
         _maker = FrameMaker(
             rig_of(scene.rig),
             person_of(scene),
@@ -225,6 +248,7 @@ def _render_shard(index: int, frames: range) -> ShardEntry:
             truth,
             scene.record,
             extras_of(scene, truth),
+            Film.load(out, sensor, scene.seed) if sensor else None,
         )
     maker = _maker
     return write_shard(out, index, frames.start, (maker.files(i) for i in frames))

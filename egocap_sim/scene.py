@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from egocap.schema import Number, Strict, checked, read_toml
+from egocap_sim.sensor.settings import SensorTable
 
 Whole = Annotated[int, Field(strict=True)]
 """A whole number; text and booleans are not numbers."""
@@ -52,7 +53,7 @@ class PersonTable(Strict):
     height_m: Number | None = Field(default=None, ge=1.40, le=2.10)
     age_years: Number | None = Field(default=None, ge=18, le=90)
     skin_tone: Number | None = Field(default=None, ge=0, le=1)  # light to dark
-    phenotype: dict[str, Number] = {}  # weight, muscle, proportions, ...: egocap_sim.human.phenotype
+    phenotype: dict[str, Number] = {}  # weight, muscle, ...: egocap_sim.human.phenotype
     outfit: dict[str, str] = {}  # top, bottom, shoes, hair, fabrics: egocap_sim.human.outfit
     headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": what the rig is worn on
 
@@ -89,7 +90,7 @@ class PlaceTable(Strict):
     """Where it happens."""
 
     name: str = "room"
-    clear_radius: float = Field(2.0, gt=0, le=50)  # metres around the origin kept free
+    clear_radius: Number = Field(default=2.0, ge=0.5, le=15)  # metres around the origin kept free
 
 
 class OthersTable(Strict):
@@ -125,15 +126,16 @@ class Scene(Strict):
     """One scene, as its file says it."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,79}$")
-    frames: int = Field(250, ge=1, le=1_000_000)
-    fps: float = Field(30.0, gt=0, le=240)
-    seed: int = Field(1, ge=0, lt=2**63)
+    frames: Whole = Field(default=250, ge=1, le=1_000_000)
+    fps: Number = Field(default=30.0, gt=0, le=240)
+    seed: Whole = Field(default=1, ge=0, lt=2**63)
     rig: RigTable = RigTable()
     person: PersonTable = PersonTable()
     motion: MotionTable
     place: PlaceTable = PlaceTable()
     others: OthersTable = OthersTable()
     record: RecordTable = RecordTable()
+    sensor: SensorTable | None = None  # None: perfect pictures
 
 
 def load_scene(path: Path) -> Scene:

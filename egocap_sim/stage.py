@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import math
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from egocap.errors import FileError, InputError
 from egocap.rig import Rig, load_rig
 from egocap_sim.builtin import builtin_file
 from egocap_sim.scene import MotionTable, PersonTable, RigTable, Scene
+from egocap_sim.streams import stream
 
 if TYPE_CHECKING:
     from egocap.sequence import Truth
@@ -27,6 +26,8 @@ if TYPE_CHECKING:
     from egocap_sim.human.person import Person
     from egocap_sim.motion.clip import Clip
     from egocap_sim.place import Place
+    from egocap_sim.poses import SampledPoses
+    from egocap_sim.sensor.settings import SensorTable
     from egocap_sim.trajectory import Trajectory
 
 DEFAULT_RIG = "egorig1"
@@ -54,16 +55,26 @@ def _table(scene: Scene, key: str) -> Iterator[None]:
         raise SceneError(scene, key, str(error)) from None
 
 
-def stream(seed: int, purpose: str) -> np.random.Generator:
-    """The random generator of one purpose under a scene's seed."""
-    return np.random.default_rng([seed, zlib.crc32(purpose.encode())])
-
-
 def rig_of(table: RigTable) -> Rig:
     """The scene's rig at the recorded image size."""
     path = Path(table.file) if table.file else builtin_file("rig", table.name or DEFAULT_RIG)
     rig = load_rig(path)
     return rig.resized(*table.size) if table.size else rig
+
+
+def sensor_of(scene: Scene) -> SensorTable | None:
+    """The scene's sensor; None for a perfect one."""
+    return scene.sensor if scene.sensor is not None and scene.sensor.active else None
+
+
+def calibrated_rig_of(scene: Scene) -> Rig:
+    """The rig as trackers know it: the scene's, off by its sensor's calibration error."""
+    from egocap_sim.sensor.faults import miscalibrated
+
+    rig, sensor = rig_of(scene.rig), sensor_of(scene)
+    if sensor is None or not sensor.miscalibrated:
+        return rig
+    return miscalibrated(rig, sensor, stream(scene.seed, "sensor.calibration"))
 
 
 def person_of(scene: Scene) -> Person:
@@ -132,13 +143,46 @@ def clip_of(scene: Scene) -> Clip:
 
 def perform(scene: Scene, person: Person) -> Trajectory:
     """Retarget the motion to the person and play it under physics, at the cameras' frame rate."""
+    return _simulated(scene, person, 1, scene.frames)
+
+
+def perform_finely(scene: Scene, person: Person) -> tuple[Trajectory, SampledPoses]:
+    """`perform`, and the same motion at every step of the physics, to beyond the last frame.
+
+    The cameras' steps are the same ones, so the trajectory is the same to the bit.
+    """
+    from egocap_sim.physics.simulate import steps_per_frame
+    from egocap_sim.poses import SampledPoses
+
+    assert scene.sensor is not None
+    steps = steps_per_frame(scene.fps)
+    late = max(scene.sensor.time_offset_s, 0) + scene.sensor.shutter_s + scene.sensor.readout_s
+    frames = scene.frames + math.ceil(late * scene.fps)
+    fine = _simulated(scene, person, steps, (frames - 1) * steps + 1)
+    rows = slice(0, (scene.frames - 1) * steps + 1, steps)
+    trajectory = replace(
+        fine,
+        fps=scene.fps,
+        T_world_body=fine.T_world_body[rows],
+        contact=fine.contact[rows],
+        ground_force=fine.ground_force[rows],
+        root_wrench=fine.root_wrench[rows],
+    )
+    return trajectory, SampledPoses.of(fine.T_world_body, fine.fps)
+
+
+def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Trajectory:
     from egocap_sim.motion.retarget import retarget
     from egocap_sim.physics.simulate import simulate
 
     with _table(scene, "motion"):
         reference = retarget(clip_of(scene), person)
         return simulate(
-            person, reference, fps=scene.fps, n_frames=scene.frames, start_s=scene.motion.start_s
+            person,
+            reference,
+            fps=scene.fps * per_frame,
+            n_frames=samples,
+            start_s=scene.motion.start_s,
         )
 
 

@@ -47,7 +47,7 @@ def simulate(
     Raises InputError for impossible arguments and for a motion that the person cannot follow.
     """
     n_frames = _check(reference, fps, n_frames, start_s)
-    substeps = int(np.ceil(STEPS_PER_S / fps - 1e-9))
+    substeps = steps_per_frame(fps)
     model = build_model(person, 1.0 / (fps * substeps))
     run = _Run(model, Controller(model, control or ControlConfig()), n_frames)
     witness = Witness(person, model)
@@ -71,6 +71,11 @@ def simulate(
     seconds = time.process_time() - started
     stats = witness.stats(ms_per_second=1e3 * seconds / (steps * model.opt.timestep))
     return Trajectory(fps, run.T_world_body, run.contact, run.ground_force, run.root_wrench, stats)
+
+
+def steps_per_frame(fps: float) -> int:
+    """Physics steps between two frames at a frame rate."""
+    return int(np.ceil(STEPS_PER_S / fps - 1e-9))
 
 
 def _check(reference: Reference, fps: float, n_frames: int | None, start_s: float) -> int:

@@ -87,7 +87,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "calibration_focal": 0.002, "calibration_centre_px": 0.7,
     },
     "harsh": {
-        "exposure_ev": -1.0, "exposure_drift_ev": 0.4, "gamma": 1.25, "vignetting": 0.6,
+        "exposure_ev": -0.7, "exposure_drift_ev": 0.35, "gamma": 1.25, "vignetting": 0.6,
         "full_well_e": 600.0, "read_noise": 0.015,
         "shutter_s": 1 / 30, "readout_s": 0.03, "jpeg_quality": 45,
         "time_offset_s": 0.016, "drop_rate": 0.05,

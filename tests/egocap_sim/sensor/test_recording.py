@@ -1,0 +1,121 @@
+"""Sequences recorded through a faulty sensor: faults in the pictures, known in the truth."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egocap.errors import FileError
+from egocap.sequence import Sequence
+from egocap_sim.builtin import builtin_file
+from egocap_sim.record import generate
+from egocap_sim.scene import Scene, load_scene, to_toml
+from egocap_sim.verify import verify
+
+FRAMES = 6
+
+
+def scene(**sensor) -> Scene:
+    data = load_scene(builtin_file("scene", "validation-walk")).model_dump(exclude_none=True)
+    data["frames"], data["rig"]["size"] = FRAMES, (160, 128)
+    data["motion"]["start_s"] = 6.0  # in full stride
+    data["record"] |= {"shard_frames": 3, "image_format": "png"}
+    if sensor:
+        data["sensor"] = sensor
+    return Scene.model_validate(data)
+
+
+def record(folder: Path, **sensor) -> Sequence:
+    generate(scene(**sensor), folder, workers=1)
+    result = verify(folder)
+    assert result.clean, result.problems
+    return Sequence(folder)
+
+
+@pytest.fixture(scope="module")
+def perfect(tmp_path_factory) -> Sequence:
+    return record(tmp_path_factory.mktemp("perfect") / "s")
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory) -> Sequence:
+    """The right camera sees exactly one frame later than the left, and half of that."""
+    return record(tmp_path_factory.mktemp("late") / "s", time_offset_s=1 / 30)
+
+
+def test_a_sensor_without_faults_changes_no_picture_and_no_truth(perfect, tmp_path):
+    clean = record(tmp_path / "clean", preset="clean", subframes=5)
+    for name in ("truth.npz", "shard-00000.tar", "shard-00001.tar"):
+        ours, theirs = (Path(s.folder / name).read_bytes() for s in (clean, perfect))
+        assert hashlib.sha256(ours).digest() == hashlib.sha256(theirs).digest(), name
+    assert clean.sensor is None and clean.true_rig == clean.rig
+
+
+def test_a_camera_one_frame_late_shows_the_next_frame(perfect, late):
+    """Rendered, not copied: the marker of time is the picture itself."""
+    for t in range(FRAMES - 1):
+        ours, next_ = late.frame(t).images[1].astype(int), perfect.frame(t + 1).images[1]
+        own = perfect.frame(t).images[1]
+        assert np.abs(ours - next_).mean() < 0.05
+        assert np.abs(ours - own).mean() > 1.0
+        assert np.array_equal(late.frame(t).images[0], perfect.frame(t).images[0])
+        assert np.array_equal(late.mask(t, "right"), perfect.mask(t + 1, "right"))
+
+
+def test_truth_of_a_late_camera_is_that_of_its_own_time(perfect, late):
+    theirs, ours = perfect.truth, late.truth
+    assert np.allclose(ours.joints_2d[:-1, 1], theirs.joints_2d[1:, 1], atol=1e-6)
+    assert np.array_equal(ours.joints_2d[:, 0], theirs.joints_2d[:, 0]) or np.allclose(
+        ours.joints_2d[:, 0], theirs.joints_2d[:, 0], atol=1e-9
+    )
+    assert np.array_equal(ours.joints_head, theirs.joints_head)  # the physics are the same
+    assert np.array_equal(ours.visibility[:-1, 1], theirs.visibility[1:, 1])
+    assert np.allclose(late.sensor.time[:, 1] - late.sensor.time[:, 0], 1 / 30)
+
+
+def test_dropped_frames_repeat_the_last_picture_and_are_flagged(perfect, tmp_path):
+    sequence = record(tmp_path / "dropped", drop_rate=0.6)
+    dropped = sequence.sensor.dropped
+    assert dropped.any() and not dropped[0].any()
+    for t, v in np.ndindex(*dropped.shape):
+        shown = sequence.sensor.source[t, v]
+        assert np.array_equal(sequence.frame(t).images[v], perfect.frame(shown).images[v])
+    assert np.array_equal(sequence.truth.joints_2d, perfect.truth.joints_2d)
+
+
+def test_labels_follow_the_rows_of_a_rolling_shutter(perfect, tmp_path):
+    sequence = record(tmp_path / "rolling", readout_s=0.03, subframe_px=0.5)
+    sensor, truth = sequence.sensor, sequence.truth
+    assert (sensor.subframes > 1).any() and (sensor.subframes % 2 == 1).all()
+    height = sequence.rig.cameras[0].height
+    rows = np.clip(truth.joints_2d[..., 1], -0.5, height - 0.5)
+    expected = sensor.time[..., None] + ((rows + 0.5) / height - 0.5) * 0.03
+    assert np.abs(sensor.joint_time - expected).max() < 1e-5
+    moved = np.linalg.norm(truth.joints_2d - perfect.truth.joints_2d, axis=-1)[truth.in_view]
+    assert 0.1 < moved.max() < 5
+
+
+def test_presets_give_the_same_bytes_for_any_number_of_workers(tmp_path):
+    one, two = scene(preset="harsh"), scene(preset="harsh")
+    generate(one, tmp_path / "one", workers=1)
+    generate(two, tmp_path / "two", workers=2)
+    names = sorted(p.name for p in (tmp_path / "one").iterdir())
+    assert {"rig.true.json", "sensor.npz"} <= set(names)
+    for name in names:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+    sequence = Sequence(tmp_path / "one")
+    assert sequence.rig != sequence.true_rig
+    assert not list((tmp_path / "one").glob("*.tmp"))
+
+
+def test_sensor_tables_survive_toml_and_bad_ones_are_refused(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(to_toml(scene(preset="webcam", jpeg_quality=40)))
+    assert load_scene(path) == scene(preset="webcam", jpeg_quality=40)
+    path.write_text(to_toml(scene()) + '\n[sensor]\npreset = "film"\n')
+    with pytest.raises(FileError, match=r"sensor\.preset.*'webcam'"):
+        load_scene(path)
+    path.write_text(to_toml(scene()) + "\n[sensor]\nshutter = 0.1\n")
+    with pytest.raises(FileError, match=r"unknown key.*shutter_s"):
+        load_scene(path)

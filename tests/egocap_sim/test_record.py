@@ -16,20 +16,9 @@ from egocap.errors import InputError
 from egocap.geometry import GRAVITY
 from egocap.labels import LABEL_INDEX
 from egocap.sequence import OUT_OF_VIEW, VISIBLE, Sequence
-from egocap_sim.builtin import builtin_file
 from egocap_sim.parts import RIG, WEARER_FIRST, WEARER_LAST
 from egocap_sim.record import generate
-from egocap_sim.scene import Scene, load_scene
 from egocap_sim.verify import verify
-
-FRAMES = 7
-
-
-def small(**record) -> Scene:
-    scene = load_scene(builtin_file("scene", "validation-walk")).model_dump()
-    scene["frames"], scene["rig"]["size"] = FRAMES, (160, 128)
-    scene["record"] |= {"shard_frames": 2} | record
-    return Scene.model_validate(scene)
 
 
 def checksums(folder: Path) -> dict[str, str]:
@@ -39,44 +28,42 @@ def checksums(folder: Path) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("sequence") / "one"
-    generate(small(depth=True), folder, workers=1)
-    return folder
+def folder(tiny_sequence: Path) -> Path:
+    return tiny_sequence
 
 
 def test_a_sequence_is_whole_and_verified(folder):
     result = verify(folder)
     assert result.clean, result.problems
-    assert (result.frames, result.shards) == (FRAMES, 4)
+    assert (result.frames, result.shards) == (7, 4)
     assert not list(folder.glob("*.tmp"))
 
 
-def test_two_workers_write_the_same_bytes(folder, tmp_path):
-    generate(small(depth=True), tmp_path / "two", workers=2)
+def test_two_workers_write_the_same_bytes(folder, tmp_path, tiny_scene):
+    generate(tiny_scene, tmp_path / "two", workers=2)
     assert checksums(tmp_path / "two") == checksums(folder)
 
 
-def test_another_seed_is_another_person_and_motion(folder, tmp_path):
-    scene = small(depth=True).model_copy(update={"seed": 9})
+def test_another_seed_is_another_person_and_motion(folder, tmp_path, tiny_scene):
+    scene = tiny_scene.model_copy(update={"seed": 9})
     generate(scene, tmp_path / "other", workers=2)
     other, first = Sequence(tmp_path / "other"), Sequence(folder)
     assert not np.allclose(other.proportions.offsets, first.proportions.offsets)
     assert not np.allclose(other.truth.joints_head, first.truth.joints_head)
 
 
-def test_a_finished_sequence_is_left_as_it_is(folder):
+def test_a_finished_sequence_is_left_as_it_is(folder, tiny_scene):
     before = checksums(folder)
-    summary = generate(small(depth=True), folder)
+    summary = generate(tiny_scene, folder)
     assert summary.rendered == 0 and checksums(folder) == before
 
 
-def test_another_scene_does_not_overwrite(folder):
+def test_another_scene_does_not_overwrite(folder, tiny_scene):
     with pytest.raises(InputError, match="holds another sequence"):
-        generate(small(depth=True).model_copy(update={"seed": 10}), folder)
+        generate(tiny_scene.model_copy(update={"seed": 10}), folder)
 
 
-def test_a_killed_run_is_completed_by_the_same_command(folder, tmp_path):
+def test_a_killed_run_is_completed_by_the_same_command(folder, tmp_path, tiny_scene):
     """SIGKILL at random moments, of the parent alone or with its workers: no byte differs."""
     command = [
         sys.executable, "-m", "egocap_sim", "generate", str(tmp_path / "scene.toml"),
@@ -84,7 +71,7 @@ def test_a_killed_run_is_completed_by_the_same_command(folder, tmp_path):
     ]  # fmt: skip
     from egocap_sim.scene import to_toml
 
-    (tmp_path / "scene.toml").write_text(to_toml(small(depth=True)))
+    (tmp_path / "scene.toml").write_text(to_toml(tiny_scene))
     moments = random.Random(4)
     for kill in (os.kill, os.killpg):
         process = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
@@ -117,7 +104,7 @@ def test_masks_and_depth_agree_with_the_joints_that_are_seen(folder):
     sequence = Sequence(folder)
     truth = sequence.truth
     under_own_skin = []
-    for t in range(FRAMES):
+    for t in range(len(sequence)):
         for v, view in enumerate(sequence.manifest.views):
             mask, depth = sequence.mask(t, view), sequence.depth(t, view)
             for j in np.flatnonzero(truth.visibility[t, v] == VISIBLE):

@@ -1,0 +1,249 @@
+"""egocap-sim as a user runs it, and everything a user can get wrong."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egocap.sequence import Sequence, load_manifest
+from egocap_sim import cli
+from egocap_sim.builtin import builtin_file
+from egocap_sim.scene import Scene, to_toml
+from egocap_sim.verify import verify
+
+GOOD = 'name = "x"\nframes = 2\n[motion]\nname = "idle"\n[rig]\nsize = [96, 64]\n'
+
+
+@pytest.fixture
+def sim(monkeypatch, capsys, tmp_path):
+    """Run egocap-sim in an empty folder; gives its exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["egocap-sim", *map(str, words)])
+        code = cli.main()
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def complaint(result: tuple[int, str, str], code: int = 2) -> str:
+    """The one line on stderr of a command that failed as it should."""
+    returned, out, err = result
+    assert (returned, out) == (code, ""), err
+    lines = err.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("egocap-sim: "), err
+    return lines[0]
+
+
+def overridden(**asked) -> Scene:
+    return cli._overridden(Scene.model_validate(tomllib.loads(GOOD)), cli.Overrides(**asked))
+
+
+def test_generate_verify_and_preview(sim, tiny_scene, tiny_sequence):
+    Path("tiny.toml").write_text(to_toml(tiny_scene))
+    code, out, err = sim("generate", "tiny.toml", "--frames", 3, "--workers", 1, "--out", "seq")
+    assert code == 0, err
+    assert out.startswith("seq: 3 stereo frames") and "physics: " in out
+    code, out, err = sim("verify", "seq")
+    assert (code, err) == (0, "") and "3 frames in 2 shards" in out and "clean" in out
+    # A shorter sequence is the start of the longer one.
+    for mine, other in zip(Sequence("seq"), Sequence(tiny_sequence), strict=False):
+        assert np.array_equal(mine.images, other.images)
+    code, out, _ = sim("preview", "seq", "--rows", 2, "--out", "new/sheet.png")
+    assert (code, out) == (0, "new/sheet.png\n") and Path("new/sheet.png").stat().st_size > 1000
+    code, out, _ = sim("generate", "tiny.toml", "--frames", 3, "--out", "seq", "--json")
+    assert code == 0 and json.loads(out)["rendered"] == 0
+
+
+def test_an_interrupted_run_is_resumed(tiny_scene, tmp_path):
+    """Ctrl-C reaches the whole process group, as from a terminal."""
+    (tmp_path / "tiny.toml").write_text(to_toml(tiny_scene))
+    command = [sys.executable, "-m", "egocap_sim", "generate", str(tmp_path / "tiny.toml"),
+               "--out", str(tmp_path / "seq"), "--frames", "300", "--workers", "2"]  # fmt: skip
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob("seq/shard-*.tar")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, ""), err
+    assert "Traceback" not in err and err.splitlines()[-1] == "egocap-sim: interrupted"
+    done = load_manifest(tmp_path / "seq").shards
+    assert 1 <= len(done) < 150
+    assert verify(tmp_path / "seq").problems == (
+        f"unfinished: {150 - len(done)} of 150 shards are not there yet",
+    )
+
+
+def test_verify_tells_what_is_missing_of_an_unfinished_sequence(sim, tiny_sequence):
+    manifest = json.loads((tiny_sequence / "manifest.json").read_text())
+    Path("seq").mkdir()
+    for name in ("rig.json", "scene.toml", "body.json", "person.json"):
+        (Path("seq") / name).write_bytes((tiny_sequence / name).read_bytes())
+    manifest["files"].pop("truth.npz")
+    Path("seq/manifest.json").write_text(json.dumps(manifest | {"shards": []}))
+    code, out, err = sim("verify", "seq")
+    assert (code, out, err) == (2, "", "seq: unfinished: 4 of 4 shards are not there yet\n")
+    code, out, _ = sim("verify", "seq", "--json")
+    assert code == 2 and json.loads(out)["problems"] and not json.loads(out)["clean"]
+    assert "run the same generate command" in complaint(sim("preview", "seq", "--out", "a.png"))
+
+
+def test_what_the_command_line_asks_for_wins():
+    scene = overridden(frames=9, seed=7, size=(320, 256), rig="egorig2", samples=4, masks=False,
+                       depth=True, image_format="png")  # fmt: skip
+    assert (scene.frames, scene.seed, scene.rig.size) == (9, 7, (320, 256))
+    assert (scene.rig.name, scene.rig.file) == ("egorig2", None)
+    assert scene.record.model_dump(include={"samples", "masks", "depth", "image_format"}) == {
+        "samples": 4, "masks": False, "depth": True, "image_format": "png"}  # fmt: skip
+    assert overridden(motion="sit").motion.name == "sit"
+    motion = overridden(motion="clip.bvh", up="z", unit="cm", start=1.5).motion
+    assert (motion.name, motion.file) == (None, str(Path("clip.bvh").resolve()))
+    assert (motion.up, motion.unit, motion.start_s) == ("z", "cm", 1.5)
+    rig = overridden(rig="mine/rig.toml").rig
+    assert (rig.name, rig.file) == (None, str(Path("mine/rig.toml").resolve()))
+    assert overridden() == overridden(frames=2)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("--frames 0", r"'frames': .*greater than or equal to 1"),
+        ("--seed -1", r"'seed': "),
+        ("--size 0 0", r"'rig\.size\.0': .*equal to 64"),
+        ("--size 100000 64", r"'rig\.size\.0': .*8192"),
+        ("--rig egorig9", r"no built-in rig or file 'egorig9' \(valid: egorig1, egorig2\)"),
+        ("--rig none.toml", r"none\.toml: no such file"),
+        ("--rig .", "is a folder"),
+        ("--motion wlak", r"no built-in motion or file 'wlak' \(valid: walk, "),
+        ("--motion none.bvh", r"none\.bvh: cannot be read: No such file"),
+        ("--motion .", "Is a directory"),
+        ("--motion good.toml", r"good\.toml: is of an unknown kind '\.toml' \(valid: \.bvh, \.npz"),
+        ("--up y", "'up' is for a clip, not for the motion 'idle'"),
+        ("--unit furlong", r"'motion\.unit': .*'inch'"),
+        ("--samples 3", "0, 2, 4 or 8"),
+        ("--image-format gif", "'jpg' or 'png'"),
+        ("--start -1", r"'motion\.start_s'"),
+        ("--workers 0", "0 workers"),
+    ],
+)
+def test_impossible_options_leave_nothing_behind(sim, words, says):
+    Path("good.toml").write_text(GOOD)
+    line = complaint(sim("generate", "good.toml", "--out", "seq", *words.split()))
+    assert re.search(says, line), line
+    assert [p.name for p in Path().iterdir()] == ["good.toml"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "key 'name': field required"),
+        ("\x00\x01", "not TOML"),
+        (GOOD.replace("frames = 2", "frames = true"), "'frames': .*integer, not True"),
+        (GOOD.replace("frames = 2", "frames = '2'"), "'frames': .*integer, not '2'"),
+        (GOOD.replace("frames = 2", "fps = nan"), "'fps': .*finite"),
+        (GOOD + "fov = 3\n", r"'rig\.fov': unknown key \(valid: file, name, size\)"),
+        (GOOD + "file = 'a.toml'\nname = 'egorig1'\n", "'rig': give either"),
+        (GOOD + "[person]\nheight_m = 5\n", r"'person\.height_m': .*2\.1, not 5"),
+        (GOOD + "[person.outfit]\ntop = 'cape'\n", r"'person': unknown top 'cape' \(valid: tshirt"),
+        (GOOD + "[place]\nname = 'moon'\n", r"'place\.name': unknown place 'moon' \(valid: room"),
+        (GOOD + "[record]\nshard_frames = 0\n", r"'record\.shard_frames'"),
+        (GOOD + "[record]\nmasks = 'yes'\n", r"'record\.masks': .*boolean"),
+        (GOOD.replace("idle", "wlak"), r"'motion': unknown motion 'wlak' \(valid: walk, "),
+        (GOOD.replace("[rig]", "parameters = {fps = 9}\n[rig]"), "unknown parameter 'fps'"),
+        (GOOD.replace("[rig]", "up = 'z'\n[rig]"), "'up' is for a clip"),
+    ],
+)
+def test_a_wrong_scene_is_named_and_leaves_nothing_behind(sim, text, says):
+    Path("wrong.toml").write_text(text)
+    line = complaint(sim("generate", "wrong.toml", "--out", "seq"))
+    assert line.startswith("egocap-sim: wrong.toml")
+    assert re.search(says, line), line
+    assert not Path("seq").exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("fov = 0", r"'lens\.fov': .*greater than 0, not 0"),
+        ("baseline = -0.35", r"'stereo\.baseline': .*greater than 0, not -0\.35"),
+        ("model = 'pinhole'", r"'lens\.model': .*'equidistant'"),
+        ("width = 0", r"'lens\.width'"),
+    ],
+)
+def test_a_wrong_rig_is_named(sim, line, says):
+    key = line.split()[0]
+    text = builtin_file("rig", "egorig1").read_text().splitlines()
+    Path("rig.toml").write_text("\n".join(line if t.startswith(f"{key} ") else t for t in text))
+    Path("good.toml").write_text(GOOD)
+    found = complaint(sim("generate", "good.toml", "--rig", "rig.toml", "--out", "seq"))
+    assert re.search(rf"rig\.toml, key {says}", found), found
+    assert not Path("seq").exists()
+
+
+def test_output_folders_that_cannot_be(sim, tiny_scene, tiny_sequence):
+    Path("tiny.toml").write_text(to_toml(tiny_scene))
+    before = sorted((p.name, p.stat().st_mtime_ns) for p in tiny_sequence.iterdir())
+    line = complaint(sim("generate", "tiny.toml", "--seed", 5, "--out", tiny_sequence))
+    assert "holds another sequence (it differs in seed: 162 there, 5 asked for)" in line
+    assert sorted((p.name, p.stat().st_mtime_ns) for p in tiny_sequence.iterdir()) == before
+    Path("mine").mkdir()
+    Path("mine/notes.txt").write_text("dear to me")
+    line = complaint(sim("generate", "tiny.toml", "--out", "mine"))
+    assert "mine holds other files ('notes.txt')" in line
+    for out in ("tiny.toml", "tiny.toml/below"):
+        assert "is not a folder" in complaint(sim("generate", "tiny.toml", "--out", out))
+    line = complaint(sim("generate", "tiny.toml", "tiny.toml", "--out", "both"))
+    assert "two scenes are called 'validation-walk'" in line
+
+
+def test_a_newer_or_mangled_sequence_is_refused_by_every_command(sim, tiny_scene, tiny_sequence):
+    Path("tiny.toml").write_text(to_toml(tiny_scene))
+    Path("seq").mkdir()
+    text = (tiny_sequence / "manifest.json").read_text()
+    commands = [("generate", "tiny.toml", "--out", "seq"), ("verify", "seq"),
+                ("preview", "seq", "--out", "a.png")]  # fmt: skip
+    for content, says in (
+        (text.replace('"schema_version":1', '"schema_version":99'), "newer version (schema 99)"),
+        (text[: len(text) // 2], "manifest.json, line 1: not JSON"),
+    ):
+        Path("seq/manifest.json").write_text(content)
+        for words in commands:
+            assert says in complaint(sim(*words))
+
+
+def test_without_opengl_the_machine_is_blamed(tmp_path):
+    """In a process of its own: OpenGL is looked for once."""
+    (tmp_path / "good.toml").write_text(GOOD)
+    nothing = os.environ | {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}
+    done = subprocess.run(
+        [sys.executable, "-m", "egocap_sim", "generate", str(tmp_path / "good.toml"),
+         "--out", str(tmp_path / "seq")],
+        env=nothing, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, ""), done.stderr
+    assert "Traceback" not in done.stderr and "apt-get install libegl1" in done.stderr
+    assert not verify(tmp_path / "seq").clean
+
+
+def test_list_names_what_there_is(sim):
+    code, out, err = sim("list")
+    assert (code, err) == (0, "")
+    assert "validation-walk" in out and "egorig2" in out and "look_around" in out
+
+
+@pytest.mark.parametrize("words", [(), ("genrate",), ("generate",), ("verify",), ("list", "--x")])
+def test_wrong_usage_is_2(sim, words):
+    code, out, err = sim(*words)
+    assert (code, out) == (2, "") and err and "Traceback" not in err

@@ -11,6 +11,8 @@ from egocap.errors import InputError
 
 KINDS: dict[str, str] = {"scene": ".", "rig": "rigs"}
 """Kinds of built-in file, and their folder under scenes/."""
+SAMPLED = "sampled"
+"""The name of no file: a rig drawn from the scene's seed."""
 
 
 def builtin_folder() -> Path:
@@ -30,6 +32,18 @@ def builtin_file(kind: str, name: str) -> Path:
     if name not in builtin_names(kind):
         raise InputError(f"no built-in {kind} '{name}'", valid=builtin_names(kind))
     return builtin_folder() / KINDS[kind] / f"{name}.toml"
+
+
+def rig_names() -> tuple[str, ...]:
+    """What a rig may be called: the built-in files, and SAMPLED."""
+    return (*builtin_names("rig"), SAMPLED)
+
+
+def rig_file(name: str) -> Path:
+    """The path of a built-in rig's file. Raises InputError naming all that a rig may be called."""
+    if name not in builtin_names("rig"):
+        raise InputError(f"no rig '{name}'", valid=rig_names())
+    return builtin_file("rig", name)
 
 
 def find_file(kind: str, name_or_path: str | Path) -> Path:

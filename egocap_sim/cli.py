@@ -36,7 +36,7 @@ class Overrides:
     seed: Annotated[int | None, _shown("N")] = None
     """Seed of everything random: person, clothes, place, style of motion."""
     rig: Annotated[str | None, _shown("NAME|FILE")] = None
-    """A built-in rig's name or a rig file."""
+    """A built-in rig's name, a rig file, or 'sampled': drawn from the seed."""
     size: Annotated[tuple[int, int] | None, _shown("WIDTH HEIGHT")] = None
     """Image size in pixels; the rig is scaled to it."""
     motion: Annotated[str | None, _shown("NAME|FILE")] = None
@@ -146,13 +146,15 @@ def verify(sequence: Positional[Path], json: bool = False) -> int:
 
 @app.command(name="list")
 def list_() -> int:
-    """Name the built-in scenes, rigs and motions."""
-    from egocap_sim.builtin import builtin_names
+    """Name the built-in scenes, rigs, motions and sensors."""
+    from egocap_sim.builtin import builtin_names, rig_names
     from egocap_sim.motion.procedural import MOTIONS
+    from egocap_sim.sensor.settings import PRESETS
 
     print("scenes: ", *builtin_names("scene"))
-    print("rigs:   ", *builtin_names("rig"))
+    print("rigs:   ", *rig_names())
     print("motions:", *MOTIONS)
+    print("sensors:", *PRESETS)
     return DONE
 
 
@@ -164,7 +166,7 @@ def main() -> int:
 def _overridden(scene: Scene, asked: Overrides) -> Scene:
     """The scene with the command line's changes, checked like the file itself."""
     from egocap.schema import checked
-    from egocap_sim.builtin import builtin_names
+    from egocap_sim.builtin import rig_names
     from egocap_sim.motion.procedural import MOTIONS
     from egocap_sim.scene import Scene
 
@@ -175,7 +177,7 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
         _set(data["record"], key, getattr(asked, key))
     if asked.rig is not None:
         data["rig"] = {k: v for k, v in data["rig"].items() if k not in ("name", "file")}
-        data["rig"] |= _source("rig", asked.rig, builtin_names("rig"))
+        data["rig"] |= _source("rig", asked.rig, rig_names())
     _set(data["rig"], "size", asked.size)
     if asked.motion is not None:
         data["motion"] = _source("motion", asked.motion, MOTIONS)

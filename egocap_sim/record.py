@@ -85,7 +85,7 @@ def generate(
     worker dies.
     """
     config = config_of(scene)
-    rig = rig_of(scene.rig)
+    rig = rig_of(scene.rig, scene.seed)
     manifest = Manifest(
         schema_version=SCHEMA,
         name=scene.name,
@@ -242,7 +242,7 @@ def _render_shard(index: int, frames: range) -> ShardEntry:
 
         truth, sensor = Truth.load(out / _DRAFT), sensor_of(scene)
         _maker = FrameMaker(
-            rig_of(scene.rig),
+            rig_of(scene.rig, scene.seed),
             person_of(scene),
             place_of(scene),
             truth,

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from egocap.errors import FileError, InputError
 from egocap.rig import Rig, load_rig
-from egocap_sim.builtin import builtin_file
+from egocap_sim.builtin import SAMPLED, rig_file
+from egocap_sim.rig_sampler import headgear_for, sample_rig
 from egocap_sim.scene import MotionTable, PersonTable, RigTable, Scene
 from egocap_sim.streams import stream
 
@@ -55,10 +56,13 @@ def _table(scene: Scene, key: str) -> Iterator[None]:
         raise SceneError(scene, key, str(error)) from None
 
 
-def rig_of(table: RigTable) -> Rig:
-    """The scene's rig at the recorded image size."""
-    path = Path(table.file) if table.file else builtin_file("rig", table.name or DEFAULT_RIG)
-    rig = load_rig(path)
+def rig_of(table: RigTable, seed: int | None = None) -> Rig:
+    """The scene's rig at the recorded image size; a sampled one needs the scene's seed."""
+    if table.name == SAMPLED:
+        assert seed is not None
+        rig = sample_rig(stream(seed, "rig"))
+    else:
+        rig = load_rig(Path(table.file) if table.file else rig_file(table.name or DEFAULT_RIG))
     return rig.resized(*table.size) if table.size else rig
 
 
@@ -71,7 +75,7 @@ def calibrated_rig_of(scene: Scene) -> Rig:
     """The rig as trackers know it: the scene's, off by its sensor's calibration error."""
     from egocap_sim.sensor.faults import miscalibrated
 
-    rig, sensor = rig_of(scene.rig), sensor_of(scene)
+    rig, sensor = rig_of(scene.rig, scene.seed), sensor_of(scene)
     if sensor is None or not sensor.miscalibrated:
         return rig
     return miscalibrated(rig, sensor, stream(scene.seed, "sensor.calibration"))
@@ -84,7 +88,11 @@ def person_of(scene: Scene) -> Person:
     table: PersonTable = scene.person
     headgear = table.headgear
     if headgear == "rig":
-        headgear = _RIG_HEADGEAR.get(rig_of(scene.rig).name, "helmet")
+        rig = rig_of(scene.rig, scene.seed)
+        if scene.rig.name == SAMPLED:
+            headgear = headgear_for(rig, stream(scene.seed, "headgear"))
+        else:
+            headgear = _RIG_HEADGEAR.get(rig.name, "helmet")
     asked = table.model_dump(exclude={"headgear"}, exclude_none=True)
     worn = None if headgear == "none" else headgear
     with _table(scene, "person"):
@@ -192,7 +200,7 @@ def config_of(scene: Scene) -> dict[str, Any]:
     Files are named by their checksum, not by where they lie.
     """
     config = scene.model_dump(mode="json", exclude_none=True)
-    config["rig"] = rig_of(scene.rig).to_dict()
+    config["rig"] = rig_of(scene.rig, scene.seed).to_dict()
     for key in ("file", "joint_names"):
         if path := config["motion"].pop(key, None):
             config["motion"][key] = {"name": Path(path).name, "sha256": _checksum(Path(path))}

@@ -33,15 +33,13 @@ def decimate(
     Vertices on open edges and on the seams of the texture stay. Returns the triangles, their
     texture corners, and the row each came from.
     """
-    mesh = _Mesh(vertices, faces, face_uv)
-    removable = (
-        removable & ~_on_border(faces, len(vertices)) & ~_on_seam(faces, face_uv, len(vertices))
-    )
+    mesh, n = _Mesh(vertices, faces, face_uv), len(vertices)
+    removable = removable & ~_on_border(faces, n) & ~_on_seam(faces, face_uv, n)
     heap = [entry for u in np.flatnonzero(removable) for entry in mesh.candidates(int(u))]
     heapq.heapify(heap)
     gone = 0
     while heap and gone < count:
-        cost, u, v, stamp = heapq.heappop(heap)
+        _, u, v, stamp = heapq.heappop(heap)
         if stamp != mesh.stamp[u] or not mesh.may_collapse(u, v):
             continue
         around = mesh.collapse(u, v)

@@ -13,7 +13,7 @@ from egocap.errors import InputError
 from egocap_sim.human.noise import smooth_noise
 from egocap_sim.human.skin import rgb
 
-SIZE = 512  # px
+SIZE = 256  # px in which patterns are drawn; textures have half of it, each pixel the mean of four
 TILE_M = 0.24  # metres of cloth a texture shows, so that stripes are centimetres wide
 
 PALETTE: dict[str, str] = {
@@ -26,7 +26,7 @@ PALETTE: dict[str, str] = {
 }  # fmt: skip
 
 Colors = Float[Array, "3 3"]  # main, second and third colour, sRGB 0 to 1
-Image = Float[Array, "512 512 3"]
+Image = Float[Array, "256 256 3"]
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ def one_color(pattern: str, color: str) -> Fabric:
     return Fabric(pattern, (color, color, color))
 
 
-def fabric_texture(fabric: Fabric, rng: np.random.Generator) -> UInt8[Array, "512 512 3"]:
+def fabric_texture(fabric: Fabric, rng: np.random.Generator) -> UInt8[Array, "128 128 3"]:
     """Draw a fabric; it tiles in both directions. Rows run down the garment."""
-    colors = np.array([rgb(PALETTE[c]) for c in fabric.colors])
-    image = PATTERNS[fabric.pattern](colors, rng) * (1 + _weave(rng)[..., None])
+    colors = np.array([rgb(PALETTE[c]) for c in fabric.colors], np.float32)
+    image = PATTERNS[fabric.pattern](colors, rng).astype(np.float32)
     shade = 0.05 * smooth_noise(SIZE, 5, rng) + 0.03 * smooth_noise(SIZE, 40, rng)
-    image = (
-        image * (1 + (0.4 + fabric.wear) * shade - 0.10 * _creases(rng) * fabric.wear)[..., None]
-    )
+    grain = 0.035 * rng.standard_normal((SIZE, SIZE), dtype=np.float32)
+    image *= (1 + grain + (0.4 + fabric.wear) * shade)[..., None]
+    image = (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
 
 
@@ -151,22 +151,10 @@ PATTERNS: dict[str, Callable[[Colors, np.random.Generator], Image]] = {
 }  # fmt: skip
 
 
-def _bands(colors: Colors, rng: np.random.Generator) -> Float[Array, "512 3"]:
+def _bands(colors: Colors, rng: np.random.Generator) -> Float[Array, "256 3"]:
     """One line of coloured bands, made of an equal run repeated over the tile."""
     runs = int(rng.integers(2, 9))
     edges = np.sort(rng.uniform(0.15, 0.95, 3))
     place = (np.arange(SIZE) * runs / SIZE) % 1
     order = [0, 1, 0, 2] if rng.uniform() < 0.5 else [0, 1, 0, 1]
     return colors[np.array(order)[np.searchsorted(edges, place)]]
-
-
-def _weave(rng: np.random.Generator) -> Float[Array, "512 512"]:
-    """Threads: a fine grid and a grain, a few percent."""
-    thread = np.sin(2 * np.pi * np.arange(SIZE) * 128 / SIZE)
-    return 0.015 * (thread[:, None] + thread[None, :]) + rng.normal(0, 0.02, (SIZE, SIZE))
-
-
-def _creases(rng: np.random.Generator) -> Float[Array, "512 512"]:
-    """Ridges of bent noise, 0 to 1: soft wrinkles that run mostly around the body."""
-    ridge = 1 - np.abs(smooth_noise(SIZE, (7, 4), rng) + 0.5 * smooth_noise(SIZE, (13, 7), rng))
-    return np.clip(ridge, 0, 1) ** 3

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap_sim.bodies import INDEX
 from egocap_sim.human.anny_model import BareBody
 from egocap_sim.human.chart import LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, TORSO, Chart
+from egocap_sim.human.details import Marks
 from egocap_sim.human.shell import ELSEWHERE, Cut, Level, Shell, make_shell
 
 
@@ -24,6 +25,8 @@ class Top:
     gap: float
     ease: float  # looseness of the torso
     sleeve_ease: float
+    details: tuple[str, ...] = ("side_seams", "hems")  # of `egocap_sim.human.details`
+    crumple: float = 1.0  # depth of folds
 
 
 @dataclass(frozen=True)
@@ -33,25 +36,29 @@ class Bottom:
     leg: float  # 0 hip, 1 knee, 2 ankle
     gap: float
     ease: float  # looseness at the hem, growing from the hip
+    details: tuple[str, ...] = ("side_seams", "hems", "front_pockets", "back_pockets")
+    crumple: float = 1.0
 
 
+SHIRT = ("side_seams", "hems", "placket", "chest_pocket")
 TOPS: dict[str, Top] = {
     "tshirt": Top(0.55, 0.22, 0.0, 0.006, 0.012, 0.016),
-    "slim_tshirt": Top(0.42, 0.45, -0.02, 0.006, 0.004, 0.004),
-    "tank_top": Top(0.12, 0.35, -0.035, 0.006, 0.006, 0.004),
+    "print_tshirt": Top(0.6, 0.2, 0.0, 0.006, 0.016, 0.02, ("side_seams", "hems", "motif")),
+    "slim_tshirt": Top(0.42, 0.45, -0.02, 0.006, 0.004, 0.004, crumple=0.6),
+    "tank_top": Top(0.12, 0.35, -0.035, 0.006, 0.006, 0.004, crumple=0.7),
     "longsleeve": Top(1.92, 0.25, 0.0, 0.006, 0.010, 0.007),
-    "shirt": Top(1.95, 0.12, 0.035, 0.007, 0.018, 0.014),
-    "sweater": Top(1.95, 0.28, 0.01, 0.010, 0.020, 0.016),
-    "hoodie": Top(1.97, 0.22, 0.045, 0.012, 0.028, 0.024),
-    "jacket": Top(1.97, 0.10, 0.05, 0.014, 0.034, 0.026),
+    "shirt": Top(1.95, 0.12, 0.035, 0.007, 0.018, 0.014, SHIRT, 1.2),
+    "sweater": Top(1.95, 0.28, 0.01, 0.010, 0.020, 0.016, ("ribs",), 0.8),
+    "hoodie": Top(1.97, 0.22, 0.045, 0.012, 0.028, 0.024, ("ribs", "kangaroo"), 1.1),
+    "jacket": Top(1.97, 0.10, 0.05, 0.014, 0.034, 0.026, ("side_seams", "hems", "zip"), 1.2),
 }
 BOTTOMS: dict[str, Bottom] = {
     "shorts": Bottom(0.78, 0.007, 0.030),
-    "tight_shorts": Bottom(0.55, 0.004, 0.0),
-    "slim_trousers": Bottom(1.86, 0.005, 0.003),
+    "tight_shorts": Bottom(0.55, 0.004, 0.0, ("side_seams", "hems"), 0.3),
+    "slim_trousers": Bottom(1.86, 0.005, 0.003, crumple=0.8),
     "trousers": Bottom(1.96, 0.006, 0.018),
-    "wide_trousers": Bottom(1.99, 0.005, 0.045),
-    "leggings": Bottom(1.80, 0.004, 0.0),
+    "wide_trousers": Bottom(1.99, 0.005, 0.045, ("side_seams", "front_pockets", "pressed")),
+    "leggings": Bottom(1.80, 0.004, 0.0, ("side_seams",), 0.25),
 }
 
 SOCKS: dict[str, float] = {"ankle_socks": 0.06, "crew_socks": 0.16}  # m above the ankle
@@ -134,6 +141,20 @@ def _hips(body: BareBody, chart: Chart) -> Float[Array, "N"]:
     crotch, waist, _ = _levels(body)
     rise = np.clip((z - crotch + 0.05) / 0.08, 0, 1) * np.clip((waist + 0.1 - z) / 0.1, 0, 1)
     return np.where(np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM)), 0.0, rise)
+
+
+def marks(body: BareBody, chart: Chart, accent: Float[Array, "3"]) -> Marks:
+    """Where details go on a person; `accent` is the sRGB colour (0 to 1) of belts and prints."""
+    crotch, waist, chest = _levels(body)
+    return Marks(
+        crotch=crotch,
+        waist=waist,
+        chest=chest,
+        neck=float(body.joints[INDEX["l_clavicle"], 2]),
+        elbow=-chart.elbow,
+        knee=-chart.knee,
+        accent=tuple(float(255 * c) for c in accent),
+    )
 
 
 def _levels(body: BareBody) -> tuple[float, float, float]:

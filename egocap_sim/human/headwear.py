@@ -68,9 +68,9 @@ def fit_hair(body: BareBody, chart: Chart, hair: Hair) -> tuple[Shell, Bool[Arra
     return shell, cut.covered(body.vertices) | (ear & (hair.nape >= COVERS_EARS))
 
 
-def hair_texture(color: Float[Array, "3"], rng: np.random.Generator) -> UInt8[Array, "256 256 3"]:
+def hair_texture(color: Float[Array, "3"], rng: np.random.Generator) -> UInt8[Array, "128 128 3"]:
     """Strands running down the head."""
-    strands = 0.25 * smooth_noise(256, (4, 128), rng) + 0.15 * smooth_noise(256, (3, 32), rng)
+    strands = 0.3 * smooth_noise(128, (3, 64), rng) + 0.15 * smooth_noise(128, (2, 16), rng)
     return np.rint(np.clip(color * (1 + strands[..., None]), 0, 1) * 255).astype(np.uint8)
 
 

@@ -12,8 +12,15 @@ def smooth_noise(
 ) -> Float[Array, "size size"]:
     """Smooth noise that tiles, about -1 to 1, with so many blobs (rows, columns) a side."""
     rows, columns = (cells, cells) if isinstance(cells, int) else cells
-    grid = rng.uniform(-1.0, 1.0, (rows, columns))
-    return _stretch(_stretch(grid, size).T, size).T
+    return wrapped_noise(size, size, rows, columns, rng)
+
+
+def wrapped_noise(
+    height: int, width: int, rows: int, columns: int, rng: np.random.Generator
+) -> Float[Array, "height width"]:
+    """Smooth noise (float32) that tiles, about -1 to 1, in rows times columns of blobs."""
+    grid = rng.uniform(-1.0, 1.0, (rows, columns)).astype(np.float32)
+    return _stretch(_stretch(grid, height).T, width).T
 
 
 def _stretch(grid: Array, size: int) -> Array:
@@ -21,5 +28,6 @@ def _stretch(grid: Array, size: int) -> Array:
     at = np.arange(size) * len(grid) / size
     low = at.astype(int)
     share = at - low
-    share = (share * share * (3 - 2 * share))[:, None]
-    return grid[low] * (1 - share) + grid[(low + 1) % len(grid)] * share
+    share = (share * share * (3 - 2 * share)).astype(np.float32)[:, None]
+    here = grid[low]
+    return here + (grid[(low + 1) % len(grid)] - here) * share

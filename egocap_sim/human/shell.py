@@ -66,6 +66,7 @@ class Shell:
     faces: Int[Array, "F 3"]
     weights: Float[Array, "M 21"]
     piece: Int[Array, "M"]  # of `chart`
+    light: Float[Array, "M"]  # openness of the body there: dark in armpits and between the legs
 
 
 def make_shell(
@@ -98,6 +99,9 @@ def make_shell(
     faces = faces[near[faces].all(1)]
     if buried is not None:
         faces = faces[~buried[faces].all(1)]
+    average, light = averaging(near), anatomy().openness.astype(float)
+    for _ in range(4):  # cloth bridges the skin's small hollows
+        light = 0.5 * light + 0.5 * (average @ light)
     mix = sp.csr_matrix(sp.identity(len(near)))
     for edge in cut.edges_at(cloth):
         faces, step = clip(faces, mix @ edge)
@@ -109,6 +113,7 @@ def make_shell(
             faces=faces,
             weights=mix @ weights,
             piece=chart.piece[np.asarray(mix.argmax(axis=1)).ravel()],
+            light=mix @ light,
         )
     )
 
@@ -207,4 +212,5 @@ def _turn_hems(shell: Shell) -> Shell:
         faces=np.concatenate([shell.faces, strip]),
         weights=np.concatenate([shell.weights, shell.weights[rim]]),
         piece=np.concatenate([shell.piece, shell.piece[rim]]),
+        light=np.concatenate([shell.light, 0.6 * shell.light[rim]]),
     )

@@ -79,7 +79,7 @@ def make_shoes(
 
 def shoe_texture(upper: UInt8[Array, "H W 3"], sole: Float[Array, "3"]) -> UInt8[Array, "H W 3"]:
     """The upper's fabric above a plain band for the sole."""
-    image = upper.copy()
+    image = np.tile(upper, (4, 4, 1))
     rows = round(len(image) * SOLE_ROWS)
     image[-rows:] = np.rint(sole * 255)
     image[-rows : -rows + 6] = np.rint(sole * 160)

@@ -7,8 +7,10 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.bodies import BODIES
+from egocap_sim.human.anny_export import shape_data
 from egocap_sim.human.anny_model import BareBody, anatomy
 from egocap_sim.human.noise import smooth_noise
+from egocap_sim.human.skin_maps import NAIL, OPEN, RED
 from egocap_sim.mesh import Mesh
 from egocap_sim.parts import wearer_part
 
@@ -44,11 +46,12 @@ def skin_texture(
 ) -> UInt8[Array, "H W 3"]:
     """Skin with soft mottling, lips, brows and eyes, in anny's texture layout."""
     n = TEXTURE_SIZE
-    base = tone_color(tone)
+    base = tone_color(tone).astype(np.float32)
     mottle = 0.6 * smooth_noise(n, 24, rng) + 0.4 * smooth_noise(n, 64, rng)
     redness = smooth_noise(n, 8, rng)
     image = np.broadcast_to(base, (n, n, 3)) * (1 + 0.05 * mottle[..., None])
     image = image * (1 + redness[..., None] * np.array([0.02, -0.01, -0.01]))
+    image = _weathered(image, tone)
     lips = base * np.array([0.92, 0.70, 0.70])
     _paint(image, MOUTH, (0.0085, 0.024), lips, 0.8)
     for brow in BROWS:
@@ -58,6 +61,18 @@ def skin_texture(
     for eye in EYES[:2]:
         _paint(image, eye, (0.0022, 0.0022), rgb(iris), 1.0)
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+
+
+def _weathered(image: Float[Array, "H W 3"], tone: float) -> Float[Array, "H W 3"]:
+    """Shade the hollows, redden joints and cheeks (dark skin: darken), and lighten nails."""
+    maps = shape_data()["skin_maps"].astype(np.float32) / 255
+    light, red, nail = (maps[..., i, None] for i in (OPEN, RED, NAIL))
+    flush = np.array([-0.02, -0.16, -0.14]) * (1 - tone) + np.array([-0.22, -0.24, -0.24]) * tone
+    image = image * (1 + red * flush.astype(np.float32))
+    # Light that comes back out of hollows of skin has gone through it and is warm.
+    image = image * (1 - (1 - light) * np.array([0.42, 0.58, 0.62], np.float32))
+    pale = image * 0.75 + 0.25 * np.array([0.93, 0.78, 0.74], np.float32)
+    return image + nail * (pale - image)
 
 
 def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array, "N"]) -> Mesh:

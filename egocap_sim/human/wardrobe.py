@@ -11,8 +11,19 @@ import numpy as np
 from egocap.errors import InputError
 from egocap_sim.human.anny_model import BareBody, anatomy, bare_body, landmarks
 from egocap_sim.human.chart import make_chart
-from egocap_sim.human.fabric import PALETTE, TILE_M, fabric_texture, one_color
-from egocap_sim.human.garments import BOTTOMS, SOCKS, TOPS, fit_bottom, fit_socks, fit_top
+from egocap_sim.human.details import Marks
+from egocap_sim.human.fabric import PALETTE, TILE_M, Fabric, fabric_texture, one_color
+from egocap_sim.human.garments import (
+    BOTTOMS,
+    SOCKS,
+    TOPS,
+    Bottom,
+    Top,
+    fit_bottom,
+    fit_socks,
+    fit_top,
+    marks,
+)
 from egocap_sim.human.headwear import (
     HAIR_COLORS,
     HAIRCUTS,
@@ -28,6 +39,7 @@ from egocap_sim.human.phenotype import ADULT_YEARS, PHENOTYPE_NAMES, Phenotype, 
 from egocap_sim.human.sewing import sew
 from egocap_sim.human.shoes import SHOES, make_shoes, shoe_texture
 from egocap_sim.human.skin import IRISES, rgb, skin_mesh, skin_texture
+from egocap_sim.human.tailoring import Cloth
 from egocap_sim.mesh import Actor, Mesh
 from egocap_sim.parts import OTHER_PERSON
 
@@ -172,9 +184,15 @@ def _dress(body: BareBody, clothes: Outfit, tone: float, seed: int) -> list[Mesh
     top = fit_top(body, chart, TOPS[clothes.top])
     bottom = fit_bottom(body, chart, BOTTOMS[clothes.bottom], top.covered)
     hidden = top.covered | bottom.covered
+    places = marks(body, chart, rgb(PALETTE[clothes.top_fabric.colors[1]]))
     meshes = [
-        sew("top", top.shell, body, fabric_texture(clothes.top_fabric, rng), TILE_M),
-        sew("bottom", bottom.shell, body, fabric_texture(clothes.bottom_fabric, rng), TILE_M),
+        sew("top", top.shell, body, _cloth(TOPS[clothes.top], clothes.top_fabric, places, rng)),
+        sew(
+            "bottom",
+            bottom.shell,
+            body,
+            _cloth(BOTTOMS[clothes.bottom], clothes.bottom_fabric, places, rng),
+        ),
     ]
     if clothes.shoes != BAREFOOT:
         leather = one_color("plain", clothes.shoe_color)
@@ -189,15 +207,26 @@ def _dress(body: BareBody, clothes: Outfit, tone: float, seed: int) -> list[Mesh
             socks = fit_socks(body, chart, rise, in_shoes | bottom.covered)
             wool = fabric_texture(one_color("knit", clothes.sock_color), rng)
             if len(socks.shell.faces):  # boots and trousers may hide them whole
-                meshes.append(sew("socks", socks.shell, body, wool, TILE_M))
+                meshes.append(
+                    sew("socks", socks.shell, body, Cloth(wool, TILE_M, rng, 0.2, ("ribs",)))
+                )
                 hidden |= socks.covered
         hidden |= in_shoes
     haircut = HAIRCUTS[clothes.hair]
     if haircut:
         shell, under_hair = fit_hair(body, chart, haircut)
         hidden |= under_hair
-        meshes.append(sew("hair", shell, body, hair_texture(hair_color, rng), 0.12, 0.2))
+        meshes.append(
+            sew("hair", shell, body, Cloth(hair_texture(hair_color, rng), TILE_M, rng, 0), 0.2)
+        )
     return [skin_mesh(body, skin, hidden), *meshes]
+
+
+def _cloth(garment: Top | Bottom, fabric: Fabric, places: Marks, rng: np.random.Generator) -> Cloth:
+    """Fabric and finish of a garment; jeans are faded."""
+    details = garment.details + (("faded",) if fabric.pattern == "denim" else ())
+    crumple = garment.crumple * (0.6 + 0.8 * fabric.wear)
+    return Cloth(fabric_texture(fabric, rng), TILE_M, rng, crumple, details, places)
 
 
 def _check(what: str, value: str | None, valid: Sequence[str]) -> None:

@@ -12,9 +12,9 @@ from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid
 from egocap_sim.bodies import BODIES, INDEX, PARENTS
 from egocap_sim.human.anny_model import anatomy
-from egocap_sim.human.normals import vertex_normals
 from egocap_sim.human.garments import BOTTOMS, TOPS
 from egocap_sim.human.headwear import HAIRCUTS
+from egocap_sim.human.normals import vertex_normals
 from egocap_sim.human.shoes import SHOES
 from egocap_sim.human.wardrobe import make_person
 from egocap_sim.parts import OTHER_PERSON, RIG

@@ -1,0 +1,125 @@
+"""Paint a garment's texture: fabric, then details, then folds and shade by region."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap_sim.human.chart import TORSO
+from egocap_sim.human.details import DETAILS, Canvas, Marks
+from egocap_sim.human.noise import wrapped_noise
+from egocap_sim.human.panels import ARMS, GIRTH, REACH, SIZE, Panel
+
+FOLD = 0.55  # strength of painted folds in the crumpled places
+SHADE = 0.62  # share of its light that cloth loses where no light comes in
+SHADE_CELLS = 28  # a panel's shade is binned into so many cells a side
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """What a garment is made of and how it is finished."""
+
+    tile: UInt8[Array, "N N 3"]  # seamless picture of the fabric
+    tile_m: float  # metres it shows
+    rng: np.random.Generator
+    crumple: float = 1.0  # depth of its folds: 0 tight, 1 as cotton
+    details: tuple[str, ...] = ()  # of `details.DETAILS`
+    marks: Marks = field(default_factory=Marks)
+
+
+def paint(
+    panels: Mapping[int, Panel], light: Mapping[int, tuple[Array, Array, Array]], cloth: Cloth
+) -> UInt8[Array, "512 512 3"]:
+    """The texture of a garment; `light` is turn, along and openness of each panel's vertices."""
+    image = np.zeros((SIZE, SIZE, 3), np.float32)
+    for piece, panel in panels.items():
+        canvas = Canvas(panel, lay_tile(panel, cloth.tile, cloth.tile_m), cloth.marks, cloth.rng)
+        for name in cloth.details:
+            DETAILS[name](canvas)
+        shade = canvas.relief + cloth.crumple * folds(panel, cloth.marks, cloth.rng)
+        shade = (1 + np.clip(shade, -0.45, 0.3)) * shadow(panel, *light[piece])
+        image[panel.window] = canvas.image * shade[..., None]
+    return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+
+
+def lay_tile(panel: Panel, tile: UInt8[Array, "N N 3"], tile_m: float) -> Float[Array, "H W 3"]:
+    """Repeat a fabric over a panel, a whole number of times around, so that no seam shows."""
+    repeats = max(1, round(GIRTH[panel.piece] / tile_m))
+    n = len(tile)
+    column = (panel.turns * repeats * n).astype(int) % n
+    row = np.floor(-panel.along / tile_m * n).astype(int) % n
+    return tile[row[:, None], column[None, :]].astype(np.float32)
+
+
+def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, "H W"]:
+    """Light and dark of folds, as lit from above: deep at joints, hems and the waist."""
+    turns, along = panel.turns.astype(np.float32), panel.along.astype(np.float32)
+    around = max(2, round(GIRTH[panel.piece] / 0.16))
+    length = panel.top - panel.bottom
+    wide, rows = round(panel.width / REACH), panel.height
+
+    def ridges(cells_m: float, slant: float, share: float) -> Array:
+        cells = max(2, round(length / cells_m))
+        noise = wrapped_noise(rows, wide, cells, max(2, round(around * share)), rng)
+        ridge = 1 - 2 * np.abs(noise)
+        shift = (slant * along / GIRTH[panel.piece] * wide).astype(int)
+        column = ((np.arange(panel.width)[None, :] + shift[:, None]) % wide).astype(int)
+        ridge = np.take_along_axis(ridge, column, 1)
+        return np.diff(ridge, axis=0, append=ridge[-1:]) * (rows / length * cells_m)
+
+    drape = 0.20 * ridges(0.10, 0.8, 0.7) + 0.16 * ridges(0.07, -0.6, 1.0)
+    stacked = 0.30 * ridges(0.035, 0.15, 0.8)
+    deep = np.zeros((rows, panel.width), np.float32)
+    for place, width, strength in marks.creases(panel):
+        deep += strength * np.exp(-0.5 * ((along[:, None] - place) / width) ** 2)
+    if panel.piece == TORSO:
+        high = np.clip((along - marks.chest + 0.1) / 0.15, 0, 1)[:, None]
+        for side in (0.25, 0.75):
+            deep += 0.7 * high * np.exp(-0.5 * ((turns[None, :] % 1 - side) / 0.07) ** 2)
+    elif panel.piece in ARMS:
+        deep *= 0.6 + 0.8 * (np.abs(turns[None, :] % 1 - 0.5) > 0.25)  # deeper on the inner side
+    return FOLD * (drape * (0.35 + 0.5 * deep) + stacked * np.minimum(deep, 1.2))
+
+
+def shadow(
+    panel: Panel, turn: Float[Array, "N"], along: Float[Array, "N"], light: Float[Array, "N"]
+) -> Float[Array, "H W"]:
+    """Darkening (0 to 1) where little light comes in, spread from vertices over the panel."""
+    n = SHADE_CELLS
+    x = np.clip((panel.x(turn) / panel.width * n).astype(int), 0, n - 1)
+    y = np.clip((panel.y(along) / panel.height * n).astype(int), 0, n - 1)
+    cell = y * n + x
+    total = np.bincount(cell, light, n * n).reshape(n, n)
+    count = np.bincount(cell, minlength=n * n).reshape(n, n).astype(float)
+    for reach in (1, 1, 2, 4, 8):  # empty cells take the mean of those around
+        empty = count == 0
+        wide_total, wide_count = _blurred(total, reach), _blurred(count, reach)
+        if reach > 1:
+            total, count = np.where(empty, wide_total, total), np.where(empty, wide_count, count)
+        else:
+            total, count = wide_total, wide_count
+    value = (total / np.maximum(count, 1e-9)).astype(np.float32)
+    value = 1 - SHADE * (1 - np.clip(value, 0, 1)) ** 1.3
+    return _enlarged(value, panel.height, panel.width)
+
+
+def _blurred(grid: Array, reach: int) -> Array:
+    for axis in (0, 1):
+        n = grid.shape[axis]
+        at = np.clip(np.arange(n)[:, None] + np.array([-reach, 0, reach]), 0, n - 1)
+        grid = grid.take(at, axis).sum(axis + 1) / 3
+    return grid
+
+
+def _enlarged(grid: Array, height: int, width: int) -> Array:
+    for axis, size in ((0, height), (1, width)):
+        n = grid.shape[axis]
+        at = np.clip((np.arange(size, dtype=np.float32) + 0.5) * n / size - 0.5, 0, n - 1.001)
+        low = at.astype(int)
+        share = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
+        grid = grid.take(low, axis) * (1 - share) + grid.take(low + 1, axis) * share
+    return grid

@@ -1,10 +1,10 @@
 """The colour energy of all views with its gradient and Gauss-Newton matrix, compiled, parallel.
 
-`ImageModel` is the fast form of `egocap.track.appearance`. A pose costs, in order: forward
-kinematics; a list of the Gaussians near each tile of 8 x 8 pixels, by comparing cones; then
-every ray on its own, over the Gaussians of its tile that pass within their reach of it. Rays
-that meet none are done at once. The compiled code is cached on disk; sizes, settings and body are
-arguments, so that nothing compiles again.
+`egocap.track.image_model` calls it. A pose costs, in order: forward kinematics; a list of the
+Gaussians near each tile of 8 x 8 pixels, by comparing cones; then every ray on its own, over the
+Gaussians of its tile that it passes within their reach. Rays that meet none are done at once. The
+compiled code is cached on disk; sizes, settings and body are arguments, so that nothing compiles
+again.
 
 Gauss-Newton: the energy of a ray lies in [-1, 1], so that 1 + e is a square r^2, and
 sum e + const = sum r^2. With J the ray's gradient, its Gauss-Newton matrix 2 (dr)(dr)^T is
@@ -13,46 +13,33 @@ J J^T / (2 (1 + e)), held finite where a ray already fits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 from numba import njit, prange
 from numpy import ndarray as Array
 
-from egocap.errors import InputError
-from egocap.gaussians import GaussianBody
-from egocap.skeleton import DOF_COUNT
-from egocap.track.colour import blend_weights
-from egocap.track.image_rays import ImageRays
-from egocap.track.pose_kernel import angle_forces, load, make_chain, pose
+from egocap.track.pose_kernel import angle_forces, load, pose
 from egocap.track.ray_kernel import (
+    CACHE_LINE,
     FAST,
-    LANES,
-    MAX_EDGES,
     compare_colours,
     find_near,
-    make_scratch,
     ray_energy,
     ray_step,
     scratch_of,
 )
 
-WINDOW = 6.5
-"""Length of the row of cells of a Gaussian in sigmas. The tails beyond go into the end cells."""
 BLOCK = 32
 """Rays that a thread takes at a time."""
 FLAT = 1e-4
 """Derivatives of a ray's energy below this, per radian, do not enter the Gauss-Newton matrix."""
 FIT_FLOOR = 0.05
 """Least 1 + e that the Gauss-Newton matrix divides by."""
-_ALL = np.zeros(0, np.int32)
-_NO_WEIGHTS = np.zeros(0, np.float32)
 
 
-class _Shape(NamedTuple):
+class Shape(NamedTuple):
     """What rays need of the Gaussians, single precision."""
 
     radius2: Float32[Array, "G"]  # squared distance from a ray beyond which it is not felt
@@ -66,7 +53,9 @@ class _Shape(NamedTuple):
     blend: Float32[Array, "G 3"]
 
 
-class _Rays(NamedTuple):
+class RayArrays(NamedTuple):
+    """`image_rays.ImageRays` in the kernel's precision."""
+
     origins: Float[Array, "V 3"]
     camera: Int32[Array, "P"]  # the view, under a name that numba does not take for a method
     direction: Float32[Array, "P 3"]
@@ -77,7 +66,7 @@ class _Rays(NamedTuple):
     tile_sin: Float32[Array, "N"]
 
 
-class _Posed(NamedTuple):
+class Posed(NamedTuple):
     """The body in a pose, and how the views see it."""
 
     origins: Float[Array, "18 3"]  # of skull and joints
@@ -87,7 +76,7 @@ class _Posed(NamedTuple):
     cones: Float32[Array, "V 5 G"]  # direction, cos and sin of the angle
 
 
-class _Forces(NamedTuple):
+class Forces(NamedTuple):
     """Working memory of `angle_forces`."""
 
     wrench: Float[Array, "18 6"]
@@ -96,125 +85,12 @@ class _Forces(NamedTuple):
     which: Int[Array, "37"]
 
 
-class _Output(NamedTuple):
+class Output(NamedTuple):
     """One row a thread."""
 
     energy: Float[Array, "C"]
     centre: Float[Array, "C G 3"]  # derivative by the Gaussians' centres
     curvature: Float[Array, "C 37 37"]  # lower triangle
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """Energy of a pose and its derivatives."""
-
-    energy: float
-    gradient: Float[Array, "37"]  # per radian
-    curvature: Float[Array, "37 37"] | None = None  # Gauss-Newton, per rad^2
-
-
-class ImageModel:
-    """The body, the rays and the settings, ready to evaluate poses against images.
-
-    `cell` [m] is the length of the cells of `visibility.cell_visibility`, `far` [m] how far they
-    go; a Gaussian is left out of a ray that it would dim by less than the optical depth `cutoff`.
-    Raises InputError for settings out of range. Not to be shared between Python threads.
-    """
-
-    def __init__(
-        self,
-        body: GaussianBody,
-        rays: ImageRays,
-        cell: float = 0.02,
-        far: float = 2.6,
-        cutoff: float = 2e-3,
-        hue_reach: float = 1.0,
-    ) -> None:
-        if not (0.001 <= cell <= 0.2 and cell < far <= 100.0 and far / cell <= 10_000):
-            raise InputError(
-                f"cells of {cell} m up to {far} m", valid="0.001 to 0.2 m, 10000 cells"
-            )
-        if not (0.0 < cutoff < 1.0 and 0.0 < hue_reach <= 1.0):
-            raise InputError(f"cutoff {cutoff}, hue reach {hue_reach}", valid="above 0, to 1")
-        self.body, self.rays = body, rays
-        self.cell, self.far, self.cutoff, self.hue_reach = cell, far, cutoff, hue_reach
-        self._chain = make_chain(body)
-        self._shape = _shape(body, cell, cutoff)
-        self._rays = _ray_arrays(rays)
-        self._cells = round(far / cell)
-        self._threads = numba.get_num_threads()
-        count = len(body.parts)
-        self._scratch = make_scratch(self._threads, count, self._cells)
-        self._lists = np.zeros((len(rays.tile_view), count), np.int16)
-        self._counts = np.zeros(len(rays.tile_view), np.int32)
-        self._lanes = np.arange(MAX_EDGES, dtype=np.float32)
-        self._pixels = np.zeros(len(rays), np.float32)
-        self._output = _Output(
-            np.zeros(self._threads), np.zeros((self._threads, count, 3)),
-            np.zeros((self._threads, DOF_COUNT, DOF_COUNT)),
-        )  # fmt: skip
-
-    def evaluate(
-        self,
-        angles: Float[Array, "37"],
-        colours: Float32[Array, "P 3"],
-        *,
-        curvature: bool = False,
-        selected: Int32[Array, "S"] = _ALL,
-        weights: Float32[Array, "S"] = _NO_WEIGHTS,
-        keep: float = 1.0,
-        seed: int = 0,
-    ) -> Evaluation:
-        """Energy (equations 5 and 6), gradient and, on wish, Gauss-Newton matrix of a pose.
-
-        `colours` are those of `image_rays.ray_colours`. With `selected`, only these rays count,
-        each times its weight. With `keep` < 1 each Gaussian's derivative is left out of each ray at
-        random, and those kept count 1 / keep times: the gradient's expectation stays.
-        """
-        assert colours.shape == (len(self.rays), 3) and colours.dtype == np.float32, colours.shape
-        energy, gradient, matrix = image_energy(
-            np.asarray(angles, np.float64), colours, self._chain, self._shape, self._rays,
-            np.float32(self.cell), self._cells, np.float32(2.0 / self.hue_reach), selected, weights,
-            np.float32(keep), np.uint64(seed), bool(curvature), self._lanes, self._lists,
-            self._counts, self._scratch, self._pixels, self._output,
-        )  # fmt: skip
-        return Evaluation(energy, gradient, matrix if curvature else None)
-
-    def pixel_energies(
-        self, angles: Float[Array, "37"], colours: Float32[Array, "P 3"]
-    ) -> Float32[Array, "P"]:
-        """Energy of every ray."""
-        self._pixels[:] = 0.0
-        self.evaluate(angles, colours)
-        return self._pixels.copy()
-
-
-def _shape(body: GaussianBody, cell: float, cutoff: float) -> _Shape:
-    sigma = np.array(body.sigma)
-    depth = body.density * sigma * np.sqrt(2.0 * np.pi)
-    radius2 = 2.0 * sigma**2 * np.log(np.maximum(depth / cutoff, 1.0))
-    edges = LANES * np.ceil((WINDOW * sigma / cell + 1.0) / LANES)
-    if edges.max() > MAX_EDGES:
-        least = WINDOW * sigma.max() / (MAX_EDGES - 1)
-        raise InputError(
-            f"a Gaussian of sigma {sigma.max():.3f} m over cells of {cell} m",
-            valid=f"cells of at least {least:.4f} m",
-        )
-    blend = np.stack(blend_weights(np.array(body.colour)), -1)
-    columns = (radius2, np.sqrt(radius2), -0.5 / sigma**2, 1.0 / (np.sqrt(2.0) * sigma),
-               1.0 / sigma**2, depth / 2.0)  # fmt: skip
-    return _Shape(
-        *(c.astype(np.float32) for c in columns), edges.astype(np.int32),
-        body.colour.astype(np.float32), blend.astype(np.float32),
-    )  # fmt: skip
-
-
-def _ray_arrays(rays: ImageRays) -> _Rays:
-    return _Rays(
-        rays.origins, rays.view, rays.direction.astype(np.float32), rays.tile, rays.tile_view,
-        rays.tile_axis.astype(np.float32), np.cos(rays.tile_angle).astype(np.float32),
-        np.sin(rays.tile_angle).astype(np.float32),
-    )  # fmt: skip
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -278,12 +154,12 @@ def image_energy(
     angles, colours, chain, shape, rays, cell, cells, hue_scale, selected, weights, keep, seed,
     curvature, lanes, lists, counts, scratches, pixels, output,
 ):  # fmt: skip
-    """Energy, gradient (37,) and Gauss-Newton matrix (37, 37) of a pose; see `ImageModel`."""
+    """Energy, gradient (37,), Gauss-Newton matrix (37, 37): see `ImageModel.evaluate`."""
     gaussians, frames, dofs = len(chain.carrier), len(chain.parents) + 1, len(angles)
     origins, axes = np.empty((frames, 3)), np.empty((dofs, 3))
     centres = np.empty((gaussians, 3))
     pose(chain, angles, origins, axes, centres)
-    posed = _Posed(
+    posed = Posed(
         origins, axes, centres, np.empty((len(rays.origins), gaussians, 3), np.float32),
         np.empty((len(rays.origins), 5, gaussians), np.float32),
     )  # fmt: skip
@@ -291,14 +167,17 @@ def image_energy(
     _fill_tiles(rays, posed.cones, lists, counts)
     energies = output.energy  # numba loses what a parallel loop writes to a field
     threads = len(energies)
-    wrenches, loadeds = np.zeros((threads, frames, 6)), np.zeros((threads, frames), np.bool_)
-    rows, whiches = np.empty((threads, dofs)), np.empty((threads, dofs), np.int64)
+    apart = CACHE_LINE
+    wrenches = np.zeros((threads, frames + apart, 6))
+    loadeds = np.zeros((threads, frames + 4 * apart), np.bool_)
+    rows = np.empty((threads, dofs + apart))
+    whiches = np.empty((threads, dofs + apart), np.int64)
     for thread in prange(threads):
         energies[thread] = _share_of_rays(
             thread, threads, posed, colours, chain, shape, rays, cell, cells, hue_scale,
             selected, weights, keep, seed, curvature, lanes, lists, counts,
             scratch_of(scratches, thread),
-            _Forces(wrenches[thread], loadeds[thread], rows[thread], whiches[thread]), pixels,
+            Forces(wrenches[thread], loadeds[thread], rows[thread], whiches[thread]), pixels,
             output.centre[thread], output.curvature[thread],
         )  # fmt: skip
     return _gather(chain, posed, curvature, output)
@@ -316,8 +195,8 @@ def _share_of_rays(
         for c in range(3):
             by_centre[q, c] = 0.0
     if curvature:
-        for r in range(len(H)):
-            for c in range(len(H)):
+        for r in range(H.shape[1]):
+            for c in range(H.shape[1]):
                 H[r, c] = 0.0
     every = len(selected) == 0
     total = len(rays.camera) if every else len(selected)

@@ -24,6 +24,8 @@ from numpy import ndarray as Array
 LANES = 16
 """Edges of a Gaussian's cells come in multiples of this."""
 MAX_EDGES = 64
+CACHE_LINE = 32
+"""Numbers of single precision that fill two cache lines, which processors fetch together."""
 DARK = np.float32(1e-5)
 """What lies behind this transmittance is not looked at."""
 
@@ -76,10 +78,12 @@ class Scratch(NamedTuple):
 def make_scratch(threads: int, gaussians: int, cells: int) -> Scratch:
     """Working memory of several threads, stacked, for so many Gaussians and cells along a ray."""
     longest = cells + MAX_EDGES + LANES
-    floats = [(gaussians,)] * 3 + [(gaussians, 3)] * 2 + [(gaussians, MAX_EDGES + 1)] * 2
-    floats += [(longest,)] * 4 + [(LANES,)] * 2
-    ints = (np.zeros((threads, gaussians), np.uint64) for _ in range(2))
-    return Scratch(*ints, *(np.zeros((threads, *shape), np.float32) for shape in floats))
+    # A cache line apart from the next thread's, or the threads would fight for the line.
+    row = gaussians + CACHE_LINE
+    shapes = [(row,)] * 3 + [(row, 3)] * 2 + [(row, MAX_EDGES + 1)] * 2
+    shapes += [(longest + CACHE_LINE,)] * 4 + [(LANES + CACHE_LINE,)] * 2
+    ints = (np.zeros((threads, row), np.uint64) for _ in range(2))
+    return Scratch(*ints, *(np.zeros((threads, *shape), np.float32) for shape in shapes))
 
 
 @njit(cache=True, inline="always")

@@ -1,0 +1,146 @@
+"""A body, the rays of a rig and settings, ready to evaluate poses against images, fast.
+
+`ImageModel` is the compiled form of `egocap.track.appearance`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Float, Float32, Int32
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap.gaussians import GaussianBody
+from egocap.skeleton import DOF_COUNT
+from egocap.track.colour import blend_weights
+from egocap.track.image_kernel import Output, RayArrays, Shape, image_energy
+from egocap.track.image_rays import ImageRays
+from egocap.track.pose_kernel import make_chain
+from egocap.track.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
+
+WINDOW = 6.5
+"""Length of the row of cells of a Gaussian in sigmas. The tails beyond go into the end cells."""
+_ALL = np.zeros(0, np.int32)
+_NO_WEIGHTS = np.zeros(0, np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Energy of a pose and its derivatives."""
+
+    energy: float
+    gradient: Float[Array, "37"]  # per radian
+    curvature: Float[Array, "37 37"] | None = None  # Gauss-Newton, per rad^2
+
+
+class ImageModel:
+    """The body, the rays and the settings, ready to evaluate poses against images.
+
+    `cell` [m] is the length of the cells of `visibility.cell_visibility`, `far` [m] how far they
+    go; a Gaussian is left out of a ray that it would dim by less than the optical depth `cutoff`.
+    `threads` is the number of processor cores to use, all by default; on a busy machine one is
+    faster. Raises InputError for settings out of range. Not to be shared between Python threads.
+    """
+
+    def __init__(
+        self,
+        body: GaussianBody,
+        rays: ImageRays,
+        cell: float = 0.02,
+        far: float = 2.6,
+        cutoff: float = 2e-3,
+        hue_reach: float = 1.0,
+        threads: int | None = None,
+    ) -> None:
+        if not (0.001 <= cell <= 0.2 and cell < far <= 100.0 and far / cell <= 10_000):
+            raise InputError(
+                f"cells of {cell} m up to {far} m", valid="0.001 to 0.2 m, 10000 cells"
+            )
+        most = numba.config.NUMBA_NUM_THREADS
+        if threads is not None and not 1 <= threads <= most:
+            raise InputError(f"{threads} threads", valid=f"1 to {most}")
+        if not (0.0 < cutoff < 1.0 and 0.0 < hue_reach <= 1.0):
+            raise InputError(f"cutoff {cutoff}, hue reach {hue_reach}", valid="above 0, to 1")
+        self.body, self.rays = body, rays
+        self.cell, self.far, self.cutoff, self.hue_reach = cell, far, cutoff, hue_reach
+        self._chain = make_chain(body)
+        self._shape = _shape(body, cell, cutoff)
+        self._rays = _ray_arrays(rays)
+        self._cells = round(far / cell)
+        self._threads = threads or numba.get_num_threads()
+        count = len(body.parts)
+        self._scratch = make_scratch(self._threads, count, self._cells)
+        self._lists = np.zeros((len(rays.tile_view), count), np.int16)
+        self._counts = np.zeros(len(rays.tile_view), np.int32)
+        self._lanes = np.arange(MAX_EDGES, dtype=np.float32)
+        self._pixels = np.zeros(len(rays), np.float32)
+        self._output = Output(
+            np.zeros(self._threads), np.zeros((self._threads, count + CACHE_LINE, 3)),
+            np.zeros((self._threads, DOF_COUNT + 1, DOF_COUNT)),
+        )  # fmt: skip
+
+    def evaluate(
+        self,
+        angles: Float[Array, "37"],
+        colours: Float32[Array, "P 3"],
+        *,
+        curvature: bool = False,
+        selected: Int32[Array, "S"] = _ALL,
+        weights: Float32[Array, "S"] = _NO_WEIGHTS,
+        keep: float = 1.0,
+        seed: int = 0,
+    ) -> Evaluation:
+        """Energy (equations 5 and 6), gradient and, on wish, Gauss-Newton matrix of a pose.
+
+        `colours` are those of `image_rays.ray_colours`. With `selected`, only these rays count,
+        each times its weight. With `keep` < 1 each Gaussian's derivative is left out of each ray at
+        random, and those kept count 1 / keep times: the gradient's expectation stays.
+        """
+        assert colours.shape == (len(self.rays), 3) and colours.dtype == np.float32, colours.shape
+        numba.set_num_threads(self._threads)
+        energy, gradient, matrix = image_energy(
+            np.asarray(angles, np.float64), colours, self._chain, self._shape, self._rays,
+            np.float32(self.cell), self._cells, np.float32(2.0 / self.hue_reach), selected, weights,
+            np.float32(keep), np.uint64(seed), bool(curvature), self._lanes, self._lists,
+            self._counts, self._scratch, self._pixels, self._output,
+        )  # fmt: skip
+        return Evaluation(energy, gradient, matrix if curvature else None)
+
+    def pixel_energies(
+        self, angles: Float[Array, "37"], colours: Float32[Array, "P 3"]
+    ) -> Float32[Array, "P"]:
+        """Energy of every ray."""
+        self._pixels[:] = 0.0
+        self.evaluate(angles, colours)
+        return self._pixels.copy()
+
+
+def _shape(body: GaussianBody, cell: float, cutoff: float) -> Shape:
+    sigma = np.array(body.sigma)
+    depth = body.density * sigma * np.sqrt(2.0 * np.pi)
+    radius2 = 2.0 * sigma**2 * np.log(np.maximum(depth / cutoff, 1.0))
+    edges = LANES * np.ceil((WINDOW * sigma / cell + 1.0) / LANES)
+    if edges.max() > MAX_EDGES:
+        least = WINDOW * sigma.max() / (MAX_EDGES - 1)
+        raise InputError(
+            f"a Gaussian of sigma {sigma.max():.3f} m over cells of {cell} m",
+            valid=f"cells of at least {least:.4f} m",
+        )
+    blend = np.stack(blend_weights(np.array(body.colour)), -1)
+    columns = (radius2, np.sqrt(radius2), -0.5 / sigma**2, 1.0 / (np.sqrt(2.0) * sigma),
+               1.0 / sigma**2, depth / 2.0)  # fmt: skip
+    return Shape(
+        *(c.astype(np.float32) for c in columns), edges.astype(np.int32),
+        body.colour.astype(np.float32), blend.astype(np.float32),
+    )  # fmt: skip
+
+
+def _ray_arrays(rays: ImageRays) -> RayArrays:
+    return RayArrays(
+        rays.origins, rays.view, rays.direction.astype(np.float32), rays.tile, rays.tile_view,
+        rays.tile_axis.astype(np.float32), np.cos(rays.tile_angle).astype(np.float32),
+        np.sin(rays.tile_angle).astype(np.float32),
+    )  # fmt: skip

@@ -206,7 +206,8 @@ def _at_jumps(q: Float[Array, "T 4"], fps: float) -> Bool[Array, "T"]:
     if not bad.any():
         return bad
     reach = max(1, round(GLIDE * fps))
-    return binary_dilation(bad, iterations=reach) & ~np.isin(np.arange(len(q)), (0, len(q) - 1))
+    near = np.asarray(binary_dilation(bad, iterations=reach), bool)
+    return near & ~np.isin(np.arange(len(q)), (0, len(q) - 1))
 
 
 def _interpolate(q: Float[Array, "T 4"], bad: Bool[Array, "T"]) -> Float[Array, "T 4"]:

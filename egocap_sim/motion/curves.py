@@ -31,11 +31,11 @@ def through(
 
     Halfway between two keys the curve is `bulge` times their distance off the straight line.
     """
-    times, values = np.asarray(times, float), np.asarray(values, float)
-    if len(times) == 1:
+    at, values = np.asarray(times, float), np.asarray(values, float)
+    if len(at) == 1:
         return np.broadcast_to(values[0], (len(t), *values.shape[1:])).copy()
-    k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
-    s = minimum_jerk((t - times[k]) / np.maximum(times[k + 1] - times[k], 1e-6))
+    k = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 2)
+    s = minimum_jerk((t - at[k]) / np.maximum(at[k + 1] - at[k], 1e-6))
     s = s.reshape(-1, *[1] * (values.ndim - 1))
     move = values[k + 1] - values[k]
     curve = values[k] + s * move

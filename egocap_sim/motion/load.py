@@ -104,7 +104,8 @@ def _from_bvh(
     R, t = bvh.local()
     W, P = pose(tuple(parents), R, t)
     turn = _TO_Z_UP[up or _up_axis(P, bvh.rest_positions(), mapped, path)]
-    scale = UNITS.get(unit, unit) if unit is not None else _unit(P, mapped, path)
+    metres = UNITS[unit] if isinstance(unit, str) else unit
+    scale = _unit(P, mapped, path) if metres is None else metres
     W, P = turn @ W, P @ turn.T * scale
     end = {j: np.array(joint.end_site or (0, 0, 0)) * scale for j, joint in enumerate(bvh.joints)}
     positions, rotations = _bodies(mapped, W, P, end)

@@ -116,7 +116,7 @@ def standing(points: Float[Array, "T 4 4 3"], fps: float) -> Bool[Array, "T 4"]:
     """Which soles have a low and slow corner; short gaps in which one stays low are closed."""
     low = points[..., 2] < _STANCE_HEIGHT
     slow = _speed(points, fps) < _GATE_SPEED
-    stands = (low & slow).any(-1)
+    stands = np.asarray((low & slow).any(-1))
     for foot in range(stands.shape[1]):
         for first, end in _runs(~stands[:, foot]):
             inside = first > 0 and end < len(stands)

@@ -35,6 +35,7 @@ DEFAULT_RIG = "egorig1"
 _RIG_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # what a built-in rig is worn on
 
 
+_RESAMPLING_S = 0.02  # retargeting may lose as much of a clip's end
 _MOTION_S = 30.0
 """Procedural motions are made in multiples of this, so that fewer frames are the start of more."""
 
@@ -149,6 +150,19 @@ def clip_of(scene: Scene) -> Clip:
     return make_motion(motion.name, duration, stream(scene.seed, "motion"), **motion.parameters)
 
 
+def frames_of_clip(scene: Scene) -> int:
+    """How many frames the scene's motion file lasts from where the scene starts it."""
+    with _table(scene, "motion"):
+        clip = clip_of(scene)
+        seconds = (len(clip.positions) - 1) / clip.fps - scene.motion.start_s - _RESAMPLING_S
+        if seconds <= 0:
+            raise InputError(
+                f"start_s = {scene.motion.start_s:g} is beyond the end of {clip.name}",
+                valid=f"less than {seconds + scene.motion.start_s:.2f} s",
+            )
+    return int(seconds * scene.fps) + 1
+
+
 def perform(scene: Scene, person: Person) -> Trajectory:
     """Retarget the motion to the person and play it under physics, at the cameras' frame rate."""
     return _simulated(scene, person, 1, scene.frames)
@@ -184,6 +198,10 @@ def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Tr
     from egocap_sim.physics.simulate import simulate
 
     with _table(scene, "motion"):
+        if scene.motion.file and scene.frames > (most := frames_of_clip(scene)):
+            raise InputError(
+                f"{scene.frames} frames are more than the clip has", valid=f"1 to {most}"
+            )
         reference = retarget(clip_of(scene), person)
         return simulate(
             person,

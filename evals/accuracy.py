@@ -19,6 +19,7 @@ from egocap.track.tracker import track
 from egocap_sim.builtin import builtin_file
 from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene
+from egocap_sim.stage import frames_of_clip
 from evals.pose import score_track
 
 SCENES = ("validation-walk", "validation-gesture")
@@ -119,14 +120,11 @@ def _scenes(motions: Path | None, size: tuple[int, int]) -> list[Scene]:
 
 def _scene_of_clip(like: Scene, path: Path) -> Scene:
     """The walking scene with a clip in place of its motion, as long as the clip at most."""
-    from egocap_sim.motion.load import load_clip
-
     if not path.is_file():
         raise FileError(path, "no such clip", valid=CLIPS)
-    clip = load_clip(path)
-    frames = min(int((len(clip.positions) - 1) / clip.fps * like.fps), CLIP_FRAMES)
     motion = type(like.motion)(file=str(path.resolve()))
-    return like.model_copy(update={"name": path.stem, "motion": motion, "frames": frames})
+    scene = like.model_copy(update={"name": path.stem, "motion": motion})
+    return scene.model_copy(update={"frames": min(frames_of_clip(scene), CLIP_FRAMES)})
 
 
 def _row(name: str, folder: Path, source: str, seeds: int) -> Row:

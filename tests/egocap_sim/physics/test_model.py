@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import mujoco
@@ -64,3 +67,15 @@ def test_impossible_masses_are_refused(stand_in, mass):
 def test_broken_joints_are_refused(stand_in):
     with pytest.raises(InputError, match="not finite"):
         build_model(replace(stand_in, joints=np.full((21, 3), np.inf)), 0.004)
+
+
+@pytest.mark.parametrize("renderer", ["egl", "osmesa", "glfw", "nonsense", ""])
+def test_physics_needs_no_opengl_whatever_the_environment_asks_of_mujoco(renderer):
+    code = (
+        "import os, egocap_sim.physics.model as m; m.mujoco.mj_step; print(os.environ['MUJOCO_GL'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"MUJOCO_GL": renderer},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout.strip()) == (0, renderer), done.stderr

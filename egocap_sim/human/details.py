@@ -149,6 +149,16 @@ def zipper(canvas: Canvas) -> None:
         canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
 
 
+def edges(canvas: Canvas) -> None:
+    """The stitched edges of a front that stands open, patch pockets low at its sides."""
+    if canvas.panel.piece != TORSO:
+        return
+    for side in (-1, 1):
+        turn = 0.5 + side * canvas.turns(0.075)
+        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
+        _patch(canvas, 0.5 + side * canvas.turns(0.16), canvas.panel.bottom + 0.2, 0.12, 0.13)
+
+
 def kangaroo(canvas: Canvas) -> None:
     """A hoodie's pocket over the belly."""
     if canvas.panel.piece != TORSO:
@@ -263,8 +273,8 @@ def motif(canvas: Canvas) -> None:
 
 DETAILS: dict[str, Callable[[Canvas], None]] = {
     "hems": hems, "ribs": ribs, "side_seams": side_seams, "placket": placket, "zip": zipper,
-    "kangaroo": kangaroo, "chest_pocket": chest_pocket, "front_pockets": front_pockets,
-    "back_pockets": back_pockets, "belt": belt, "faded": faded, "pressed": pressed,
-    "motif": motif,
+    "edges": edges, "kangaroo": kangaroo, "chest_pocket": chest_pocket,
+    "front_pockets": front_pockets, "back_pockets": back_pockets, "belt": belt,
+    "faded": faded, "pressed": pressed, "motif": motif,
 }  # fmt: skip
 """Details by name. Each is offered every panel of a garment and paints where it belongs."""

@@ -8,9 +8,10 @@ from dataclasses import asdict, dataclass, fields, replace
 import numpy as np
 
 from egocap.errors import InputError
+from egocap_sim.human.accessories import ACCESSORIES
 from egocap_sim.human.fabric import PALETTE, PATTERNS, Fabric
-from egocap_sim.human.garments import BOTTOMS, SOCKS, TOPS
-from egocap_sim.human.headwear import HAIR_COLORS, HAIRCUTS
+from egocap_sim.human.garments import BOTTOMS, SOCKS, TOPS, UNDER_DRESSES
+from egocap_sim.human.hair import HAIR_COLORS, HAIRCUTS
 from egocap_sim.human.shoes import SHOES
 
 BAREFOOT = "barefoot"
@@ -48,6 +49,10 @@ class Outfit:
     sock_color: str
     hair: str
     hair_color: str
+    gloves: str = "none"
+    watch: str = "none"
+    glasses: str = "none"
+    hat: str = "none"
 
     def __post_init__(self) -> None:
         for kind, name, valid in (
@@ -60,9 +65,17 @@ class Outfit:
             ("hair_color", self.hair_color, HAIR_COLORS),
             ("shoe_color", self.shoe_color, PALETTE),
             ("sole_color", self.sole_color, PALETTE),
+            *((k, getattr(self, k), ("none", *fits)) for k, fits in ACCESSORIES.items()),
         ):
             if name not in valid:
                 raise InputError(f"unknown {kind} '{name}'", valid=valid)
+        if TOPS[self.top].skirt is not None and self.bottom not in UNDER_DRESSES:
+            raise InputError(f"'{self.bottom}' under a {self.top}", valid=UNDER_DRESSES)
+        if TOPS[self.top].skirt is None and BOTTOMS[self.bottom] is None:
+            raise InputError(
+                "no bottom is worn with a dress only",
+                valid=[name for name, top in TOPS.items() if top.skirt is not None],
+            )
 
     def describe(self) -> dict[str, object]:
         """The outfit as JSON knows it."""
@@ -73,10 +86,14 @@ class Outfit:
 
 
 def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Generator) -> Outfit:
-    """Draw clothes and hair; hair greys with age and darkens with skin."""
-    top = str(rng.choice(list(TOPS)))
-    bottom = str(rng.choice(list(BOTTOMS), p=[0.2, 0.05, 0.25, 0.3, 0.12, 0.08]))
-    patterns = WARM_PATTERNS if top in ("sweater", "hoodie", "jacket") else TOP_PATTERNS
+    """Draw clothes, hair and accessories; hair greys with age and darkens with skin."""
+    female = sex == "female"
+    tops = [t for t in TOPS if female or TOPS[t].skirt is None]
+    share = np.array([0.7 if TOPS[t].skirt is not None else 1.0 for t in tops])
+    top = str(rng.choice(tops, p=share / share.sum()))
+    bottom = _bottom(top, female, rng)
+    warm = ("sweater", "hoodie", "jacket", "zip_jacket", "vest")
+    patterns = WARM_PATTERNS if top in warm else TOP_PATTERNS
     return Outfit(
         top=top,
         top_fabric=_fabric(patterns, tuple(PALETTE), rng),
@@ -89,11 +106,19 @@ def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Genera
         sock_color=str(rng.choice(SOCK_COLORS)),
         hair=_haircut(sex, rng),
         hair_color=_hair_color(age_years, tone, rng),
+        gloves="gloves" if rng.uniform() < 0.08 else "none",
+        watch="watch" if rng.uniform() < 0.3 else "none",
+        glasses="glasses" if rng.uniform() < 0.3 else "none",
+        hat=str(rng.choice(["none", *ACCESSORIES["hat"]], p=[0.76, 0.12, 0.06, 0.06])),
     )
 
 
-def change_outfit(outfit: Outfit, changes: Mapping[str, str]) -> Outfit:
-    """Replace parts of an outfit by name; fabrics as 'pattern:color[,color[,color]]'."""
+def change_outfit(outfit: Outfit, changes: Mapping[str, str], hatless: bool = False) -> Outfit:
+    """Replace parts of an outfit by name; fabrics as 'pattern:color[,color[,color]]'.
+
+    Bottoms that were not asked for give way to a dress, and trousers to its absence. A `hatless`
+    person wears headgear: no hat. Raises InputError for names and parts that do not exist.
+    """
     names = [field.name for field in fields(Outfit)]
     for key in changes:
         if key not in names:
@@ -102,6 +127,22 @@ def change_outfit(outfit: Outfit, changes: Mapping[str, str]) -> Outfit:
         key: _parse_fabric(str(value), getattr(outfit, key)) if "fabric" in key else str(value)
         for key, value in changes.items()
     }
+    if hatless:
+        if parsed.get("hat", "none") != "none":
+            raise InputError("a hat under headgear", valid="hat = 'none'")
+        parsed["hat"] = "none"
+    if "bottom" not in parsed and parsed.get("top", outfit.top) in TOPS:
+        is_dress = TOPS[str(parsed.get("top", outfit.top))].skirt is not None
+        if is_dress and outfit.bottom not in UNDER_DRESSES:
+            parsed["bottom"] = "none"
+        elif not is_dress and BOTTOMS[outfit.bottom] is None:
+            parsed["bottom"] = "trousers"
+    elif (
+        "top" not in parsed
+        and TOPS[outfit.top].skirt is not None
+        and parsed["bottom"] in set(BOTTOMS) - set(UNDER_DRESSES)
+    ):
+        parsed["top"] = "tshirt"
     return replace(outfit, **parsed)
 
 
@@ -125,9 +166,26 @@ def _fabric(
     return Fabric(pattern, (main, str(others[0]), str(others[1])), round(float(rng.uniform()), 2))
 
 
+def _bottom(top: str, female: bool, rng: np.random.Generator) -> str:
+    """Skirts for women only, as most seen on streets; little or nothing under dresses."""
+    if TOPS[top].skirt is not None:
+        return str(rng.choice(UNDER_DRESSES, p=[0.7, 0.22, 0.08]))
+    usual = {"shorts": 20, "tight_shorts": 5, "slim_trousers": 25, "trousers": 30,
+             "wide_trousers": 12, "leggings": 8}  # fmt: skip
+    if female:
+        usual |= {"skirt": 10, "pleated_skirt": 6, "long_skirt": 8}
+    share = np.array(list(usual.values()), float)
+    return str(rng.choice(list(usual), p=share / share.sum()))
+
+
 def _haircut(sex: str, rng: np.random.Generator) -> str:
-    share = [0.02, 0.03, 0.2, 0.25, 0.5] if sex == "female" else [0.12, 0.2, 0.38, 0.25, 0.05]
-    return str(rng.choice(list(HAIRCUTS), p=share))
+    usual = {"bald": 12, "buzz": 20, "short": 36, "thick": 22, "bob": 3, "long": 3,
+             "very_long": 1, "ponytail": 3}  # fmt: skip
+    if sex == "female":
+        usual = {"bald": 1, "buzz": 2, "short": 15, "thick": 10, "bob": 20, "long": 24,
+                 "very_long": 10, "ponytail": 18}  # fmt: skip
+    share = np.array(list(usual.values()), float)
+    return str(rng.choice(list(usual), p=share / share.sum()))
 
 
 def _hair_color(age_years: float, tone: float, rng: np.random.Generator) -> str:

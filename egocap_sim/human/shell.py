@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,19 +78,23 @@ def make_shell(
     drape: Float[Array, "N"] | None = None,
     buried: Bool[Array, "N"] | None = None,
     rounds: int = SMOOTHING,
+    fall: Callable[[Float[Array, "N 3"]], Float[Array, "N 3"]] | None = None,
 ) -> Shell:
     """Cut a garment from the body.
 
     `gap` (m) is the least distance to the skin along its normal, `looseness` (m) is added to it
     before the cloth is smoothed in so many `rounds` of averaging. `drape` (0 to 1) is how far the
     cloth bends wider than the skin under it, as between the legs. Triangles all of whose corners
-    are `buried` (under another garment) are left out.
+    are `buried` (under another garment) are left out. `fall` moves the smoothed cloth before it is
+    cut.
     """
     near = np.min(cut.edges_at(body.vertices), axis=0) > -APRON
     # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
     flat = cut.covered(body.vertices) & (chart.piece == TORSO)
     least = np.where(flat, np.maximum(gap - 0.006, 0.0015), gap)
     cloth = _push_out(body.vertices, chart.normals, near, gap + looseness, least, rounds)
+    if fall is not None:
+        cloth = fall(cloth)
     weights = smooth_weights(near, TIGHT)
     if drape is not None:
         wide = smooth_weights(near, WIDE)

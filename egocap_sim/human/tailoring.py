@@ -71,8 +71,9 @@ def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, 
         ridge = np.take_along_axis(ridge, column, 1)
         return np.diff(ridge, axis=0, append=ridge[-1:]) * (rows / length * cells_m)
 
-    drape = 0.20 * ridges(0.10, 0.8, 0.7) + 0.16 * ridges(0.07, -0.6, 1.0)
-    stacked = 0.30 * ridges(0.035, 0.15, 0.8)
+    steep = 0.8 if panel.piece == TORSO else 1.5
+    drape = 0.20 * ridges(0.10, steep, 0.8) + 0.16 * ridges(0.07, -steep, 1.2)
+    stacked = 0.24 * ridges(0.035, 0.25, 1.3)
     deep = np.zeros((rows, panel.width), np.float32)
     for place, width, strength in marks.creases(panel):
         deep += strength * np.exp(-0.5 * ((along[:, None] - place) / width) ** 2)

@@ -10,37 +10,14 @@ import numpy as np
 
 from egocap.errors import InputError
 from egocap_sim.human.anny_model import BareBody, anatomy, bare_body, landmarks
-from egocap_sim.human.chart import make_chart
-from egocap_sim.human.details import Marks
-from egocap_sim.human.fabric import PALETTE, TILE_M, Fabric, fabric_texture, one_color
-from egocap_sim.human.garments import (
-    BOTTOMS,
-    SOCKS,
-    TOPS,
-    Bottom,
-    Top,
-    fit_bottom,
-    fit_socks,
-    fit_top,
-    marks,
-)
-from egocap_sim.human.headwear import (
-    HAIR_COLORS,
-    HAIRCUTS,
-    HEADGEAR,
-    fit_hair,
-    hair_texture,
-    make_headset,
-    make_helmet,
-)
-from egocap_sim.human.outfit import BAREFOOT, NO_SOCKS, Outfit, change_outfit, sample_outfit
+from egocap_sim.human.dressing import dress
+from egocap_sim.human.fabric import PALETTE
+from egocap_sim.human.headwear import HEADGEAR, make_headset, make_helmet
+from egocap_sim.human.outfit import change_outfit, sample_outfit
 from egocap_sim.human.person import Person
 from egocap_sim.human.phenotype import ADULT_YEARS, PHENOTYPE_NAMES, Phenotype, age_from_years
-from egocap_sim.human.sewing import sew
-from egocap_sim.human.shoes import SHOES, make_shoes, shoe_texture
-from egocap_sim.human.skin import IRISES, rgb, skin_mesh, skin_texture
-from egocap_sim.human.tailoring import Cloth
-from egocap_sim.mesh import Actor, Mesh
+from egocap_sim.human.skin import rgb
+from egocap_sim.mesh import Actor
 from egocap_sim.parts import OTHER_PERSON
 
 HEIGHTS_M = (1.40, 2.10)  # what may be asked for
@@ -48,7 +25,6 @@ SAMPLED_HEIGHTS_M = (1.50, 2.00)
 SAMPLED_BMI = (18.0, 35.0)  # kg/m^2
 SEXES = ("female", "male")
 DENSITY = (1010.0, 985.0)  # kg/m^3 with air in the lungs, of phenotype weights 0 and 1
-UNDER_TROUSERS = 1.9  # length of trousers (`Bottom.leg`) from which shoes are worn under them
 SHAPE, SKIN, OUTFIT, FABRIC, GEAR = range(5)  # streams of random numbers of one seed
 
 
@@ -87,8 +63,8 @@ def make_person(
     sampled_sex, years, body = _sample_body(shape_rng, sex, height_m, age_years, phenotype or {})
     tone = _tone(body.phenotype, _stream(seed, SKIN)) if skin_tone is None else float(skin_tone)
     clothes = sample_outfit(sampled_sex, years, tone, _stream(seed, OUTFIT))
-    clothes = change_outfit(clothes, outfit or {})
-    meshes = _dress(body, clothes, tone, seed)
+    clothes = change_outfit(clothes, outfit or {}, hatless=headgear is not None)
+    meshes = dress(body, clothes, tone, headgear, _stream(seed, FABRIC))
     if headgear:
         color = rgb(list(PALETTE.values())[_stream(seed, GEAR).integers(len(PALETTE))])
         make = {"helmet": make_helmet, "headset": make_headset}[headgear]
@@ -173,60 +149,6 @@ def _tone(shape: Phenotype, rng: np.random.Generator) -> float:
     shares = np.array([shape.african, shape.asian, shape.caucasian])
     usual = float(shares @ [0.78, 0.42, 0.25] / shares.sum())
     return float(np.clip(usual + rng.normal(0, 0.13), 0.0, 1.0))
-
-
-def _dress(body: BareBody, clothes: Outfit, tone: float, seed: int) -> list[Mesh]:
-    """Skin, clothes, shoes and hair, the inner ones without what the outer ones hide."""
-    rng = _stream(seed, FABRIC)
-    chart = make_chart(body)
-    hair_color = rgb(HAIR_COLORS[clothes.hair_color])
-    skin = skin_texture(tone, hair_color, str(rng.choice(IRISES)), rng)
-    top = fit_top(body, chart, TOPS[clothes.top])
-    bottom = fit_bottom(body, chart, BOTTOMS[clothes.bottom], top.covered)
-    hidden = top.covered | bottom.covered
-    places = marks(body, chart, rgb(PALETTE[clothes.top_fabric.colors[1]]))
-    meshes = [
-        sew("top", top.shell, body, _cloth(TOPS[clothes.top], clothes.top_fabric, places, rng)),
-        sew(
-            "bottom",
-            bottom.shell,
-            body,
-            _cloth(BOTTOMS[clothes.bottom], clothes.bottom_fabric, places, rng),
-        ),
-    ]
-    if clothes.shoes != BAREFOOT:
-        leather = one_color("plain", clothes.shoe_color)
-        texture = shoe_texture(fabric_texture(leather, rng), rgb(PALETTE[clothes.sole_color]))
-        shoe = SHOES[clothes.shoes]
-        if BOTTOMS[clothes.bottom].leg > UNDER_TROUSERS:
-            shoe = replace(shoe, collar=min(shoe.collar, 0.02))  # or it would stand out at the heel
-        shoes, in_shoes = make_shoes(body, shoe, texture)
-        meshes.append(shoes)
-        if clothes.socks != NO_SOCKS:
-            rise = SOCKS[clothes.socks]
-            socks = fit_socks(body, chart, rise, in_shoes | bottom.covered)
-            wool = fabric_texture(one_color("knit", clothes.sock_color), rng)
-            if len(socks.shell.faces):  # boots and trousers may hide them whole
-                meshes.append(
-                    sew("socks", socks.shell, body, Cloth(wool, TILE_M, rng, 0.2, ("ribs",)))
-                )
-                hidden |= socks.covered
-        hidden |= in_shoes
-    haircut = HAIRCUTS[clothes.hair]
-    if haircut:
-        shell, under_hair = fit_hair(body, chart, haircut)
-        hidden |= under_hair
-        meshes.append(
-            sew("hair", shell, body, Cloth(hair_texture(hair_color, rng), TILE_M, rng, 0), 0.2)
-        )
-    return [skin_mesh(body, skin, hidden), *meshes]
-
-
-def _cloth(garment: Top | Bottom, fabric: Fabric, places: Marks, rng: np.random.Generator) -> Cloth:
-    """Fabric and finish of a garment; jeans are faded."""
-    details = garment.details + (("faded",) if fabric.pattern == "denim" else ())
-    crumple = garment.crumple * (0.6 + 0.8 * fabric.wear)
-    return Cloth(fabric_texture(fabric, rng), TILE_M, rng, crumple, details, places)
 
 
 def _check(what: str, value: str | None, valid: Sequence[str]) -> None:

@@ -11,9 +11,10 @@ from scipy.spatial import KDTree
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid
 from egocap_sim.bodies import BODIES, INDEX, PARENTS
+from egocap_sim.human.accessories import ACCESSORIES
 from egocap_sim.human.anny_model import anatomy
-from egocap_sim.human.garments import BOTTOMS, TOPS
-from egocap_sim.human.headwear import HAIRCUTS
+from egocap_sim.human.garments import BOTTOMS, TOPS, UNDER_DRESSES
+from egocap_sim.human.hair import HAIRCUTS
 from egocap_sim.human.normals import vertex_normals
 from egocap_sim.human.shoes import SHOES
 from egocap_sim.human.wardrobe import make_person
@@ -102,7 +103,7 @@ def test_tops_lie_outside_the_skin(top):
     check_outside(person(3, outfit=freeze(top=top)), "top")
 
 
-@pytest.mark.parametrize("bottom", BOTTOMS)
+@pytest.mark.parametrize("bottom", [name for name, cut in BOTTOMS.items() if cut])
 def test_bottoms_lie_outside_the_skin(bottom):
     check_outside(person(3, outfit=freeze(bottom=bottom)), "bottom")
 
@@ -178,7 +179,10 @@ def test_wishes_are_met():
     assert said["phenotype"]["weight"] == 0.7
     assert said["phenotype"]["gender"] >= 0.8
     assert said["outfit"]["top_fabric"]["colors"][:2] == ["white", "navy"]
-    assert [m.name for m in someone.actor.meshes] == ["skin", "top", "bottom", "hair"]
+    names = [m.name for m in someone.actor.meshes]
+    assert {"skin", "top", "collar", "bottom", "hair", "locks"} <= set(names)
+    assert "shoes" not in names
+    assert len(set(names)) == len(names)
 
 
 def test_socks_show_between_shoe_and_trousers():
@@ -190,6 +194,34 @@ def test_socks_show_between_shoe_and_trousers():
     check_outside(someone, "socks")
     bare = person(3, outfit=freeze(**wear | {"socks": "no_socks"}))
     assert "socks" not in [m.name for m in bare.actor.meshes]
+
+
+@pytest.mark.parametrize("top", ["dress", "summer_dress"])
+def test_dresses_take_the_place_of_trousers(top):
+    for seed in (3, 4):
+        someone = person(seed, outfit=freeze(top=top))
+        assert someone.description["outfit"]["bottom"] in UNDER_DRESSES
+        skirt = next(m for m in someone.actor.meshes if m.name == "skirt")
+        knee = someone.joints[INDEX["l_calf"], 2]
+        assert abs(skirt.vertices[:, 2].min() - knee) < 0.15
+    trousers = person(3, outfit=freeze(bottom="trousers"))
+    assert "skirt" not in [m.name for m in trousers.actor.meshes]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "body"),
+    [(k, n, {"watch": "l_forearm", "gloves": "l_hand"}.get(k, "head"))
+     for k, fits in ACCESSORIES.items() for n in fits],
+)  # fmt: skip
+def test_accessories_sit_where_they_are_worn(kind, name, body):
+    without = dict.fromkeys(ACCESSORIES, "none")
+    bare = [m.name for m in person(3, outfit=freeze(without)).actor.meshes]
+    someone = person(3, outfit=freeze(without | {kind: name}))
+    (worn,) = (m for m in someone.actor.meshes if m.name not in bare)
+    assert INDEX[body] in worn.bones[:, 0]
+    away, _ = KDTree(someone.body_vertices).query(worn.vertices)
+    assert np.median(away) < 0.05
+    assert len(worn.faces) < 3_500
 
 
 def test_every_haircut_can_be_worn():
@@ -212,10 +244,14 @@ def test_every_haircut_can_be_worn():
         ({"phenotype": {"weight": "much"}}, "0 to 1"),
         ({"height_m": "tall"}, "1.4 to 2.1"),
         ({"outfit": {"top": "toga"}}, "hoodie"),
-        ({"outfit": {"hat": "toga"}}, "top_fabric"),
+        ({"outfit": {"scarf": "toga"}}, "top_fabric"),
         ({"outfit": {"top_fabric": "stripes:white,navy,red,blue"}}, "1 to 3"),
         ({"outfit": {"top_fabric": "stripes:chartreuse"}}, "navy"),
         ({"outfit": {"shoes": "skis"}}, "barefoot"),
+        ({"outfit": {"hat": "crown"}}, "sun_hat"),
+        ({"outfit": {"hat": "cap"}, "headgear": "helmet"}, "none"),
+        ({"outfit": {"top": "tshirt", "bottom": "none"}}, "dress"),
+        ({"outfit": {"top": "dress", "bottom": "shorts"}}, "leggings"),
         ({"seed": -1}, "from 0"),
         ({"seed": "x"}, "from 0"),
     ],

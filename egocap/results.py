@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -103,11 +104,16 @@ def _save(path: Path, kind: str, result: Detections | Track) -> None:
             np.savez_compressed(file, kind=kind, schema_version=SCHEMA, **arrays)
         part.replace(path)
     except IsADirectoryError:
-        part.unlink(missing_ok=True)
+        _drop(part)
         raise FileError(path, "is a folder", valid="the name of a file") from None
     except OSError as error:
-        part.unlink(missing_ok=True)
+        _drop(part)
         raise MachineError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _drop(part: Path) -> None:
+    with suppress(OSError):  # what could not be written may not be removable either
+        part.unlink(missing_ok=True)
 
 
 def _load(path: Path, kind: str, result: type[_Kind], layout: _Layout) -> _Kind:

@@ -149,6 +149,8 @@ def parse_rig(data: Any, where: str | Path) -> Rig:
     """The rig a dictionary describes; calibration files are looked for beside `where`."""
     if isinstance(data, dict) and "mounts" in data:
         return _exact(data, where)
+    if isinstance(data, dict) and not {"name", "stereo", "cameras"} & data.keys():
+        _refuse_camera(data, where)
     file = checked(RigFile, data, where)
     if file.stereo is not None:
         entries, keys = file.stereo.entries(), ("stereo", "stereo")
@@ -160,6 +162,16 @@ def parse_rig(data: Any, where: str | Path) -> Rig:
         for entry, key in zip(entries, keys, strict=True)
     ]
     return _rig(file.name, mounts, file.frame_rate, where)
+
+
+def _refuse_camera(data: dict[str, Any], where: str | Path) -> None:
+    """Raise FileError when what should be a rig is the calibration of a single camera."""
+    try:
+        parse_camera(data, where)
+    except FileError:
+        return
+    raise FileError(where, "holds one camera, not a rig",
+                    valid="a rig file in which a camera's `calibration` names it")  # fmt: skip
 
 
 def _exact(data: dict[str, Any], where: str | Path) -> Rig:

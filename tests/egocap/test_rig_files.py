@@ -157,3 +157,8 @@ def test_fuzzed_rigs_give_a_rig_or_our_error(data) -> None:
 def test_anything_at_all_gives_our_error(data) -> None:
     with pytest.raises(FileError, match=r"fuzz\.json"):
         parse_rig(data, "fuzz.json")
+
+
+def test_a_calibration_is_not_taken_for_a_rig() -> None:
+    with pytest.raises(FileError, match=r"a\.json: holds one camera, not a rig .*calibration"):
+        parse_rig(LENS, "a.json")

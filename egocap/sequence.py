@@ -208,11 +208,11 @@ class Sequence:
         """Raw bytes of one file of one frame, e.g. suffix 'left.jpg'."""
         entry = self.manifest.shards[index // self.manifest.shard_frames]
         try:
-            offset, size = self._files(index)[suffix]
+            offset, size = self.files(index)[suffix]
         except KeyError:
             raise InputError(
                 f"frame {index} of {self.folder} has no '{suffix}'",
-                valid=sorted(self._files(index)),
+                valid=sorted(self.files(index)),
             ) from None
         path = self.folder / entry.name
         try:
@@ -232,7 +232,8 @@ class Sequence:
             raise FileError(path, f"has the views {rig.views}", valid=str(self.manifest.views))
         return rig
 
-    def _files(self, index: int) -> dict[str, tuple[int, int]]:
+    def files(self, index: int) -> dict[str, tuple[int, int]]:
+        """What is recorded of a frame: suffix -> offset and size in its shard."""
         if not 0 <= index < self.manifest.frames:
             raise InputError(
                 f"no frame {index} in {self.folder}", valid=f"0 to {self.manifest.frames - 1}"
@@ -243,13 +244,13 @@ class Sequence:
     def _image(self, index: int, view: str) -> UInt8[Array, "H W 3"]:
         import cv2
 
-        suffix = _image_suffix(view, self._files(index), self.folder)
+        suffix = _image_suffix(view, self.files(index), self.folder)
         return self._decoded(index, suffix, cv2.IMREAD_COLOR_RGB)
 
     def _plane(self, index: int, suffix: str) -> Any:
         import cv2
 
-        if suffix not in self._files(index):
+        if suffix not in self.files(index):
             return None
         return self._decoded(index, suffix, cv2.IMREAD_UNCHANGED)
 
@@ -314,6 +315,11 @@ def _check_index(manifest: Manifest, path: Path) -> None:
 def shard_name(index: int) -> str:
     """File name of a shard."""
     return f"shard-{index:05d}.tar"
+
+
+def image_suffix(sequence: Sequence, index: int, view: str) -> str:
+    """Under what suffix `Sequence.read` has the image of a view: 'left.jpg' or 'left.png'."""
+    return _image_suffix(view, sequence.files(index), sequence.folder)
 
 
 def _image_suffix(view: str, suffixes: dict[str, tuple[int, int]], folder: Path) -> str:

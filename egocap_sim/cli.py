@@ -32,7 +32,7 @@ class Overrides:
     """What the command line changes in a scene file. Paths are relative to where you are."""
 
     frames: Annotated[int | None, _shown("N")] = None
-    """Number of stereo frames."""
+    """Number of stereo frames; with a motion file, all it has when not given."""
     seed: Annotated[int | None, _shown("N")] = None
     """Seed of everything random: person, clothes, place, style of motion."""
     rig: Annotated[str | None, _shown("NAME|FILE")] = None
@@ -144,6 +144,73 @@ def verify(sequence: Positional[Path], json: bool = False) -> int:
     return DONE if result.clean else USAGE
 
 
+@app.command
+def export(
+    sequence: Positional[Path],
+    out: Path,
+    format: Annotated[str, _shown("coco|unrealego|mp4")],
+) -> int:
+    """Write a sequence, truth and all, in a form that others' code reads.
+
+    Args:
+        sequence: folder of a sequence.
+        out: new folder, or the .mp4 file.
+        format: coco (keypoints JSON and images), unrealego (JSON a frame, in cm) or mp4 (to look
+            at, joints drawn).
+    """
+    from egocap.sequence import Sequence
+    from egocap_sim.export import export as export_sequence
+
+    opened = Sequence(sequence)
+    with progress(format, len(opened)) as advance:
+        export_sequence(opened, format, out, advance)
+    print(out)
+    return DONE
+
+
+@app.command
+def stats(
+    folders: Positional[tuple[Path, ...]], out: Path | None = None, json: bool = False
+) -> int:
+    """Draw what sequences contain: people, poses, visibility, image positions, contacts.
+
+    Args:
+        folders: sequences, or folders that hold sequences.
+        out: HTML file to write; it needs nothing beside itself.
+        json: print the numbers as JSON.
+    """
+    from egocap.errors import InputError
+    from egocap.sequence_writer import write_atomically
+    from egocap_sim.stats.collect import Statistics, find_sequences
+    from egocap_sim.stats.page import render_page, summary
+
+    if not folders:
+        raise InputError("no folder given", valid="sequences, or folders that hold sequences")
+    if out is not None and out.suffix.lower() != ".html":
+        raise InputError(f"cannot write '{out.name}'", valid="a name that ends in .html")
+    found = find_sequences(folders)
+    statistics = Statistics()
+    with progress("sequences", len(found), unit="sequences") as advance:
+        for folder in found:
+            statistics.add(folder)
+            advance(1)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(out, render_page(statistics).encode())
+    numbers = summary(statistics)
+    if json:
+        _print_json(numbers)
+        return DONE
+    if out is not None:
+        print(out)
+    print(f"{numbers['frames']} stereo frames in {numbers['sequences']} sequences, "
+          f"{numbers['people']} people, {numbers['bytes'] / 1e6:.0f} MB")  # fmt: skip
+    for name, joint in numbers["joints"].items():
+        print(f"{name:15} seen in {joint['visible']:5.1f} % of images, "
+              f"by any camera in {joint['seen_by_any']:5.1f} % of frames")  # fmt: skip
+    return DONE
+
+
 @app.command(name="list")
 def list_() -> int:
     """Name the built-in scenes, rigs, motions and sensors."""
@@ -169,6 +236,7 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
     from egocap_sim.builtin import rig_names
     from egocap_sim.motion.procedural import MOTIONS
     from egocap_sim.scene import Scene
+    from egocap_sim.stage import frames_of_clip
 
     data = scene.model_dump(exclude_none=True)
     for key in ("frames", "seed"):
@@ -187,7 +255,10 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
         data["motion"]["joint_names"] = str(asked.joint_names.resolve())
     if asked.sensor is not None:
         data["sensor"] = {"preset": asked.sensor}
-    return checked(Scene, data, "command line")
+    scene = checked(Scene, data, "command line")
+    if asked.motion is not None and scene.motion.file is not None and asked.frames is None:
+        scene = scene.model_copy(update={"frames": frames_of_clip(scene)})
+    return scene
 
 
 def _source(what: str, asked: str, names: Collection[str]) -> dict[str, str]:

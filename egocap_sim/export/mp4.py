@@ -1,0 +1,61 @@
+"""A film of a sequence to look at: the views beside each other, the true joints over them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from egocap.errors import InputError, MachineError
+from egocap.sequence import OUT_OF_VIEW, Sequence
+from egocap_sim.preview import overlay
+
+WIDTH = 640  # pixels of each view, at most
+
+
+def write_mp4(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) -> None:
+    """Write an MPEG-4 film at the sequence's frame rate. Raises InputError for another suffix."""
+    if out.suffix.lower() != ".mp4":
+        raise InputError(f"cannot write '{out.name}'", valid="a name that ends in .mp4")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    temporary = out.with_name(f".{out.stem}.{os.getpid()}.tmp.mp4")
+    cameras = sequence.rig.cameras
+    scale = min(1.0, WIDTH / max(c.width for c in cameras))
+    # MPEG-4 wants even sides.
+    sizes = [(round(c.width * scale / 2) * 2, round(c.height * scale / 2) * 2) for c in cameras]
+    film = sum(w for w, _ in sizes), max(h for _, h in sizes)
+    fourcc = cv2.VideoWriter.fourcc(*"mp4v")
+    writer = cv2.VideoWriter(str(temporary), fourcc, sequence.manifest.fps, film)
+    if not writer.isOpened():
+        raise MachineError(f"OpenCV cannot write {out}", remedy="is the folder writable?")
+    try:
+        for frame in sequence:
+            writer.write(_picture(sequence, frame.index, frame.images, sizes, film))
+            on_frames(1)
+        writer.release()
+        temporary.rename(out)
+    finally:
+        writer.release()
+        temporary.unlink(missing_ok=True)
+
+
+def _picture(
+    sequence: Sequence,
+    index: int,
+    images: tuple[np.ndarray, ...],
+    sizes: list[tuple[int, int]],
+    film: tuple[int, int],
+) -> np.ndarray:
+    """One picture of the film, BGR."""
+    truth = sequence.truth
+    picture, left = np.zeros((film[1], film[0], 3), np.uint8), 0
+    for v, (image, (width, height)) in enumerate(zip(images, sizes, strict=True)):
+        visibility = truth.visibility[index, v]
+        drawn = overlay(image, truth.joints_2d[index, v], visibility != OUT_OF_VIEW, visibility)
+        small = cv2.resize(drawn, (width, height), interpolation=cv2.INTER_AREA)
+        picture[:height, left : left + width] = small[..., ::-1]
+        left += width
+    return picture

@@ -1,0 +1,52 @@
+"""Any of our cameras as the OCam calibration that other people's code reads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.camera import Camera
+
+_DEGREE = 9  # of the polynomial from pixels to rays
+_INVERSE_DEGREE = 14
+
+
+def ocam_calibration(camera: Camera, name: str) -> dict[str, Any]:
+    """The JSON of UnrealEgo, EgoWholeMocap and EgoRear: keys as in their calibration files.
+
+    `polynomialC2W` gives z of the ray through radius rho, `polynomialW2C` rho by the angle off the
+    axis less a right angle, lowest order first. A lens that is no OCam lens is fitted by least
+    squares over its field of view; for the lenses of common make that is good to 0.1 px.
+    """
+    (a, b), (c, d) = camera.affine
+    theta = np.linspace(1e-3, camera.max_angle, 2000)
+    rho = a * np.asarray(camera.radial.radius(theta)[0])
+    if camera.model == "ocam" and a == 1.0:
+        forward = np.array(camera.parameters)
+    else:
+        forward = _fitted(rho, -rho / np.tan(theta), (0, *range(2, _DEGREE + 1)))
+    angles = np.concatenate([[-np.pi / 2], theta - np.pi / 2])
+    backward = _fitted(angles, np.concatenate([[0.0], rho]), tuple(range(_INVERSE_DEGREE + 1)))
+    return {
+        "name": name,
+        "size": [camera.width, camera.height],
+        "imageCircleRadius": float(rho[-1]),
+        "image_center": list(camera.centre),
+        "polynomialC2W": forward.tolist(),
+        "polynomialW2C": backward.tolist(),
+        "affine": [d / a, c / a, b / a],
+    }
+
+
+def _fitted(
+    x: Float[Array, "n"], y: Float[Array, "n"], powers: tuple[int, ...]
+) -> Float[Array, "m"]:
+    """Coefficients, lowest order first, of the polynomial of these powers nearest to y(x)."""
+    scale = np.abs(x).max()
+    found = np.linalg.lstsq((x[:, None] / scale) ** np.array(powers), y, rcond=None)[0]
+    coefficients = np.zeros(max(powers) + 1)
+    coefficients[list(powers)] = found / scale ** np.array(powers)
+    return coefficients

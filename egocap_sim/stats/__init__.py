@@ -1,0 +1,1 @@
+"""What a set of sequences contains: numbers gathered sequence by sequence, and one page of them."""

@@ -1,0 +1,159 @@
+"""Exports read back by code that knows the formats, not us: json, OpenCV, closed forms."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from egocap.camera import Camera, load_camera
+from egocap.errors import InputError
+from egocap.labels import LABEL_INDEX, LABELS
+from egocap.rig import load_rig
+from egocap.sequence import OUT_OF_VIEW, VISIBLE, Sequence
+from egocap_sim.builtin import builtin_file
+from egocap_sim.export import FORMATS, export
+from egocap_sim.export.ocam import ocam_calibration
+from egocap_sim.export.unrealego import JOINTS
+from egocap_sim.rig_sampler import sample_rig
+
+
+@pytest.fixture(scope="module")
+def sequence(tiny_sequence: Path) -> Sequence:
+    return Sequence(tiny_sequence)
+
+
+def test_coco_says_what_the_truth_says(sequence, tmp_path):
+    export(sequence, "coco", tmp_path / "coco")
+    content = json.loads((tmp_path / "coco" / "annotations.json").read_text())
+    (category,) = content["categories"]
+    assert category["keypoints"] == list(LABELS)
+    names = {tuple(category["keypoints"][i - 1] for i in pair) for pair in category["skeleton"]}
+    assert ("left_elbow", "left_wrist") in names
+    assert len(content["images"]) == len(content["annotations"]) == 2 * len(sequence)
+    images = {image["id"]: image for image in content["images"]}
+    truth = sequence.truth
+    for annotation in content["annotations"]:
+        image = images[annotation["image_id"]]
+        t, v = image["frame"], sequence.manifest.views.index(image["view"])
+        picture = cv2.imread(str(tmp_path / "coco" / image["file_name"]))[..., ::-1]
+        assert picture.shape == (image["height"], image["width"], 3)
+        assert np.array_equal(picture, sequence.frame(t).images[v])
+        points = np.array(annotation["keypoints"]).reshape(18, 3)
+        assert np.array_equal(points[:, 2] == 2, truth.visibility[t, v] == VISIBLE)
+        labelled = truth.visibility[t, v] != OUT_OF_VIEW
+        assert np.array_equal(points[:, 2] > 0, labelled)
+        assert annotation["num_keypoints"] == labelled.sum()
+        assert np.abs(points[labelled, :2] - truth.joints_2d[t, v, labelled]).max() < 1e-3
+        assert not points[~labelled].any()
+        x, y, w, h = annotation["bbox"]
+        assert 0 <= x < x + w <= image["width"] and 0 <= y < y + h <= image["height"]
+        seen = points[points[:, 2] == 2, :2]
+        inside = (seen > [x - 4, y - 4]).all(1) & (seen < [x + w + 4, y + h + 4]).all(1)
+        assert inside.all() and 0 < annotation["area"] <= w * h
+
+
+def test_unrealego_has_the_pose_in_centimetres_three_times_over(sequence, tmp_path):
+    out = tmp_path / "unrealego"
+    export(sequence, "unrealego", out)
+    (place,) = (out / "train.txt").read_text().split()
+    folder = out / place
+    assert len(Path(place).parts) == 6 and Path(place).parts[1] == "Day"
+    truth = sequence.truth
+    assert len(list((folder / "json").iterdir())) == len(sequence)
+    for t in range(len(sequence)):
+        frame = json.loads((folder / "json" / f"frame_{t}.json").read_text())
+        joints = frame["joints"]
+        assert joints.keys() == JOINTS.keys() | {"pelvis"} and len(JOINTS) == 16
+        head = np.mean([frame[f"camera_{side}"]["trans"] for side in ("left", "right")], 0)
+        assert head[2] == pytest.approx(100 * truth.T_world_head[t, 2, 3] + 14, abs=8)
+        for name, label in JOINTS.items():
+            j = LABEL_INDEX[label]
+            assert joints[name]["trans"] == pytest.approx(100 * truth.joints_world[t, j])
+            for v, side in enumerate(("left", "right")):
+                point = np.array(joints[name][f"camera_{side}_pts3d"])
+                assert point == pytest.approx(100 * truth.joints_camera[t, v, j])
+                camera = frame[f"camera_{side}"]
+                away = np.linalg.norm(np.subtract(joints[name]["trans"], camera["trans"]))
+                assert np.linalg.norm(point) == pytest.approx(away)  # one geometry throughout
+        for side in ("left", "right"):
+            image = cv2.imread(
+                str(folder / "fisheye_final_image" / f"camera_{side}" / f"final_{t}.png")
+            )
+            view = ("left", "right").index(side)
+            assert np.array_equal(image[..., ::-1], sequence.frame(t).images[view])
+            depth = cv2.imread(
+                str(folder / "fisheye_depth_image" / f"camera_{side}" / f"depth_{t}.png"),
+                cv2.IMREAD_UNCHANGED,
+            )
+            assert np.array_equal(depth, sequence.depth(t, side))
+
+
+def test_the_calibration_beside_it_projects_the_points_it_came_with(sequence, tmp_path):
+    out = tmp_path / "unrealego"
+    export(sequence, "unrealego", out)
+    (path,) = out.rglob("frame_3.json")
+    frame = json.loads(path.read_text())
+    for side in ("left", "right"):
+        camera = load_camera(out / f"camera_{side}.json")
+        for name in JOINTS:
+            joint = frame["joints"][name]
+            pixel, valid = camera.project(np.array(joint[f"camera_{side}_pts3d"]))
+            if valid:
+                assert pixel == pytest.approx(joint[f"camera_{side}_pts2d"], abs=0.05)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_any_lens_is_an_ocam_lens_to_a_tenth_of_a_pixel(seed, tmp_path):
+    """Both polynomials, evaluated as OCamCalib defines them."""
+    cameras: list[Camera] = [*sample_rig(np.random.default_rng(seed)).cameras]
+    cameras += load_rig(builtin_file("rig", "egorig1")).cameras[:1]
+    for camera in cameras:
+        data = ocam_calibration(camera, "c")
+        theta, turn = np.meshgrid(
+            np.linspace(0.02, camera.max_angle - 0.01, 40), np.linspace(0, 6, 12)
+        )
+        points = np.stack(
+            [np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], -1
+        )
+        expected, _ = camera.project(points)
+        rho = np.polynomial.polynomial.polyval(theta - np.pi / 2, data["polynomialW2C"])
+        x, y = rho * np.cos(turn), rho * np.sin(turn)
+        c, d, e = data["affine"]
+        u, v = x + e * y + data["image_center"][0], d * x + c * y + data["image_center"][1]
+        error = np.hypot(u - expected[..., 0], v - expected[..., 1])
+        assert error.max() < 0.1
+        z = -np.polynomial.polynomial.polyval(rho, data["polynomialC2W"])
+        assert np.abs(np.arctan2(rho, z) - theta).max() < 3e-4  # rad; a tenth of a pixel
+        assert data["imageCircleRadius"] > 100
+
+
+def test_the_film_has_every_frame_at_the_right_rate_and_size(sequence, tmp_path):
+    export(sequence, "mp4", tmp_path / "film.mp4")
+    film = cv2.VideoCapture(str(tmp_path / "film.mp4"))
+    assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(30)
+    frames = []
+    while True:
+        there, picture = film.read()
+        if not there:
+            break
+        frames.append(picture)
+    assert len(frames) == len(sequence)
+    assert frames[0].shape == (128, 320, 3)
+    left = sequence.frame(3).images[0].astype(int)
+    assert np.abs(frames[3][:, :160, ::-1] - left).mean() < 20  # but for the drawn joints
+    assert not list(tmp_path.glob("*.tmp*"))
+
+
+def test_what_cannot_be_written_is_refused(sequence, tmp_path):
+    with pytest.raises(InputError, match="valid: coco, unrealego, mp4"):
+        export(sequence, "voc", tmp_path / "x")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("mine")
+    for form in ("coco", "unrealego"):
+        with pytest.raises(InputError, match="not empty"):
+            export(sequence, form, tmp_path / "full")
+    with pytest.raises(InputError, match=r"ends in \.mp4"):
+        export(sequence, "mp4", tmp_path / "film.avi")
+    assert list(FORMATS) == ["coco", "unrealego", "mp4"]

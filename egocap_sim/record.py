@@ -31,6 +31,7 @@ from egocap_sim.sensor.film import Film, load_film
 from egocap_sim.stage import (
     calibrated_rig_of,
     check_place,
+    check_things,
     config_of,
     extras_of,
     perform,
@@ -99,6 +100,7 @@ def generate(
         code_version=egocap.__version__,
     )
     check_place(scene)
+    check_things(scene)
     person = person_of(scene)
     sensor = sensor_of(scene)
     side_files = _side_files(scene, rig, person)

@@ -110,6 +110,13 @@ class OthersTable(Strict):
         return self
 
 
+class ThingTable(Strict):
+    """Something used, or in the way: `egocap_sim.things.kinds`."""
+
+    kind: str
+    hand: Literal["left", "right"] | None = None  # that holds it; None: the right
+
+
 class RecordTable(Strict):
     """How it is rendered and what is written."""
 
@@ -134,6 +141,7 @@ class Scene(Strict):
     motion: MotionTable
     place: PlaceTable = PlaceTable()
     others: OthersTable = OthersTable()
+    things: tuple[ThingTable, ...] = ()
     record: RecordTable = RecordTable()
     sensor: SensorTable | None = None  # None: perfect pictures
 

@@ -144,6 +144,54 @@ def ball(
     return replace(mesh, casts_shadow=casts_shadow, glows=glows)
 
 
+def tube(
+    name: str,
+    start: Iterable[float],
+    end: Iterable[float],
+    radius: float,
+    texture: Texture,
+    tile: float = 1.0,
+    *,
+    part: int = parts.FURNITURE,
+    shininess: float = 0.0,
+    sides: int = 8,
+) -> Mesh:
+    """A cylinder between two points."""
+    a, b = np.array(list(start), float), np.array(list(end), float)
+    length = float(np.linalg.norm(b - a))
+    upright = cylinder(
+        name, (0, 0, 0), radius, length, texture, tile, part=part, shininess=shininess, sides=sides
+    )
+    z = (b - a) / length
+    x = geometry.unit(np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z))
+    T = geometry.rigid(np.stack([x, np.cross(z, x), z], -1), a)
+    return replace(upright, vertices=geometry.transform(T, upright.vertices))
+
+
+def ring(
+    name: str,
+    radius: float,
+    thickness: float,
+    texture: Texture,
+    *,
+    part: int = parts.FURNITURE,
+    sides: int = 28,
+    around: int = 8,
+) -> Mesh:
+    """A torus about the y axis: a tyre, its middle line a circle of `radius`."""
+    u, v = np.meshgrid(
+        np.linspace(0, 2 * np.pi, sides + 1), np.linspace(0, 2 * np.pi, around + 1), indexing="ij"
+    )
+    r = radius + thickness * np.cos(v)
+    vertices = np.stack([r * np.sin(u), thickness * np.sin(v), r * np.cos(u)], -1).reshape(-1, 3)
+    n = around + 1
+    i, j = np.meshgrid(np.arange(sides), np.arange(around), indexing="ij")
+    k = (i * n + j).ravel()
+    faces = np.concatenate([np.c_[k, k + n, k + n + 1], np.c_[k, k + n + 1, k + 1]])[:, ::-1]
+    uv = np.stack([u * 4 / np.pi, v / (2 * np.pi)], -1).reshape(-1, 2)
+    return _rigid(name, [vertices], [faces], [uv], texture, part, 0.0, True)
+
+
 def placed(meshes: Iterable[Mesh], position: Iterable[float], yaw: float = 0.0) -> tuple[Mesh, ...]:
     """Meshes turned about z by `yaw` (rad) and moved to a position."""
     T = geometry.rigid(geometry.axis_angle(geometry.UP, yaw), np.array(list(position), float))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from egocap_sim.extras import Extra
     from egocap_sim.human.person import Person
     from egocap_sim.motion.clip import Clip
+    from egocap_sim.motion.retarget import Reference
     from egocap_sim.place import Place
     from egocap_sim.poses import SampledPoses
     from egocap_sim.sensor.settings import SensorTable
@@ -109,6 +110,16 @@ def check_place(scene: Scene) -> None:
         raise SceneError(scene, "place.name", problem)
 
 
+def check_things(scene: Scene) -> None:
+    """Raise SceneError unless every thing is known and goes with the motion."""
+    if scene.things:
+        from egocap_sim.things.kinds import check_thing
+
+        for i, thing in enumerate(scene.things):
+            with _table(scene, f"things.{i}"):
+                check_thing(thing, scene.motion.name)
+
+
 def place_of(scene: Scene) -> Place:
     """The surroundings."""
     from egocap_sim.place import make_place
@@ -120,18 +131,33 @@ def place_of(scene: Scene) -> Place:
 
 def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
     """Everything else that moves, at the frame times of `truth`: the same in every process."""
-    from egocap_sim.others import make_others
-
-    extras: list[Extra] = []
+    extras = [extra for i in range(len(scene.things)) for extra in _thing(scene, i, truth)]
     if scene.others.count:
-        extras += make_others(
-            scene.others,
-            stream(scene.seed, "others"),
-            truth.time,
-            truth.T_world_body,
-            scene.place.clear_radius,
-        )
+        from egocap_sim.others import make_others
+
+        with _table(scene, "others"):
+            extras += make_others(
+                scene.others,
+                stream(scene.seed, "others"),
+                truth.time,
+                truth.T_world_body,
+                scene.place.clear_radius,
+            )
     return extras
+
+
+def _thing(scene: Scene, index: int, truth: Truth) -> list[Extra]:
+    from egocap_sim.things.kinds import make_thing
+    from egocap_sim.things.performance import Performance
+
+    times = truth.time - truth.time[0]
+    performance = Performance(person_of(scene), scene.motion, scene.seed, times, truth.T_world_body)
+    rng = stream(scene.seed, f"thing {index}")
+    with _table(scene, f"things.{index}"):
+        extras = make_thing(scene.things[index], performance, rng)
+    return [
+        replace(e, actor=replace(e.actor, name=f"thing-{index + 1} {e.actor.name}")) for e in extras
+    ]
 
 
 def clip_of(scene: Scene) -> Clip:
@@ -161,6 +187,20 @@ def frames_of_clip(scene: Scene) -> int:
                 valid=f"less than {seconds + scene.motion.start_s:.2f} s",
             )
     return int(seconds * scene.fps) + 1
+
+
+def reference_of(scene: Scene, person: Person) -> Reference:
+    """The motion on the person's own bones, brought to the floor or to what carries the person."""
+    from egocap_sim.motion.procedural import MOTIONS, motion_parameters
+    from egocap_sim.motion.retarget import retarget
+
+    motion = scene.motion
+    mounted = MOTIONS[motion.name].mounted if motion.name in MOTIONS else None
+    if mounted is None:
+        return retarget(clip_of(scene), person)
+    reference = retarget(clip_of(scene), person, from_origin=False, grounded=False)
+    parameters = motion_parameters(motion.name, motion.parameters)
+    return mounted(reference, person, stream(scene.seed, "motion"), parameters)
 
 
 def perform(scene: Scene, person: Person) -> Trajectory:
@@ -194,7 +234,6 @@ def perform_finely(scene: Scene, person: Person) -> tuple[Trajectory, SampledPos
 
 
 def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Trajectory:
-    from egocap_sim.motion.retarget import retarget
     from egocap_sim.physics.simulate import simulate
 
     with _table(scene, "motion"):
@@ -202,10 +241,9 @@ def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Tr
             raise InputError(
                 f"{scene.frames} frames are more than the clip has", valid=f"1 to {most}"
             )
-        reference = retarget(clip_of(scene), person)
         return simulate(
             person,
-            reference,
+            reference_of(scene, person),
             fps=scene.fps * per_frame,
             n_frames=samples,
             start_s=scene.motion.start_s,

@@ -1,4 +1,4 @@
-"""Two-bone inverse kinematics of a leg: the ankle moves; hip, foot and knee plane stay."""
+"""Two-bone inverse kinematics of a leg or an arm: its end moves; its root and its plane stay."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 from egocap.geometry import skew, unit
 from egocap_sim.bodies import INDEX
 
+_LEG, _ARM = ("thigh", "calf", "foot"), ("upperarm", "forearm", "hand")
 _REACH = 0.999  # of the leg's length: a straighter knee has no side
 
 
@@ -23,7 +24,27 @@ def bend_leg(
     Farther than the leg reaches the ankle goes as far as it can. Foot and toes keep their
     orientation; the knee stays in its plane through hip and ankle.
     """
-    thigh, calf, foot = (INDEX[f"{side}_{part}"] for part in ("thigh", "calf", "foot"))
+    return _bend(positions, rotations, [f"{side}_{part}" for part in _LEG], move, 1.0)
+
+
+def bend_arm(
+    positions: Float[Array, "T 21 3"],
+    rotations: Float[Array, "T 21 3 3"],
+    side: str,
+    move: Float[Array, "T 3"],
+) -> Float[Array, "T 21 3 3"]:
+    """The same for an arm: the wrist moves, the hand keeps its orientation."""
+    return _bend(positions, rotations, [f"{side}_{part}" for part in _ARM], move, -1.0)
+
+
+def _bend(
+    positions: Float[Array, "T 21 3"],
+    rotations: Float[Array, "T 21 3 3"],
+    parts: list[str],
+    move: Float[Array, "T 3"],
+    straight: float,
+) -> Float[Array, "T 21 3 3"]:
+    thigh, calf, foot = (INDEX[part] for part in parts)
     hip, knee, ankle = positions[:, thigh], positions[:, calf], positions[:, foot]
     upper, lower = (
         np.linalg.norm(knee - hip, axis=1, keepdims=True),
@@ -37,8 +58,9 @@ def bend_leg(
     towards = unit(reach)
     swing = shortest_arc(unit(ankle - hip), towards)
     bent = _apply(swing, knee - hip)
-    # A straight knee has no plane of its own: it then bends to the front of the thigh.
-    ahead = bent + 1e-4 * rotations[:, thigh, :, 0]
+    # A straight knee has no plane of its own: it then bends to the front of the thigh,
+    # an elbow to the back of the arm.
+    ahead = bent + straight * 1e-4 * rotations[:, thigh, :, 0]
     out = unit(ahead - (ahead * towards).sum(1, keepdims=True) * towards)
     along = (distance**2 + upper**2 - lower**2) / (2 * distance)
     new_knee = along * towards + np.sqrt(np.maximum(upper**2 - along**2, 0.0)) * out

@@ -16,7 +16,10 @@ import numpy as np
 
 from egocap.errors import InputError
 from egocap_sim.motion.clip import Clip
+from egocap_sim.motion.cycle import CycleParams, cycle, fit_rider
+from egocap_sim.motion.dribble import DribbleParams, dribble
 from egocap_sim.motion.gestures import GESTURES, GestureParams, gesticulate
+from egocap_sim.motion.juggle import JuggleParams, juggle
 from egocap_sim.motion.postures import (
     IdleParams,
     LookParams,
@@ -27,6 +30,7 @@ from egocap_sim.motion.postures import (
     sit,
     squat,
 )  # fmt: skip
+from egocap_sim.motion.retarget import Reference
 from egocap_sim.motion.sequence import concatenate
 from egocap_sim.motion.walk import WalkParams, walk
 
@@ -51,10 +55,13 @@ class Motion:
     params: type
     about: str
     defaults: dict[str, Any] = dataclasses.field(default_factory=dict)
+    mounted: Callable[..., Reference] | None = None
+    """For motions off the floor: (reference, person, rng, params) brings a person's hands and feet
+    to what carries them; `rng` is as it was when the motion was made."""
 
 
 def _sequence(t: np.ndarray, rng: np.random.Generator, params: SequenceParams, fps: float) -> Clip:
-    others = [m for m in MOTIONS if m != "sequence"]
+    others = [m for m, motion in MOTIONS.items() if m != "sequence" and not motion.mounted]
     for part in params.parts:
         if part not in others:
             raise InputError(f"unknown part '{part}'", valid=others)
@@ -73,6 +80,8 @@ def _sequence(t: np.ndarray, rng: np.random.Generator, params: SequenceParams, f
 _LIMITS: dict[str, tuple[float, float]] = {
     "speed": (0.3, 1.7), "radius": (1.0, 100.0), "wander": (0.0, 2.0), "arm_swing": (0.0, 2.0),
     "bounce": (0.0, 2.0), "lean": (-0.2, 0.4), "pace": (0.5, 2.0), "size": (0.4, 1.15),
+    "crossover": (0.0, 1.0), "flight": (0.45, 0.8), "dwell": (0.2, 0.4),
+    "ride_speed": (2.0, 8.0), "ride_radius": (4.0, 12.0), "cadence": (40.0, 110.0),
     "depth": (0.1, 1.0), "seat": (0.35, 0.6), "stay": (0.0, 600.0), "yaw": (0.1, 1.3),
 }  # fmt: skip
 
@@ -83,6 +92,9 @@ MOTIONS: dict[str, Motion] = {
     "sit": Motion(sit, SitParams, "sit down onto an implied seat and stand up"),
     "look_around": Motion(look_around, LookParams, "look at one thing after another"),
     "idle": Motion(idle, IdleParams, "stand, breathe, shift weight"),
+    "dribble": Motion(dribble, DribbleParams, "dribble a ball while walking about"),
+    "cycle": Motion(cycle, CycleParams, "ride a bicycle around", mounted=fit_rider),
+    "juggle": Motion(juggle, JuggleParams, "juggle three balls, standing"),
     "sequence": Motion(_sequence, SequenceParams, "several motions, one after another"),
 } | {
     name: Motion(
@@ -117,6 +129,11 @@ def _make(
 ) -> Clip:
     t = np.arange(frames) / fps
     return motion.make(t, rng, _parameters(motion, params), fps)
+
+
+def motion_parameters(name: str, params: dict[str, Any]) -> Any:
+    """The parameters, checked, with which a built-in motion is made."""
+    return _parameters(MOTIONS[name], params)
 
 
 def _parameters(motion: Motion, params: dict[str, Any]) -> Any:

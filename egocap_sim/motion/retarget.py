@@ -49,11 +49,17 @@ class Reference:
 
 
 def retarget(
-    clip: Clip, person: Person, fps: float = 50.0, *, from_origin: bool = True
+    clip: Clip,
+    person: Person,
+    fps: float = 50.0,
+    *,
+    from_origin: bool = True,
+    grounded: bool = True,
 ) -> Reference:
     """Retarget a canonical clip to a person: pose, stride, floor height and planted feet.
 
     With `from_origin` the motion starts above the origin, facing +x; otherwise where the clip does.
+    One that is not `grounded` is neither brought to the floor nor given standing feet.
     Raises InputError for a clip that is not canonical, not finite, or shorter than 0.2 s.
     """
     _check(clip, fps)
@@ -62,6 +68,9 @@ def retarget(
     if from_origin:
         root, turned = _to_origin(root, turned, clip.rotations[0])
     root, turned = _resample(root, turned, clip.fps, fps)
+    if not grounded:
+        nowhere = np.zeros((len(root), 4), bool)
+        return Reference(float(fps), root, turned, nowhere, nowhere)
     root, turned, planted, touching = plant(person, root, turned, fps)
     return Reference(float(fps), root, turned, planted, touching)
 

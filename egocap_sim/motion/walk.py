@@ -49,7 +49,7 @@ class WalkParams:
 def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps: float) -> Clip:
     """A walk for the times t [s]."""
     style = draw_style(rng)
-    way = _Way(float(t[-1]), rng, params)
+    way = CirclingWay(float(t[-1]), rng, params)
     return pose_figure("walk", fps, walk_along(way, t, rng, params, style))
 
 
@@ -144,7 +144,7 @@ def _down(angle: Array) -> Float[Array, "T 3"]:
     return np.stack([np.sin(angle), np.zeros(len(angle)), -np.cos(angle)], -1)
 
 
-class _Way:
+class CirclingWay:
     """Position and heading over time of a body that walks inside a circle."""
 
     def __init__(self, seconds: float, rng: np.random.Generator, params: WalkParams) -> None:

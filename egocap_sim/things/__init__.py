@@ -1,0 +1,1 @@
+"""Things people use: held, thrown, ridden, or standing in the way."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -64,6 +64,37 @@ def track(
         results.save_detections(save_detections, found)
     results.save_track(out, result)
     _print_summary(out, result, json)
+    return DONE
+
+
+@app.command
+def view(
+    what: Positional[Literal["model"]],
+    sequence: Positional[Path],
+    out: Path,
+    frame: int = 0,
+    track: Path | None = None,
+    gaussians: Path | None = None,
+    size: tuple[int, int] = (256, 256),
+) -> int:
+    """Draw what the method makes of one frame.
+
+    model: image, rendered density, visibility of the Gaussians, colour dissimilarity and energy of
+    every pixel. Without a track, the pose is the one nearest to a simulated sequence's truth.
+
+    Args:
+        what: what to draw.
+        sequence: folder of a sequence.
+        out: picture to write, png.
+        frame: frame of the sequence, from 0.
+        track: track whose pose to draw, npz.
+        gaussians: volumetric body to draw, json; by default one coloured by the frame itself.
+        size: width and height at which a view is evaluated, pixels.
+    """
+    from egocap.view.command import view_model
+
+    summary = view_model(sequence, frame, out, track, gaussians, size)
+    print(f"{out}: energy {summary['energy']:.1f}, {summary['covered_pixels']:.0f} pixels covered")
     return DONE
 
 

@@ -15,6 +15,7 @@ LAYERS = (
     {"lens", "camera", "camera_files", "skeleton"},
     {"rig", "rig_files", "body", "gaussians", "sequence", "sequence_writer", "results"},
     {"detect", "track", "posterior", "evaluate", "io"},  # these do not import each other
+    {"view"},  # pictures of all of the above
     {"cli", "__main__"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

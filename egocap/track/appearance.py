@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from egocap.gaussians import GaussianBody
-from egocap.track.colour import dissimilarity
+from egocap.track.colour import PAPER, ColourMeasure
 from egocap.track.image_rays import ImageRays
 from egocap.track.posing import pose_gaussians
 from egocap.track.visibility import RayGaussians, along_rays, cell_visibility
@@ -24,7 +24,10 @@ Quadrature = Callable[[RayGaussians], Tensor]
 
 @dataclass(frozen=True)
 class RayBatch:
-    """Rays and their image colours as tensors. Colours may have a batch axis of their own."""
+    """Rays and their image colours, as the colour measure takes them.
+
+    Colours may have a batch axis of their own.
+    """
 
     origins: Float[Tensor, "P 3"]
     directions: Float[Tensor, "P 3"]
@@ -50,27 +53,27 @@ def pixel_energy(
     body: GaussianBody,
     batch: RayBatch,
     angles: Float[Tensor, "*batch 37"],
-    hue_reach: float = 1.0,
+    measure: ColourMeasure = PAPER,
     quadrature: Quadrature = cell_visibility,
 ) -> Float[Tensor, "*batch P"]:
     """Visibility-weighted dissimilarity along every ray: equation 5 before the sum over pixels."""
     sigma, density, colour = (angles.new_tensor(a) for a in (body.sigma, body.density, body.colour))
     centres = pose_gaussians(body, angles)
     seen = quadrature(along_rays(centres, sigma, density, batch.origins, batch.directions))
-    return (dissimilarity(colour, batch.colours[..., None, :], hue_reach) * seen).sum(-1)
+    return (measure.compare(colour, batch.colours[..., None, :]) * seen).sum(-1)
 
 
 def colour_energy(
     body: GaussianBody,
     batch: RayBatch,
     angles: Float[Tensor, "*batch 37"],
-    hue_reach: float = 1.0,
+    measure: ColourMeasure = PAPER,
     quadrature: Quadrature = cell_visibility,
     chunk: int = 512,
 ) -> Float[Tensor, "*batch"]:
     """Sum over all rays of all views: equations 5, 6. `chunk` rays at a time bound the memory."""
     return sum(
-        pixel_energy(body, batch[slice(i, i + chunk)], angles, hue_reach, quadrature).sum(-1)
+        pixel_energy(body, batch[slice(i, i + chunk)], angles, measure, quadrature).sum(-1)
         for i in range(0, len(batch.origins), chunk)
     )
 
@@ -79,7 +82,7 @@ def colour_gradient(
     body: GaussianBody,
     batch: RayBatch,
     angles: Float[Tensor, "*batch 37"],
-    hue_reach: float = 1.0,
+    measure: ColourMeasure = PAPER,
     quadrature: Quadrature = cell_visibility,
     chunk: int = 512,
 ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch 37"]]:
@@ -87,7 +90,7 @@ def colour_gradient(
     angles = angles.detach().requires_grad_(True)
     energy, gradient = angles.new_zeros(angles.shape[:-1]), torch.zeros_like(angles)
     for i in range(0, len(batch.origins), chunk):
-        part = pixel_energy(body, batch[slice(i, i + chunk)], angles, hue_reach, quadrature).sum(-1)
+        part = pixel_energy(body, batch[slice(i, i + chunk)], angles, measure, quadrature).sum(-1)
         gradient += torch.autograd.grad(part.sum(), angles)[0]
         energy += part.detach()
     return energy, gradient

@@ -11,20 +11,58 @@ Reading of the paper (appendix A), which prints two slips and leaves two things 
 - "all dimensions normalised to unit range" is taken to hold for the hue's angle, too: opposite hues
   are 1 apart. Were they 1/2 apart, red and cyan would count as alike (phi(1/4) = -0.27).
 
-`hue_reach` is the angle at which hues count as wholly unlike, in half turns: 1 is the paper's.
+As the saturated part looks at hues alone, and takes 100 degrees for the border between like and
+unlike, a grey floor of a bluish tint is like a blue shirt. `ColourMeasure` therefore offers, beside
+the paper's measure, the distance in the HSV cone, where a colour weighs as much as it is vivid.
 
-Source: EgoCap 2016, appendix A.
+Source: EgoCap 2016, appendix A; HSV cone: Smith 1978, "Color gamut transform pairs".
 """
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from math import pi
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Num
 from numpy import ndarray as Array
 
+from egocap.errors import InputError
 from egocap.lens import namespace
+
+SHADING = 0.5
+"""Weight of brightness against colour in the cone: light and shade change it."""
+
+
+@dataclass(frozen=True)
+class ColourMeasure:
+    """How unlike two colours are, from -1 (alike) to 1 (unlike)."""
+
+    kind: Literal["paper", "cone"] = "cone"
+    """paper: appendix A; cone: squared distance in the HSV cone, brightness counting half."""
+    reach: float = 0.2
+    """Distance that counts as wholly unlike: in the cone; for paper, of hues in half turns."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("paper", "cone"):
+            raise InputError(f"no colour measure '{self.kind}'", valid=("paper", "cone"))
+        if not 0.0 < self.reach <= 2.0:
+            raise InputError(f"a colour reach of {self.reach}", valid="above 0, to 2")
+
+    def features(self, hsv: Any) -> Any:
+        """Colours (..., 3) as the measure compares them: HSV itself, or cone coordinates."""
+        return hsv if self.kind == "paper" else cone(hsv)
+
+    def compare(self, model_hsv: Any, image: Any) -> Any:
+        """Dissimilarity of model colours in HSV and image colours as `features` gives them."""
+        if self.kind == "paper":
+            return dissimilarity(model_hsv, image, self.reach)
+        return smooth_step(((cone(model_hsv) - image) ** 2).sum(-1) / self.reach**2)
+
+
+PAPER = ColourMeasure("paper", 1.0)
+"""The measure of appendix A."""
 
 
 def rgb_to_hsv(rgb: Num[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
@@ -56,6 +94,13 @@ def hsv_to_rgb(hsv: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
     return value[..., None] * (1.0 - saturation[..., None] * ramp)
 
 
+def cone(hsv: Any) -> Any:
+    """Coordinates in the HSV cone (..., 3): chroma along two axes, and weighted brightness."""
+    xp = namespace(hsv)
+    chroma, angle = hsv[..., 1] * hsv[..., 2], 2.0 * pi * hsv[..., 0]
+    return xp.stack([chroma * xp.cos(angle), chroma * xp.sin(angle), SHADING * hsv[..., 2]], -1)
+
+
 def smooth_step(x: Any) -> Any:
     """phi: -1 at 0, 1 from 1 on, flat at both ends."""
     x = _clip(x)
@@ -78,7 +123,10 @@ def blend_weights(model: Any) -> tuple[Any, Any, Any]:
 
 
 def dissimilarity(model: Any, image: Any, hue_reach: float = 1.0) -> Any:
-    """d(m, i) in [-1, 1] of model and image colours (..., 3), which broadcast."""
+    """d(m, i) in [-1, 1] of model and image HSV colours (..., 3), which broadcast.
+
+    `hue_reach` is the angle at which hues count as wholly unlike, in half turns: 1 is the paper's.
+    """
     saturated, dark, grey = blend_weights(model)
     d_value, d_saturation = model[..., 2] - image[..., 2], model[..., 1] - image[..., 1]
     d_saturated = _clip(hue_distance(model[..., 0], image[..., 0]) / hue_reach) ** 2

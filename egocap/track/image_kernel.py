@@ -151,8 +151,8 @@ def _kept(seed, ray, gaussian, keep):
 @njit(cache=True, parallel=True, fastmath=FAST,
       error_model="numpy")  # fmt: skip
 def image_energy(
-    angles, colours, chain, shape, rays, cell, cells, hue_scale, selected, weights, keep, seed,
-    curvature, lanes, lists, counts, scratches, pixels, output,
+    angles, colours, chain, shape, rays, cell, cells, in_cone, colour_scale, selected, weights,
+    keep, seed, curvature, lanes, lists, counts, scratches, pixels, output,
 ):  # fmt: skip
     """Energy, gradient (37,), Gauss-Newton matrix (37, 37): see `ImageModel.evaluate`."""
     gaussians, frames, dofs = len(chain.carrier), len(chain.parents) + 1, len(angles)
@@ -174,7 +174,7 @@ def image_energy(
     whiches = np.empty((threads, dofs + apart), np.int64)
     for thread in prange(threads):
         energies[thread] = _share_of_rays(
-            thread, threads, posed, colours, chain, shape, rays, cell, cells, hue_scale,
+            thread, threads, posed, colours, chain, shape, rays, cell, cells, in_cone, colour_scale,
             selected, weights, keep, seed, curvature, lanes, lists, counts,
             scratch_of(scratches, thread),
             Forces(wrenches[thread], loadeds[thread], rows[thread], whiches[thread]), pixels,
@@ -185,9 +185,9 @@ def image_energy(
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)
 def _share_of_rays(
-    thread, threads, posed, colours, chain, shape, rays, cell, cells, hue_scale, selected, weights,
-    keep, seed, curvature, lanes, lists, counts, scratch, forces,
-    pixels, by_centre, H,
+    thread, threads, posed, colours, chain, shape, rays, cell, cells, in_cone, colour_scale,
+    selected, weights, keep, seed, curvature, lanes, lists, counts, scratch, forces, pixels,
+    by_centre, H,
 ):  # fmt: skip
     """One thread's rays: energy; adds to the derivatives by the centres and to the matrix."""
     wrench, loaded, row, which = forces.wrench, forces.loaded, forces.row, forces.which
@@ -205,7 +205,8 @@ def _share_of_rays(
         for entry in range(first, min(first + BLOCK, total)):
             p = entry if every else selected[entry]
             tile = rays.tile[p]
-            pixels[p] = 0.0
+            pixels[0, p] = np.float32(0.0)
+            pixels[1, p] = np.float32(0.0)
             if counts[tile] == 0:
                 continue
             n = rays.direction[p]
@@ -215,9 +216,12 @@ def _share_of_rays(
             )  # fmt: skip
             if found == 0:
                 continue
-            compare_colours(found, colours[p], shape.colours, shape.blend, hue_scale, scratch)
+            compare_colours(
+                found, colours[p], in_cone, colour_scale, shape.colours, shape.blend, scratch
+            )
             e, end = ray_energy(found, shape.edges, shape.inv_s, cell, cells, lanes, scratch)
-            pixels[p] = e
+            pixels[0, p] = e
+            pull = np.float32(0.0)
             weight = 1.0 if every else np.float64(weights[entry])
             energy += weight * e
             for i in range(found):
@@ -233,9 +237,11 @@ def _share_of_rays(
                 gain = weight / keep
                 for c in range(3):
                     by_centre[q, c] += gain * step[c]
+                    pull += step[c] * step[c]
                 if curvature:
                     load(wrench, f, posed.centres[q], step)
                     loaded[f] = True
+            pixels[1, p] = np.sqrt(pull)
             if curvature:
                 count = angle_forces(chain, posed.origins, posed.axes, wrench, loaded, row, which)
                 _add_outer(H, row, which, count, weight / (2.0 * max(1.0 + e, FIT_FLOOR)))

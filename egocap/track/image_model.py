@@ -5,19 +5,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.gaussians import GaussianBody
 from egocap.skeleton import DOF_COUNT
-from egocap.track.colour import blend_weights
+from egocap.track.colour import ColourMeasure, blend_weights
 from egocap.track.image_kernel import Output, RayArrays, Shape, image_energy
-from egocap.track.image_rays import ImageRays
+from egocap.track.image_rays import ImageRays, ray_colours
 from egocap.track.pose_kernel import make_chain
 from egocap.track.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
 
@@ -52,7 +53,7 @@ class ImageModel:
         cell: float = 0.02,
         far: float = 2.6,
         cutoff: float = 2e-3,
-        hue_reach: float = 1.0,
+        measure: ColourMeasure = ColourMeasure(),  # noqa: B008 (frozen)
         threads: int | None = None,
     ) -> None:
         if not (0.001 <= cell <= 0.2 and cell < far <= 100.0 and far / cell <= 10_000):
@@ -62,12 +63,15 @@ class ImageModel:
         most = numba.config.NUMBA_NUM_THREADS
         if threads is not None and not 1 <= threads <= most:
             raise InputError(f"{threads} threads", valid=f"1 to {most}")
-        if not (0.0 < cutoff < 1.0 and 0.0 < hue_reach <= 1.0):
-            raise InputError(f"cutoff {cutoff}, hue reach {hue_reach}", valid="above 0, to 1")
+        if not 0.0 < cutoff < 1.0:
+            raise InputError(f"a cutoff of {cutoff}", valid="between 0 and 1")
         self.body, self.rays = body, rays
-        self.cell, self.far, self.cutoff, self.hue_reach = cell, far, cutoff, hue_reach
+        self.cell, self.far, self.cutoff, self.measure = cell, far, cutoff, measure
+        self._in_cone = measure.kind == "cone"
+        reach = measure.reach
+        self._colour_scale = np.float32(1.0 / reach**2 if self._in_cone else 2.0 / reach)
         self._chain = make_chain(body)
-        self._shape = _shape(body, cell, cutoff)
+        self._shape = _shape(body, cell, cutoff, measure)
         self._rays = _ray_arrays(rays)
         self._cells = round(far / cell)
         self._threads = threads or numba.get_num_threads()
@@ -76,11 +80,16 @@ class ImageModel:
         self._lists = np.zeros((len(rays.tile_view), count), np.int16)
         self._counts = np.zeros(len(rays.tile_view), np.int32)
         self._lanes = np.arange(MAX_EDGES, dtype=np.float32)
-        self._pixels = np.zeros(len(rays), np.float32)
+        self._pixels = np.zeros((2, len(rays)), np.float32)
         self._output = Output(
             np.zeros(self._threads), np.zeros((self._threads, count + CACHE_LINE, 3)),
             np.zeros((self._threads, DOF_COUNT + 1, DOF_COUNT)),
         )  # fmt: skip
+
+    def colours(self, images: Sequence[UInt8[Array, "H W 3"]]) -> Float32[Array, "P 3"]:
+        """What RGB images show along the rays, as `evaluate` takes it."""
+        hsv = ray_colours(self.rays, images)
+        return np.ascontiguousarray(self.measure.features(hsv), np.float32)
 
     def evaluate(
         self,
@@ -95,7 +104,7 @@ class ImageModel:
     ) -> Evaluation:
         """Energy (equations 5 and 6), gradient and, on wish, Gauss-Newton matrix of a pose.
 
-        `colours` are those of `image_rays.ray_colours`. With `selected`, only these rays count,
+        `colours` are those of `self.colours`. With `selected`, only these rays count,
         each times its weight. With `keep` < 1 each Gaussian's derivative is left out of each ray at
         random, and those kept count 1 / keep times: the gradient's expectation stays.
         """
@@ -103,22 +112,21 @@ class ImageModel:
         numba.set_num_threads(self._threads)
         energy, gradient, matrix = image_energy(
             np.asarray(angles, np.float64), colours, self._chain, self._shape, self._rays,
-            np.float32(self.cell), self._cells, np.float32(2.0 / self.hue_reach), selected, weights,
-            np.float32(keep), np.uint64(seed), bool(curvature), self._lanes, self._lists,
+            np.float32(self.cell), self._cells, self._in_cone, self._colour_scale, selected,
+            weights, np.float32(keep), np.uint64(seed), bool(curvature), self._lanes, self._lists,
             self._counts, self._scratch, self._pixels, self._output,
         )  # fmt: skip
         return Evaluation(energy, gradient, matrix if curvature else None)
 
     def pixel_energies(
         self, angles: Float[Array, "37"], colours: Float32[Array, "P 3"]
-    ) -> Float32[Array, "P"]:
-        """Energy of every ray."""
-        self._pixels[:] = 0.0
+    ) -> tuple[Float32[Array, "P"], Float32[Array, "P"]]:
+        """Energy of every ray, and how hard it pulls: the length of its derivative, per metre."""
         self.evaluate(angles, colours)
-        return self._pixels.copy()
+        return self._pixels[0].copy(), self._pixels[1].copy()
 
 
-def _shape(body: GaussianBody, cell: float, cutoff: float) -> Shape:
+def _shape(body: GaussianBody, cell: float, cutoff: float, measure: ColourMeasure) -> Shape:
     sigma = np.array(body.sigma)
     depth = body.density * sigma * np.sqrt(2.0 * np.pi)
     radius2 = 2.0 * sigma**2 * np.log(np.maximum(depth / cutoff, 1.0))
@@ -134,7 +142,7 @@ def _shape(body: GaussianBody, cell: float, cutoff: float) -> Shape:
                1.0 / sigma**2, depth / 2.0)  # fmt: skip
     return Shape(
         *(c.astype(np.float32) for c in columns), edges.astype(np.int32),
-        body.colour.astype(np.float32), blend.astype(np.float32),
+        measure.features(np.array(body.colour)).astype(np.float32), blend.astype(np.float32),
     )  # fmt: skip
 
 

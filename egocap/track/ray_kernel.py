@@ -154,17 +154,22 @@ def find_near(n, arms, view, candidates, count, radius2, reach, inv_2s2, half_de
 
 
 @njit(**RAY_CODE)
-def compare_colours(found, hsv, colours, blend, hue_scale, scratch):
-    """Dissimilarity of every near Gaussian to the ray's colour: `egocap.track.colour`."""
-    h, s, v = hsv[0], hsv[1], hsv[2]
+def compare_colours(found, image, in_cone, scale, colours, blend, scratch):
+    """Dissimilarity of every near Gaussian to the ray's colour: `egocap.track.colour`.
+
+    `scale` is 2 / reach for the paper's hues, 1 / reach^2 in the cone.
+    """
     near, like = scratch.near, scratch.like
     for i in range(found):
         q = near[i]
-        apart = abs(h - colours[q, 0])
-        hue = min(min(apart, _ONE - apart) * hue_scale, _ONE)
-        dv = v - colours[q, 2]
-        grey = abs(dv) + abs(s - colours[q, 1])
-        x = blend[q, 0] * hue * hue + (blend[q, 1] + blend[q, 1]) * dv * dv + blend[q, 2] * grey
+        d0, d1, d2 = image[0] - colours[q, 0], image[1] - colours[q, 1], image[2] - colours[q, 2]
+        if in_cone:
+            x = (d0 * d0 + d1 * d1 + d2 * d2) * scale
+        else:
+            apart = abs(d0)
+            hue = min(min(apart, _ONE - apart) * scale, _ONE)
+            grey = abs(d2) + abs(d1)
+            x = blend[q, 0] * hue * hue + (blend[q, 1] + blend[q, 1]) * d2 * d2 + blend[q, 2] * grey
         far = _ONE - min(x, _ONE)
         far2 = far * far
         like[i] = _ONE - far2 * far2 * (_f(10) - _f(8) * far)

@@ -1,0 +1,1 @@
+"""Pictures for people: what the method sees and makes of it."""

@@ -113,6 +113,7 @@ UNDER_DRESSES = ("none", "leggings", "tight_shorts")
 
 SOCKS: dict[str, float] = {"ankle_socks": 0.06, "crew_socks": 0.16}  # m above the ankle
 HANGING = 0.008  # m of ease from which cloth falls freely
+NECK_RADIUS, STRAP = 0.06, 0.04  # m: of the ring that `Chart.neck` counts from, of a shoulder
 THIGH_GRIP = 0.5  # how much a hanging hem still follows the thighs under it
 
 
@@ -197,7 +198,9 @@ def _armholes(body: BareBody, chart: Chart, top: Top) -> Float[Array, "N"]:
     arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
     joints = body.joints[[INDEX["l_upperarm"], INDEX["r_upperarm"]]] - [0, 0, 0.01]
     away = np.min([np.linalg.norm(body.vertices - joint, axis=1) for joint in joints], axis=0)
-    return np.where(arm, np.minimum(-0.01 - chart.arm, away - top.armhole), away - top.armhole)
+    # Narrow shoulders and a wide neck leave less: the straps keep their width.
+    radius = min(top.armhole, joints[0, 1] - NECK_RADIUS - max(-top.collar, 0) - STRAP)
+    return np.where(arm, np.minimum(-0.01 - chart.arm, away - radius), away - radius)
 
 
 def _open_front(body: BareBody, half: Array | float) -> Float[Array, "N"]:

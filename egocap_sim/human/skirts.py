@@ -87,7 +87,10 @@ def _weights(
     hip, knee = joints[INDEX["l_thigh"], 2], joints[INDEX["l_calf"], 2]
     z, y = points[:, 2], points[:, 1]
     front = np.clip((points[:, 0] - centre[0]) / 0.10, -1, 1)
-    down = np.clip((hip + 0.06 - z) / 0.20, 0, 1)
+    # In front the lap folds at the hip joint; behind, cloth stretches over the seat.
+    ahead = np.clip(front, 0, 1)
+    start, length = hip + 0.06 - 0.05 * ahead, 0.20 - 0.10 * ahead
+    down = np.clip((start - z) / length, 0, 1)
     down = down * down * (3 - 2 * down)
     leg = down * (0.93 + 0.07 * front)
     left = np.clip(0.5 + y / 0.20, 0, 1)

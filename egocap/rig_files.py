@@ -149,7 +149,7 @@ def parse_rig(data: Any, where: str | Path) -> Rig:
     """The rig a dictionary describes; calibration files are looked for beside `where`."""
     if isinstance(data, dict) and "mounts" in data:
         return _exact(data, where)
-    if isinstance(data, dict) and not {"name", "stereo", "cameras"} & data.keys():
+    if isinstance(data, dict) and not {"stereo", "cameras"} & data.keys():
         _refuse_camera(data, where)
     file = checked(RigFile, data, where)
     if file.stereo is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from egocap_sim.render.renderer import FisheyeRenderer
 from egocap_sim.render.views import Views
 from egocap_sim.scene import RecordTable
 from egocap_sim.sensor.film import Film
-from egocap_sim.sensor.shooting import Shooter, Shot
+from egocap_sim.sensor.shooting import See, Shooter, Shot
 from egocap_sim.visibility import JointVisibility
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -79,13 +79,15 @@ class FrameMaker:
 
     def _instant(self, index: int) -> Shot:
         """The frame as perfect cameras see it."""
-        views, visibility = self._draw(index, self.truth.time[index])
+        views, see = self._draw(index, self.truth.time[index])
         parts = views.parts() if self.record.masks else ()
         depth = views.depth() if self.record.depth else ()
-        return Shot(views.images, parts, depth, visibility)
+        return Shot(views.images, parts, depth, see())
 
-    def _draw(self, index: int, time: float) -> tuple[Views, UInt8[Array, "V 18"]]:
-        """Render the world at a time in seconds during a frame; which joints are seen there."""
+    def _draw(
+        self, index: int, time: float, wanted: Collection[int] | None = None
+    ) -> tuple[Views, See]:
+        """Render the world at a time in seconds during a frame, all views or only those wanted."""
         truth, poses = self.truth, self._film.poses if self._film else None
         T_world_body = truth.T_world_body[index] if poses is None else poses.at(time)
         skinning = {self.person.actor.name: T_world_body @ self._T_body_rest}
@@ -94,8 +96,8 @@ class FrameMaker:
             if poses is not None:
                 moved = between_frames(extra.skinning, np.interp(time, truth.time, self._numbers))
             skinning[extra.actor.name] = moved
-        views = self.renderer.render(T_world_body[INDEX["head"]], skinning)
-        return views, self._visibility(views, T_world_body, truth.in_view[index])
+        views = self.renderer.render(T_world_body[INDEX["head"]], skinning, wanted)
+        return views, lambda: self._visibility(views, T_world_body, truth.in_view[index])
 
     def _encode(self, image: UInt8[Array, "H W 3"]) -> bytes:
         if self.record.image_format == "png":

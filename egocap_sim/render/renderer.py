@@ -6,7 +6,7 @@ part labels back at once (labels travel in alpha), and look the fisheye pixels u
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib.resources import files
 
 import numpy as np
@@ -77,10 +77,14 @@ class FisheyeRenderer(pyrender.Renderer):
         self._views: Views | None = None
 
     def render(
-        self, T_world_head: Float[Array, "4 4"], skinning: Mapping[str, Float[Array, "B 4 4"]]
+        self,
+        T_world_head: Float[Array, "4 4"],
+        skinning: Mapping[str, Float[Array, "B 4 4"]],
+        views: Collection[int] | None = None,
     ) -> Views:
         """Draw all views with the head at a pose and the actors under their skinning transforms.
 
+        With `views`, only these are drawn, and the others hold nothing of use.
         Everything lazy on the result (`parts`, `depth`, `surface_at`) is there until the next call.
         Raises: InputError when an actor has no transforms, or too few.
         """
@@ -92,6 +96,7 @@ class FisheyeRenderer(pyrender.Renderer):
                 self._gpu[name].upload(positions, normals)
                 self._boxes[name] = self._batches[name].boxes(positions)
         T_world_camera = [T_world_head @ m.T_head_camera for m in self.rig.mounts]
+        self._wanted = range(len(self.rig.mounts)) if views is None else views
         self._clip = [
             projection.of_tile(t, T_world_camera[t.view], NEAR, FAR) for t in self.atlas.tiles
         ]
@@ -193,6 +198,8 @@ class FisheyeRenderer(pyrender.Renderer):
     def _draw_tiles(self, name: str | None, gpu: GpuBatch, program, *, with_eye: bool) -> None:
         low, high = self._boxes[name]
         for tile, clip, eye in zip(self.atlas.tiles, self._clip, self._eyes, strict=True):
+            if tile.view not in self._wanted:
+                continue
             seen = projection.may_see(clip, low, high)
             if not seen.any():
                 continue

@@ -29,7 +29,7 @@ class SensorTable(Strict):
     shutter_s: Number = Field(default=0.0, ge=0, le=0.2)  # how long each row gathers light
     readout_s: Number = Field(default=0.0, ge=0, le=0.2)  # from the first row to the last
     subframes: Whole = Field(default=9, ge=1, le=65)  # at most, of which a picture is put together
-    subframe_px: Number = Field(default=2.0, gt=0, le=100)  # motion that asks for one more of them
+    subframe_px: Number = Field(default=3.0, gt=0, le=100)  # motion that asks for one more of them
 
     jpeg_quality: Whole | None = Field(default=None, ge=1, le=100)  # the camera's own; chroma 4:2:0
     time_offset_s: Number = Field(default=0.0, ge=-0.5, le=0.5)  # all views but the first see later

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,10 @@ from egocap_sim.sensor.light import compress, encode, expose, noisy, vignette
 from egocap_sim.sensor.timing import Exposure, add_rows, add_subframe, exposure
 from egocap_sim.streams import stream
 
-Draw = Callable[[int, float], tuple[Views, UInt8[Array, "V 18"]]]
-"""Renders a frame's world at a time in seconds: the views, and which joints they see there."""
+See = Callable[[], UInt8[Array, "V 18"]]
+"""Tells which joints the views just drawn see."""
+Draw = Callable[[int, float, Collection[int]], tuple[Views, See]]
+"""Renders some views of a frame's world at a time in seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +77,22 @@ class Shooter:
         depth = [np.zeros(size, np.float32) for size in sizes] if self._depth else []
         visibility = np.zeros((len(sizes), len(LABELS)), np.uint8)
         for time in np.unique(np.concatenate([e.times for e in exposures])):
-            views, sees = self._draw(index, float(time))
+            wanted = {
+                v: i for v, e in enumerate(exposures) for i in np.flatnonzero(e.times == time)
+            }
+            views, see = self._draw(index, float(time), wanted)
             drawn_parts = views.parts() if self._parts else ()
             drawn_depth = views.depth() if self._depth else ()
-            for v, exposed in enumerate(exposures):
-                for i in np.flatnonzero(exposed.times == time):
-                    add_subframe(light[v], views.images[v], exposed.weights[:, i])
-                    rows = exposed.nearest == i
-                    for plane, drawn in ((parts, drawn_parts), (depth, drawn_depth)):
-                        if plane:
-                            add_rows(plane[v], drawn[v], rows)
-                    owner = np.abs(applied.joint_time[index, v, :, None] - exposed.times).argmin(1)
-                    visibility[v, owner == i] = sees[v, owner == i]
+            for v, i in wanted.items():
+                exposed = exposures[v]
+                add_subframe(light[v], views.images[v], exposed.weights[:, i])
+                rows = exposed.nearest == i
+                for plane, drawn in ((parts, drawn_parts), (depth, drawn_depth)):
+                    if plane:
+                        add_rows(plane[v], drawn[v], rows)
+                owner = np.abs(applied.joint_time[index, v, :, None] - exposed.times).argmin(1)
+                if (owner == i).any():
+                    visibility[v, owner == i] = see()[v, owner == i]
         return light, Shot((), tuple(parts), tuple(depth), visibility)
 
     def _develop(self, light: Float[Array, "H W 3"], index: int, v: int) -> UInt8[Array, "H W 3"]:

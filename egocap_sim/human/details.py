@@ -271,10 +271,20 @@ def motif(canvas: Canvas) -> None:
         patch[grid[: patch.shape[0], : patch.shape[1]]] = color
 
 
+def gradient(canvas: Canvas) -> None:
+    """Dip-dyed: the colour runs into the accent toward the lower edge."""
+    along = canvas.panel.along
+    start = canvas.marks.chest if canvas.panel.piece == TORSO else -0.08
+    share = np.clip((start - along) / max(start - canvas.panel.bottom, 0.05), 0, 1)
+    share = (share * share * (3 - 2 * share)).astype(np.float32)[:, None, None]
+    canvas.image += share * (np.array(canvas.marks.accent, np.float32) - canvas.image)
+
+
 DETAILS: dict[str, Callable[[Canvas], None]] = {
     "hems": hems, "ribs": ribs, "side_seams": side_seams, "placket": placket, "zip": zipper,
     "edges": edges, "kangaroo": kangaroo, "chest_pocket": chest_pocket,
     "front_pockets": front_pockets, "back_pockets": back_pockets, "belt": belt,
     "faded": faded, "pressed": pressed, "motif": motif,
+    "gradient": gradient,
 }  # fmt: skip
 """Details by name. Each is offered every panel of a garment and paints where it belongs."""

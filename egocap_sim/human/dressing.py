@@ -44,7 +44,9 @@ def dress(
     """Everything drawn of a person but the headgear; hair is flattened under it."""
     chart = make_chart(body)
     hair_color = rgb(HAIR_COLORS[clothes.hair_color])
-    skin = skin_texture(tone, hair_color, str(rng.choice(IRISES)), rng)
+    male = body.phenotype.gender < 0.5
+    beard = float(np.clip(rng.uniform(-0.8, 0.8), 0, 0.75)) * male
+    skin = skin_texture(tone, hair_color, str(rng.choice(IRISES)), rng, beard)
     meshes, hidden, under_top = _upper(body, chart, clothes, rng)
     lower, under_bottom = _lower(body, chart, clothes, under_top, rng)
     meshes += lower
@@ -145,7 +147,8 @@ def _feet(
 
 
 def _cloth(garment: Top | Bottom, fabric: Fabric, places: Marks, rng: np.random.Generator) -> Cloth:
-    """Fabric and finish of a garment; jeans are faded."""
-    details = garment.details + (("faded",) if fabric.pattern == "denim" else ())
+    """Fabric and finish of a garment: jeans are faded, gradients run down it."""
+    dyed = {"denim": ("faded",), "gradient": ("gradient",)}.get(fabric.pattern, ())
+    details = (*dyed, *garment.details)
     crumple = garment.crumple * (0.6 + 0.8 * fabric.wear)
     return Cloth(fabric_texture(fabric, rng), TILE_M, rng, crumple, details, places)

@@ -18,7 +18,7 @@ BAREFOOT = "barefoot"
 NO_SOCKS = "no_socks"
 TOP_PATTERNS = {
     "plain": 5, "stripes": 4, "checks": 2, "gingham": 1, "dots": 1, "shapes": 2,
-    "camouflage": 1, "marl": 2, "pinstripes": 1, "knit": 1,
+    "camouflage": 1, "marl": 2, "pinstripes": 1, "knit": 1, "gradient": 2,
 }  # fmt: skip
 WARM_PATTERNS = {"plain": 5, "knit": 3, "marl": 3, "stripes": 1, "checks": 1, "camouflage": 1}
 BOTTOM_PATTERNS = {"denim": 5, "plain": 5, "marl": 2, "pinstripes": 1, "checks": 1, "camouflage": 1}

@@ -92,18 +92,19 @@ def make_shell(
     # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
     flat = cut.covered(body.vertices) & (chart.piece == TORSO)
     least = np.where(flat, np.maximum(gap - 0.006, 0.0015), gap)
-    cloth = _push_out(body.vertices, chart.normals, near, gap + looseness, least, rounds)
+    average = averaging(near)
+    cloth = _push_out(body.vertices, chart.normals, average, gap + looseness, least, rounds)
     if fall is not None:
         cloth = fall(cloth)
-    weights = smooth_weights(near, TIGHT)
+    weights = smooth_weights(average, TIGHT)
     if drape is not None:
-        wide = smooth_weights(near, WIDE)
+        wide = smooth_weights(average, WIDE - TIGHT, weights)
         weights = weights + drape[:, None] * (wide - weights)
     faces = anatomy().faces
     faces = faces[near[faces].all(1)]
     if buried is not None:
         faces = faces[~buried[faces].all(1)]
-    average, light = averaging(near), anatomy().openness.astype(float)
+    light = anatomy().openness.astype(float)
     for _ in range(4):  # cloth bridges the skin's small hollows
         light = 0.5 * light + 0.5 * (average @ light)
     mix = sp.csr_matrix(sp.identity(len(near)))
@@ -116,18 +117,23 @@ def make_shell(
             skin=mix @ body.vertices,
             faces=faces,
             weights=mix @ weights,
-            piece=chart.piece[np.asarray(mix.argmax(axis=1)).ravel()],
+            piece=chart.piece[mix.indices[mix.indptr[:-1]]],
             light=mix @ light,
         )
     )
 
 
-def smooth_weights(patch: Bool[Array, "N"], rounds: int) -> Float[Array, "N 21"]:
-    """Skin weights on all bodies, averaged over neighbours so that cloth bends less sharply."""
-    shape = anatomy()
-    weights = np.zeros((len(shape.bones), len(BODIES)))
-    np.put_along_axis(weights, shape.bones, shape.weights, 1)
-    average = averaging(patch)
+def smooth_weights(
+    average: sp.csr_matrix, rounds: int, weights: Float[Array, "N 21"] | None = None
+) -> Float[Array, "N 21"]:
+    """Skin weights on all bodies (or those given), averaged so that cloth bends less sharply.
+
+    `average` is `chart.averaging` of the patch.
+    """
+    if weights is None:
+        shape = anatomy()
+        weights = np.zeros((len(shape.bones), len(BODIES)))
+        np.put_along_axis(weights, shape.bones, shape.weights, 1)
     for _ in range(rounds):
         weights = 0.5 * weights + 0.5 * (average @ weights)
     return weights
@@ -184,13 +190,13 @@ def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array,
 def _push_out(
     skin: Float[Array, "N 3"],
     normals: Float[Array, "N 3"],
-    patch: Bool[Array, "N"],
+    average: sp.csr_matrix,
     distance: Float[Array, "N"],
     least: Float[Array, "N"],
     rounds: int,
 ) -> Float[Array, "N 3"]:
     """Move a surface outward by a distance, smooth it, and keep it the least distance off."""
-    average, outward = averaging(patch), normals
+    outward = normals
     for _ in range(4):
         outward = 0.5 * outward + 0.5 * (average @ outward)
     cloth = skin + unit(outward) * distance[:, None]

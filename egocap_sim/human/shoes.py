@@ -11,12 +11,13 @@ from scipy.spatial import ConvexHull, KDTree
 
 from egocap_sim.bodies import INDEX
 from egocap_sim.human.anny_model import BareBody, anatomy
+from egocap_sim.human.chart import averaging
 from egocap_sim.human.sewing import strongest
 from egocap_sim.human.shell import smooth_weights
 from egocap_sim.human.skin import PART_OF_BODY
 from egocap_sim.mesh import Mesh
 
-DIRECTIONS = 36  # corners of each ring
+DIRECTIONS = 28  # corners of each ring
 SOLE_ROWS = 0.25  # share of the texture, from its foot, that shows the sole
 
 
@@ -106,7 +107,7 @@ def _rings(
     add(base, 0.004, 0.94)
     add(base, shoe.sole, foot_of_texture + 0.01)
     add(middle + 0.975 * (base - middle), shoe.sole + 0.001, foot_of_texture - 0.01)
-    levels = np.linspace(shoe.sole + 0.012, top, 8)
+    levels = np.linspace(shoe.sole + 0.012, top, 7)
     for z in levels:
         share = (z - shoe.sole) / (top - shoe.sole)
         add(_outline(foot, z - 0.012, shoe.room), z, (1 - share) * (foot_of_texture - 0.02))
@@ -153,7 +154,7 @@ def _skin_rings(count: int) -> Array:
 
 def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "M 21"]:
     """Skin weights of the nearest skin, averaged, each shoe following its own leg only."""
-    weights = smooth_weights(np.ones(len(body.vertices), bool), 4)
+    weights = smooth_weights(averaging(np.ones(len(body.vertices), bool)), 4)
     result = np.zeros((len(points), weights.shape[1]))
     for sign in (1, -1):
         mine, skin = sign * points[:, 1] > 0, sign * body.vertices[:, 1] > 0

@@ -26,6 +26,7 @@ TEXTURE_SIZE = 512
 # Where things sit in MakeHuman's texture layout: shares of the width and height.
 EYES = ((0.7666, 0.0488), (0.8066, 0.0488), (0.7783, 0.0625), (0.7930, 0.0625))
 MOUTH = (0.9092, 0.5147)
+BEARD = (((0.948, 0.5147), (0.034, 0.052)), ((0.894, 0.5147), (0.010, 0.024)))  # jaw, upper lip
 BROWS = ((0.8203, 0.4780), (0.8203, 0.5513))
 
 PART_OF_BODY = np.array([wearer_part(b) for b in BODIES], np.uint8)
@@ -42,9 +43,16 @@ def tone_color(tone: float) -> Float[Array, "3"]:
 
 
 def skin_texture(
-    tone: float, hair: Float[Array, "3"], iris: str, rng: np.random.Generator
+    tone: float,
+    hair: Float[Array, "3"],
+    iris: str,
+    rng: np.random.Generator,
+    beard: float = 0.0,
 ) -> UInt8[Array, "H W 3"]:
-    """Skin with soft mottling, lips, brows and eyes, in anny's texture layout."""
+    """Skin with soft mottling, lips, brows and eyes, in anny's texture layout.
+
+    `beard` (0 to 1) darkens chin, cheeks and upper lip toward the colour of the hair.
+    """
     n = TEXTURE_SIZE
     base = tone_color(tone).astype(np.float32)
     mottle = 0.6 * smooth_noise(n, 24, rng) + 0.4 * smooth_noise(n, 64, rng)
@@ -52,6 +60,8 @@ def skin_texture(
     image = np.broadcast_to(base, (n, n, 3)) * (1 + 0.05 * mottle[..., None])
     image = image * (1 + redness[..., None] * np.array([0.02, -0.01, -0.01]))
     image = _weathered(image, tone)
+    for at, radii in BEARD if beard else ():
+        _paint(image, at, radii, 0.6 * hair + 0.4 * base * 0.6, beard)
     lips = base * np.array([0.92, 0.70, 0.70])
     _paint(image, MOUTH, (0.0085, 0.024), lips, 0.8)
     for brow in BROWS:

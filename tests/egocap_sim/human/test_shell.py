@@ -57,7 +57,8 @@ def test_border_of_a_square():
 
 def test_smoothed_weights_still_sum_to_one():
     from egocap_sim.human.anny_model import anatomy
+    from egocap_sim.human.chart import averaging
 
     n = len(anatomy().owner)
-    weights = smooth_weights(np.arange(n) % 3 > 0, 4)
+    weights = smooth_weights(averaging(np.arange(n) % 3 > 0), 4)
     assert weights.sum(1) == pytest.approx(1)

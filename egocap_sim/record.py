@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import egocap
 from egocap.errors import MachineError
 from egocap.rig import Rig
 from egocap.sequence import SCHEMA, SENSOR, TRUE_RIG, Manifest, Sequence, ShardEntry, Truth
@@ -43,6 +42,7 @@ from egocap_sim.stage import (
 )
 from egocap_sim.trajectory import PhysicsStats
 from egocap_sim.truth import truth_before_rendering
+from egocap_sim.version import code_version
 
 if TYPE_CHECKING:
     from egocap_sim.frames import FrameMaker
@@ -97,7 +97,7 @@ def generate(
         seed=scene.seed,
         config=config,
         config_sha256=_digest(config),
-        code_version=egocap.__version__,
+        code_version=code_version(),
     )
     check_place(scene)
     check_things(scene)

@@ -19,6 +19,7 @@ from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.cycle import CycleParams, cycle, fit_rider
 from egocap_sim.motion.dribble import DribbleParams, dribble
 from egocap_sim.motion.gestures import GESTURES, GestureParams, gesticulate
+from egocap_sim.motion.hold import HoldParams, hold
 from egocap_sim.motion.juggle import JuggleParams, juggle
 from egocap_sim.motion.postures import (
     IdleParams,
@@ -33,6 +34,7 @@ from egocap_sim.motion.postures import (
 from egocap_sim.motion.retarget import Reference
 from egocap_sim.motion.sequence import concatenate
 from egocap_sim.motion.walk import WalkParams, walk
+from egocap_sim.motion.work import WorkParams, work
 
 PART_S = 4.5  # seconds the shortest part of a sequence takes
 USUAL_PARTS = ("walk", "gestures", "look_around", "squat", "sit")
@@ -82,6 +84,7 @@ _LIMITS: dict[str, tuple[float, float]] = {
     "bounce": (0.0, 2.0), "lean": (-0.2, 0.4), "pace": (0.5, 2.0), "size": (0.4, 1.15),
     "crossover": (0.0, 1.0), "flight": (0.45, 0.8), "dwell": (0.2, 0.4),
     "ride_speed": (2.0, 8.0), "ride_radius": (4.0, 12.0), "cadence": (40.0, 110.0),
+    "height": (-0.4, -0.2),
     "depth": (0.1, 1.0), "seat": (0.35, 0.6), "stay": (0.0, 600.0), "yaw": (0.1, 1.3),
 }  # fmt: skip
 
@@ -94,6 +97,8 @@ MOTIONS: dict[str, Motion] = {
     "idle": Motion(idle, IdleParams, "stand, breathe, shift weight"),
     "dribble": Motion(dribble, DribbleParams, "dribble a ball while walking about"),
     "cycle": Motion(cycle, CycleParams, "ride a bicycle around", mounted=fit_rider),
+    "hold": Motion(hold, HoldParams, "use a phone, a cup or a newspaper, standing"),
+    "work": Motion(work, WorkParams, "work with both hands at a counter, standing"),
     "juggle": Motion(juggle, JuggleParams, "juggle three balls, standing"),
     "sequence": Motion(_sequence, SequenceParams, "several motions, one after another"),
 } | {

@@ -71,6 +71,10 @@ class Score:
         self._trunk = _Track([np.zeros(3)])  # yaw, pitch (forward), roll
         self._pelvis = _Track([np.zeros(3)])  # forward, left, up: metres
 
+    def begin(self, hand: int, key: Hand) -> None:
+        """Start with a hand at a key, before anything moves it."""
+        self._hands[hand] = _Track([key.row])
+
     def reach_time(self, hand: int, key: Hand) -> float:
         """Seconds a natural move to a key takes."""
         last = self._hands[hand].rows[-1]

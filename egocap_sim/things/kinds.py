@@ -12,7 +12,9 @@ from egocap_sim.extras import Extra
 from egocap_sim.scene import ThingTable
 from egocap_sim.things.balls import basketball, juggled
 from egocap_sim.things.bicycle import bicycle
+from egocap_sim.things.handheld import cup, newspaper, phone
 from egocap_sim.things.performance import Performance
+from egocap_sim.things.standing import chair, counter, sofa, table
 
 Maker = Callable[[ThingTable, Performance, np.random.Generator], list[Extra]]
 
@@ -30,6 +32,14 @@ KINDS: dict[str, Kind] = {
     "ball": Kind(basketball, "dribble"),
     "bicycle": Kind(bicycle, "cycle"),
     "juggling_balls": Kind(juggled, "juggle"),
+    "phone": Kind(phone, held=True),
+    "cup": Kind(cup, held=True),
+    "newspaper": Kind(newspaper, "hold"),
+    "table": Kind(table),
+    "desk": Kind(table),
+    "counter": Kind(counter),
+    "chair": Kind(chair),
+    "sofa": Kind(sofa),
 }
 
 

@@ -14,6 +14,7 @@ from egocap_sim.motion.juggle import cascade
 from egocap_sim.motion.procedural import MOTIONS, make_motion, motion_parameters
 from egocap_sim.motion.retarget import retarget
 from egocap_sim.motion.sampling import sample_reference
+from egocap_sim.others import limb_points
 from egocap_sim.scene import MotionTable, ThingTable
 from egocap_sim.streams import stream
 from egocap_sim.things import balls
@@ -129,6 +130,44 @@ def test_a_ride_leans_into_its_bends_and_comes_back():
 
 def test_the_figure_is_as_long_as_itself(stand_in):
     assert leg_scale(stand_in) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["phone", "cup"])
+def test_a_held_thing_stays_in_its_hand(stand_in, kind):
+    performance = perform(stand_in, "hold", seconds=2.0)
+    for hand, name in enumerate(("left", "right")):
+        (thing,) = make_thing(
+            ThingTable(kind=kind, hand=name), performance, np.random.default_rng(0)
+        )
+        palm = performance.held(hand, performance.palms[hand].centre)
+        gap = np.linalg.norm(thing.skinning[:, 0, :3, 3] - palm, axis=1)
+        assert gap.max() < 0.05 and np.ptp(gap) < 1e-9
+
+
+@pytest.mark.parametrize(("kind", "motion"), [("counter", "work"), ("desk", "idle")])
+def test_no_limb_is_inside_a_table(stand_in, kind, motion):
+    performance = perform(stand_in, motion)
+    (thing,) = make_thing(ThingTable(kind=kind), performance, np.random.default_rng(0))
+    points = limb_points(performance.bodies).reshape(-1, 3)
+    for mesh in thing.actor.meshes:
+        low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+        inside = ((points > low) & (points < high)).all(1)
+        assert not inside.any(), mesh.name
+        assert low[0] < 1.0  # near enough to hide legs
+
+
+def test_a_seat_is_under_who_sits(stand_in):
+    performance = perform(stand_in, "sit")
+    for kind, name in (("chair", "seat"), ("sofa", "cushion")):
+        (thing,) = make_thing(ThingTable(kind=kind), performance, np.random.default_rng(0))
+        seat = next(m for m in thing.actor.meshes if m.name == name)
+        k = performance.bodies[:, 0, 2, 3].argmin()
+        pelvis = performance.bodies[k, 0, :3, 3]
+        low, high = seat.vertices.min(0), seat.vertices.max(0)
+        assert (low[:2] < pelvis[:2]).all() and (pelvis[:2] < high[:2]).all()
+        assert 0.3 < high[2] < pelvis[2]
+    with pytest.raises(InputError, match="nobody sits"):
+        make_thing(ThingTable(kind="sofa"), perform(stand_in, "idle"), np.random.default_rng(0))
 
 
 def test_wrong_things_are_told():

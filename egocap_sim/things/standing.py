@@ -1,0 +1,141 @@
+"""Furniture that the wearer uses or that is in the way, fitted to what the wearer does."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap.geometry import transform
+from egocap_sim import surfaces
+from egocap_sim.bodies import INDEX
+from egocap_sim.extras import Extra
+from egocap_sim.mesh import Mesh
+from egocap_sim.others import limb_points
+from egocap_sim.scene import ThingTable
+from egocap_sim.shapes import box, cylinder, placed
+from egocap_sim.things.moving import resting
+from egocap_sim.things.performance import Performance
+
+_FLESH = 0.10  # metres of skin and cloth around the points inside limbs
+_FARTHEST = 1.3  # metres ahead: farther off, a table is not in the way of anything
+
+
+def table(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+    """A table before the wearer."""
+    wide, deep, high = rng.uniform(1.2, 1.6), rng.uniform(0.6, 0.8), rng.uniform(0.70, 0.76)
+    front = _front(performance, wide, high - 0.12, high)
+    return [resting("table", _table(rng, front, wide, deep, high), len(performance.times))]
+
+
+def counter(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+    """A kitchen counter before the wearer, with pans and bowls; as high as the hands allow."""
+    points = limb_points(performance.bodies)
+    hands = [performance.held(k, performance.palms[k].centre)[:, 2] for k in (0, 1)]
+    busy = np.concatenate(hands)[np.concatenate(hands) > 0.75]
+    lowest = float(busy.min()) - 0.02 if len(busy) else 0.92
+    high = float(np.clip(lowest, 0.75, 0.95))
+    below = points[points[..., 2] < high - 0.1]
+    front = float(below[:, 0].max()) + 0.03 if len(below) else 0.3
+    if front > _FARTHEST:
+        raise InputError(f"there is no room for a {thing.kind}: the wearer walks about")
+    wood, top = surfaces.wood(rng), surfaces.lacquer(rng)
+    wide, deep = rng.uniform(1.8, 2.4), 0.6
+    middle = (front + deep / 2, 0.0)
+    meshes = [
+        box("counter", (middle[0] + 0.03, 0, high / 2 - 0.02), (deep - 0.06, wide, high - 0.04),
+            wood.texture, wood.tile),
+        box("worktop", (*middle, high - 0.02), (deep, wide, 0.04), top.texture, shininess=0.3),
+    ]  # fmt: skip
+    for _ in range(5):
+        y = rng.uniform(-wide / 2 + 0.15, wide / 2 - 0.15)
+        paint = surfaces.lacquer(rng).texture
+        r, tall = rng.uniform(0.04, 0.11), rng.uniform(0.05, 0.2)
+        meshes.append(
+            cylinder(
+                "pot", (front + deep - 0.12, y, high), (0.8 * r, r), tall, paint, shininess=0.3
+            )
+        )
+    return [resting("counter", meshes, len(performance.times))]
+
+
+def chair(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+    """A chair where the wearer sits down."""
+    at, yaw, seat = _seat(thing, performance)
+    cloth, frame = surfaces.cloth(rng), surfaces.wood(rng)
+    meshes = [box("seat", (0, 0, seat - 0.025), (0.44, 0.46, 0.05), cloth.texture, cloth.tile)]
+    for x in (-0.2, 0.2):
+        for y in (-0.2, 0.2):
+            meshes.append(box("leg", (x, y, seat / 2 - 0.025), (0.04, 0.04, seat - 0.05),
+                              frame.texture))  # fmt: skip
+    meshes.append(
+        box("back", (-0.26, 0, seat + 0.27), (0.03, 0.44, 0.46), frame.texture, frame.tile)
+    )
+    return [resting("chair", placed(meshes, (*at, 0.0), yaw), len(performance.times))]
+
+
+def sofa(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+    """A sofa where the wearer sits down."""
+    at, yaw, seat = _seat(thing, performance)
+    cloth = surfaces.cloth(rng)
+    wide = rng.uniform(1.7, 2.2)
+    look = (cloth.texture, cloth.tile)
+    meshes: list[Mesh] = [
+        box("cushion", (-0.05, 0, seat - 0.08), (0.66, wide, 0.16), *look),
+        box("base", (-0.08, 0, (seat - 0.16) / 2), (0.6, wide, seat - 0.16), *look),
+        box("back", (-0.46, 0, 0.2 + seat / 2), (0.2, wide, 0.45 + seat), *look),
+    ]
+    for y in (-wide / 2 - 0.09, wide / 2 + 0.09):
+        meshes.append(box("arm", (-0.12, y, 0.31), (0.7, 0.18, 0.62), *look))
+    return [resting("sofa", placed(meshes, (*at, 0.0), yaw), len(performance.times))]
+
+
+def _front(performance: Performance, wide: float, low: float, high: float) -> float:
+    """Nearest x at which a top between two heights touches no limb in any frame."""
+    points = limb_points(performance.bodies).reshape(-1, 3)
+    level = (points[:, 2] > low - _FLESH) & (points[:, 2] < high + _FLESH)
+    beside = np.abs(points[:, 1]) < wide / 2 + _FLESH
+    near = points[level & beside, 0]
+    front = float(near.max()) + _FLESH if len(near) else 0.3
+    if front > _FARTHEST:
+        raise InputError("there is no room for a table: the wearer walks or reaches about")
+    return front
+
+
+def _seat(thing: ThingTable, performance: Performance) -> tuple[Float[Array, "2"], float, float]:
+    """Where, which way and how high the wearer sits: under the pelvis at its lowest."""
+    person, pelvis = performance.person, performance.bodies[:, 0]
+    k = int(pelvis[:, 2, 3].argmin())
+    if pelvis[k, 2, 3] > 0.8 * person.joints[0, 2]:
+        raise InputError(
+            f"nobody sits on the {thing.kind}", valid="a motion in which one sits down"
+        )
+    owner = person.body_owner.astype(int)
+    lowest = min(
+        transform(performance.bodies[k, b], person.body_vertices[owner == b] - person.joints[b])[
+            :, 2
+        ].min()
+        for b in (INDEX["pelvis"],)
+    )
+    forward = pelvis[k, :2, 0]
+    yaw = float(np.arctan2(forward[1], forward[0]))
+    return pelvis[k, :2, 3] + 0.05 * forward / np.linalg.norm(forward), yaw, float(lowest) + 0.01
+
+
+def _table(
+    rng: np.random.Generator, front: float, wide: float, deep: float, high: float
+) -> list[Mesh]:
+    wood = surfaces.wood(rng)
+    x = front + deep / 2
+    meshes = [box("top", (x, 0, high - 0.015), (deep, wide, 0.03), wood.texture, wood.tile)]
+    for dx in (0.05, deep - 0.05):
+        for y in (-wide / 2 + 0.06, wide / 2 - 0.06):
+            leg = (front + dx, y, high / 2 - 0.015)
+            meshes.append(box("leg", leg, (0.05, 0.05, high - 0.03), wood.texture, wood.tile))
+    for _ in range(int(rng.integers(2, 5))):
+        size = (rng.uniform(0.12, 0.25), rng.uniform(0.1, 0.3), rng.uniform(0.015, 0.1))
+        at = (front + rng.uniform(0.2, deep - 0.15), rng.uniform(-0.5, 0.5) * wide * 0.8)
+        paint = surfaces.lacquer(rng).texture
+        meshes.append(box("book", (*at, high + size[2] / 2), size, paint))
+    return meshes

@@ -29,7 +29,7 @@ CACHE_LINE = 32
 DARK = np.float32(1e-5)
 """What lies behind this transmittance is not looked at."""
 
-ERF_ERROR = 1e-6
+ERF_ERROR = 2e-6
 """Bound of the error of `edge_values` against the error function, in single precision.
 
 The formula's own bound is 1.5e-7 (Abramowitz & Stegun 1964, equation 7.1.26).

@@ -69,12 +69,13 @@ def density_at(rays: RayGaussians, s: Float[Tensor, "*batch P S"]) -> Float[Tens
 
 
 def sampled_visibility(
-    rays: RayGaussians, samples: int = 5, reach: float = 4.0
+    rays: RayGaussians, samples: int = 9, reach: float = 4.0
 ) -> Float[Tensor, "*batch P G"]:
     """Equation 4 by midpoints of `samples` equal steps over m +- reach sigma of every Gaussian.
 
     Points behind the camera count nothing. For Gaussians all in front of the camera the error
-    falls faster than any power of the step, once the step resolves the absorption.
+    falls faster than any power of the step: 2 % of the light with 5 points, 0.03 % with 9 (study in
+    evals/image_model.py). A camera within a Gaussian cuts it off, and then convergence is slow.
     """
     step = 2.0 * reach / samples
     places = rays.middle.new_tensor([(k + 0.5) * step - reach for k in range(samples)])

@@ -61,7 +61,7 @@ def test_cells_meet_brute_force_with_an_error_of_second_order(name):
 def test_samples_meet_brute_force(name):
     truth = brute(CASES[name])
     assert np.abs(sampled_visibility(CASES[name], 41, 5.0).numpy() - truth).max() < 1e-4
-    assert np.abs(sampled_visibility(CASES[name], 5).numpy() - truth).max() < 0.2
+    assert np.abs(sampled_visibility(CASES[name], samples=5).numpy() - truth).max() < 0.25
 
 
 def test_cells_conserve_light_and_are_never_negative():

@@ -14,6 +14,7 @@ from egocap_sim.human.anny_export import shape_data
 from egocap_sim.human.anny_source import REGIONS
 from egocap_sim.human.phenotype import Phenotype, blend_weights
 
+EYE, EYE_RADIUS = (0.94, 0.94), 0.05  # where the skin's texture shows the front of the eyes
 HEIGHT_BAND = (0.3, 0.7)  # outside it the limbs of the height targets lose their proportions
 
 BONE_OF_BODY: dict[str, str] = {
@@ -77,13 +78,27 @@ def anatomy() -> Anatomy:
     return Anatomy(
         faces=data["faces"],
         region=data["region"],
-        uv=data["uv"],
+        uv=_with_large_eyes(data),
         face_uv=data["face_uv"],
         bones=bones.astype(np.int32),
         weights=weights / weights.sum(1, keepdims=True),
         owner=bones[:, 0].astype(np.int32),
         openness=data["openness"],
     )
+
+
+def _with_large_eyes(data: dict[str, Array]) -> Float[Array, "U 2"]:
+    """Texture coordinates with both eyes' fronts in an unused corner, ten times their size."""
+    uv = data["uv"].astype(float)
+    for side in ("eye_front.L", "eye_front.R"):
+        mine = data["region"] == REGIONS.index(side)
+        corner, vertex = data["face_uv"][mine].ravel(), data["faces"][mine].ravel()
+        place = data["vertices"][vertex]
+        low, high = place.min(0), place.max(0)
+        half = (high - low)[1:].max() / 2
+        across = (place[:, 1:] - (low + high)[1:] / 2) / half
+        uv[corner] = np.array(EYE) + EYE_RADIUS * across * [1, -1]
+    return uv
 
 
 def bare_body(phenotype: Phenotype, height_m: float | None = None) -> BareBody:

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from egocap_sim.bodies import BODIES
 from egocap_sim.human.anny_export import shape_data
-from egocap_sim.human.anny_model import BareBody, anatomy
+from egocap_sim.human.anny_model import EYE, EYE_RADIUS, BareBody, anatomy
 from egocap_sim.human.noise import smooth_noise
 from egocap_sim.human.skin_maps import NAIL, OPEN, RED
 from egocap_sim.mesh import Mesh
@@ -24,10 +24,9 @@ IRISES: tuple[str, ...] = ("#4a2f1b", "#5b3a1e", "#7a5a30", "#5f6b3c", "#4f6d86"
 
 TEXTURE_SIZE = 512
 # Where things sit in MakeHuman's texture layout: shares of the width and height.
-EYES = ((0.7666, 0.0488), (0.8066, 0.0488), (0.7783, 0.0625), (0.7930, 0.0625))
-MOUTH = (0.9092, 0.5147)
-BEARD = (((0.948, 0.5147), (0.034, 0.052)), ((0.894, 0.5147), (0.010, 0.024)))  # jaw, upper lip
-BROWS = ((0.8203, 0.4780), (0.8203, 0.5513))
+MOUTH = (0.9092, 0.5168)
+BEARD = (((0.948, 0.5168), (0.034, 0.052)), ((0.894, 0.5168), (0.010, 0.024)))  # jaw, upper lip
+BROWS = ((0.8203, 0.4800), (0.8203, 0.5536))
 
 PART_OF_BODY = np.array([wearer_part(b) for b in BODIES], np.uint8)
 
@@ -65,11 +64,8 @@ def skin_texture(
     lips = base * np.array([0.92, 0.70, 0.70])
     _paint(image, MOUTH, (0.0085, 0.024), lips, 0.8)
     for brow in BROWS:
-        _paint(image, brow, (0.004, 0.016), hair * 0.8, 0.85)
-    for eye in EYES:
-        _paint(image, eye, (0.012, 0.012), np.array([0.88, 0.86, 0.84]), 1.0)
-    for eye in EYES[:2]:
-        _paint(image, eye, (0.0022, 0.0022), rgb(iris), 1.0)
+        _paint(image, brow, (0.0034, 0.015), hair * 0.8, 0.75)
+    _paint_eye(image, rgb(iris))
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
 
 
@@ -109,6 +105,19 @@ def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array
 def rgb(code: str) -> Float[Array, "3"]:
     """sRGB from 0 to 1 of a '#rrggbb' code."""
     return np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+
+def _paint_eye(image: Array, iris: Float[Array, "3"]) -> None:
+    """An eyeball from the front, darker under the upper lid. Its radius is 12 mm, the iris' 6."""
+    for radius, color in (
+        (1.3, np.array([0.86, 0.83, 0.80])),
+        (0.46, iris * 0.45),
+        (0.40, iris),
+        (0.18, np.array([0.02, 0.02, 0.02])),
+    ):
+        _paint(image, EYE, (radius * EYE_RADIUS, radius * EYE_RADIUS), color, 1.0)
+    x, y = (EYE[0] - 0.12 * EYE_RADIUS, EYE[1] - 0.14 * EYE_RADIUS)
+    _paint(image, (x, y), (0.07 * EYE_RADIUS, 0.07 * EYE_RADIUS), np.ones(3), 0.9)
 
 
 def _paint(image: Array, at: tuple, radii: tuple, color: Array, strength: float) -> None:

@@ -134,7 +134,8 @@ def _feet(
     shoe, bottom = SHOES[clothes.shoes], BOTTOMS[clothes.bottom]
     if isinstance(bottom, Bottom) and bottom.leg > UNDER_TROUSERS:
         shoe = replace(shoe, collar=min(shoe.collar, 0.02))  # or it would stand out at the heel
-    shoes, hidden = make_shoes(body, shoe, shoe_texture(leather, rgb(PALETTE[clothes.sole_color])))
+    texture = shoe_texture(leather, rgb(PALETTE[clothes.sole_color]), shoe.laced)
+    shoes, hidden = make_shoes(body, shoe, texture)
     meshes = [shoes]
     if clothes.socks != NO_SOCKS:
         socks = fit_socks(body, chart, SOCKS[clothes.socks], hidden | under_bottom)

@@ -28,11 +28,12 @@ class Shoe:
     collar: float
     sole: float
     room: float  # m around the foot
+    laced: bool = True
 
 
 SHOES: dict[str, Shoe] = {
     "sneakers": Shoe(0.0, 0.026, 0.007),
-    "loafers": Shoe(-0.012, 0.016, 0.004),
+    "loafers": Shoe(-0.012, 0.016, 0.004, laced=False),
     "high_tops": Shoe(0.05, 0.024, 0.008),
     "boots": Shoe(0.09, 0.030, 0.010),
 }
@@ -78,10 +79,22 @@ def make_shoes(
     return mesh, covered
 
 
-def shoe_texture(upper: UInt8[Array, "H W 3"], sole: Float[Array, "3"]) -> UInt8[Array, "H W 3"]:
-    """The upper's fabric above a plain band for the sole."""
+def shoe_texture(
+    upper: UInt8[Array, "N N 3"], sole: Float[Array, "3"], laced: bool = True
+) -> UInt8[Array, "H W 3"]:
+    """The upper's fabric, stitched, above a plain band for the sole.
+
+    Columns run from the heel to the tip, rows from the collar down.
+    """
     image = np.tile(upper, (4, 4, 1))
-    rows = round(len(image) * SOLE_ROWS)
+    n = len(image)
+    rows = round(n * SOLE_ROWS)
+    for place in (0.17, 0.80):  # heel counter and toe cap
+        column = slice(round(place * n), round(place * n) + 4)
+        image[:, column] = np.rint(0.6 * image[:, column])
+    lace = 225 if upper.mean() < 150 else 70
+    for place in np.linspace(0.50, 0.70, 6) if laced else ():
+        image[n // 12 : n // 3, round(place * n) : round(place * n) + 7] = lace
     image[-rows:] = np.rint(sole * 255)
     image[-rows : -rows + 6] = np.rint(sole * 160)
     return image

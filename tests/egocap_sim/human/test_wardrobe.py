@@ -76,7 +76,7 @@ def test_sampled_people_are_plausible(seed):
     assert json.loads(json.dumps(someone.description)) == someone.description
     lowest = min(m.vertices[:, 2].min() for m in someone.actor.meshes)
     assert abs(lowest) < 0.01
-    assert sum(len(m.faces) for m in someone.actor.meshes) <= 30_000
+    assert sum(len(m.faces) for m in someone.actor.meshes) <= 22_000
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -67,6 +67,7 @@ def generate(
     out: Path,
     overrides: Annotated[Overrides, tyro.conf.OmitArgPrefixes] = Overrides(),
     workers: int = 2,
+    cluster: Annotated[str | None, _shown("ADDRESS")] = None,
     json: bool = False,
 ) -> int:
     """Simulate scenes and render them into sequences; run again to continue after a kill.
@@ -76,6 +77,7 @@ def generate(
         out: folder of the sequence; with several scenes, one folder in it for each.
         overrides: what to change in the scenes.
         workers: rendering processes.
+        cluster: Dask scheduler whose workers render instead, e.g. tcp://host:8786.
         json: print the summary as JSON; with several scenes, a list of them.
     """
     from egocap.errors import InputError
@@ -93,7 +95,9 @@ def generate(
         raise InputError(f"two scenes are called '{twice[0]}'", valid="a folder for each name")
     done = []
     for file, scene in zip(files, loaded, strict=True):
-        summary = _generate(scene, file, out / scene.name if len(loaded) > 1 else out, workers)
+        summary = _generate(
+            scene, file, out / scene.name if len(loaded) > 1 else out, workers, cluster
+        )
         done.append(_as_json(summary))
         if not json:
             _print_summary(summary)
@@ -278,14 +282,16 @@ def _set(table: dict, key: str, value: object) -> None:
         table[key] = value
 
 
-def _generate(scene: Scene, file: Path, folder: Path, workers: int) -> Summary:
+def _generate(scene: Scene, file: Path, folder: Path, workers: int, cluster: str | None) -> Summary:
     from egocap.errors import FileError
     from egocap_sim.record import generate as generate_sequence
     from egocap_sim.stage import SceneError
 
     try:
         with progress(scene.name, scene.frames) as advance:
-            return generate_sequence(scene, folder, workers=workers, on_frames=advance)
+            return generate_sequence(
+                scene, folder, workers=workers, cluster=cluster, on_frames=advance
+            )
     except SceneError as error:
         raise FileError(file, error.problem, key=error.key) from None
 

@@ -8,23 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing as mp
-import os
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from egocap.errors import MachineError
 from egocap.rig import Rig
 from egocap.sequence import SCHEMA, SENSOR, TRUE_RIG, Manifest, Sequence, ShardEntry, Truth
-from egocap.sequence_writer import SequenceWriter, disk_errors, write_shard
+from egocap.sequence_writer import SequenceWriter, disk_errors
 from egocap_sim.scene import Scene, to_toml
 from egocap_sim.sensor.film import Film, load_film
 from egocap_sim.stage import (
@@ -32,26 +26,19 @@ from egocap_sim.stage import (
     check_place,
     check_things,
     config_of,
-    extras_of,
     perform,
     perform_finely,
     person_of,
-    place_of,
     rig_of,
     sensor_of,
 )
 from egocap_sim.trajectory import PhysicsStats
 from egocap_sim.truth import truth_before_rendering
 from egocap_sim.version import code_version
+from egocap_sim.workers import DRAFT, render_locally
 
 if TYPE_CHECKING:
-    from egocap_sim.frames import FrameMaker
-
-_THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Thread counts of Mesa's software OpenGL and of the numeric libraries."""
-_DRAFT = (
-    "truth.draft.tmp"  # truth before rendering, for the workers; gone when the sequence is whole
-)
+    pass
 
 
 @dataclass(frozen=True)
@@ -76,10 +63,13 @@ def generate(
     out: Path,
     *,
     workers: int = 1,
+    cluster: str | None = None,
     on_frames: Callable[[int], None] = lambda frames: None,
 ) -> Summary:
     """Make, or complete, the sequence of a scene in folder `out`.
 
+    Shards are rendered by `workers` processes here or, where `cluster` is the address of a Dask
+    scheduler, by its workers.
     `on_frames` is called with the number of frames each finished shard adds, first with those an
     earlier run left. Raises SceneError, InputError or FileError for a bad scene, motion or output
     folder, before anything is written; MachineError when GL is missing, the disk is full or a
@@ -118,12 +108,17 @@ def generate(
             film, draft = load_film(draft, person, poses, rig, sensor, scene.seed)
         writer.begin()
         with disk_errors(out):
-            draft.save(out / _DRAFT)
+            draft.save(out / DRAFT)
             if film is not None:
                 film.save(out)
         pending = [(i, writer.frames_of(i)) for i in writer.pending()]
         start = time.perf_counter()
-        _render_shards(scene, out, pending, workers, writer.enter_shard, on_frames)
+
+        def enter(entry: ShardEntry) -> None:
+            writer.enter_shard(entry)
+            on_frames(len(entry.frames))
+
+        _render(scene, out, pending, workers, cluster, enter)
         seconds = time.perf_counter() - start
         _finish(writer, draft, film)
     rendered = sum(len(frames) for _, frames in pending)
@@ -147,44 +142,20 @@ def _rig_file(rig: Rig) -> bytes:
     return (json.dumps(rig.to_dict(), indent=1) + "\n").encode()
 
 
-def _render_shards(
+def _render(
     scene: Scene,
     out: Path,
     pending: list[tuple[int, range]],
     workers: int,
+    cluster: str | None,
     enter: Callable[[ShardEntry], None],
-    on_frames: Callable[[int], None],
 ) -> None:
-    """Render shards in spawned workers and enter each as it is done."""
-    workers = max(1, min(workers, len(pending)))
-    threads = str(max(1, (os.cpu_count() or 1) // workers))
-    before = dict(os.environ)
-    os.environ |= dict.fromkeys(_THREADS, threads)  # read by libraries as a worker loads them
-    pool = ProcessPoolExecutor(
-        workers,
-        mp_context=mp.get_context("spawn"),
-        initializer=_begin_worker,
-        initargs=(scene, out, int(threads)),
-    )
-    try:
-        waiting: set[Future[ShardEntry]] = {
-            pool.submit(_render_shard, index, frames) for index, frames in pending
-        }
-        while waiting:
-            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in done:
-                entry = future.result()
-                enter(entry)
-                on_frames(len(entry.frames))
-    except BrokenProcessPool:
-        raise MachineError(
-            "a rendering worker died (out of memory, or killed)",
-            remedy="run the same command again to continue",
-        ) from None
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        os.environ.clear()
-        os.environ.update(before)
+    if cluster is None:
+        render_locally(scene, out, pending, workers, enter)
+    else:
+        from egocap_sim.cluster import render_on_cluster
+
+        render_on_cluster(cluster, scene, out, pending, enter)
 
 
 def _finish(writer: SequenceWriter, draft: Truth, film: Film | None) -> None:
@@ -192,7 +163,7 @@ def _finish(writer: SequenceWriter, draft: Truth, film: Film | None) -> None:
     sequence = _Shards(writer)
     visibility = np.stack([sequence.visibility(i) for i in range(writer.manifest.frames)])
     truth = replace(draft, visibility=visibility)
-    path = writer.folder / _DRAFT
+    path = writer.folder / DRAFT
     with disk_errors(path):
         truth.save(path)
     if film is not None:
@@ -211,49 +182,6 @@ class _Shards(Sequence):
     def visibility(self, index: int) -> np.ndarray:
         recorded = self.annotation(index)["visibility"]
         return np.array([recorded[view] for view in self.manifest.views], np.uint8)
-
-
-_maker: FrameMaker | None = None  # a worker process's own renderer, made with its first shard
-_task: tuple[Scene, Path]
-
-
-def _begin_worker(scene: Scene, out: Path, threads: int) -> None:
-    """Set up one worker process; it ends by itself when its parent is gone."""
-    global _task
-    _task = scene, out
-    parent = mp.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    import cv2
-
-    cv2.setNumThreads(threads)
-
-
-def _end_with(sentinel: int) -> None:
-    from multiprocessing.connection import wait as wait_for
-
-    wait_for([sentinel])
-    os._exit(1)
-
-
-def _render_shard(index: int, frames: range) -> ShardEntry:
-    global _maker
-    scene, out = _task
-    if _maker is None:
-        from egocap_sim.frames import FrameMaker
-
-        truth, sensor = Truth.load(out / _DRAFT), sensor_of(scene)
-        _maker = FrameMaker(
-            rig_of(scene.rig, scene.seed),
-            person_of(scene),
-            place_of(scene),
-            truth,
-            scene.record,
-            extras_of(scene, truth),
-            Film.load(out, sensor, scene.seed) if sensor else None,
-        )
-    maker = _maker
-    return write_shard(out, index, frames.start, (maker.files(i) for i in frames))
 
 
 def _digest(config: dict) -> str:

@@ -24,7 +24,8 @@ from egocap_sim.sensor.settings import SensorTable
 from egocap_sim.sensor.timing import row_time
 from egocap_sim.streams import stream
 
-_TRUTH, _MOTION, _RATE = "sensor.draft.tmp", "motion.draft.tmp", "rate.draft.tmp"
+DRAFTS = _TRUTH, _MOTION, _RATE = "sensor.draft.tmp", "motion.draft.tmp", "rate.draft.tmp"
+"""Files in a sequence's folder that workers read; gone when it is whole."""
 _ROUNDS = 4  # of finding the row a joint is in when its row is exposed; motion is slow beside it
 _BLOCK = 500  # frames looked at together: bounds memory
 _FAR_M = 1.5  # things the head moves past are about this far away
@@ -58,7 +59,7 @@ class Film:
     @staticmethod
     def discard(folder: Path) -> None:
         """Remove what `save` left."""
-        for name in (_TRUTH, _MOTION, _RATE):
+        for name in DRAFTS:
             (folder / name).unlink(missing_ok=True)
 
 

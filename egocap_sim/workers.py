@@ -1,0 +1,147 @@
+"""Worker processes that render shards: here, in a spawned pool that replaces those that die.
+
+Spawned, since a fork after a GL context hangs. Each worker holds one renderer, made with its first
+shard, and writes whole shards, so that the bytes are the same for any number of workers.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing as mp
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from egocap.errors import MachineError
+from egocap.sequence import ShardEntry, Truth
+from egocap.sequence_writer import write_shard
+from egocap_sim.scene import Scene
+from egocap_sim.sensor.film import Film
+from egocap_sim.stage import extras_of, person_of, place_of, rig_of, sensor_of
+
+if TYPE_CHECKING:
+    from egocap_sim.frames import FrameMaker
+
+DRAFT = "truth.draft.tmp"
+"""Truth before rendering, for the workers; gone when the sequence is whole."""
+
+_THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Thread counts of Mesa's software OpenGL and of the numeric libraries."""
+_DEATHS = 3  # of workers one after another, without a shard done between them, before giving up
+
+log = logging.getLogger(__name__)
+
+
+def make_frames(scene: Scene, folder: Path) -> FrameMaker:
+    """The renderer of a scene whose truth before rendering lies in a folder."""
+    from egocap_sim.frames import FrameMaker
+
+    truth, sensor = Truth.load(folder / DRAFT), sensor_of(scene)
+    return FrameMaker(
+        rig_of(scene.rig, scene.seed),
+        person_of(scene),
+        place_of(scene),
+        truth,
+        scene.record,
+        extras_of(scene, truth),
+        Film.load(folder, sensor, scene.seed) if sensor else None,
+    )
+
+
+def render_locally(
+    scene: Scene,
+    out: Path,
+    pending: list[tuple[int, range]],
+    workers: int,
+    enter: Callable[[ShardEntry], None],
+) -> None:
+    """Render shards in spawned workers and enter each as it is done.
+
+    A worker that dies (out of memory, or killed) is replaced and its shard begun again. Raises
+    MachineError when they keep dying.
+    """
+    left, deaths = dict(pending), 0
+    while left:
+        before = len(left)
+        try:
+            _render_in_pool(scene, out, left, workers, enter)
+        except BrokenProcessPool:
+            for half_written in out.glob(".shard-*.tmp"):
+                half_written.unlink()
+            deaths = deaths + 1 if len(left) == before else 1
+            if deaths == _DEATHS:
+                raise MachineError(
+                    "rendering workers keep dying (out of memory, or killed)",
+                    remedy="run the same command again to continue, with fewer --workers",
+                ) from None
+            log.warning("a rendering worker died; another takes its place")
+
+
+def _render_in_pool(
+    scene: Scene,
+    out: Path,
+    left: dict[int, range],
+    workers: int,
+    enter: Callable[[ShardEntry], None],
+) -> None:
+    """Render what is left, taking each shard off as it is entered."""
+    workers = max(1, min(workers, len(left)))
+    threads = str(max(1, (os.cpu_count() or 1) // workers))
+    before = dict(os.environ)
+    os.environ |= dict.fromkeys(_THREADS, threads)  # read by libraries as a worker loads them
+    pool = ProcessPoolExecutor(
+        workers,
+        mp_context=mp.get_context("spawn"),
+        initializer=_begin_worker,
+        initargs=(scene, out, int(threads)),
+    )
+    try:
+        waiting: dict[Future[ShardEntry], int] = {
+            pool.submit(_render_shard, index, frames): index for index, frames in left.items()
+        }
+        while waiting:
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                index = waiting.pop(future)
+                enter(future.result())
+                del left[index]
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        os.environ.clear()
+        os.environ.update(before)
+
+
+_maker: FrameMaker | None = None  # this worker process's own
+_task: tuple[Scene, Path]
+
+
+def _begin_worker(scene: Scene, out: Path, threads: int) -> None:
+    """Set up one worker process; it ends by itself when its parent is gone."""
+    global _task
+    _task = scene, out
+    parent = mp.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    import cv2
+
+    cv2.setNumThreads(threads)
+
+
+def _end_with(sentinel: int) -> None:
+    from multiprocessing.connection import wait as wait_for
+
+    wait_for([sentinel])
+    os._exit(1)
+
+
+def _render_shard(index: int, frames: range) -> ShardEntry:
+    global _maker
+    scene, out = _task
+    if _maker is None:
+        _maker = make_frames(scene, out)
+    maker = _maker
+    return write_shard(out, index, frames.start, (maker.files(i) for i in frames))

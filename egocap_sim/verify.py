@@ -120,7 +120,11 @@ def _truth_problems(sequence: Sequence) -> Iterator[str]:
     world = transform(truth.T_world_head, truth.joints_head)
     if np.abs(world - truth.joints_world).max() > _POSITION_TOLERANCE:
         yield "truth.npz: head-frame joints do not map onto the world's"
-    at_once = sequence.sensor is None or (sequence.sensor.joint_time == truth.time[:, None, None])
+    sensor = sequence.sensor
+    if sensor is not None and sensor.joint_time.shape != truth.in_view.shape:
+        yield f"sensor.npz: 'joint_time' has the shape {sensor.joint_time.shape}"
+        return
+    at_once = sensor is None or (sensor.joint_time == truth.time[:, None, None])
     for v, mount in enumerate(sequence.true_rig.mounts):
         seen = transform(inverse(mount.T_head_camera), truth.joints_head)
         if not np.all(at_once):  # each joint at the time at which its row was exposed

@@ -1,13 +1,14 @@
 """Sequences recorded through a faulty sensor: faults in the pictures, known in the truth."""
 
 import hashlib
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from egocap.errors import FileError
-from egocap.sequence import Sequence
+from egocap.sequence import SensorTruth, Sequence
 from egocap_sim.builtin import builtin_file
 from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene, to_toml
@@ -119,3 +120,12 @@ def test_sensor_tables_survive_toml_and_bad_ones_are_refused(tmp_path):
     path.write_text(to_toml(scene()) + "\n[sensor]\nshutter = 0.1\n")
     with pytest.raises(FileError, match=r"unknown key.*shutter_s"):
         load_scene(path)
+
+
+def test_verify_finds_a_sensor_file_of_another_length(tmp_path):
+    sequence = record(tmp_path / "s", time_offset_s=0.01)
+    folder = sequence.folder
+    halved = {f.name: getattr(sequence.sensor, f.name)[:3] for f in fields(SensorTruth)}
+    SensorTruth(**halved).save(folder / "sensor.npz")
+    problems = verify(folder).problems
+    assert any("sensor.npz" in problem for problem in problems)

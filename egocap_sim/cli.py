@@ -49,6 +49,8 @@ class Overrides:
     """Length unit of a BVH file; recognised when not given."""
     joint_names: Annotated[Path | None, _shown("FILE")] = None
     """TOML file that maps body names to a BVH file's joint names."""
+    textures: Annotated[Path | None, _shown("DIR")] = None
+    """A folder of pictures to put on floors and walls."""
     samples: Annotated[int | None, _shown("0|2|4|8")] = None
     """Multisample anti-aliasing."""
     masks: Annotated[bool | None, _shown("True|False")] = None
@@ -257,6 +259,8 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
         _set(data["motion"], key, value)
     if asked.joint_names is not None:
         data["motion"]["joint_names"] = str(asked.joint_names.resolve())
+    if asked.textures is not None:
+        data["place"]["textures"] = str(asked.textures.resolve())
     if asked.sensor is not None:
         data["sensor"] = {"preset": asked.sensor}
     scene = checked(Scene, data, "command line")

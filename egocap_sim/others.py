@@ -35,6 +35,7 @@ from egocap_sim.strolls import stroll
 
 CELL_M = 0.025  # of the coarser meshes others are drawn with
 GAP_M = 0.25  # least distance between points inside two people's limbs
+CAMERA_GAP_M = 0.38  # and from them to the cameras: a chest reaches 0.2 m from its middle
 TRIES = 60  # placements tried for one person
 _RATE = 60.0  # frames a second of made motions
 _CHECK_S = 0.1  # spacing of the moments at which distances are checked
@@ -49,25 +50,28 @@ def make_others(
     times: Float[Array, "T"],
     wearer: Bodies,
     bounds_m: float,
+    cameras: Float[Array, "T V 3"],
     blocked: Sequence[tuple[Float[Array, "2"], float]] = (),
 ) -> list[Extra]:
     """The other people of a scene, posed at the frame times [s].
 
-    They stay within `bounds_m` of the origin and out of `blocked`, circles (centre, radius) on the
-    floor. Raises InputError when there is no room for all of them.
+    They keep away from the `cameras`, which stick out from the wearer's head, stay within
+    `bounds_m` of the origin and out of `blocked`, circles (centre, radius) on the floor.
+    Raises InputError when there is no room for all of them.
     """
-    crowd = _Crowd(table, rng, times, wearer, bounds_m, blocked)
+    crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, blocked)
     return [crowd.add(i) for i in range(table.count)]
 
 
 class _Crowd:
     """Everyone so far, and the search for the next one's place."""
 
-    def __init__(self, table, rng, times, wearer, bounds_m, blocked) -> None:
+    def __init__(self, table, rng, times, wearer, bounds_m, cameras, blocked) -> None:
         self.table, self.rng, self.times, self.bounds_m = table, rng, times, bounds_m
         self.blocked = blocked
         step = max(1, round(_CHECK_S * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))
         self.checked = np.arange(0, len(times), step)
+        self.cameras = cameras[self.checked]
         self.wearer_xy = wearer[:, 0, :2, 3]
         self.limbs = [limb_points(wearer[self.checked])]
         self.pelvises = [self.wearer_xy]
@@ -99,6 +103,9 @@ class _Crowd:
         """Whether someone may move like this: in bounds, clear of everyone and of things."""
         limbs = limb_points(bodies[self.checked])
         if np.linalg.norm(limbs[..., :2], axis=-1).max() > self.bounds_m:
+            return False
+        eyes = np.linalg.norm(limbs[:, :, None] - self.cameras[:, None], axis=-1)
+        if eyes.min() < CAMERA_GAP_M:
             return False
         for centre, radius in self.blocked:
             if np.linalg.norm(limbs[..., :2] - centre, axis=-1).min() < radius + 0.1:

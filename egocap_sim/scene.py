@@ -91,6 +91,8 @@ class PlaceTable(Strict):
 
     name: str = "room"
     clear_radius: Number = Field(default=2.0, ge=0.5, le=15)  # metres around the origin kept free
+    light: Literal["day", "dusk"] = "day"
+    textures: str | None = None  # folder of pictures for floors and walls, relative to the file
 
 
 class OthersTable(Strict):
@@ -154,7 +156,12 @@ def load_scene(path: Path) -> Scene:
 
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Scene files name other files relative to themselves."""
-    for table, key in (("rig", "file"), ("motion", "file"), ("motion", "joint_names")):
+    for table, key in (
+        ("rig", "file"),
+        ("motion", "file"),
+        ("motion", "joint_names"),
+        ("place", "textures"),
+    ):
         section = data.get(table)
         if isinstance(section, dict) and isinstance(section.get(key), str):
             section[key] = str(folder / section[key])

@@ -14,6 +14,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
 from egocap.errors import FileError, InputError
 from egocap.rig import Rig, load_rig
 from egocap_sim.builtin import SAMPLED, rig_file
@@ -102,12 +106,20 @@ def person_of(scene: Scene) -> Person:
 
 
 def check_place(scene: Scene) -> None:
-    """Raise SceneError unless there is such a place; making it, which workers do, takes longer."""
+    """Raise SceneError unless there is such a place, FileError for a broken picture of a user's.
+
+    Making the place, which workers do, takes longer.
+    """
     from egocap_sim.place import PLACES
 
     if scene.place.name not in PLACES:
         problem = f"unknown place '{scene.place.name}' (valid: {', '.join(PLACES)})"
         raise SceneError(scene, "place.name", problem)
+    if scene.place.textures is not None:
+        from egocap_sim.pictures import picture_files, read_picture
+
+        for path in picture_files(Path(scene.place.textures)):
+            read_picture(path)
 
 
 def check_things(scene: Scene) -> None:
@@ -122,11 +134,16 @@ def check_things(scene: Scene) -> None:
 
 def place_of(scene: Scene) -> Place:
     """The surroundings."""
+    from egocap_sim.pictures import papered, picture_files
     from egocap_sim.place import make_place
+    from egocap_sim.surroundings import at_dusk
 
-    return make_place(
-        scene.place.name, stream(scene.seed, "place"), clear_radius=scene.place.clear_radius
-    )
+    table = scene.place
+    place = make_place(table.name, stream(scene.seed, "place"), clear_radius=table.clear_radius)
+    if table.textures is not None:
+        files = picture_files(Path(table.textures))
+        place = papered(place, files, stream(scene.seed, "textures"))
+    return at_dusk(place) if table.light == "dusk" else place
 
 
 def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
@@ -142,8 +159,15 @@ def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
                 truth.time,
                 truth.T_world_body,
                 scene.place.clear_radius,
+                truth.T_world_head[:, None, :3, 3] + _camera_arms(scene, truth),
             )
     return extras
+
+
+def _camera_arms(scene: Scene, truth: Truth) -> Float[Array, "T V 3"]:
+    """From the head to the cameras, world axes."""
+    arms = np.stack([m.T_head_camera[:3, 3] for m in rig_of(scene.rig, scene.seed).mounts])
+    return arms @ np.swapaxes(truth.T_world_head[:, :3, :3], -1, -2)
 
 
 def _thing(scene: Scene, index: int, truth: Truth) -> list[Extra]:
@@ -260,6 +284,10 @@ def config_of(scene: Scene) -> dict[str, Any]:
     for key in ("file", "joint_names"):
         if path := config["motion"].pop(key, None):
             config["motion"][key] = {"name": Path(path).name, "sha256": _checksum(Path(path))}
+    if folder := config["place"].pop("textures", None):
+        from egocap_sim.pictures import picture_files
+
+        config["place"]["textures"] = {p.name: _checksum(p) for p in picture_files(Path(folder))}
     return config
 
 

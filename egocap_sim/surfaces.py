@@ -180,6 +180,12 @@ def paving(rng: np.random.Generator) -> Surface:
     return Surface(_bytes(slabs.texture / 255.0 * 0.85 * worn[..., None]), 2.0)
 
 
+def asphalt(rng: np.random.Generator) -> Surface:
+    """A road: dark, grainy, with worn tracks."""
+    value = 1 + 0.12 * noise(rng, 60, 250, 0.0) + 0.08 * noise(rng, 1, 12, 1.2)
+    return Surface(_tinted(value, np.full(3, rng.uniform(0.2, 0.32))), 2.0)
+
+
 def picture(rng: np.random.Generator) -> Surface:
     """Something to hang on a wall: soft colour fields."""
     fields = np.stack([noise(rng, 1, int(rng.integers(3, 10)), 1.2) for _ in range(3)], -1)

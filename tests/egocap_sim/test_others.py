@@ -42,8 +42,20 @@ def cast(monkeypatch, stand_in):
 
 def others(wearer, seed=3, blocked=(), bounds=4.0, **table):
     return make_others(
-        OthersTable(**table), np.random.default_rng(seed), TIMES, wearer, bounds, blocked
+        OthersTable(**table),
+        np.random.default_rng(seed),
+        TIMES,
+        wearer,
+        bounds,
+        cameras(wearer),
+        blocked,
     )
+
+
+def cameras(wearer) -> np.ndarray:
+    """Two, an arm's length before the head."""
+    head = wearer[:, INDEX["head"], :3, 3]
+    return head[:, None] + [[0.4, 0.2, 0.2], [0.4, -0.2, 0.2]]
 
 
 def bodies_of(extra, person) -> np.ndarray:
@@ -57,6 +69,8 @@ def test_everybody_keeps_clear_of_everybody(wearer, cast, stand_in):
     for i, one in enumerate(everyone):
         assert all(apart(one, other, 0.15).all() for other in everyone[:i])
     for one in everyone[1:]:
+        eyes = cameras(wearer)[:, None]
+        assert np.linalg.norm(one[:, :, None] - eyes, axis=-1).min() > 0.3
         assert np.linalg.norm(one[..., :2], axis=-1).max() < 4.2
         assert np.linalg.norm(one[..., :2] - things[0][0], axis=-1).min() > 0.4
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from egocap.errors import InputError
+from egocap.errors import FileError, InputError
 from egocap_sim import parts, surfaces
+from egocap_sim.pictures import papered, picture_files, read_picture
 from egocap_sim.place import PLACES, make_place
 from egocap_sim.shapes import ball, box, cylinder, sheet
+from egocap_sim.surroundings import at_dusk
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -67,7 +70,7 @@ def test_the_window_is_on_the_side_the_light_comes_from(rooms):
 
 
 def test_unknown_names_and_radii_are_refused():
-    with pytest.raises(InputError, match="room, studio, chroma, outdoor"):
+    with pytest.raises(InputError, match=r"room, studio, .* street, grass, court"):
         make_place("kitchen", np.random.default_rng(0))
     with pytest.raises(InputError, match=r"0\.5 to 15"):
         make_place("room", np.random.default_rng(0), 0.0)
@@ -98,3 +101,35 @@ def test_a_sheet_shows_its_first_row_on_top():
     m = sheet("s", (0, 1, 1), (0, -2, 0), (0, 0, -1), np.zeros((2, 2, 3), np.uint8), tile=0.5)
     top = m.vertices[:, 2] == 1
     assert (m.uv[top, 1] == 0).all() and m.uv[:, 0].max() == 4 and m.uv[:, 1].max() == 2
+
+
+def test_dusk_is_darker_redder_and_lower():
+    day = make_place("street", np.random.default_rng(3))
+    dusk = at_dusk(day)
+    assert dusk.light.color.sum() < 0.6 * day.light.color.sum()
+    assert dusk.light.color[0] / dusk.light.color[2] > day.light.color[0] / day.light.color[2]
+    assert day.light.direction[2] < dusk.light.direction[2] < -0.3
+    sky = [next(m for m in p.meshes if m.name == "sky").texture.mean() for p in (day, dusk)]
+    assert sky[1] < 0.5 * sky[0]
+
+
+def test_pictures_of_a_user_cover_the_walls(tmp_path):
+    cv2.imwrite(str(tmp_path / "red.png"), np.full((30, 40, 3), (0, 0, 255), np.uint8))
+    room = make_place("room", np.random.default_rng(1))
+    covered = papered(room, picture_files(tmp_path), np.random.default_rng(0))
+    for before, after in zip(room.meshes, covered.meshes, strict=True):
+        if before.name in ("wall", "floor"):
+            assert (after.texture == [255, 0, 0]).all()
+        elif before.name == "skirting":
+            assert after.texture is before.texture
+
+
+def test_a_broken_picture_is_named(tmp_path):
+    with pytest.raises(FileError, match="no such folder"):
+        picture_files(tmp_path / "none")
+    with pytest.raises(FileError, match="has no pictures"):
+        picture_files(tmp_path)
+    for content in (b"", b"not a picture"):
+        (tmp_path / "broken.jpg").write_bytes(content)
+        with pytest.raises(FileError, match=r"broken\.jpg: is not a readable picture"):
+            read_picture(picture_files(tmp_path)[0])

@@ -115,12 +115,15 @@ class _Crowd:
     def place(self, local: Bodies, arrival: int = 0) -> Bodies | None:
         """Put a motion near the wearer, facing it in frame `arrival`; None when there is no room.
 
-        `local` starts at the origin. Nearer places are likelier.
+        `local` starts at the origin. Nearer places are likelier; where there is none as near as was
+        asked, farther ones are tried.
         """
         at, facing = local[arrival, 0, :2, 3], local[arrival, INDEX["chest"], :2, 0]
         heading = np.arctan2(facing[1], facing[0])
-        near, far = self.table.nearest_m, self.table.farthest_m
-        for _ in range(TRIES):
+        near, farthest = self.table.nearest_m, self.table.farthest_m
+        for attempt in range(3 * TRIES):
+            stretch = max(0.0, attempt / TRIES - 1.0) / 2.0
+            far = farthest + stretch * max(0.0, self.bounds_m - farthest)
             centre = self.wearer_xy[int(self.rng.integers(len(self.wearer_xy)))]
             around = self._seen_side(self.rng)
             spot = centre + self.rng.uniform() ** 1.5 * (far - near) * around + near * around

@@ -103,7 +103,7 @@ class OthersTable(Strict):
         default=("walk_by", "gesture", "approach", "stand"), min_length=1
     )
     nearest_m: Number = Field(default=0.75, ge=0.6, le=10)  # from the wearer, of those who stand
-    farthest_m: Number = Field(default=2.0, gt=0, le=14)
+    farthest_m: Number = Field(default=2.0, gt=0, le=14)  # as long as there is room
 
     @model_validator(mode="after")
     def _near_before_far(self) -> OthersTable:

@@ -4,8 +4,8 @@
     python benchmarks/image_model.py SEQ --out FILE.json     # and write the numbers
     python benchmarks/image_model.py SEQ --device cuda       # and many poses at once, on a GPU
 
-The pose is the one nearest to the truth of frame 0, the colours those of that frame. Every time is
-the smallest of many calls; `cpu_ms` is processor time of all threads, which other work on the
+The pose is the one nearest to the truth of frame 0, the colours those of that frame. `ms` is the
+smallest of many calls; `cpu_ms` is the mean processor time of all threads, which other work on the
 machine disturbs less. The reference is `egocap.track.appearance` with autograd, single precision,
 on the rays that meet the body only: on all rays it would take several times longer.
 """
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -44,15 +45,18 @@ print(imported - started, time.perf_counter() - imported)
 
 
 def best(call: Callable[[], Any], repeats: int = 60) -> dict[str, float]:
-    """Smallest wall and processor time of a call, milliseconds."""
-    walls, cpus = [], []
+    """Smallest and median wall time, and mean processor time, of a call in milliseconds."""
+    walls, busy = [], time.process_time()
     for _ in range(repeats):
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall = time.perf_counter()
         call()
         walls.append(time.perf_counter() - wall)
-        cpus.append(time.process_time() - cpu)
-    return {"ms": 1e3 * min(walls), "median_ms": 1e3 * float(np.median(walls)),
-            "cpu_ms": 1e3 * min(cpus)}  # fmt: skip
+    busy = time.process_time() - busy
+    return {
+        "ms": 1e3 * min(walls),
+        "median_ms": 1e3 * float(np.median(walls)),
+        "cpu_ms": 1e3 * busy / repeats,
+    }
 
 
 class Bench:
@@ -99,7 +103,8 @@ class Bench:
         """One step of the stochastic variant, and the scatter of its gradient."""
         from egocap.track.stochastic import PixelSampler
 
-        model, colours = self.model(LIVE_SIZE, threads=1)
+        model, colours = self.model(LIVE_SIZE)
+        alone, _ = self.model(LIVE_SIZE, threads=1)
         sampler, rng = PixelSampler(model), np.random.default_rng(0)
         sampler.aim(colours, self.angles)
         exact = model.evaluate(self.angles, colours).gradient
@@ -108,9 +113,22 @@ class Bench:
             found = sampler.estimate(colours, self.angles, STOCHASTIC_RAYS, KEEP, rng)
             return found.gradient
 
-        spread = np.sqrt(np.mean([np.sum((step() - exact) ** 2) for _ in range(200)]))
-        return {"rays": STOCHASTIC_RAYS, "keep": KEEP, "step": best(step, 200),
-                "gradient_scatter": float(spread / np.linalg.norm(exact))}  # fmt: skip
+        def evenly() -> np.ndarray:
+            even = PixelSampler(model)  # never aimed: all rays alike
+            return even.estimate(colours, self.angles, STOCHASTIC_RAYS, KEEP, rng).gradient
+
+        def scatter(draw: Callable[[], np.ndarray]) -> float:
+            squared = np.mean([np.sum((draw() - exact) ** 2) for _ in range(200)])
+            return float(np.sqrt(squared) / np.linalg.norm(exact))
+
+        times = best(step, 300)
+        one = PixelSampler(alone)
+        one.aim(colours, self.angles)
+        single = best(lambda: one.estimate(colours, self.angles, STOCHASTIC_RAYS, KEEP, rng), 300)
+        return {
+            "rays": STOCHASTIC_RAYS, "keep": KEEP, "step": times, "one_thread": single,
+            "gradient_scatter": scatter(step), "gradient_scatter_even": scatter(evenly),
+        }  # fmt: skip
 
     def reference(self, kernel_ms: float) -> dict[str, Any]:
         """The torch reference on the rays that meet the body."""
@@ -173,8 +191,6 @@ class Bench:
 
 def first_call() -> dict[str, float]:
     """Seconds to import and to be ready, without and with compiled code on disk."""
-    import os
-
     root = Path(__file__).resolve().parents[1]
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
@@ -210,6 +226,7 @@ def main() -> None:
     if words.out:
         from evals.record import save_result
 
+        result["load"] = list(os.getloadavg())
         command = f"python benchmarks/image_model.py SEQ --out {words.out}"
         save_result(words.out, result, command)
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,10 @@ from egocap.track.image_kernel import Output, RayArrays, Shape, image_energy
 from egocap.track.image_rays import ImageRays, ray_colours
 from egocap.track.pose_kernel import make_chain
 from egocap.track.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
+
+# Threads that spin while they wait for each other take the core from the one they wait for when the
+# machine does other things, too: a frame then took three times longer. Read when OpenMP is loaded.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 WINDOW = 6.5
 """Length of the row of cells of a Gaussian in sigmas. The tails beyond go into the end cells."""

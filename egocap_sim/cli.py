@@ -92,6 +92,7 @@ def generate(
         raise InputError(f"{workers} workers", valid="1 or more")
     files = [find_file("scene", name) for name in scenes]
     loaded = [_overridden(load_scene(file), overrides) for file in files]
+    loaded = [_as_long_as_its_clip(scene, overrides) for scene in loaded]
     names = [scene.name for scene in loaded]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"two scenes are called '{twice[0]}'", valid="a folder for each name")
@@ -242,7 +243,6 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
     from egocap_sim.builtin import rig_names
     from egocap_sim.motion.procedural import MOTIONS
     from egocap_sim.scene import Scene
-    from egocap_sim.stage import frames_of_clip
 
     data = scene.model_dump(exclude_none=True)
     for key in ("frames", "seed"):
@@ -263,10 +263,16 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
         data["place"]["textures"] = str(asked.textures.resolve())
     if asked.sensor is not None:
         data["sensor"] = {"preset": asked.sensor}
-    scene = checked(Scene, data, "command line")
-    if asked.motion is not None and scene.motion.file is not None and asked.frames is None:
-        scene = scene.model_copy(update={"frames": frames_of_clip(scene)})
-    return scene
+    return checked(Scene, data, "command line")
+
+
+def _as_long_as_its_clip(scene: Scene, asked: Overrides) -> Scene:
+    """Where a file replaces the motion and no frames are asked for, the scene with all it has."""
+    from egocap_sim.stage import frames_of_clip
+
+    if asked.motion is None or scene.motion.file is None or asked.frames is not None:
+        return scene
+    return scene.model_copy(update={"frames": frames_of_clip(scene)})
 
 
 def _source(what: str, asked: str, names: Collection[str]) -> dict[str, str]:

@@ -54,6 +54,8 @@ def load_clip(
     """
     path = Path(path)
     _check_options(up, unit)
+    if path.is_dir():
+        raise FileError(path, "is a folder", valid="a .bvh or .npz file")
     kind = path.suffix.lower()
     if kind == ".npz":
         positions, rotations, fps = read_npz(path)

@@ -128,7 +128,7 @@ def test_what_the_command_line_asks_for_wins():
         ("--rig .", "is a folder"),
         ("--motion wlak", r"no built-in motion or file 'wlak' \(valid: walk, "),
         ("--motion none.bvh", r"none\.bvh: cannot be read: No such file"),
-        ("--motion .", "Is a directory"),
+        ("--motion .", "is a folder"),
         ("--motion good.toml", r"good\.toml: is of an unknown kind '\.toml' \(valid: \.bvh, \.npz"),
         ("--up y", "'up' is for a clip, not for the motion 'idle'"),
         ("--unit furlong", r"'motion\.unit': .*'inch'"),
@@ -247,3 +247,24 @@ def test_list_names_what_there_is(sim):
 def test_wrong_usage_is_2(sim, words):
     code, out, err = sim(*words)
     assert (code, out) == (2, "") and err and "Traceback" not in err
+
+
+def test_a_motion_file_decides_how_long_a_sequence_is(monkeypatch):
+    """As long as the clip, unless frames are asked for; more than it has is refused."""
+    import numpy as np
+
+    from egocap_sim.builtin import builtin_file
+    from egocap_sim.cli import Overrides, _as_long_as_its_clip, _overridden
+    from egocap_sim.motion.clip import Clip
+    from egocap_sim.scene import load_scene
+
+    clip = Clip("two seconds", 60.0, np.zeros((121, 21, 3)), np.tile(np.eye(3), (121, 21, 1, 1)))
+    monkeypatch.setattr("egocap_sim.motion.load.load_clip", lambda *args, **options: clip)
+    scene = load_scene(builtin_file("scene", "validation-gesture"))
+    for asked, frames in (
+        (Overrides(motion="clip.bvh"), 60),
+        (Overrides(motion="clip.bvh", start=1.0), 30),
+        (Overrides(motion="clip.bvh", frames=10), 10),
+        (Overrides(), 750),
+    ):
+        assert _as_long_as_its_clip(_overridden(scene, asked), asked).frames == frames

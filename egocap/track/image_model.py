@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,10 +21,6 @@ from egocap.track.image_kernel import Output, RayArrays, Shape, image_energy
 from egocap.track.image_rays import ImageRays, ray_colours
 from egocap.track.pose_kernel import make_chain
 from egocap.track.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
-
-# Threads that spin while they wait for each other take the core from the one they wait for when the
-# machine does other things, too: a frame then took three times longer. Read when OpenMP is loaded.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 WINDOW = 6.5
 """Length of the row of cells of a Gaussian in sigmas. The tails beyond go into the end cells."""
@@ -65,7 +60,7 @@ class ImageModel:
             raise InputError(
                 f"cells of {cell} m up to {far} m", valid="0.001 to 0.2 m, 10000 cells"
             )
-        most = numba.config.NUMBA_NUM_THREADS
+        most = numba.config.NUMBA_NUM_THREADS  # pyright: ignore[reportPrivateImportUsage, reportAttributeAccessIssue]
         if threads is not None and not 1 <= threads <= most:
             raise InputError(f"{threads} threads", valid=f"1 to {most}")
         if not 0.0 < cutoff < 1.0:
@@ -143,12 +138,17 @@ def _shape(body: GaussianBody, cell: float, cutoff: float, measure: ColourMeasur
             valid=f"cells of at least {least:.4f} m",
         )
     blend = np.stack(blend_weights(np.array(body.colour)), -1)
-    columns = (radius2, np.sqrt(radius2), -0.5 / sigma**2, 1.0 / (np.sqrt(2.0) * sigma),
-               1.0 / sigma**2, depth / 2.0)  # fmt: skip
     return Shape(
-        *(c.astype(np.float32) for c in columns), edges.astype(np.int32),
-        measure.features(np.array(body.colour)).astype(np.float32), blend.astype(np.float32),
-    )  # fmt: skip
+        radius2=radius2.astype(np.float32),
+        reach=np.sqrt(radius2).astype(np.float32),
+        inv_2s2=(-0.5 / sigma**2).astype(np.float32),
+        inv_s=(1.0 / (np.sqrt(2.0) * sigma)).astype(np.float32),
+        inv_s2=(1.0 / sigma**2).astype(np.float32),
+        half_depth=(depth / 2.0).astype(np.float32),
+        edges=edges.astype(np.int32),
+        colours=measure.features(np.array(body.colour)).astype(np.float32),
+        blend=blend.astype(np.float32),
+    )
 
 
 def _ray_arrays(rays: ImageRays) -> RayArrays:

@@ -79,7 +79,7 @@ def score_track(sequence: Sequence, track: Track, *, protocol: str = "egocap-17"
     source = track.config.get("detections")
     return replace(
         report,
-        reprojection=_score_reprojection(track, truth, sequence.rig, seen),
+        reprojection=_score_reprojection(track, truth, sequence.true_rig, seen),
         tracker_fps=1.0 / track.seconds_per_frame if track.seconds_per_frame > 0 else None,
         converged_share=float(np.mean(track.converged)),
         detections_source=source if isinstance(source, str) else None,

@@ -138,18 +138,20 @@ def build_atlas(cameras: Sequence[Lens], face_size: int | None = None) -> Atlas:
         traced.append((inside, slopes))
     width, height, corners = _pack([(x1 - x0, y1 - y0) for (x0, x1, y0, y1), _ in cropped])
     tiles, lookup = [], [np.full((i.size, 2), -9.0, np.float32) for i, _ in traced]  # off the atlas
-    for (view, i, mine), (box, density), corner in zip(pixels, cropped, corners, strict=True):
-        x0, x1, y0, y1 = box
+    for (view, i, mine), ((x0, x1, y0, y1), density), corner in zip(
+        pixels, cropped, corners, strict=True
+    ):
         tile = Tile(
-            view, i, orientations[view][i], tuple(b / density for b in box), *corner,
+            view, i, orientations[view][i],
+            (x0 / density, x1 / density, y0 / density, y1 / density), *corner,
             x1 - x0, y1 - y0, density,
         )  # fmt: skip
         lookup[view][mine] = tile.at_slopes(traced[view][1][mine])
         tiles.append(tile)
-    inside = tuple(i for i, _ in traced)
-    shaped = tuple(xy.reshape(*i.shape, 2) for xy, i in zip(lookup, inside, strict=True))
-    needed = _needed(width, height, shaped, inside)
-    return Atlas(width, height, tuple(tiles), shaped, inside, needed, tuple(orientations))
+    insides = tuple(i for i, _ in traced)
+    shaped = tuple(xy.reshape(*i.shape, 2) for xy, i in zip(lookup, insides, strict=True))
+    needed = _needed(width, height, shaped, insides)
+    return Atlas(width, height, tuple(tiles), shaped, insides, needed, tuple(orientations))
 
 
 def _rays(camera: Lens) -> tuple[Array, Array]:

@@ -62,7 +62,7 @@ def between_frames(T: Float[Array, "T B 4 4"], place: float) -> Float[Array, "B 
 
 
 def between(
-    a: Float[Array, "*n 7"], b: Float[Array, "*n 7"], share: Float[Array, "*n"]
+    a: Float[Array, "*n 7"], b: Float[Array, "*n 7"], share: Float[Array, "*n"] | float
 ) -> Float[Array, "*n 4 4"]:
     """Transforms a share of the way from poses a to poses b, the shorter way around."""
     share = np.asarray(share)[..., None]

@@ -78,7 +78,7 @@ class _Lens:
         """One camera."""
         width, height = SIZE
         centre = (np.array(SIZE) - 1) / 2 + rng.normal(0, 0.01 * width, 2)
-        focal = self.circle / self._radius(self.max_angle) * (1 + rng.normal(0, 0.005))
+        focal = self.circle / float(self._radius(self.max_angle)) * (1 + rng.normal(0, 0.005))
         aspect, shear = 1 + rng.normal(0, 0.001), rng.normal(0, 0.001)
         unit_affine = np.array([[aspect, shear], [0.0, 1.0]])
         parameters: tuple[float, ...] = ()

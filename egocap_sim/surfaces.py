@@ -219,7 +219,8 @@ def _filtered(
     waves = np.hypot(fy, fx * np.float32(stretch))
     gain = np.where((waves >= low) & (waves <= high), np.maximum(waves, 1.0) ** -steep, 0.0)
     white = rng.standard_normal((SIZE, SIZE), dtype=np.float32)
-    field = irfft2(rfft2(white) * gain.astype(np.float32), (SIZE, SIZE))
+    spectrum = np.asarray(rfft2(white)) * gain.astype(np.float32)
+    field = np.asarray(irfft2(spectrum, (SIZE, SIZE)))
     return (field - field.mean()) / field.std()
 
 

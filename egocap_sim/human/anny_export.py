@@ -64,7 +64,7 @@ def _save(path: Path, data: dict[str, Array]) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as file:
-            np.savez(file, **data)
+            np.savez(file, **data)  # pyright: ignore[reportArgumentType]
             file.flush()
             os.fsync(file.fileno())
         Path(name).replace(path)

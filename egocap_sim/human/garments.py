@@ -267,6 +267,7 @@ def _hips(body: BareBody, chart: Chart) -> Float[Array, "N"]:
 def marks(body: BareBody, chart: Chart, accent: Float[Array, "3"]) -> Marks:
     """Where details go on a person; `accent` is the sRGB colour (0 to 1) of belts and prints."""
     crotch, waist, chest = levels(body)
+    red, green, blue = (float(255 * c) for c in accent)
     return Marks(
         crotch=crotch,
         waist=waist,
@@ -274,7 +275,7 @@ def marks(body: BareBody, chart: Chart, accent: Float[Array, "3"]) -> Marks:
         neck=float(body.joints[INDEX["l_clavicle"], 2]),
         elbow=-chart.elbow,
         knee=-chart.knee,
-        accent=tuple(float(255 * c) for c in accent),
+        accent=(red, green, blue),
     )
 
 

@@ -110,7 +110,7 @@ def make_shell(
     mix = sp.csr_matrix(sp.identity(len(near)))
     for edge in cut.edges_at(cloth):
         faces, step = clip(faces, mix @ edge)
-        mix = step @ mix
+        mix = sp.csr_matrix(step @ mix)
     return _turn_hems(
         Shell(
             vertices=mix @ cloth,

@@ -91,8 +91,8 @@ def shadow(
 ) -> Float[Array, "H W"]:
     """Darkening (0 to 1) where little light comes in, spread from vertices over the panel."""
     n = SHADE_CELLS
-    x = np.clip((panel.x(turn) / panel.width * n).astype(int), 0, n - 1)
-    y = np.clip((panel.y(along) / panel.height * n).astype(int), 0, n - 1)
+    x = np.clip((np.asarray(panel.x(turn)) / panel.width * n).astype(int), 0, n - 1)
+    y = np.clip((np.asarray(panel.y(along)) / panel.height * n).astype(int), 0, n - 1)
     cell = y * n + x
     total = np.bincount(cell, light, n * n).reshape(n, n)
     count = np.bincount(cell, minlength=n * n).reshape(n, n).astype(float)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from egocap.errors import InputError
 from egocap_sim.mesh import Mesh
@@ -180,7 +180,7 @@ def _inside_shows(mesh: Mesh) -> Bool[Array, "F"]:
     rim = np.unique(edges[times == 1])
     if not len(rim):
         return np.zeros(len(mesh.faces), bool)
-    distance, _ = cKDTree(places[rim]).query(places)
+    distance, _ = KDTree(places[rim]).query(places)
     return (distance[faces] < OPENING).any(axis=1)
 
 

@@ -99,7 +99,8 @@ class AtlasBuffer:
         box = (0, 0, self.width, self.height)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._empty_depth)
         GL.glBlitFramebuffer(*box, *box, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
-        GL.glClearColor(*map(float, background), 0.0)
+        red, green, blue = map(float, background)
+        GL.glClearColor(red, green, blue, 0.0)
         GL.glClear(GL.GL_COLOR_BUFFER_BIT)
         GL.glEnable(GL.GL_SCISSOR_TEST)
 
@@ -192,7 +193,7 @@ class ShadowMap:
 
     def bind(self, unit: int) -> None:
         """Make it readable by shaders."""
-        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)  # pyright: ignore[reportOperatorIssue]
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
 
     def free(self) -> None:

@@ -23,7 +23,7 @@ REMEDY = "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
 os.environ["PYOPENGL_PLATFORM"] = "egl"
 os.environ.setdefault("MUJOCO_GL", "egl")
-vars(np).setdefault("infty", np.inf)
+np.__dict__.setdefault("infty", np.inf)
 
 try:
     # isort: off
@@ -33,9 +33,10 @@ try:
     # isort: on
 
     if not hasattr(EGL, "EGLDeviceEXT"):
-        EGL.EGLDeviceEXT = ctypes.c_void_p
+        EGL.EGLDeviceEXT = ctypes.c_void_p  # pyright: ignore[reportAttributeAccessIssue]
     import pyrender
     import pyrender.renderer
+    import pyrender.shader_program
     from OpenGL import contextdata
     from OpenGL.raw.GL.VERSION.GL_1_0 import glReadPixels as read_pixels
     from pyrender.platforms import egl as _platform
@@ -56,8 +57,8 @@ class Context:
 
     def __init__(self) -> None:
         self._platform = _first_working()
-        self.renderer = GL.glGetString(GL.GL_RENDERER).decode()
-        self.version = GL.glGetString(GL.GL_VERSION).decode()
+        self.renderer = _text(GL.GL_RENDERER)
+        self.version = _text(GL.GL_VERSION)
 
     def make_current(self) -> None:
         """Direct this thread's OpenGL calls here."""
@@ -65,15 +66,20 @@ class Context:
 
     def close(self) -> None:
         """End the context, and nothing else: the EGL display stays for other contexts."""
-        if self._platform is None:
+        platform = getattr(self, "_platform", None)
+        if platform is None:
             return
-        self._platform.make_current()
+        platform.make_current()
         contextdata.cleanupContext()
-        platform, self._platform = self._platform, None
+        del self._platform
         EGL.eglMakeCurrent(
             platform._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
         )
         EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
+
+
+def _text(name: int) -> str:
+    return GL.glGetString(name).decode()  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _first_working() -> _platform.EGLPlatform:
@@ -87,7 +93,7 @@ def _first_working() -> _platform.EGLPlatform:
         try:
             candidate.init_context()
             candidate.make_current()
-            GL.glGetString(GL.GL_VERSION).decode()
+            _text(GL.GL_VERSION)
             return candidate
         except Exception as error:
             problem = error

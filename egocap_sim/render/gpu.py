@@ -42,7 +42,7 @@ class GpuBatch:
 
     def bind_textures(self, unit: int) -> None:
         """Make the texture array readable by shaders."""
-        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)  # pyright: ignore[reportOperatorIssue]
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._texture)
 
     def draw(self, chosen: Bool[Array, "C"]) -> None:

@@ -117,7 +117,7 @@ class FisheyeRenderer(pyrender.Renderer):
         self._buffer.free()
         self.delete()
         self.context.close()
-        self.context = None
+        del self.context
 
     def __enter__(self) -> FisheyeRenderer:
         return self

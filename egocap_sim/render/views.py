@@ -21,7 +21,10 @@ class Resampler:
     def __init__(self, atlas: Atlas) -> None:
         self.atlas = atlas
         # Fixed-point maps (1/32 pixel) are twice as fast as float ones.
-        self._linear = [cv2.convertMaps(xy, None, cv2.CV_16SC2) for xy in atlas.lookup]
+        self._linear = [
+            cv2.convertMaps(xy, None, cv2.CV_16SC2)  # pyright: ignore[reportArgumentType, reportCallIssue]
+            for xy in atlas.lookup
+        ]
         self._nearest = [
             np.where(inside[..., None], np.round(xy), -1).astype(np.int16)
             for xy, inside in zip(atlas.lookup, atlas.inside, strict=True)
@@ -35,15 +38,17 @@ class Resampler:
     def colors(self, atlas_rgba: UInt8[Array, "h w 4"]) -> tuple[UInt8[Array, "H W 3"], ...]:
         """Images of all views, black outside the lens."""
         return tuple(
-            cv2.cvtColor(cv2.remap(atlas_rgba, *maps, cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB)
-            for maps in self._linear
+            cv2.cvtColor(
+                cv2.remap(atlas_rgba, places, shares, cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB
+            )
+            for places, shares in self._linear
         )
 
     def nearest(self, view: int, atlas_values: Array, outside: float) -> Array:
         """Values (H, W) at the nearest atlas pixel; `outside` where the lens sees nothing."""
         border = cv2.BORDER_CONSTANT  # outside the lens the map points at (-1, -1)
-        return cv2.remap(
-            atlas_values, self._nearest[view], None, cv2.INTER_NEAREST,
+        return cv2.remap(  # pyright: ignore[reportCallIssue]
+            atlas_values, self._nearest[view], None, cv2.INTER_NEAREST,  # pyright: ignore[reportArgumentType]
             borderMode=border, borderValue=outside,
         )  # fmt: skip
 

@@ -22,7 +22,8 @@ def wander(times: Float[Array, "T"], deviation: float, rng: np.random.Generator)
 
     A function of time alone: fewer frames are the start of more.
     """
-    period = np.exp(rng.uniform(*np.log(_PERIOD_S), _WAVES))
+    low, high = np.log(_PERIOD_S)
+    period = np.exp(rng.uniform(low, high, _WAVES))
     phase = rng.uniform(0, 2 * np.pi, _WAVES)
     waves = np.sin(2 * np.pi * times[:, None] / period + phase)
     return deviation * np.sqrt(2.0 / _WAVES) * waves.sum(1)

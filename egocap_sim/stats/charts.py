@@ -35,7 +35,7 @@ _STYLE = {
 
 def visibility(stats: Statistics) -> str:
     """Per joint, in what share of frames and views it is seen, or why not; a dot for any view."""
-    total = sum(stats.causes.values())
+    total = stats.total
     share = 100 * total / total.sum(1, keepdims=True)
     figure, axes = _figure(8.6, 4.6)
     left = np.zeros(len(LABELS))
@@ -166,6 +166,6 @@ def _svg(figure: Figure) -> str:
 
 def draw(stats: Statistics) -> dict[str, str]:
     """Every chart, and 'heat VIEW' for the views."""
-    with rc_context(_STYLE):
+    with rc_context(_STYLE):  # pyright: ignore[reportArgumentType]
         drawn = {name: make(stats) for name, make in CHARTS.items()}
         return drawn | {f"heat {view}": heat_maps(stats, view) for view in stats.heat}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
@@ -78,10 +78,14 @@ class Statistics:
         return sum(row.frames for row in self.rows)
 
     @property
+    def total(self) -> Int[Array, "J 4"]:
+        """How often each joint has each cause, over all views."""
+        return np.sum(list(self.causes.values()), axis=0)
+
+    @property
     def visible(self) -> Float[Array, "J"]:
         """Share of frames and views in which each joint is seen."""
-        total = sum(self.causes.values())
-        return total[:, VISIBLE] / total.sum(1)
+        return self.total[:, VISIBLE] / self.total.sum(1)
 
     @property
     def spread_m(self) -> Float[Array, "J"]:

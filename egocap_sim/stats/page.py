@@ -17,7 +17,7 @@ _ROWS_SHOWN = 200
 def summary(stats: Statistics) -> dict[str, Any]:
     """The numbers of the page, JSON-ready. Shares are percentages."""
     heights = [p["height_m"] for p in stats.persons.values() if "height_m" in p]
-    total = sum(stats.causes.values())
+    total = stats.total
     share = 100 * total / total.sum(1, keepdims=True)
     images = stats.frames * len(stats.causes)
     return {

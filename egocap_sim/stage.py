@@ -220,7 +220,7 @@ def reference_of(scene: Scene, person: Person) -> Reference:
 
     motion = scene.motion
     mounted = MOTIONS[motion.name].mounted if motion.name in MOTIONS else None
-    if mounted is None:
+    if motion.name is None or mounted is None:
         return retarget(clip_of(scene), person)
     reference = retarget(clip_of(scene), person, from_origin=False, grounded=False)
     parameters = motion_parameters(motion.name, motion.parameters)

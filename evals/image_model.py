@@ -270,7 +270,7 @@ def _hard_cases(rng: np.random.Generator, count: int) -> dict[str, RayGaussians]
 
 def main() -> None:
     """Run all studies; print and write their numbers."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("sequence", type=Path)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--trials", type=int, default=20)

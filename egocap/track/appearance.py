@@ -72,10 +72,11 @@ def colour_energy(
     chunk: int = 512,
 ) -> Float[Tensor, "*batch"]:
     """Sum over all rays of all views: equations 5, 6. `chunk` rays at a time bound the memory."""
-    return sum(
+    energies = (
         pixel_energy(body, batch[slice(i, i + chunk)], angles, measure, quadrature).sum(-1)
         for i in range(0, len(batch.origins), chunk)
     )
+    return sum(energies, start=angles.new_zeros(()))
 
 
 def colour_gradient(

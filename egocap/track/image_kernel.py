@@ -134,7 +134,7 @@ def _fill_tiles(rays, cones, lists, counts):
         counts[t] = count
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]
 def _kept(seed, ray, gaussian, keep):
     """A repeatable draw for a ray and a Gaussian: true with probability `keep`.
 
@@ -183,7 +183,7 @@ def image_energy(
     return _gather(chain, posed, curvature, output)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)
+@njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)  # pyright: ignore[reportCallIssue]
 def _share_of_rays(
     thread, threads, posed, colours, chain, shape, rays, cell, cells, in_cone, colour_scale,
     selected, weights, keep, seed, curvature, lanes, lists, counts, scratch, forces, pixels,
@@ -268,7 +268,7 @@ def _gather(chain, posed, curvature, output):
     return output.energy.sum(), gradient, matrix
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]
 def _add_outer(H, row, which, count, scale):
     """Add scale * J J^T to the lower triangle of H, J given by its entries above `FLAT`."""
     kept = 0

@@ -156,7 +156,7 @@ class ImageSolver:
         energy, gradient, H = self._with_priors(evaluation, angles, predicted, scatter)
         if seen is not None:
             scale = float(self.priors_config.robust_scale)
-            energy += detections(self._skeleton, angles, *seen, scale, H, gradient)
+            energy += detections(self._skeleton, angles, *seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
         return energy, gradient, H
 
     def _with_priors(

@@ -34,4 +34,4 @@ def nearest_angles(
         return np.concatenate([J.reshape(-1, DOF_COUNT), np.diag(ease)])
 
     first = np.zeros(DOF_COUNT) if start is None else start
-    return least_squares(residual, first, slope, method="trf").x
+    return least_squares(residual, first, slope, method="trf").x  # pyright: ignore[reportArgumentType]

@@ -74,7 +74,7 @@ def pose(chain, angles, origins, axes, centres):
                 centres[q, r] += R[f, r, c] * chain.offset[q, c]
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]
 def load(wrench, frame, centre, force):
     """Add a force (3,) at a centre to the force and moment (6,) of a frame."""
     w = wrench[frame]
@@ -86,7 +86,7 @@ def load(wrench, frame, centre, force):
     w[5] += centre[0] * force[1] - centre[1] * force[0]
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]
 def angle_forces(chain, origins, axes, wrench, loaded, row, which):
     """Derivatives by the angles from the wrenches (18, 6) on the frames, which are used up.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -82,10 +83,14 @@ def draw_model(
 
 def _dissimilarities(body, rays, images, measure):
     features = torch.as_tensor(measure.features(ray_colours(rays, images)))
-    return measure.compare(torch.tensor(body.colour, dtype=torch.float32), features[:, None]).numpy()
+    return measure.compare(
+        torch.tensor(body.colour, dtype=torch.float32), features[:, None]
+    ).numpy()
 
 
-def _panels(body: GaussianBody, rays: ImageRays, images, seen, unlike):
+def _panels(
+    body: GaussianBody, rays: ImageRays, images, seen, unlike
+) -> tuple[tuple[Array, dict[str, Any]], ...]:
     """Planes (V, H, W[, 3]) and how to draw them, in the order of `PANELS`."""
     opacity, energy = seen.sum(1), (seen * unlike).sum(1)
     share = seen / np.maximum(opacity, 1e-9)[:, None]

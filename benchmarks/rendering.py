@@ -16,6 +16,8 @@ import argparse
 import json
 import multiprocessing
 import os
+import shlex
+import sys
 import time
 from pathlib import Path
 
@@ -179,6 +181,7 @@ def main() -> None:
     parser.add_argument("--size", choices=SIZES, action="append")
     parser.add_argument("--workers", type=int, action="append")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--out", type=Path, help="keep the result with command and machine")
     args = parser.parse_args()
     rows = []
     for name in args.size or SIZES:
@@ -196,6 +199,12 @@ def main() -> None:
     result: dict = {"rows": rows}
     if args.memory_frames:
         result["memory"] = measure(ours, SIZES[(args.size or [*SIZES])[0]], 1, args.memory_frames)
+    if args.out:
+        from evals.record import save_result
+
+        save_result(
+            args.out, result, shlex.join(["python", "benchmarks/rendering.py", *sys.argv[1:]])
+        )
     print(json.dumps(result) if args.json else result.get("memory", ""))
 
 

@@ -25,6 +25,7 @@ from egocap.body import Proportions
 from egocap.gaussians import GaussianBody
 from egocap.labels import EVALUATED, UPPER
 from egocap.rig import Rig
+from egocap.rig_files import parse_rig
 from egocap.sequence import VISIBLE, Sequence
 from egocap.skeleton import DOF_COUNT, DOF_INDEX, DOFS, LIMITS, SPREAD, forward
 from egocap.track.appearance import RayBatch, colour_energy, colour_gradient
@@ -63,6 +64,7 @@ def brute_visibility(met: RayGaussians, far: float = 2.6) -> Float[Array, "P G"]
 def quadrature_study(rig: Rig, rng: np.random.Generator, rays: int = 60) -> dict[str, Any]:
     """Error of both quadratures against brute force, on random bodies and in the hard cases."""
     cases = {"random bodies": _random_bodies(rig, rng, rays)} | _hard_cases(rng, rays // 3)
+    cases["beyond 90 degrees"] = _random_bodies(_ahead(rig), rng, rays // 3, beyond=True)
     result: dict[str, Any] = {}
     for name, met in cases.items():
         truth = brute_visibility(met)
@@ -232,13 +234,26 @@ def _random_pose(rng: np.random.Generator, extent: float) -> Float[Array, "37"]:
     return np.clip(extent * SPREAD * rng.normal(size=DOF_COUNT), LIMITS[:, 0], LIMITS[:, 1])
 
 
-def _random_bodies(rig: Rig, rng: np.random.Generator, count: int) -> RayGaussians:
+def _ahead(rig: Rig) -> Rig:
+    """The rig with lenses of 280 degrees that look straight ahead: the body is behind them."""
+    lens = {"model": "equidistant", "width": 256, "height": 256, "fov": 280.0}
+    forward, left, up = rig.T_head_camera[0, :3, 3]
+    stereo = {"baseline": 2 * left, "forward": forward, "up": up, "pitch": 0.0}
+    return parse_rig({"name": "ahead", "lens": lens, "stereo": stereo}, "the study's own rig")
+
+
+def _random_bodies(
+    rig: Rig, rng: np.random.Generator, count: int, beyond: bool = False
+) -> RayGaussians:
+    """Rays that meet random bodies in random poses; `beyond`: more than 90 degrees off axis."""
     rays = image_rays(rig, 128, 128)
+    ahead = (rays.direction * rig.T_head_camera[rays.view, :3, 2]).sum(-1)
+    usable = np.flatnonzero(ahead < 0) if beyond else np.arange(len(rays))
     middles, depths = [], []
     for _ in range(4):
         body = GaussianBody.from_proportions(Proportions.from_lengths(rng.uniform(1.5, 1.95)))
         centres = pose_gaussians(body, torch.as_tensor(_random_pose(rng, 0.8)))
-        pick = rng.choice(len(rays), 4000, replace=False)
+        pick = rng.choice(usable, 4000, replace=False)
         met = along_rays(
             centres, torch.tensor(body.sigma), torch.tensor(body.density),
             torch.tensor(rays.origins[rays.view[pick]]), torch.tensor(rays.direction[pick]),

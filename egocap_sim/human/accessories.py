@@ -14,6 +14,7 @@ from egocap_sim.human.anny_model import BareBody, anatomy
 from egocap_sim.human.anny_source import REGIONS
 from egocap_sim.human.chart import LEFT_ARM, RIGHT_ARM, Chart
 from egocap_sim.human.fabric import PALETTE, TILE_M, fabric_texture, one_color
+from egocap_sim.human.headwear import ring_faces
 from egocap_sim.human.sewing import sew
 from egocap_sim.human.shell import ELSEWHERE, Cut, make_shell
 from egocap_sim.human.skin import PART_OF_BODY, rgb
@@ -79,7 +80,7 @@ def watch(body: BareBody, chart: Chart, rng: np.random.Generator) -> Worn:
     )
     texture[26:38] = (178, 176, 170)
     texture[38:] = (24, 26, 30) if rng.uniform() < 0.6 else (232, 230, 224)
-    faces = np.concatenate([_loops(4, 24), _loops(4, 24) + 100])
+    faces = np.concatenate([ring_faces(4, 24), ring_faces(4, 24) + 100])
     return _rigid(
         "watch", vertices, faces, np.stack([u.tolist() * 2, v], 1), texture, "l_forearm", 0.5
     ), (np.zeros(len(body.vertices), bool))
@@ -127,7 +128,7 @@ def glasses(body: BareBody, chart: Chart, rng: np.random.Generator) -> Worn:
     vertices, faces, count = [], [], 0
     for tube in tubes:
         vertices.append(_tube_around(tube, thick))
-        faces.append(_loops(len(tube), 4) + count)
+        faces.append(ring_faces(len(tube), 4) + count)
         count += len(vertices[-1])
     vertices = np.concatenate(vertices)
     texture = np.zeros((8, 8, 3), np.uint8)
@@ -194,7 +195,7 @@ def _hat(
     uv = np.stack([np.tile(turn / np.pi, len(rows)), np.repeat(rows, around + 1)], 1)
     head = anatomy().owner == INDEX["head"]
     hidden = head & (body.vertices[:, 2] > skull.centre[2] + 0.35 * skull.half[2])
-    return _rigid(name, vertices, _loops(len(rows), around), uv, texture, "head", 0.05), hidden
+    return _rigid(name, vertices, ring_faces(len(rows), around), uv, texture, "head", 0.05), hidden
 
 
 def _back_of_hand(body: BareBody) -> Float[Array, "3"]:
@@ -212,17 +213,6 @@ def _tube_around(path: Float[Array, "R 3"], radius: float) -> Float[Array, "RV 3
     turn = np.linspace(0, 2 * np.pi, 5)
     ring = np.cos(turn)[:, None, None] * side + np.sin(turn)[:, None, None] * up
     return (path + radius * ring).transpose(1, 0, 2).reshape(-1, 3)
-
-
-def _loops(rings: int, around: int) -> Array:
-    """Triangles between loops of around + 1 points; both sides are drawn."""
-    ring = np.arange(around)
-    strips = []
-    for i in range(rings - 1):
-        a, b = i * (around + 1), (i + 1) * (around + 1)
-        strips.append(np.stack([a + ring, b + ring, b + ring + 1], 1))
-        strips.append(np.stack([a + ring, b + ring + 1, a + ring + 1], 1))
-    return np.concatenate(strips).astype(np.int32)
 
 
 def _rigid(

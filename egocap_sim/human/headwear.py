@@ -35,7 +35,7 @@ def make_helmet(body: BareBody, color: Float[Array, "3"]) -> Mesh:
     y, x = np.mgrid[0:128, 0:128] / 128
     vents = ((x * 6 + 0.5) % 1 - 0.5) ** 2 / 0.03 + (y - 0.48) ** 2 / 0.035 < 1
     texture[vents | (y > 0.95)] = 24
-    return _head_mesh("helmet", vertices, _rings_faces(rings + 1, around), rows, around, texture)
+    return _head_mesh("helmet", vertices, ring_faces(rings + 1, around), rows, around, texture)
 
 
 def make_headset(body: BareBody, color: Float[Array, "3"]) -> Mesh:
@@ -54,7 +54,7 @@ def make_headset(body: BareBody, color: Float[Array, "3"]) -> Mesh:
         height = side * (0.016 + 0.030 * front) - 0.40 * skull.half[2] * front
         points.append(np.column_stack([ring, height]))
     vertices = np.concatenate(points) + skull.centre
-    faces = _rings_faces(len(points), around)[:, ::-1]
+    faces = ring_faces(len(points), around)[:, ::-1]
     rows = np.array([0.0, 0.3, 0.7, 1.0])
     return _head_mesh("headset", vertices, faces, rows, around, _plain_texture(color))
 
@@ -63,7 +63,7 @@ def _plain_texture(color: Float[Array, "3"]) -> UInt8[Array, "128 128 3"]:
     return np.broadcast_to(np.rint(color * 255).astype(np.uint8), (128, 128, 3)).copy()
 
 
-def _rings_faces(rings: int, around: int) -> Int[Array, "F 3"]:
+def ring_faces(rings: int, around: int) -> Int[Array, "F 3"]:
     """Triangles between rings of around + 1 points, whose last lies on the first."""
     ring = np.arange(around)
     strips = []

@@ -34,7 +34,7 @@ def raising(error):
         (FileError("a.toml", "unknown key", key="rig", line=3), 2),
         (MachineError("no OpenGL", remedy="install libegl1"), 1),
         (OSError(errno.ENOSPC, "No space left on device", "x.tar"), 1),
-        (PermissionError(errno.EACCES, "Permission denied", "/root/x"), 1),
+        (PermissionError(errno.EACCES, "Permission denied", "/locked/x"), 1),
         (FileExistsError(errno.EEXIST, "File exists", "a.toml"), 2),
         (KeyboardInterrupt(), 130),
     ],

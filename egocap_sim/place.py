@@ -11,6 +11,7 @@ from egocap_sim.grounds import court, grass, outdoor, street
 from egocap_sim.rooms import chroma, corridor, room, studio
 from egocap_sim.surroundings import Light, Place
 
+LARGEST_RADIUS_M = 15.0
 Rng = np.random.Generator
 
 __all__ = ["PLACES", "Light", "Place", "make_place"]
@@ -24,8 +25,10 @@ def make_place(name: str, rng: Rng, clear_radius: float = 2.0) -> Place:
     """
     if name not in PLACES:
         raise InputError(f"unknown place '{name}'", valid=PLACES)
-    if not 0.5 <= clear_radius <= 15.0:
-        raise InputError(f"clear radius is {clear_radius} m", valid="0.5 to 15 m")
+    if not 0.5 <= clear_radius <= LARGEST_RADIUS_M:
+        raise InputError(
+            f"clear radius is {clear_radius} m", valid=f"0.5 to {LARGEST_RADIUS_M:g} m"
+        )
     return PLACES[name](rng, float(clear_radius))
 
 

@@ -40,6 +40,7 @@ DEFAULT_RIG = "egorig1"
 _RIG_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # what a built-in rig is worn on
 
 
+_ELBOW_ROOM_M = 0.3  # between the outermost joint of a recorded motion and furniture
 _RESAMPLING_S = 0.02  # retargeting may lose as much of a clip's end
 _MOTION_S = 30.0
 """Procedural motions are made in multiples of this, so that fewer frames are the start of more."""
@@ -132,14 +133,25 @@ def check_things(scene: Scene) -> None:
                 check_thing(thing, scene.motion.name)
 
 
-def place_of(scene: Scene) -> Place:
-    """The surroundings."""
+def clear_radius_of(scene: Scene, truth: Truth) -> float:
+    """Metres kept free around the origin: the scene's, or as far as a motion file goes."""
+    from egocap_sim.place import LARGEST_RADIUS_M
+
+    if scene.motion.file is None:
+        return scene.place.clear_radius
+    reach = float(np.linalg.norm(truth.T_world_body[..., :2, 3], axis=-1).max()) + _ELBOW_ROOM_M
+    return max(scene.place.clear_radius, min(reach, LARGEST_RADIUS_M))
+
+
+def place_of(scene: Scene, truth: Truth) -> Place:
+    """The surroundings, large enough for the wearer's way."""
     from egocap_sim.pictures import papered, picture_files
     from egocap_sim.place import make_place
     from egocap_sim.surroundings import at_dusk
 
     table = scene.place
-    place = make_place(table.name, stream(scene.seed, "place"), clear_radius=table.clear_radius)
+    radius = clear_radius_of(scene, truth)
+    place = make_place(table.name, stream(scene.seed, "place"), clear_radius=radius)
     if table.textures is not None:
         files = picture_files(Path(table.textures))
         place = papered(place, files, stream(scene.seed, "textures"))
@@ -158,7 +170,7 @@ def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
                 stream(scene.seed, "others"),
                 truth.time,
                 truth.T_world_body,
-                scene.place.clear_radius,
+                clear_radius_of(scene, truth),
                 truth.T_world_head[:, None, :3, 3] + _camera_arms(scene, truth),
             )
     return extras

@@ -44,7 +44,7 @@ def make_frames(scene: Scene, folder: Path) -> FrameMaker:
     return FrameMaker(
         rig_of(scene.rig, scene.seed),
         person_of(scene),
-        place_of(scene),
+        place_of(scene, truth),
         truth,
         scene.record,
         extras_of(scene, truth),

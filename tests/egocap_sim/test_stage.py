@@ -97,3 +97,19 @@ def test_an_unknown_place_is_refused_before_it_is_made():
     with pytest.raises(SceneError, match=r"'place\.name': unknown place 'moon' \(valid: room"):
         check_place(scene(place={"name": "moon"}))
     check_place(scene())
+
+
+def test_a_place_is_as_large_as_a_recorded_motion():
+    """Furniture and walls keep clear of where a clip goes; a scene's own radius is the least."""
+    from egocap_sim.stage import clear_radius_of
+
+    class Way:
+        T_world_body = np.tile(np.eye(4), (3, 21, 1, 1))
+
+    scene = load_scene(builtin_file("scene", "validation-walk"))
+    clip = scene.model_copy(update={"motion": type(scene.motion)(file="clip.bvh")})
+    Way.T_world_body[2, 0, 0, 3] = 4.0
+    assert clear_radius_of(clip, Way) == pytest.approx(4.3)
+    assert clear_radius_of(scene, Way) == scene.place.clear_radius
+    Way.T_world_body[2, 0, 0, 3] = 0.5
+    assert clear_radius_of(clip, Way) == scene.place.clear_radius

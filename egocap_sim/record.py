@@ -163,14 +163,11 @@ def _finish(writer: SequenceWriter, draft: Truth, film: Film | None) -> None:
     sequence = _Shards(writer)
     visibility = np.stack([sequence.visibility(i) for i in range(writer.manifest.frames)])
     truth = replace(draft, visibility=visibility)
-    path = writer.folder / DRAFT
-    with disk_errors(path):
-        truth.save(path)
     if film is not None:
         writer.write_file(SENSOR, film.applied.content())
         film.discard(writer.folder)
-    writer.write_file("truth.npz", path.read_bytes())
-    path.unlink()
+    writer.write_file("truth.npz", truth.content())
+    (writer.folder / DRAFT).unlink()
 
 
 class _Shards(Sequence):

@@ -215,26 +215,30 @@ def clip_of(scene: Scene) -> Clip:
 def frames_of_clip(scene: Scene) -> int:
     """How many frames the scene's motion file lasts from where the scene starts it."""
     with _table(scene, "motion"):
-        clip = clip_of(scene)
-        seconds = (len(clip.positions) - 1) / clip.fps - scene.motion.start_s - _RESAMPLING_S
-        if seconds <= 0:
-            raise InputError(
-                f"start_s = {scene.motion.start_s:g} is beyond the end of {clip.name}",
-                valid=f"less than {seconds + scene.motion.start_s:.2f} s",
-            )
+        return _frames_in(clip_of(scene), scene)
+
+
+def _frames_in(clip: Clip, scene: Scene) -> int:
+    start = scene.motion.start_s
+    seconds = (len(clip.positions) - 1) / clip.fps - start - _RESAMPLING_S
+    if seconds <= 0:
+        raise InputError(
+            f"start_s = {start:g} is beyond the end of {clip.name}",
+            valid=f"less than {seconds + start:.2f} s",
+        )
     return int(seconds * scene.fps) + 1
 
 
-def reference_of(scene: Scene, person: Person) -> Reference:
-    """The motion on the person's own bones, brought to the floor or to what carries the person."""
+def reference_of(scene: Scene, clip: Clip, person: Person) -> Reference:
+    """A clip on the person's own bones, brought to the floor or to what carries the person."""
     from egocap_sim.motion.procedural import MOTIONS, motion_parameters
     from egocap_sim.motion.retarget import retarget
 
     motion = scene.motion
     mounted = MOTIONS[motion.name].mounted if motion.name in MOTIONS else None
     if motion.name is None or mounted is None:
-        return retarget(clip_of(scene), person)
-    reference = retarget(clip_of(scene), person, from_origin=False, grounded=False)
+        return retarget(clip, person)
+    reference = retarget(clip, person, from_origin=False, grounded=False)
     parameters = motion_parameters(motion.name, motion.parameters)
     return mounted(reference, person, stream(scene.seed, "motion"), parameters)
 
@@ -273,13 +277,14 @@ def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Tr
     from egocap_sim.physics.simulate import simulate
 
     with _table(scene, "motion"):
-        if scene.motion.file and scene.frames > (most := frames_of_clip(scene)):
+        clip = clip_of(scene)
+        if scene.motion.file and scene.frames > (most := _frames_in(clip, scene)):
             raise InputError(
                 f"{scene.frames} frames are more than the clip has", valid=f"1 to {most}"
             )
         return simulate(
             person,
-            reference_of(scene, person),
+            reference_of(scene, clip, person),
             fps=scene.fps * per_frame,
             n_frames=samples,
             start_s=scene.motion.start_s,

@@ -16,22 +16,33 @@ from numpy import ndarray as Array
 
 from egocap.errors import FileError, MachineError
 
-SCHEMA = 1
+SCHEMA = 2
+"""Version of both files. 2: detections may have `modes` and `mode_weights`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
     """Body parts found in every view, in pixels of the rig's own image size.
 
-    A missing detection has `valid` False; its other values mean nothing.
+    A missing detection has `valid` False; its other values mean nothing. A joint that the camera
+    does not see but whose place was guessed is a detection too: low `confidence`, wide `sigma`.
     """
 
     times: Float[Array, "T"]  # seconds
     points: Float[Array, "T V 18 2"]  # pixels
     sigma: Float[Array, "T V 18"]  # standard deviation of a point along each axis, pixels
-    confidence: Float[Array, "T V 18"]  # 0 to 1
-    valid: Bool[Array, "T V 18"]
+    confidence: Float[Array, "T V 18"]  # probability that the camera sees the joint
+    valid: Bool[Array, "T V 18"]  # a detection was made, of a seen joint or of a hidden one
     source: str  # how they were made, e.g. "simulated:2.0"
+    modes: Float[Array, "T V 18 K 2"] | None = None  # pixels, where else it may be; likeliest first
+    mode_weights: Float[Array, "T V 18 K"] | None = None  # of each mode, 0 for none; sum up to 1
+
+    @property
+    def candidates(self) -> tuple[Float[Array, "T V 18 K 2"], Float[Array, "T V 18 K"]]:
+        """Modes and their weights; the point alone, with weight 1, where no modes were kept."""
+        if self.modes is None or self.mode_weights is None:
+            return self.points[..., None, :], self.valid[..., None].astype(float)
+        return self.modes, self.mode_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +62,14 @@ class Track:
 _DETECTIONS = {
     "times": ("f", ("T",)), "points": ("f", ("T", "V", 18, 2)), "sigma": ("f", ("T", "V", 18)),
     "confidence": ("f", ("T", "V", 18)), "valid": ("b", ("T", "V", 18)), "source": ("U", ()),
+    "modes": ("f", ("T", "V", 18, "K", 2)), "mode_weights": ("f", ("T", "V", 18, "K")),
 }  # fmt: skip
 _TRACK = {
     "times": ("f", ("T",)), "angles": ("f", ("T", 37)), "joints_head": ("f", ("T", 18, 3)),
     "energy": ("f", ("T",)), "converged": ("b", ("T",)), "detections_used": ("f", ("T",)),
     "seconds_per_frame": ("f", ()), "config": ("U", ()),
 }  # fmt: skip
+_OPTIONAL = {"modes", "mode_weights"}
 _Layout = dict[str, tuple[str, tuple[str | int, ...]]]
 _Kind = TypeVar("_Kind", Detections, Track)
 
@@ -70,10 +83,17 @@ def load_detections(path: str | Path) -> Detections:
     """Read detections; FileError names the array that is missing, damaged, of a wrong shape, or
     holds something impossible for a valid detection."""
     found = _load(Path(path), "egocap-detections", Detections, _DETECTIONS)
+    if (found.modes is None) != (found.mode_weights is None):
+        raise FileError(path, "has one of 'modes' and 'mode_weights'", valid="both or none")
+    modes, weights = found.candidates
+    total = np.where(np.isfinite(weights) & (weights >= 0.0), weights, np.inf).sum(-1)
+    placed = (np.isfinite(modes).all(-1) | ~(weights > 0.0)).all(-1)
     for name, good, valid in (
         ("points", np.isfinite(found.points).all(-1), "finite pixels"),
         ("sigma", np.isfinite(found.sigma) & (found.sigma >= 0.0), "finite pixels, 0 or more"),
         ("confidence", (found.confidence >= 0.0) & (found.confidence <= 1.0), "0 to 1"),
+        ("modes", placed, "finite pixels where the weight is not 0"),
+        ("mode_weights", total <= 1.0 + 1e-6, "0 or more, adding up to 1 at most"),
     ):
         bad = np.argwhere(found.valid & ~good)
         if len(bad):
@@ -95,6 +115,7 @@ def load_track(path: str | Path) -> Track:
 
 def _save(path: Path, kind: str, result: Detections | Track) -> None:
     arrays: dict[str, Any] = {f.name: getattr(result, f.name) for f in fields(result)}
+    arrays = {name: value for name, value in arrays.items() if value is not None}
     if "config" in arrays:
         arrays["config"] = json.dumps(arrays["config"])
     # Renamed into place, so that a kill never leaves half a file under the real name.
@@ -134,10 +155,11 @@ def _load(path: Path, kind: str, result: type[_Kind], layout: _Layout) -> _Kind:
             raise FileError(path, "unknown array", key=name, valid=layout)
     sizes: dict[str, int] = {}
     for name, (dtype_kind, shape) in layout.items():
-        if name not in arrays:
+        if name in arrays:
+            _check(path, name, arrays[name], dtype_kind, shape, sizes)
+        elif name not in _OPTIONAL:
             raise FileError(path, "missing", key=name)
-        _check(path, name, arrays[name], dtype_kind, shape, sizes)
-    return result(**{name: _value(path, name, arrays[name]) for name in layout})
+    return result(**{n: _value(path, n, arrays[n]) for n in layout if n in arrays})
 
 
 def _read(path: Path) -> dict[str, Array]:

@@ -30,6 +30,16 @@ def make_detections(frames=4, views=2):
     )
 
 
+def make_modes(frames=4, modes=3):
+    """Detections with a few modes each, fewer for some joints."""
+    made = make_detections(frames)
+    rng = np.random.default_rng(2)
+    weights = np.sort(rng.dirichlet(np.ones(modes), made.valid.shape))[..., ::-1].copy()
+    weights[..., -1] = 0.0
+    places = np.where(weights[..., None] > 0, rng.random((*weights.shape, 2)) * 500, np.nan)
+    return dataclasses.replace(made, modes=places, mode_weights=weights)
+
+
 def make_track(frames=4):
     rng = np.random.default_rng(1)
     return Track(
@@ -46,6 +56,7 @@ def make_track(frames=4):
 
 KINDS = [
     (make_detections, save_detections, load_detections),
+    (make_modes, save_detections, load_detections),
     (make_track, save_track, load_track),
 ]
 
@@ -93,7 +104,7 @@ def test_one_kind_is_not_taken_for_the_other(tmp_path):
         ({"config": np.array("{")}, "config.*JSON"),
         ({"config": np.array("[1]")}, "config.*object"),
         ({"extra": np.zeros(1)}, "extra.*unknown"),
-        ({"schema_version": np.array(2)}, "newer"),
+        ({"schema_version": np.array(3)}, "newer"),
         ({"schema_version": np.array("one")}, "schema_version"),
         ({"kind": None}, "kind"),
     ],
@@ -124,6 +135,34 @@ def test_impossible_detections_name_array_frame_and_view(tmp_path, name, value):
     array[frame, view, joint] = value
     with pytest.raises(FileError, match=f"'{name}'.* {joint} in view {view} of frame {frame}"):
         load_detections(rewritten(path, **{name: array}))
+
+
+def test_files_from_before_modes_are_read(tmp_path):
+    path = tmp_path / "d.npz"
+    made = make_detections()
+    save_detections(path, made)
+    again = load_detections(rewritten(path, schema_version=np.array(1)))
+    assert again.modes is None
+    points, weights = again.candidates
+    assert np.array_equal(points[..., 0, :], made.points, equal_nan=True)
+    assert np.array_equal(weights[..., 0], made.valid)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda modes, weights: {"modes": None}, "both or none"),
+        (lambda modes, weights: {"modes": np.full_like(modes, np.nan)}, "'modes'.*finite pixels"),
+        (lambda modes, weights: {"mode_weights": 2 * weights}, "'mode_weights'.*adding up to 1"),
+        (lambda modes, weights: {"mode_weights": weights - 0.5}, "'mode_weights'.*0 or more"),
+        (lambda modes, weights: {"modes": modes[..., :1, :]}, r"mode_weights.*\(4, 2, 18, 1\)"),
+    ],
+)
+def test_impossible_modes_are_refused(tmp_path, change, says):
+    path, made = tmp_path / "d.npz", make_modes()
+    save_detections(path, made)
+    with pytest.raises(FileError, match=says):
+        load_detections(rewritten(path, **change(made.modes, made.mode_weights)))
 
 
 def test_pickles_are_never_opened(tmp_path):

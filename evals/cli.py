@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,10 +18,12 @@ from egocap.errors import InputError
 if TYPE_CHECKING:
     from egocap.evaluate import Report
 
-app = SubcommandApp()
+STUDIES = {
+    # command: (module with a function `study`, what `egocap-eval --help` says of it)
+}
+"""Studies, imported when called: a new one is one module and one line (see `evals.study`)."""
 
 
-@app.command
 def pose(
     sequence: Positional[Annotated[Path, arg(metavar="SEQ")]],
     /,
@@ -57,7 +60,6 @@ def pose(
     print(shown)
 
 
-@app.command
 def physics(
     motions: Annotated[Path, arg(metavar="DIR")],
     person: int = 0,
@@ -91,7 +93,6 @@ def physics(
     return MISSED if report.missed() else DONE
 
 
-@app.command
 def accuracy(
     work: Annotated[Path, arg(metavar="DIR")] = Path("out/accuracy"),
     motions: Annotated[Path | None, arg(metavar="DIR")] = None,
@@ -138,7 +139,28 @@ def accuracy(
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     what = "Measure tracks, detections and physics."
-    return run(app, prog="egocap-eval", description=what, args=args)
+    words = sys.argv[1:] if args is None else list(args)
+    return run(_with_studies(words), prog="egocap-eval", description=what, args=words)
+
+
+def _with_studies(words: Sequence[str]) -> SubcommandApp:
+    """All commands; of the studies only the one that is called is imported."""
+    from evals.study import as_command
+
+    every = SubcommandApp()
+    for command in (pose, physics, accuracy):
+        every.command(command)
+    for name, (module, summary) in STUDIES.items():
+        if words[:1] == [name]:
+            study = import_module(module).study
+            every.command(name=name)(as_command(study, name, words))
+        else:
+            every.command(name=name, help=summary)(_not_called)
+    return every
+
+
+def _not_called() -> None:
+    raise AssertionError("a study that was not called ran")
 
 
 _FORMATS = (".json", ".md", ".txt")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -22,16 +24,26 @@ PACKAGES = (
 )  # fmt: skip
 
 
-def save_result(path: str | Path, payload: Mapping[str, Any], command: str | Sequence[str]) -> None:
+def save_result(
+    path: str | Path,
+    payload: Mapping[str, Any],
+    command: str | Sequence[str],
+    *,
+    config: Mapping[str, Any] | None = None,
+    seconds: Mapping[str, float] | None = None,
+) -> None:
     """Write a result with its provenance; the file appears whole or not at all.
 
     The file holds `schema`, `command`, `date` (UTC), `commit` (null outside a checkout, with
-    '+changes' when the tree was not clean), `machine`, `versions` and the payload under `result`.
+    '+changes' when the tree was not clean), `machine`, `versions` and the payload under `result`;
+    `config`, `config_sha256` and `seconds` where they are given.
 
     Args:
         path: a .json file; its folder is made if need be.
         payload: the numbers, JSON-ready: no NaN, which JSON has not got.
         command: the command line that makes them again.
+        config: everything the numbers depend on, JSON-ready; its hash is recorded with it.
+        seconds: how long it took, `wall` and `cpu`.
 
     Raises:
         MachineError: the file cannot be written.
@@ -40,8 +52,12 @@ def save_result(path: str | Path, payload: Mapping[str, Any], command: str | Seq
         "schema": SCHEMA,
         "command": command if isinstance(command, str) else " ".join(command),
         **provenance(),
-        "result": dict(payload),
     }
+    if config is not None:
+        record |= {"config": plain(config), "config_sha256": config_hash(config)}
+    if seconds is not None:
+        record["seconds"] = {name: round(value, 1) for name, value in seconds.items()}
+    record["result"] = dict(payload)
     write_text(path, json.dumps(record, indent=2, allow_nan=False) + "\n")
 
 
@@ -59,6 +75,23 @@ def load_result(path: str | Path) -> dict[str, Any]:
         raise FileError(path, f"of schema {record['schema']}", key="schema",
                         valid=f"up to {SCHEMA}; upgrade egocap")  # fmt: skip
     return record
+
+
+def config_hash(config: Mapping[str, Any]) -> str:
+    """SHA-256 of a configuration, whatever the order of its keys."""
+    text = json.dumps(plain(config), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: dataclasses and mappings as objects, paths as text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def provenance() -> dict[str, Any]:

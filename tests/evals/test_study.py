@@ -65,7 +65,10 @@ def test_the_record_says_what_was_run(tmp_path, capsys):
     assert cli.main(["count", "here", "--seeds", "4", "--out", str(out)]) == 0
     record = json.loads(out.read_text())
     assert record["command"] == f"egocap-eval count here --seeds 4 --out {out}"
-    assert record["config"] == {"options": {"folder": "here", "seeds": 4}, "weights": "abc"}
+    assert record["config"] == {
+        "options": {"folder": "here", "seeds": 4, "most": 9.0},
+        "weights": "abc",
+    }
     assert record["config_sha256"] == config_hash(record["config"])
     assert record["result"] == {"seeds": 4, "folder": "here", "missed": []}
     assert record["seconds"].keys() == {"wall", "cpu"} and record["machine"]["cpu"]

@@ -74,6 +74,8 @@ def score_track(sequence: Sequence, track: Track, *, protocol: str = "egocap-17"
         truth.time,
         predicted_times=track.times,
         seen=seen.any(1),
+        T_world_head=truth.T_world_head,
+        contact=truth.contact,
         protocol=protocol,
     )
     source = track.config.get("detections")

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("egocap", "egocap_sim", "evals")
 
 LAYERS = (
-    {"errors", "geometry", "labels", "schema", "commandline", "arrays"},
+    {"errors", "geometry", "labels", "joint_names", "schema", "commandline", "arrays"},
     {"lens", "camera", "camera_files", "skeleton"},
     {"rig", "rig_files", "body", "gaussians", "sequence", "sequence_writer", "results"},
     {"detect", "track", "posterior", "evaluate", "io"},  # these do not import each other

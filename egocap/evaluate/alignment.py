@@ -66,11 +66,38 @@ def align_rigid(
 
 
 def align_sequence(
-    predicted: Float[Array, "T J 3"], truth: Float[Array, "T J 3"]
+    predicted: Float[Array, "T J 3"],
+    truth: Float[Array, "T J 3"],
+    mask: Bool[Array, "T J"] | None = None,
+    *,
+    scaled: bool = True,
 ) -> Float[Array, "T J 3"]:
-    """Predicted poses after the one similarity that fits all frames together best."""
-    s, R, t = fit_similarity(predicted.reshape(-1, 3), truth.reshape(-1, 3))
+    """Predicted poses after the one similarity that fits all frames together best.
+
+    `scaled` False: the one rotation and translation, as for a trajectory of known scale.
+    """
+    flat = None if mask is None else mask.reshape(-1)
+    s, R, t = fit_similarity(predicted.reshape(-1, 3), truth.reshape(-1, 3), flat, scaled=scaled)
     return s * predicted @ R.T + t
+
+
+def resize_bones(
+    points: Float[Array, "*batch J 3"],
+    lengths: Float[Array, "*batch K"],
+    bones: tuple[tuple[int, int], ...],
+) -> Float[Array, "*batch J 3"]:
+    """Poses with every bone (parent, child) brought to its length, its direction kept.
+
+    `bones` lists parents before their children; joints of no bone stay. A bone of length 0 has no
+    direction and stays as it is.
+    """
+    resized = np.array(points, np.float64)
+    for k, (parent, child) in enumerate(bones):
+        bone = points[..., child, :] - points[..., parent, :]
+        size = np.linalg.norm(bone, axis=-1, keepdims=True)
+        unit = np.divide(bone, size, out=np.zeros_like(bone, np.float64), where=size > 0)
+        resized[..., child, :] = resized[..., parent, :] + lengths[..., k, None] * unit
+    return resized
 
 
 def align_root(

@@ -72,16 +72,39 @@ def acceleration(
 
 
 def acceleration_error(
-    predicted: Float[Array, "T J 3"], truth: Float[Array, "T J 3"], times: Float[Array, "T"]
+    predicted: Float[Array, "T J 3"],
+    truth: Float[Array, "T J 3"],
+    times: Float[Array, "T"],
+    mask: Bool[Array, "T J"] | None = None,
 ) -> float:
     """Mean length of the difference of accelerations, m/s^2: jitter. NaN below three frames.
+
+    `mask`: predicted joints that exist; only three in a row have an acceleration.
 
     Source: Kanazawa et al., Learning 3D human dynamics from video, CVPR 2019, section 4 (there in
     millimetres per frame interval squared).
     """
     _same_shape(predicted, truth, axes="T J 3")
     difference = acceleration(predicted, times) - acceleration(truth, times)
-    return mean_error(np.linalg.norm(difference, axis=-1))
+    kept = None if mask is None else mask[2:] & mask[1:-1] & mask[:-2]
+    return mean_error(np.linalg.norm(difference, axis=-1), kept)
+
+
+def velocity_error(
+    predicted: Float[Array, "T J 3"],
+    truth: Float[Array, "T J 3"],
+    times: Float[Array, "T"],
+    mask: Bool[Array, "T J"] | None = None,
+) -> float:
+    """Mean length of the difference of velocities, m/s (MPJVE). NaN below two frames.
+
+    Source: Pavllo et al., 3D human pose estimation in video, CVPR 2019 (there a frame interval).
+    """
+    _same_shape(predicted, truth, axes="T J 3")
+    step = np.diff(np.asarray(times, np.float64))[:, None, None]
+    difference = np.diff(np.asarray(predicted, np.float64) - truth, axis=0) / step
+    kept = None if mask is None else mask[1:] & mask[:-1]
+    return mean_error(np.linalg.norm(difference, axis=-1), kept)
 
 
 def bone_lengths(
@@ -96,16 +119,26 @@ def bone_length_error(
     predicted: Float[Array, "T J 3"],
     truth: Float[Array, "T J 3"],
     bones: tuple[tuple[int, int], ...],
+    mask: Bool[Array, "T J"] | None = None,
 ) -> float:
-    """Mean absolute difference of bone lengths over frames and bones."""
-    return mean_error(np.abs(bone_lengths(predicted, bones) - bone_lengths(truth, bones)))
+    """Mean absolute difference of bone lengths over frames and bones, of bones with both ends."""
+    difference = np.abs(bone_lengths(predicted, bones) - bone_lengths(truth, bones))
+    return mean_error(difference, None if mask is None else _both_ends(mask, bones))
 
 
 def bone_length_drift(
-    points: Float[Array, "T J 3"], bones: tuple[tuple[int, int], ...]
+    points: Float[Array, "T J 3"],
+    bones: tuple[tuple[int, int], ...],
+    mask: Bool[Array, "T J"] | None = None,
 ) -> Float[Array, "K"]:
-    """Standard deviation over time of every bone's length: 0 for a skeleton that keeps its size."""
-    return bone_lengths(points, bones).std(0)
+    """Standard deviation over time of every bone's length: 0 for a skeleton that keeps its size.
+
+    NaN for a bone that the mask leaves out in all frames.
+    """
+    lengths = bone_lengths(points, bones)
+    kept = np.ones(lengths.shape, bool) if mask is None else _both_ends(mask, bones)
+    mean = mean_error_per_joint(lengths, kept)
+    return np.sqrt(mean_error_per_joint((lengths - mean) ** 2, kept))
 
 
 def pixel_errors(
@@ -187,8 +220,35 @@ def bootstrap_interval(
     return float(low), float(high)
 
 
+def paired_interval(
+    first: Float[Array, "T"],
+    second: Float[Array, "T"],
+    rng: np.random.Generator,
+    *,
+    block: int = 1,
+    level: float = 0.95,
+    draws: int = 2000,
+) -> tuple[float, float]:
+    """Confidence interval of the mean of `second - first`, measured on the same frames.
+
+    What makes a frame hard is in both and cancels; an interval without 0 is a change beyond noise.
+
+    Raises:
+        InputError: the numbers of frames differ, or there are fewer than two blocks.
+    """
+    if len(first) != len(second):
+        raise InputError(f"{len(first)} and {len(second)} frames cannot be paired")
+    difference = np.asarray(second, np.float64) - first
+    return bootstrap_interval(difference, rng, block=block, level=level, draws=draws)
+
+
 def _selected(errors: Array, mask: Array | None) -> Array:
     return np.asarray(errors, np.float64)[... if mask is None else mask]
+
+
+def _both_ends(mask: Bool[Array, "T J"], bones: tuple[tuple[int, int], ...]) -> Array:
+    first, second = np.array(bones).T
+    return mask[:, first] & mask[:, second]
 
 
 def _same_shape(predicted: Array, truth: Array, *, axes: str) -> None:

@@ -11,13 +11,13 @@ from numpy import ndarray as Array
 from egocap.errors import InputError
 from egocap.evaluate import metrics
 from egocap.evaluate.checks import require_finite, require_same_times, require_shape
-from egocap.evaluate.protocol import BONES, LOWER_LIMBS, PROTOCOLS, UPPER_LIMBS, find_protocol
+from egocap.evaluate.measures import MEASURES, MM, Scored, measure
+from egocap.evaluate.protocol import HIPS, PROTOCOLS, find_protocol
 from egocap.evaluate.report import Report
 from egocap.labels import LABELS
 
 log = logging.getLogger(__name__)
 
-MM = 1e3  # millimetres a metre
 MIN_BLOCKS = 4  # independent stretches of video below which an interval would be a guess
 
 
@@ -27,7 +27,10 @@ def evaluate_pose(
     times: Float[Array, "T"],
     *,
     predicted_times: Float[Array, "T"] | None = None,
+    valid: Bool[Array, "T 18"] | None = None,
     seen: Bool[Array, "T 18"] | None = None,
+    T_world_head: Float[Array, "T 4 4"] | None = None,
+    contact: Bool[Array, "T 4"] | None = None,
     protocol: str = "egocap-17",
     rng: np.random.Generator | None = None,
 ) -> Report:
@@ -38,13 +41,39 @@ def evaluate_pose(
         truth: true joints, likewise.
         times: times of the true frames, seconds.
         predicted_times: times of the tracked frames, to check that they are the same ones.
+        valid: predicted joints that exist; all, when None. What the others hold is not read.
         seen: joints that at least one camera sees, for `visible_share` and the split by visibility.
+        T_world_head: true head poses, for the measures of the feet.
+        contact: true contacts of left foot, left toe, right foot and right toe, likewise.
         protocol: a name in `egocap.evaluate.protocol.PROTOCOLS`.
         rng: draws the bootstrap's samples; the same fixed stream each time when None.
 
     Raises:
         InputError: frame counts, times or shapes differ, a coordinate is not finite (the message
-            says in which frame and joint), or there is no such protocol.
+            says in which frame and joint), nothing is left to score, or there is no such protocol.
+    """
+    scored = beside_truth(
+        predicted, truth, times, predicted_times=predicted_times, valid=valid, seen=seen,
+        T_world_head=T_world_head, contact=contact, protocol=protocol,
+    )  # fmt: skip
+    return report_of(scored, rng)
+
+
+def beside_truth(
+    predicted: Float[Array, "T 18 3"],
+    truth: Float[Array, "T 18 3"],
+    times: Float[Array, "T"],
+    *,
+    predicted_times: Float[Array, "T"] | None = None,
+    valid: Bool[Array, "T 18"] | None = None,
+    seen: Bool[Array, "T 18"] | None = None,
+    T_world_head: Float[Array, "T 4 4"] | None = None,
+    contact: Bool[Array, "T 4"] | None = None,
+    protocol: str = "egocap-17",
+) -> Scored:
+    """A motion beside its truth, checked: what every measure is taken from.
+
+    Arguments and errors as of `evaluate_pose`.
     """
     rules = find_protocol(protocol)
     predicted, truth = np.asarray(predicted, np.float64), np.asarray(truth, np.float64)
@@ -60,61 +89,79 @@ def evaluate_pose(
             f"the track has {len(predicted)} frames, the truth {len(truth)}",
             valid="one pose for every frame",
         )
-    require_finite(predicted, "predicted joints")
+    for what, mask in (("visibility", seen), ("predicted joints' mask", valid)):
+        if mask is not None and mask.shape != truth.shape[:2]:
+            raise InputError(f"{what} has shape {mask.shape}", valid=str(truth.shape[:2]))
+    valid = np.ones(truth.shape[:2], bool) if valid is None else valid
+    require_finite(predicted, "predicted joints", valid)
     require_finite(truth, "true joints")
-    if seen is not None and seen.shape != truth.shape[:2]:
-        raise InputError(f"visibility has shape {seen.shape}", valid=str(truth.shape[:2]))
+    scored = Scored(predicted, truth, times, rules, valid, seen, T_world_head, contact)
+    if not scored.counted.any():
+        raise InputError(f"no joint of {rules.name} was predicted in any frame")
+    _require_hips(scored)
+    return scored
 
-    joints = list(rules.joints)
-    errors = MM * metrics.joint_errors(rules.align(predicted, truth), truth)  # (T, 18)
-    counted = np.zeros(errors.shape, bool)
-    counted[:, joints] = True
-    per_joint = metrics.mean_error_per_joint(errors)
+
+def report_of(scored: Scored, rng: np.random.Generator | None = None) -> Report:
+    """All measures of a motion, its error per joint, under every alignment, and the interval."""
+    rules, joints = scored.protocol, list(scored.protocol.joints)
+    per_joint = MM * metrics.mean_error_per_joint(scored.errors, scored.counted)
+    values = {name: measure(scored, name) for name in MEASURES}
+    for name in ("mpjpe_mm", "pa_mpjpe_mm", "median_mm", "p95_mm"):
+        assert values[name] is not None, name
+    planted = scored.contact is not None and scored.T_world_head is not None
+    ideal = Scored(scored.truth, scored.truth, scored.times, rules, np.ones_like(scored.valid),
+                   None, scored.T_world_head, scored.contact)  # fmt: skip
     return Report(
-        mpjpe_mm=metrics.mean_error(errors, counted),
-        pa_mpjpe_mm=_error_under("egocap-17-pa", predicted, truth),
-        upper_mm=metrics.mean_error(errors[:, list(UPPER_LIMBS)]),
-        lower_mm=metrics.mean_error(errors[:, list(LOWER_LIMBS)]),
-        median_mm=metrics.percentile(errors, 50, counted),
-        p95_mm=metrics.percentile(errors, 95, counted),
-        accel_error=_number(
-            metrics.acceleration_error(predicted[:, joints], truth[:, joints], times)
-        ),
-        per_joint_mm={LABELS[j]: float(per_joint[j]) for j in joints},
-        visible_share=None if seen is None else float(seen[:, joints].mean()),
-        frames=len(truth),
+        **values,  # type: ignore[arg-type]
+        per_joint_mm={LABELS[j]: _number(float(per_joint[j])) for j in joints},
+        visible_share=None if scored.seen is None else float(scored.seen[:, joints].mean()),
+        coverage_share=float(scored.valid[:, joints].mean()),
+        frames=len(scored.truth),
         protocol=rules.name,
         protocol_description=rules.description,
-        mpjpe_ci95_mm=_interval(errors[:, joints].mean(1), times, rng),
-        visible_mm=None if seen is None else _number(metrics.mean_error(errors, counted & seen)),
-        hidden_mm=None if seen is None else _number(metrics.mean_error(errors, counted & ~seen)),
-        max_mm=float(errors[:, joints].max()),
-        bone_error_mm=MM * metrics.bone_length_error(predicted, truth, BONES),
-        bone_drift_mm=MM * float(metrics.bone_length_drift(predicted, BONES).mean()),
+        mpjpe_ci95_mm=_interval(scored, rng),
         other_protocols_mm={
-            name: _error_under(name, predicted, truth) for name in PROTOCOLS if name != rules.name
+            p.name: MM * metrics.mean_error(scored.errors_under(p), scored.counted)
+            for p in PROTOCOLS.values()
+            if p.joints == rules.joints and p.name != rules.name
+            and (p.alignment != "mid-hip" or _hips_everywhere(scored))
         },
-    )
+        contact_f1_of_truth=measure(ideal, "contact_f1") if planted else None,
+    )  # fmt: skip
 
 
-def _error_under(name: str, predicted: Array, truth: Array) -> float:
-    rules = PROTOCOLS[name]
-    errors = metrics.joint_errors(rules.align(predicted, truth), truth)
-    return MM * metrics.mean_error(errors[:, list(rules.joints)])
+def frame_errors(scored: Scored) -> Float[Array, "T"]:
+    """Mean error of each frame's counted joints, millimetres; NaN for a frame without any."""
+    return MM * metrics.mean_error_per_joint(scored.errors.T, scored.counted.T)
 
 
-def _interval(
-    frame_means: Array, times: Array, rng: np.random.Generator | None
-) -> tuple[float, float] | None:
+def block_of(times: Float[Array, "T"]) -> int:
+    """Frames a second: the length of the blocks that bootstraps draw."""
+    return max(1, round(1.0 / float(np.median(np.diff(times))))) if len(times) > 1 else 1
+
+
+def _interval(scored: Scored, rng: np.random.Generator | None) -> tuple[float, float] | None:
     """95 % interval of the mean error, by blocks of one second; None for too short a video."""
-    if len(times) < 2:
-        return None
-    block = max(1, round(1.0 / float(np.median(np.diff(times)))))
-    if len(frame_means) < MIN_BLOCKS * block:
+    errors, block = frame_errors(scored), block_of(scored.times)
+    errors = errors[np.isfinite(errors)]
+    if len(errors) < MIN_BLOCKS * block or len(errors) < 2:
         log.info("no confidence interval: fewer than %d seconds of video", MIN_BLOCKS)
         return None
     rng = np.random.default_rng(0) if rng is None else rng
-    return metrics.bootstrap_interval(frame_means, rng, block=block)
+    return metrics.bootstrap_interval(errors, rng, block=block)
+
+
+def _hips_everywhere(scored: Scored) -> bool:
+    return bool(scored.valid[scored.counted.any(1)][:, HIPS].all())
+
+
+def _require_hips(scored: Scored) -> None:
+    if scored.protocol.alignment == "mid-hip" and not _hips_everywhere(scored):
+        raise InputError(
+            f"{scored.protocol.name} needs both hips in every frame that has any joint",
+            valid="another alignment, e.g. egocap-17-rigid",
+        )
 
 
 def _number(value: float) -> float | None:

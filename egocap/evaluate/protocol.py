@@ -8,12 +8,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from jaxtyping import Float
+import numpy as np
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.errors import InputError
-from egocap.evaluate.alignment import align_rigid, align_root, align_sequence, align_similarity
-from egocap.labels import EVALUATED, LABEL_INDEX, LIMBS
+from egocap.evaluate.alignment import (
+    align_rigid,
+    align_root,
+    align_sequence,
+    align_similarity,
+    resize_bones,
+)
+from egocap.evaluate.metrics import bone_lengths
+from egocap.joint_names import JOINT_SETS
+from egocap.labels import LABEL_INDEX, LIMBS
 
 HIPS = (LABEL_INDEX["left_hip"], LABEL_INDEX["right_hip"])
 
@@ -30,14 +39,72 @@ LOWER_LIMBS = tuple(
 BONES = tuple((a, b) for a, b in LIMBS if {a, b} <= set(UPPER_LIMBS) or {a, b} <= set(LOWER_LIMBS))
 """The pairs of `LIMBS` that are rigid in a person: within an arm or a leg, and across the hips."""
 
-Alignment = Callable[[Array, Array], Array]
+TREE = (
+    *((LABEL_INDEX["neck"], LABEL_INDEX[n]) for n in ("head", "left_shoulder", "right_shoulder")),
+    *((LABEL_INDEX["neck"], LABEL_INDEX[n]) for n in ("left_hip", "right_hip")),
+    *(
+        (LABEL_INDEX[f"{side}_{a}"], LABEL_INDEX[f"{side}_{b}"])
+        for side in ("left", "right")
+        for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"),
+                     ("hip", "knee"), ("knee", "ankle"), ("ankle", "foot"))
+    ),
+)  # fmt: skip
+"""(parent, child) from the neck outwards: the bones whose lengths are adjusted."""
 
-ALIGNMENTS: Mapping[str, Alignment] = {
-    "none": lambda predicted, truth: predicted,
-    "mid-hip": lambda predicted, truth: align_root(predicted, truth, HIPS),
-    "rigid": lambda predicted, truth: _on_evaluated(align_rigid, predicted, truth),
-    "similarity": lambda predicted, truth: _on_evaluated(align_similarity, predicted, truth),
-    "sequence": lambda predicted, truth: _on_evaluated(align_sequence, predicted, truth),
+
+@dataclass(frozen=True)
+class AlignmentRule:
+    """What may be moved before errors are measured. Joints: of the protocol's set, in its order."""
+
+    suffix: str  # of the protocol's name
+    words: str
+    align: Callable[[Array, Array, Array | None, tuple[int, ...]], Array]
+
+
+def _bone_adjusted(
+    predicted: Array, truth: Array, mask: Array | None, joints: tuple[int, ...]
+) -> Array:
+    """Bones as long as the frame's true ones, then a similarity: what is left is directions.
+
+    Source: BA-MPJPE of Wang et al., EgoWholeMocap, CVPR 2024, which brings both poses to a standard
+    skeleton; here the truth stays as it is, so that a perfect pose has no error.
+    """
+    place = {joint: i for i, joint in enumerate(joints)}
+    bones = tuple((place[a], place[b]) for a, b in TREE if a in place and b in place)
+    resized = resize_bones(predicted, bone_lengths(truth, bones), bones)
+    return align_similarity(resized, truth, mask)
+
+
+def _mid_hip(predicted: Array, truth: Array, mask: Array | None, joints: tuple[int, ...]) -> Array:
+    return align_root(predicted, truth, tuple(joints.index(j) for j in HIPS))
+
+
+ALIGNMENTS: Mapping[str, AlignmentRule] = {
+    "none": AlignmentRule("", "no alignment", lambda p, t, m, j: p),
+    "mid-hip": AlignmentRule("-mid-hip", "mid-hips moved together", _mid_hip),
+    "rigid": AlignmentRule(
+        "-rigid", "each frame rigidly aligned", lambda p, t, m, j: align_rigid(p, t, m)
+    ),
+    "similarity": AlignmentRule(
+        "-pa",
+        "each frame aligned by a similarity (Procrustes with scale)",
+        lambda p, t, m, j: align_similarity(p, t, m),
+    ),
+    "sequence": AlignmentRule(
+        "-sequence",
+        "the whole sequence aligned by one similarity",
+        lambda p, t, m, j: align_sequence(p, t, m),
+    ),
+    "sequence-rigid": AlignmentRule(
+        "-sequence-rigid",
+        "the whole sequence aligned by one rotation and translation",
+        lambda p, t, m, j: align_sequence(p, t, m, scaled=False),
+    ),
+    "bone-adjusted": AlignmentRule(
+        "-ba",
+        "each frame's bones made as long as the true ones, then aligned by a similarity",
+        _bone_adjusted,
+    ),
 }
 
 
@@ -51,49 +118,58 @@ class Protocol:
     description: str
 
     def align(
-        self, predicted: Float[Array, "T 18 3"], truth: Float[Array, "T 18 3"]
+        self,
+        predicted: Float[Array, "T 18 3"],
+        truth: Float[Array, "T 18 3"],
+        valid: Bool[Array, "T 18"] | None = None,
     ) -> Float[Array, "T 18 3"]:
-        """Predicted joints after this protocol's alignment to the true ones, head frame."""
-        return ALIGNMENTS[self.alignment](predicted, truth)
+        """Predicted joints after this protocol's alignment to the true ones, head frame.
+
+        Only the protocol's joints decide and move; the others are left where they were. `valid`
+        tells which predicted joints exist (all, when None); the others are neither read nor made.
+        """
+        aligned, index = np.array(predicted, np.float64), list(self.joints)
+        mask = None if valid is None else valid[:, index]
+        rule = ALIGNMENTS[self.alignment].align
+        aligned[:, index] = rule(aligned[:, index], truth[:, index], mask, self.joints)
+        return aligned
 
 
-_17 = "rig (head) frame, 17 joints without the head, "
+_SET_WORDS = {
+    "egocap-17": "17 joints without the head",
+    "egocap-18": "all 18 labels",
+    "unrealego-16": "16 joints with the head, without finger tips",
+    "mo2cap2-15": "15 joints without head and finger tips",
+}
 
 PROTOCOLS: Mapping[str, Protocol] = {
-    p.name: p
-    for p in (
-        Protocol("egocap-17", EVALUATED, "none", _17 + "no alignment"),
-        Protocol("egocap-17-mid-hip", EVALUATED, "mid-hip", _17 + "mid-hips moved together"),
-        Protocol("egocap-17-rigid", EVALUATED, "rigid", _17 + "each frame rigidly aligned"),
-        Protocol(
-            "egocap-17-pa",
-            EVALUATED,
-            "similarity",
-            _17 + "each frame aligned by a similarity (Procrustes with scale)",
-        ),
-        Protocol(
-            "egocap-17-sequence",
-            EVALUATED,
-            "sequence",
-            _17 + "the whole sequence aligned by one similarity",
-        ),
+    joint_set + rule.suffix: Protocol(
+        joint_set + rule.suffix,
+        joints,
+        alignment,
+        f"rig (head) frame, {_SET_WORDS[joint_set]}, {rule.words}",
     )
+    for joint_set, joints in JOINT_SETS.items()
+    for alignment, rule in ALIGNMENTS.items()
 }
+"""Every joint set with every alignment, e.g. "unrealego-16-pa"."""
 
 
 def find_protocol(name: str) -> Protocol:
     """The protocol of that name.
 
     Raises:
-        InputError: there is none; the message lists the names.
+        InputError: there is none; the message lists joint sets and alignments.
     """
     if name not in PROTOCOLS:
-        raise InputError(f"no protocol '{name}'", valid=PROTOCOLS)
+        suffixes = ", ".join(rule.suffix for rule in ALIGNMENTS.values() if rule.suffix)
+        valid = f"{', '.join(JOINT_SETS)}; each alone or with {suffixes}"
+        raise InputError(f"no protocol '{name}'", valid=f"{valid}, e.g. egocap-17-pa")
     return PROTOCOLS[name]
 
 
-def _on_evaluated(align: Alignment, predicted: Array, truth: Array) -> Array:
-    """Align by the joints that count only; the head, which does not, is left where it was."""
-    aligned, index = predicted.copy(), list(EVALUATED)
-    aligned[:, index] = align(predicted[:, index], truth[:, index])
-    return aligned
+def same_joints(protocol: Protocol, alignment: str) -> Protocol:
+    """The protocol with the same joints and another alignment."""
+    return next(
+        p for p in PROTOCOLS.values() if p.joints == protocol.joints and p.alignment == alignment
+    )

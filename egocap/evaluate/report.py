@@ -13,6 +13,9 @@ from egocap.evaluate.table import Table, number
 UNITS: Mapping[str, str] = {
     "*_mm": "millimetres",
     "accel_error": "m/s^2",
+    "velocity_error, foot_skate": "m/s",
+    "pck3d_*, auc3d_*": "percent, at 100 or 150 mm; AUC to 150 mm",
+    "contact_f1*": "0 to 1",
     "pck20, auc20": "percent, at 20 px of 640 x 512",
     "*_px": "pixels at 640 x 512",
     "*_share": "0 to 1",
@@ -30,12 +33,12 @@ class Report:
 
     mpjpe_mm: float  # mean error of the protocol's joints
     pa_mpjpe_mm: float  # after a similarity a frame
-    upper_mm: float  # shoulders, elbows, wrists, hands
-    lower_mm: float  # hips, knees, ankles, feet
+    upper_mm: float | None  # shoulders, elbows, wrists, hands
+    lower_mm: float | None  # hips, knees, ankles, feet
     median_mm: float
     p95_mm: float
     accel_error: float | None  # mean acceleration error: jitter
-    per_joint_mm: Mapping[str, float]
+    per_joint_mm: Mapping[str, float | None]
     visible_share: float | None  # of joints and frames, seen by at least one camera
     frames: int
     protocol: str
@@ -48,6 +51,16 @@ class Report:
     max_mm: float | None = None
     bone_error_mm: float | None = None  # mean absolute error of bone lengths
     bone_drift_mm: float | None = None  # mean standard deviation over time of bone lengths
+    p90_mm: float | None = None
+    p99_mm: float | None = None
+    pck3d_100: float | None = None  # joints within 100 mm; a joint not predicted is a miss
+    pck3d_150: float | None = None
+    auc3d_150: float | None = None  # area under the 3-D PCK curve to 150 mm
+    velocity_error: float | None = None
+    foot_skate: float | None = None  # of planted toes, head pose true
+    contact_f1: float | None = None  # of planted feet, head pose true
+    contact_f1_of_truth: float | None = None  # what true joints score by the same rule
+    coverage_share: float | None = None  # joints of the protocol that were predicted
     other_protocols_mm: Mapping[str, float] = field(default_factory=dict)
     detections: DetectionScore | None = None
     reprojection: DetectionScore | None = None
@@ -97,11 +110,19 @@ class Report:
             ("lower body", number(self.lower_mm), "mm", "hips to feet"),
             ("median", number(self.median_mm), "mm", "over joints and frames"),
             ("95th percentile", number(self.p95_mm), "mm", ""),
+            ("99th percentile", number(self.p99_mm), "mm", ""),
             ("worst", number(self.max_mm), "mm", ""),
+            ("joints predicted", self._coverage(), "%", "measures are of these"),
+            ("3-D PCK at 150 mm", number(self.pck3d_150), "%", "joints not predicted are misses"),
+            ("3-D PCK at 100 mm", number(self.pck3d_100), "%", ""),
+            ("3-D AUC to 150 mm", number(self.auc3d_150), "%", ""),
             ("seen joints", number(self.visible_mm), "mm", "by at least one camera"),
             ("hidden joints", number(self.hidden_mm), "mm", "seen by no camera"),
             ("seen share", number(_percent(self.visible_share)), "%", "of joints and frames"),
+            ("velocity error", number(self.velocity_error, 3), "m/s", ""),
             ("acceleration error", number(self.accel_error, 2), "m/s^2", "jitter"),
+            ("foot skate", number(self.foot_skate, 3), "m/s", "planted toes, head pose true"),
+            ("contact F1", number(self.contact_f1, 2), "", self._f1_note()),
             ("bone length error", number(self.bone_error_mm), "mm", ""),
             ("bone length drift", number(self.bone_drift_mm), "mm", "standard deviation in time"),
             ("PCK at 20 px", number(self.pck20), "%", self._detections_note()),
@@ -111,6 +132,13 @@ class Report:
         ]
         shown = tuple(row for row in rows if row[1] != "-")
         return Table("", ("measure", "value", "unit", "note"), shown)
+
+    def _coverage(self) -> str:
+        share = self.coverage_share
+        return "-" if share is None or share == 1.0 else number(100 * share)
+
+    def _f1_note(self) -> str:
+        return f"true joints by the same rule: {number(self.contact_f1_of_truth, 2)}"
 
     def _detections_note(self) -> str:
         return self.detections.source if self.detections is not None else ""

@@ -53,5 +53,5 @@ def test_markdown_tables_are_whole(report):
 
 def test_what_was_not_measured_is_not_shown(report):
     bare = replace(report, pck20=None, auc20=None, detections=None)
-    assert "PCK" not in bare.to_text()
+    assert "PCK at 20 px" not in bare.to_text() and "foot skate" not in bare.to_text()
     assert json.loads(bare.to_json())["pck20"] is None

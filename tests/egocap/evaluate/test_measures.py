@@ -1,0 +1,182 @@
+"""Measures by name, each against the formula written out once more, whatever the batch."""
+
+import numpy as np
+import pytest
+from scipy.spatial import procrustes
+
+from egocap.errors import InputError
+from egocap.evaluate.alignment import align_sequence, resize_bones
+from egocap.evaluate.measures import MEASURES, find_measure, measure
+from egocap.evaluate.metrics import bootstrap_interval, paired_interval
+from egocap.evaluate.pose import beside_truth, evaluate_pose, frame_errors
+from egocap.evaluate.protocol import BONES, TREE, find_protocol
+from egocap.labels import LABEL_INDEX, LABELS
+
+
+def motion(frames=90, seed=0, noise=0.0):
+    rng = np.random.default_rng(seed)
+    truth = 0.5 * rng.normal(size=(1, 18, 3)) + 0.2 * np.cumsum(
+        0.1 * rng.normal(size=(frames, 18, 3)), 0
+    )
+    return truth + noise * rng.normal(size=truth.shape), truth, np.arange(frames) / 30
+
+
+def scored(**more):
+    predicted, truth, times = motion(noise=0.1)
+    return beside_truth(predicted, truth, times, **more)
+
+
+def test_against_loops():
+    predicted, truth, _ = motion(noise=0.1)
+    errors = [[1000 * sum((p - t) ** 2) ** 0.5 for p, t in zip(a[1:], b[1:], strict=True)]
+              for a, b in zip(predicted, truth, strict=True)]  # fmt: skip
+    flat = [e for row in errors for e in row]
+    s = scored()
+    assert measure(s, "mpjpe_mm") == pytest.approx(sum(flat) / len(flat))
+    assert measure(s, "max_mm") == pytest.approx(max(flat))
+    assert measure(s, "p90_mm") == pytest.approx(np.quantile(flat, 0.9))
+    for limit in (100, 150):
+        share = 100 * sum(e <= limit for e in flat) / len(flat)
+        assert measure(s, f"pck3d_{limit}") == pytest.approx(share)
+    grid = np.linspace(0, 150, 20001)
+    curve = [np.mean(np.array(flat) <= t) for t in grid]
+    assert measure(s, "auc3d_150") == pytest.approx(100 * np.mean(curve), abs=0.02)
+    speeds = [
+        np.linalg.norm((predicted[i + 1, j] - predicted[i, j] - truth[i + 1, j] + truth[i, j]) * 30)
+        for i in range(89)
+        for j in range(1, 18)
+    ]
+    assert measure(s, "velocity_error") == pytest.approx(np.mean(speeds))
+    second = [
+        np.linalg.norm(30**2 * (d[i - 1, j] - 2 * d[i, j] + d[i + 1, j]))
+        for d in (predicted - truth,)
+        for i in range(1, 89)
+        for j in range(1, 18)
+    ]
+    assert measure(s, "accel_error") == pytest.approx(np.mean(second))
+    lengths = np.array([[np.linalg.norm(p[a] - p[b]) for a, b in BONES] for p in predicted])
+    assert measure(s, "bone_drift_mm") == pytest.approx(1000 * lengths.std(0).mean())
+
+
+def test_bone_adjusted_against_a_walk_along_the_tree():
+    predicted, truth, _ = motion(3, noise=0.1)
+    adjusted = find_protocol("egocap-18-ba").align(predicted, truth)
+    for p, t, a in zip(predicted, truth, adjusted, strict=True):
+        walked = p.copy()
+        for parent, child in TREE:
+            along = (p[child] - p[parent]) / np.linalg.norm(p[child] - p[parent])
+            walked[child] = walked[parent] + along * np.linalg.norm(t[child] - t[parent])
+        unit_truth, fitted, _ = procrustes(t, walked)
+        size = np.linalg.norm(t - t.mean(0))
+        np.testing.assert_allclose(a, fitted * size + t.mean(0), atol=1e-9)
+        assert np.abs(fitted - unit_truth).max() > 1e-3
+
+
+def test_resized_bones_have_their_lengths_and_directions():
+    points = motion(4)[1]
+    lengths = np.full((4, len(TREE)), 0.3)
+    resized = resize_bones(points, lengths, TREE)
+    for a, b in TREE:
+        before, after = points[:, b] - points[:, a], resized[:, b] - resized[:, a]
+        np.testing.assert_allclose(np.linalg.norm(after, axis=-1), 0.3)
+        np.testing.assert_allclose(np.cross(before, after), 0, atol=1e-12)
+
+
+def test_one_rigid_alignment_of_a_sequence_keeps_its_scale():
+    truth = motion()[1]
+    np.testing.assert_allclose(
+        align_sequence(1.1 * truth, truth, scaled=False).std(), (1.1 * truth).std(), rtol=1e-2
+    )
+    assert np.abs(align_sequence(truth + 1.0, truth, scaled=False) - truth).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "protocol", ["egocap-17", "egocap-17-pa", "unrealego-16-ba", "mo2cap2-15-mid-hip"]
+)
+def test_errors_do_not_depend_on_the_batch(protocol):
+    predicted, truth, times = motion(12, noise=0.1)
+    whole = beside_truth(predicted, truth, times, protocol=protocol).errors
+    for size in (1, 2, 3):
+        parts = [
+            beside_truth(predicted[i : i + size], truth[i : i + size], times[i : i + size],
+                         protocol=protocol).errors
+            for i in range(0, 12, size)
+        ]  # fmt: skip
+        joints = list(find_protocol(protocol).joints)
+        np.testing.assert_allclose(np.concatenate(parts)[:, joints], whole[:, joints], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_perfection_is_as_good_as_it_gets(name):
+    _, truth, times = motion()
+    eye = np.broadcast_to(np.eye(4), (90, 4, 4))
+    contact = np.ones((90, 4), bool)
+    seen = np.arange(18) % 2 == np.arange(90)[:, None] % 2
+    more = {"T_world_head": eye, "contact": contact, "seen": seen}
+    still = np.repeat(truth[:1], 90, axis=0)
+    still[..., [LABEL_INDEX["left_foot"], LABEL_INDEX["right_foot"]], 2] = -1.6
+    perfect = measure(beside_truth(still, still, times, **more), name)
+    worse = measure(beside_truth(still + 0.01, still, times, **more), name)
+    assert perfect is not None and worse is not None
+    if MEASURES[name].better == "lower":
+        assert perfect == pytest.approx(0, abs=1e-6) and worse >= perfect - 1e-6
+    else:
+        assert (
+            perfect == pytest.approx((MEASURES[name].unit == "%" and 100) or 1) and worse <= perfect
+        )
+
+
+def test_missing_joints_are_misses_and_not_errors():
+    predicted, truth, times = motion()
+    predicted = predicted + [0.05, 0.0, 0.0]
+    valid = np.ones((90, 18), bool)
+    valid[40:50] = False
+    valid[:, LABEL_INDEX["left_hand"]] = False
+    predicted[~valid] = np.nan
+    report = evaluate_pose(predicted, truth, times, valid=valid)
+    assert report.mpjpe_mm == pytest.approx(50)
+    assert report.per_joint_mm["left_hand"] is None
+    assert report.coverage_share == pytest.approx(valid[:, 1:].mean())
+    assert report.pck3d_150 == pytest.approx(100 * valid[:, 1:].mean())
+    assert report.accel_error == pytest.approx(0, abs=1e-9)
+    assert report.pa_mpjpe_mm == pytest.approx(0, abs=1e-6)
+    assert "joints predicted" in report.to_text()
+    errors = frame_errors(beside_truth(predicted, truth, times, valid=valid))
+    assert np.isnan(errors[40:50]).all() and np.isfinite(errors[:40]).all()
+
+
+def test_nothing_predicted_or_no_hips_is_refused():
+    predicted, truth, times = motion()
+    valid = np.zeros((90, 18), bool)
+    with pytest.raises(InputError, match="no joint of egocap-17"):
+        evaluate_pose(predicted, truth, times, valid=valid)
+    valid[:, : LABEL_INDEX["left_hip"]] = True
+    with pytest.raises(InputError, match="both hips"):
+        evaluate_pose(predicted, truth, times, valid=valid, protocol="egocap-17-mid-hip")
+    assert evaluate_pose(predicted, truth, times, valid=valid).lower_mm is None
+
+
+def test_unknown_measure_lists_the_known():
+    with pytest.raises(InputError, match=r"mpjpe_mm, pa_mpjpe_mm.*contact_f1"):
+        find_measure("mpjpe")
+
+
+def test_pairing_sees_what_the_spread_of_frames_hides():
+    rng = np.random.default_rng(0)
+    hard = np.repeat(rng.exponential(30.0, 40), 30)  # seconds differ, frames of one are alike
+    first = hard + rng.normal(size=len(hard))
+    second = hard + 1.0 + rng.normal(size=len(hard))
+    low, high = paired_interval(first, second, np.random.default_rng(1), block=30)
+    assert 0 < low < 1 < high
+    alone = bootstrap_interval(first, np.random.default_rng(1), block=30)
+    assert alone[1] - alone[0] > 10 * (high - low)
+    with pytest.raises(InputError, match="paired"):
+        paired_interval(first[:-1], second, rng)
+
+
+def test_every_set_has_a_protocol_for_every_alignment():
+    assert find_protocol("unrealego-16").joints == tuple(
+        i for i, n in enumerate(LABELS) if not n.endswith("hand")
+    )
+    with pytest.raises(InputError, match="unrealego-16, mo2cap2-15; each alone or with -mid-hip"):
+        find_protocol("unrealego-16-procrustes")

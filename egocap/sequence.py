@@ -1,7 +1,7 @@
 """A sequence on disk, read: frames for trackers, truth for evaluations, and never mixed.
 
 A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz [rig.true.json
-sensor.npz] and WebDataset shards
+sensor.npz others.npz] and WebDataset shards
 (shard-00000.tar with KEY.left.jpg KEY.right.jpg [KEY.left.mask.png KEY.left.depth.png] KEY.json).
 The manifest holds the byte range of every file in every shard, so that any frame is one seek away.
 `egocap.sequence_writer` makes such folders.
@@ -31,6 +31,7 @@ SCHEMA = 1
 MANIFEST = "manifest.json"
 TRUE_RIG = "rig.true.json"  # beside a rig.json that is off
 SENSOR = "sensor.npz"
+OTHERS = "others.npz"  # where there are other people
 
 BLACK = -1  # `SensorTruth.source` of a dropped frame that is recorded black
 VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED = range(4)
@@ -131,6 +132,17 @@ class SensorTruth(FrameArrays):
         return self.source != np.arange(len(self.source))[:, None]
 
 
+@dataclass(frozen=True, eq=False)
+class OthersTruth(FrameArrays):
+    """Where the other people are at every frame's own time; axis O follows `[others]`, float32.
+
+    Sequences without other people have none.
+    """
+
+    joints_world: Float[Array, "T O 18 3"]
+    joints_camera: Float[Array, "T V O 18 3"]
+
+
 class Sequence:
     """A complete sequence folder, opened for reading.
 
@@ -181,6 +193,13 @@ class Sequence:
     def truth(self) -> Truth:
         """The simulated truth. Not reachable from a Frame: detectors and trackers never see it."""
         return Truth.load(self.folder / "truth.npz")
+
+    @cached_property
+    def others(self) -> OthersTruth | None:
+        """The other people's joints; None where there are none. As hidden from trackers as truth."""
+        if OTHERS not in self.manifest.files:
+            return None
+        return OthersTruth.load(self.folder / OTHERS)
 
     @property
     def times(self) -> Float[Array, "T"]:

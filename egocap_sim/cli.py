@@ -128,23 +128,29 @@ def preview(sequence: Positional[Path], out: Path, rows: int = 6, width: int = 4
 
 
 @app.command
-def verify(sequence: Positional[Path], json: bool = False) -> int:
+def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int:
     """Check that a sequence is whole, undamaged and consistent with itself.
 
     Args:
         sequence: folder of a sequence.
         json: print the result as JSON.
+        rays: judge the visibility of joints anew in this many frames, by rays cast in MuJoCo.
     """
+    from dataclasses import asdict
+
     from egocap_sim.verify import verify as check
 
-    result = check(sequence)
+    result = check(sequence, rays)
     if json:
         _print_json({"folder": str(sequence), "clean": result.clean, "frames": result.frames,
                      "shards": result.shards, "bytes": result.bytes,
-                     "problems": list(result.problems)})  # fmt: skip
+                     "problems": list(result.problems),
+                     "rays": asdict(result.rays) if result.rays else None})  # fmt: skip
     elif result.clean:
         size = result.bytes / 1e6
         print(f"{sequence}: {result.frames} frames in {result.shards} shards, {size:.0f} MB, clean")
+        if result.rays:
+            print(f"{sequence}: {result.rays.text()}")
     else:
         for problem in result.problems:
             print(f"{sequence}: {problem}", file=sys.stderr)

@@ -14,8 +14,10 @@ from egocap_sim.mesh import Actor
 class Extra:
     """An actor and its pose in every frame: another person, a ball, a bicycle.
 
-    `skinning` maps its rest pose to the world, body by body, at the cameras' frame times.
+    `skinning` maps its rest pose to the world, body by body, at the cameras' frame times. `joints`
+    are a person's (axis J as `egocap.labels.LABELS`, world, metres); None of a thing.
     """
 
     actor: Actor
     skinning: Float[Array, "T B 4 4"]
+    joints: Float[Array, "T 18 3"] | None = None

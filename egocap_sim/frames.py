@@ -122,6 +122,9 @@ class FrameMaker:
             "visibility": dict(zip(self.rig.views, visibility.tolist(), strict=True)),
             "contact": truth.contact[index].tolist(),
         }
+        people = [e.joints[index] for e in self.extras if e.joints is not None]
+        if people:
+            content["others"] = np.round(people, 5).tolist()  # joints in the world
         return json.dumps(content, separators=(",", ":")).encode()
 
 

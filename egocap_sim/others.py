@@ -32,6 +32,7 @@ from egocap_sim.motion.walk import WalkParams, walk_along
 from egocap_sim.scene import OthersTable
 from egocap_sim.simplify import simplify
 from egocap_sim.strolls import stroll
+from egocap_sim.truth import label_positions
 
 CELL_M = 0.025  # of the coarser meshes others are drawn with
 GAP_M = 0.25  # least distance between points inside two people's limbs
@@ -97,7 +98,8 @@ class _Crowd:
         self.pelvises.append(bodies[:, 0, :2, 3])
         meshes = tuple(simplify(mesh, CELL_M) for mesh in person.actor.meshes)
         actor = replace(person.actor, meshes=meshes)
-        return Extra(actor, bodies @ rigid(np.eye(3), -person.joints))
+        skinning = bodies @ rigid(np.eye(3), -person.joints)
+        return Extra(actor, skinning, label_positions(person, bodies))
 
     def is_free(self, bodies: Bodies) -> bool:
         """Whether someone may move like this: in bounds, clear of everyone and of things."""

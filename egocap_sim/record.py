@@ -17,7 +17,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from egocap.rig import Rig
-from egocap.sequence import SCHEMA, SENSOR, TRUE_RIG, Manifest, Sequence, ShardEntry, Truth
+from egocap.sequence import (
+    OTHERS,
+    SCHEMA,
+    SENSOR,
+    TRUE_RIG,
+    Manifest,
+    OthersTruth,
+    Sequence,
+    ShardEntry,
+    Truth,
+)
 from egocap.sequence_writer import SequenceWriter, disk_errors
 from egocap_sim.scene import Scene, to_toml
 from egocap_sim.sensor.film import Film, load_film
@@ -33,7 +43,7 @@ from egocap_sim.stage import (
     sensor_of,
 )
 from egocap_sim.trajectory import PhysicsStats
-from egocap_sim.truth import truth_before_rendering
+from egocap_sim.truth import others_truth, truth_before_rendering
 from egocap_sim.version import code_version
 from egocap_sim.workers import DRAFT, render_locally
 
@@ -166,6 +176,8 @@ def _finish(writer: SequenceWriter, draft: Truth, film: Film | None) -> None:
     if film is not None:
         writer.write_file(SENSOR, film.applied.content())
         film.discard(writer.folder)
+    if (others := sequence.others_of(truth)) is not None:
+        writer.write_file(OTHERS, others.content())
     writer.write_file("truth.npz", truth.content())
     (writer.folder / DRAFT).unlink()
 
@@ -179,6 +191,18 @@ class _Shards(Sequence):
     def visibility(self, index: int) -> np.ndarray:
         recorded = self.annotation(index)["visibility"]
         return np.array([recorded[view] for view in self.manifest.views], np.uint8)
+
+    def others_of(self, truth: Truth) -> OthersTruth | None:
+        """The other people's joints as the annotations have them."""
+        found = [self.annotation(i).get("others") for i in range(self.manifest.frames)]
+        if None in found:
+            return None
+        return others_truth(np.array(found), truth.T_world_head, Rig.from_json(self._rig_path))
+
+    @property
+    def _rig_path(self) -> Path:
+        true = self.folder / TRUE_RIG
+        return true if true.exists() else self.folder / "rig.json"
 
 
 def _digest(config: dict) -> str:

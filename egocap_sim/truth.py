@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from egocap.geometry import inverse, transform
 from egocap.labels import LABELS
 from egocap.rig import Rig
-from egocap.sequence import OUT_OF_VIEW, VISIBLE, Truth
+from egocap.sequence import OUT_OF_VIEW, VISIBLE, OthersTruth, Truth
 from egocap_sim.bodies import INDEX, LABEL_BODY
 from egocap_sim.human.person import Person
 from egocap_sim.trajectory import Trajectory
@@ -50,3 +50,14 @@ def truth_before_rendering(person: Person, trajectory: Trajectory, rig: Rig) -> 
         ground_force=trajectory.ground_force,
         root_wrench=trajectory.root_wrench,
     )
+
+
+def others_truth(
+    joints_world: Float[Array, "T O 18 3"], T_world_head: Float[Array, "T 4 4"], rig: Rig
+) -> OthersTruth:
+    """Other people's joints in the world and in the frames of the rig's cameras."""
+    cameras = [
+        transform(inverse(T_world_head @ mount.T_head_camera)[:, None, None], joints_world)
+        for mount in rig.mounts
+    ]
+    return OthersTruth(joints_world.astype(np.float32), np.stack(cameras, 1).astype(np.float32))

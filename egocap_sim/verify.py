@@ -15,9 +15,13 @@ from egocap.errors import EgocapError
 from egocap.geometry import inverse, transform
 from egocap.sequence import OUT_OF_VIEW, Manifest, Sequence, ShardEntry, Truth, load_manifest
 from egocap.sequence_writer import file_is_intact, shard_is_intact
+from egocap_sim.crosscheck import RayCheck, check_forces, check_pixels, check_rays
 
 _PIXEL_TOLERANCE = 1e-6  # px: truth and rig are both stored in full precision
 _POSITION_TOLERANCE = 1e-9  # m
+_LEAST_LABELLED, _LEAST_IN_DEPTH = 0.75, 0.90  # shares of the visible joints
+_LEAST_BY_RAYS = 0.93  # of the joints judged alike
+_FORCE_TOLERANCE = 0.10  # body weights, mean over a recording of two seconds and more
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,7 @@ class Verification:
     shards: int
     bytes: int
     problems: tuple[str, ...]
+    rays: RayCheck | None = None  # where it was asked for and the sequence is whole
 
     @property
     def clean(self) -> bool:
@@ -36,16 +41,22 @@ class Verification:
         return not self.problems
 
 
-def verify(folder: Path) -> Verification:
+def verify(folder: Path, ray_frames: int = 0) -> Verification:
     """Check manifest, checksums, shard structure, images and truth of a sequence.
 
+    With `ray_frames`, the visibility of joints is judged anew by rays in so many frames: the scene
+    is put together again, at a second or two a frame.
     Raises FileError where the folder is not a sequence at all; everything else is a problem listed.
     """
     manifest = load_manifest(folder)
-    problems = list(_problems(folder, manifest))
+    problems, rays = list(_problems(folder, manifest)), None
+    if ray_frames and not problems:
+        rays = check_rays(Sequence(folder), ray_frames)
+        if rays.share < _LEAST_BY_RAYS:
+            problems.append(f"truth.npz: 'visibility' is not what rays say: {rays.text()}")
     size = sum(shard.bytes for shard in manifest.shards)
     size += sum(entry.bytes for entry in manifest.files.values())
-    return Verification(folder, manifest.frames, len(manifest.shards), size, tuple(problems))
+    return Verification(folder, manifest.frames, len(manifest.shards), size, tuple(problems), rays)
 
 
 def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
@@ -73,6 +84,7 @@ def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
             sequence = Sequence(folder)
             yield from _image_problems(sequence)
             yield from _truth_problems(sequence)
+            yield from _outside_problems(sequence)
         except EgocapError as error:
             yield str(error)
 
@@ -103,6 +115,27 @@ def _image_problems(sequence: Sequence) -> Iterator[str]:
             expected = (mount.camera.height, mount.camera.width, 3)
             if image.shape != expected:
                 yield f"{shard.name}: {mount.name} image is {image.shape}, the rig says {expected}"
+
+
+def _outside_problems(sequence: Sequence) -> Iterator[str]:
+    """The truth against the recorded planes and Newton's law."""
+    pixels = check_pixels(sequence)
+    if pixels.labelled_share < _LEAST_LABELLED:
+        yield (
+            f"truth.npz: {100 * pixels.labelled_share:.1f} % of the visible joints have their body "
+            f"at their pixel, fewer than {100 * _LEAST_LABELLED:g} %"
+        )
+    if pixels.depth_share < _LEAST_IN_DEPTH:
+        yield (
+            f"truth.npz: {100 * pixels.depth_share:.1f} % of the visible joints lie just behind "
+            f"the recorded surface, fewer than {100 * _LEAST_IN_DEPTH:g} %"
+        )
+    forces = check_forces(sequence)
+    if forces is not None and abs(forces.pushed - forces.needed) > _FORCE_TOLERANCE:
+        yield (
+            f"truth.npz: ground and root push with {forces.pushed:.2f} body weights on average, "
+            f"the motion needs {forces.needed:.2f}"
+        )
 
 
 def _truth_problems(sequence: Sequence) -> Iterator[str]:

@@ -7,6 +7,8 @@ pixels. Cloth may lie over them; another limb, the rig or a thing may not.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
@@ -49,13 +51,14 @@ class JointVisibility:
         skin_world = transform(T_world_body[self._body], self._offset[..., None, :])[..., 0, :]
         T_head_world = inverse(T_world_body[INDEX["head"]])
         result = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
+        around = parts_around()
         for v, mount in enumerate(self._rig.mounts):
             skin = transform(inverse(mount.T_head_camera) @ T_head_world, skin_world.reshape(-1, 3))
             pixels, valid = mount.camera.project(skin)
             surface, part = views.surface_at(v, np.where(valid[:, None], pixels, -9.0))
             depth = np.linalg.norm(skin, axis=-1)
             label = np.repeat(np.arange(len(LABELS)), SAMPLES)
-            shows = valid & (depth <= surface + CLOTH_M) & (_AROUND[label, part] | (part == 0))
+            shows = valid & (depth <= surface + CLOTH_M) & (around[label, part] | (part == 0))
             mine = (part >= WEARER_FIRST) & (part <= WEARER_LAST) | (part == RIG)
             seen = shows.reshape(-1, SAMPLES).mean(1) >= SHARE
             by_others = (~shows & valid & ~mine).reshape(-1, SAMPLES).sum(1)
@@ -65,14 +68,19 @@ class JointVisibility:
         return result
 
 
-def _skin_around(person: Person, label: str) -> Int[Array, "S"]:
-    """Skin vertices spread over the patch nearest to a joint, by farthest-point sampling."""
+def patch_around(person: Person, label: str) -> Int[Array, "P"]:
+    """The skin vertices nearest to a joint, of its body and the neighbours, nearest first."""
     body = INDEX[LABEL_BODY[label]]
     near = [INDEX[b] for b in _neighbours(LABEL_BODY[label])]
     at = person.joints[body] + person.landmarks[label]
     candidates = np.flatnonzero(np.isin(person.body_owner, near))
     vertices = person.body_vertices[candidates]
-    patch = candidates[np.argsort(np.linalg.norm(vertices - at, axis=1), kind="stable")[:PATCH]]
+    return candidates[np.argsort(np.linalg.norm(vertices - at, axis=1), kind="stable")[:PATCH]]
+
+
+def _skin_around(person: Person, label: str) -> Int[Array, "S"]:
+    """Skin vertices spread over the patch nearest to a joint, by farthest-point sampling."""
+    patch = patch_around(person, label)
     points = person.body_vertices[patch]
     chosen = [0]
     distance = np.full(len(points), np.inf)
@@ -87,7 +95,8 @@ def _neighbours(body: str) -> set[str]:
     return {body, PARENT.get(body, body)} | {child for child, p in PARENT.items() if p == body}
 
 
-def _parts_around() -> Bool[Array, "18 256"]:
+@cache
+def parts_around() -> Bool[Array, "18 256"]:
     """For every label, the parts that may lie over its skin: its neighbours, and theirs.
 
     Cloth is labelled by the body it follows most, so it carries labels one body farther along.
@@ -101,5 +110,4 @@ def _parts_around() -> Bool[Array, "18 256"]:
     return table
 
 
-_AROUND = _parts_around()
 assert len(BODIES) == WEARER_LAST

@@ -45,6 +45,11 @@ class Plant:
     yaw: float
     strike_pitch: float  # radians, toes up
     lift_pitch: float  # radians, heel up
+    height: float = 0.0  # metres of the ground under the foot
+
+
+GroundAt = Callable[[Array], Array]
+"""Height of the ground (T,) at places (T, 2), metres."""
 
 
 def plan(
@@ -97,9 +102,10 @@ def _spot(
 
 
 def roll_feet(
-    t: Float[Array, "T"], plants: list[Plant], step_s: float
+    t: Float[Array, "T"], plants: list[Plant], step_s: float, ground: GroundAt | None = None
 ) -> tuple[Float[Array, "T 3"], Float[Array, "T 3 3"], Float[Array, "T"]]:
-    """Ankle positions, foot rotations and toe angles of one foot."""
+    """Ankle positions, foot rotations and toe angles of one foot; over uneven `ground`, which it
+    clears, a swinging foot goes up before it goes ahead, and ahead before it goes down."""
     ankle, yaw, pitch = np.empty((len(t), 3)), np.empty(len(t)), np.empty(len(t))
     toe = np.zeros(len(t))
     for n, plant in enumerate(plants):
@@ -109,7 +115,7 @@ def roll_feet(
         if n + 1 < len(plants):
             swing = (t >= plant.off) & (t < plants[n + 1].strike)
             ankle[swing], pitch[swing], yaw[swing], toe[swing] = _swinging(
-                t[swing], plant, plants[n + 1], step_s
+                t[swing], plant, plants[n + 1], step_s, ground
             )
     return ankle, turn(yaw=yaw, pitch=pitch), toe
 
@@ -130,14 +136,14 @@ def _stance_pitch(t: Array, plant: Plant, step_s: float) -> Array:
 def _standing(t: Array, plant: Plant, step_s: float) -> tuple[Array, Array]:
     """Ankle and pitch of a foot that rolls over its heel or its toe joint."""
     pitch = _stance_pitch(t, plant, step_s)
-    flat = np.array([*plant.place, -figure.SOLE_HEEL[2]])
+    flat = np.array([*plant.place, plant.height - figure.SOLE_HEEL[2]])
     R0, R = turn(yaw=plant.yaw), turn(yaw=plant.yaw, pitch=pitch)
     pivot = np.where((pitch > 0.0)[:, None], TOE_JOINT, figure.SOLE_HEEL)
     return flat + pivot @ R0.T - np.einsum("tij,tj->ti", R, pivot), pitch
 
 
 def _swinging(
-    t: Array, before: Plant, after: Plant, step_s: float
+    t: Array, before: Plant, after: Plant, step_s: float, ground: GroundAt | None
 ) -> tuple[Array, Array, Array, Array]:
     """Ankle, pitch, yaw and toe angle between two stances."""
     h, T = 1e-4, after.strike - before.off
@@ -146,23 +152,26 @@ def _swinging(
     (a, pa), (b, pb) = _standing(times[0], before, step_s), _standing(times[1], after, step_s)
     ankle = _hermite(s[:, None], a[1], b[0], (a[1] - a[0]) / h * T, (b[1] - b[0]) / h * T)
     pitch = _hermite(s, pa[1], pb[0], (pa[1] - pa[0]) / h * T, (pb[1] - pb[0]) / h * T)
+    if (climb := after.height - before.height) != 0.0:
+        ahead = minimum_jerk((s - 0.15) / 0.85 if climb > 0 else s / 0.85)
+        up = minimum_jerk(s / 0.75 if climb > 0 else (s - 0.2) / 0.8)
+        ankle = a[1] + np.stack([ahead, ahead, up], -1) * (b[0] - a[1])
+        pitch = pa[1] * (1.0 - minimum_jerk(s / 0.4)) + pb[0] * minimum_jerk(2.0 * s - 1.0)
     yaw = before.yaw + minimum_jerk(s) * _wrapped(after.yaw - before.yaw)
-    toe = np.maximum(pitch, 0.0) * (1.0 - minimum_jerk(s / 0.8))
-    ankle[:, 2] += _lift(s, ankle, yaw, pitch, toe)
+    toe = np.maximum(pitch, 0.0) * (1.0 if climb < 0 else 1.0 - minimum_jerk(s / 0.8))
+    ankle[:, 2] += _lift(s, ankle, yaw, pitch, toe, ground)
     return ankle, pitch, yaw, toe
 
 
-def _lift(s: Array, ankle: Array, yaw: Array, pitch: Array, toe: Array) -> Array:
+def _lift(
+    s: Array, ankle: Array, yaw: Array, pitch: Array, toe: Array, ground: GroundAt | None
+) -> Array:
     """Extra height so that heel, ball and toe tip clear the ground in the swing."""
     R = turn(yaw=yaw, pitch=pitch)
     tip = figure.offset("l_toe", "l_foot") + turn(pitch=-toe) @ figure.SOLE_TIP
-    low = np.minimum.reduce(
-        [
-            ankle[:, 2] + (R @ figure.SOLE_HEEL)[:, 2],
-            ankle[:, 2] + (R @ figure.SOLE_BALL)[:, 2],
-            ankle[:, 2] + np.einsum("tj,tj->t", R[:, 2], tip),
-        ]
-    )
+    points = [R @ figure.SOLE_HEEL, R @ figure.SOLE_BALL, np.einsum("tij,tj->ti", R, tip)]
+    below = [0.0 if ground is None else ground(ankle[:, :2] + p[:, :2]) for p in points]
+    low = np.minimum.reduce([ankle[:, 2] + p[:, 2] - h for p, h in zip(points, below, strict=True)])
     hump = 4.0 * s * (1.0 - s)
     inside = hump > 0.02
     if not inside.any():

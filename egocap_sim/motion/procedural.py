@@ -33,6 +33,7 @@ from egocap_sim.motion.postures import (
 )  # fmt: skip
 from egocap_sim.motion.retarget import Reference
 from egocap_sim.motion.sequence import concatenate
+from egocap_sim.motion.stairs import StairsParams, fit_climber, stairs
 from egocap_sim.motion.walk import WalkParams, walk
 from egocap_sim.motion.work import WorkParams, work
 
@@ -84,7 +85,7 @@ _LIMITS: dict[str, tuple[float, float]] = {
     "bounce": (0.0, 2.0), "lean": (-0.2, 0.4), "pace": (0.5, 2.0), "size": (0.4, 1.15),
     "crossover": (0.0, 1.0), "flight": (0.45, 0.8), "dwell": (0.2, 0.4),
     "ride_speed": (2.0, 8.0), "ride_radius": (4.0, 12.0), "cadence": (40.0, 110.0),
-    "height": (-0.4, -0.2),
+    "height": (-0.4, -0.2), "treads": (2.0, 8.0), "rise": (0.1, 0.19), "run": (0.28, 0.36),
     "depth": (0.1, 1.0), "seat": (0.35, 0.6), "stay": (0.0, 600.0), "yaw": (0.1, 1.3),
 }  # fmt: skip
 
@@ -99,6 +100,7 @@ MOTIONS: dict[str, Motion] = {
     "cycle": Motion(cycle, CycleParams, "ride a bicycle around", mounted=fit_rider),
     "hold": Motion(hold, HoldParams, "use a phone, a cup or a newspaper, standing"),
     "work": Motion(work, WorkParams, "work with both hands at a counter, standing"),
+    "stairs": Motion(stairs, StairsParams, "walk up and down a staircase", mounted=fit_climber),
     "juggle": Motion(juggle, JuggleParams, "juggle three balls, standing"),
     "sequence": Motion(_sequence, SequenceParams, "several motions, one after another"),
 } | {

@@ -23,6 +23,7 @@ from egocap_sim.human.soles import foot_yaw
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.legs import shortest_arc
 from egocap_sim.motion.planting import plant
+from egocap_sim.slabs import Slab
 
 _SHORTEST_S = 0.2
 _SMOOTH_S = 0.02  # standard deviation of the smoothing, seconds
@@ -41,6 +42,7 @@ class Reference:
     rotations: Float[Array, "T 21 3 3"]
     planted: Bool[Array, "T 4"]  # feet that stand on the floor, as egocap_sim.bodies.FEET
     touching: Bool[Array, "T 4"]  # feet so low that they touch it, be it sliding
+    slabs: tuple[Slab, ...] = ()  # what may be stood on beside the floor
 
     @property
     def duration_s(self) -> float:

@@ -89,7 +89,7 @@ def walk_along(
     pelvis = np.empty((len(t), 3))
     pelvis[:, :2] = xy + (0.02 * gait * stance_side)[:, None] * left
     pelvis[:, 2] = HIP_HEIGHT - 0.014 * gait - 0.35 * dip + dip * (np.cos(2.0 * phase) - 1.0) * 0.5
-    arm, flex = _arms(t, swing * gait, gait, params, rng)
+    arm, flex = swinging_arms(t, swing * gait, gait, params, rng)
     yaw = -0.09 * gait * swing
     look = heading_ahead(way, t, 0.3)
     nod = style.gaze_down + 0.03 * slow_noise(t, rng, 0.05, 0.3)
@@ -120,10 +120,10 @@ def heading_ahead(way: Way, t: Float[Array, "T"], seconds: float) -> Float[Array
     return way.at(t + seconds)[1]
 
 
-def _arms(
+def swinging_arms(
     t: Array, swing: Array, gait: Array, params: WalkParams, rng: np.random.Generator
 ) -> tuple[Float[Array, "T 2 3"], Float[Array, "T 2"]]:
-    """Wrists from shoulder and elbow angles: each arm swings with the other leg."""
+    """Wrists, and flexion, from shoulder and elbow angles: each arm swings with the other leg."""
     wrist, flex = np.empty((len(t), 2, 3)), np.empty((len(t), 2))
     reach = params.arm_swing * (0.14 + 0.22 * params.speed) * rng.uniform(0.8, 1.15)
     for i, (_, sign) in enumerate(SIDES):

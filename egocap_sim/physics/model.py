@@ -11,6 +11,8 @@ table 4; the shares within head + neck, upper trunk + clavicles and foot + toes 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +23,7 @@ from egocap.geometry import GRAVITY
 from egocap_sim.bodies import BODIES, FEET, INDEX, PARENT
 from egocap_sim.human.person import Person
 from egocap_sim.human.soles import Sole, soles
+from egocap_sim.slabs import Slab
 
 MASS_SHARE: dict[str, float] = {
     "pelvis": 0.1182, "spine": 0.1549, "chest": 0.1210, "neck": 0.0110, "head": 0.0571,
@@ -36,6 +39,7 @@ _DAMPING = 1.0  # N m s/rad
 FRICTION = 1.0
 _GIVE = 0.002  # metres by which soles are thicker than the skin
 FLOOR = "floor"
+_GROUND = 'contype="1" friction="0.01 0.01 0.001"'  # the feet bring the friction
 
 
 def segment(body: str) -> str:
@@ -49,18 +53,25 @@ def segment_masses(person: Person) -> Float[Array, "21"]:
     return person.mass_kg * share / share.sum()
 
 
-def build_model(person: Person, timestep_s: float) -> mujoco.MjModel:
-    """Compile the person's model. Raises InputError for a person that cannot be built."""
+def build_model(person: Person, timestep_s: float, slabs: Sequence[Slab] = ()) -> mujoco.MjModel:
+    """Compile the person's model, on a floor with slabs.
+
+    Raises InputError for a person that cannot be built.
+    """
     if not 20.0 <= person.mass_kg <= 250.0:
         raise InputError(f"person '{person.name}' weighs {person.mass_kg:g} kg", valid="20 to 250")
     if not (np.isfinite(person.joints).all() and np.isfinite(person.body_vertices).all()):
         raise InputError(f"person '{person.name}' has joints or skin that are not finite numbers")
-    return mujoco.MjModel.from_xml_string(mjcf(person, timestep_s))
+    return mujoco.MjModel.from_xml_string(mjcf(person, timestep_s, slabs))
 
 
-def mjcf(person: Person, timestep_s: float) -> str:
+def mjcf(person: Person, timestep_s: float, slabs: Sequence[Slab] = ()) -> str:
     """The model as MJCF text."""
     geoms = _geoms(person)
+    raised = "".join(
+        f'<geom type="box" pos="{_text(slab.centre)}" size="{_text(slab.size / 2)}" {_GROUND}/>'
+        for slab in slabs
+    )
     return f"""<mujoco model="person">
   <compiler angle="radian"/>
   <option timestep="{timestep_s!r}" gravity="{_text(GRAVITY)}" integrator="implicitfast"
@@ -70,7 +81,7 @@ def mjcf(person: Person, timestep_s: float) -> str:
     <geom contype="0" conaffinity="0" friction="{FRICTION} 0.01 0.001" solref="0.01 1"/>
   </default>
   <worldbody>
-    <geom name="{FLOOR}" type="plane" size="0 0 1" contype="1" friction="0.01 0.01 0.001"/>
+    <geom name="{FLOOR}" type="plane" size="0 0 1" {_GROUND}/>{raised}
     {_body_xml("pelvis", person, geoms)}
   </worldbody>
 </mujoco>"""

@@ -48,9 +48,9 @@ def simulate(
     """
     n_frames = _check(reference, fps, n_frames, start_s)
     substeps = steps_per_frame(fps)
-    model = build_model(person, 1.0 / (fps * substeps))
+    model = build_model(person, 1.0 / (fps * substeps), reference.slabs)
     run = _Run(model, Controller(model, control or ControlConfig()), n_frames)
-    witness = Witness(person, model)
+    witness = Witness(person, model, reference.slabs)
     motion = TargetMotion(reference)
     steps = (n_frames - 1) * substeps + 1
     started = time.process_time()
@@ -141,8 +141,10 @@ class _Run:
             contact = data.contact[k]
             foot = self._foot_geoms.index(max(contact.geom))
             self.contact[frame, foot] |= self._wrench[0] > _TOUCH_N
-            # The normal, first row of the contact's frame, points away from the floor.
-            self.ground_force[frame, foot // 2] += self._wrench[:3] @ contact.frame.reshape(3, 3)
+            # The normal, first row of the contact's frame, points from the first geom to the other.
+            push = self._wrench[:3] @ contact.frame.reshape(3, 3)
+            first = contact.geom[0] == self._foot_geoms[foot]
+            self.ground_force[frame, foot // 2] += -push if first else push
 
 
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -11,6 +13,7 @@ from egocap_sim.bodies import FEET, INDEX, LABEL_BODY
 from egocap_sim.human.person import Person
 from egocap_sim.human.soles import soles
 from egocap_sim.physics.target import Target
+from egocap_sim.slabs import Slab, ground_height
 from egocap_sim.trajectory import PhysicsStats
 
 _EVERY_S = 0.02  # how often the motion is looked at, seconds
@@ -25,7 +28,8 @@ class Witness:
     holds it low and slow; its speed and depth are the simulated ones.
     """
 
-    def __init__(self, person: Person, model: mujoco.MjModel) -> None:
+    def __init__(self, person: Person, model: mujoco.MjModel, slabs: Sequence[Slab] = ()) -> None:
+        self._slabs = slabs
         self._model, self._reference = model, mujoco.MjData(model)
         self._every = max(1, round(_EVERY_S / model.opt.timestep))
         self._interval = self._every * model.opt.timestep
@@ -66,6 +70,8 @@ class Witness:
         simulated, wanted = np.stack(self._simulated), np.stack(self._wanted)
         j = self._joints
         error = 100 * np.linalg.norm(simulated[:, :j] - wanted[:, :j], axis=-1)
+        for points in (simulated, wanted):  # heights over the ground below
+            points[:, j:, 2] -= ground_height(self._slabs, points[:, j:, :2])
         depth = 100 * np.maximum(0.0, -simulated[:, j:, 2].min(1))
         return PhysicsStats(
             joint_error_cm=float(error.mean()),

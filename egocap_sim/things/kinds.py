@@ -14,6 +14,7 @@ from egocap_sim.things.balls import basketball, juggled
 from egocap_sim.things.bicycle import bicycle
 from egocap_sim.things.handheld import cup, newspaper, phone
 from egocap_sim.things.performance import Performance
+from egocap_sim.things.stairs import staircase
 from egocap_sim.things.standing import chair, counter, sofa, table
 
 Maker = Callable[[ThingTable, Performance, np.random.Generator], list[Extra]]
@@ -35,6 +36,7 @@ KINDS: dict[str, Kind] = {
     "phone": Kind(phone, held=True),
     "cup": Kind(cup, held=True),
     "newspaper": Kind(newspaper, "hold"),
+    "stairs": Kind(staircase, "stairs"),
     "table": Kind(table),
     "desk": Kind(table),
     "counter": Kind(counter),

@@ -1,0 +1,44 @@
+"""Raised level ground to walk on: treads and landings of stairs, as flat boxes in the world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+THICKNESS = 0.04  # metres
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A rectangle along the world's axes whose top can be stood on; metres."""
+
+    low: tuple[float, float]  # x, y
+    high: tuple[float, float]
+    top: float
+
+    @property
+    def centre(self) -> Float[Array, "3"]:
+        """Of the box."""
+        x, y = np.add(self.low, self.high) / 2
+        return np.array([x, y, self.top - THICKNESS / 2])
+
+    @property
+    def size(self) -> Float[Array, "3"]:
+        """Of the box."""
+        return np.array([*np.subtract(self.high, self.low), THICKNESS])
+
+
+def ground_height(
+    slabs: Sequence[Slab], xy: Float[Array, "*n 2"], margin_m: float = 0.0
+) -> Float[Array, "*n"]:
+    """Height of the ground at points: the highest slab there, widened by a margin, or the floor."""
+    height = np.zeros(xy.shape[:-1])
+    for slab in slabs:
+        low, high = np.array(slab.low) - margin_m, np.array(slab.high) + margin_m
+        over = ((xy >= low) & (xy <= high)).all(-1)
+        height = np.where(over, np.maximum(height, slab.top), height)
+    return height

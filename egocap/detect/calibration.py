@@ -1,0 +1,133 @@
+"""What turns the network's own doubts into probabilities and pixels: fitted once, on other footage.
+
+Confidence is a logistic function of the network's margin for "visible"; sigma is the network's own
+times a factor of each label, one for joints that are seen and one for those that are hidden.
+Source: Platt 1999 (logistic scaling); Guo et al. 2017 (temperature).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap.labels import LABELS, MIRROR
+
+ZEROS = (0.0,) * len(LABELS)
+LIMIT = 4.0  # of every |coefficient|: e^4 = 55 times off is no calibration
+FEWEST = 50  # joints of a label and kind; fewer say nothing
+RAYLEIGH = float(np.sqrt(np.pi / 2.0))
+"""Mean length of a plane Gaussian error whose standard deviation along each axis is 1."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Raises InputError for values that are not numbers of a sensible size."""
+
+    scale: float = 1.0  # of the margin for "visible"
+    offset: float = 0.0
+    log_sigma_seen: tuple[float, ...] = ZEROS  # added to log sigma, one a label
+    log_sigma_hidden: tuple[float, ...] = ZEROS
+
+    def __post_init__(self) -> None:
+        for name in ("log_sigma_seen", "log_sigma_hidden"):
+            object.__setattr__(self, name, tuple(float(x) for x in getattr(self, name)))
+        both = self.log_sigma_seen, self.log_sigma_hidden
+        if any(len(values) != len(LABELS) for values in both):
+            raise InputError("a calibration of another number of labels", valid=str(len(LABELS)))
+        values = np.array([self.scale, self.offset / 4.0, *both[0], *both[1]], float)
+        if not (np.abs(values) <= LIMIT).all():
+            raise InputError(f"a calibration with {values[np.abs(values).argmax()]:g}",
+                             valid=f"factors of at most e^{LIMIT:g}")  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready form: the fields."""
+        return asdict(self)
+
+    def confidence(self, info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
+        """Probability that a label is seen."""
+        return _logistic(self.scale * margin(info) + self.offset)
+
+    def sigma(self, info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
+        """Standard deviation along each axis, canonical pixels."""
+        seen = self.confidence(info)
+        factor = seen * self.log_sigma_seen + (1.0 - seen) * np.asarray(self.log_sigma_hidden)
+        return np.exp(np.clip(np.asarray(info[..., 3], float) + factor, -8.0, 8.0))
+
+
+def margin(info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
+    """Logit of VISIBLE against OCCLUDED and ABSENT together."""
+    logits = np.asarray(info[..., :3], float)
+    return logits[..., 0] - np.logaddexp(logits[..., 1], logits[..., 2])
+
+
+def present(info: Float[Array, "*n 18 4"]) -> Bool[Array, "*n 18"]:
+    """Whether a label is likelier to be in the view, seen or hidden, than not."""
+    logits = np.asarray(info[..., :3], float)
+    return np.logaddexp(logits[..., 0], logits[..., 1]) > logits[..., 2]
+
+
+def fit_calibration(
+    info: Float[Array, "N 18 4"],
+    errors: Float[Array, "N 18"],
+    seen: Bool[Array, "N 18"],
+    in_view: Bool[Array, "N 18"],
+) -> Calibration:
+    """The calibration that fits what a network said of N views to what was true of them.
+
+    Confidence by maximum likelihood over joints in view; each factor of sigma so that the mean of
+    error / sigma is that of a plane Gaussian, left and right sharing one.
+
+    Args:
+        info: what the network said, labels in the network's own (mirrored) order or the body's.
+        errors: distance of each decoded place from the true one, canonical pixels.
+        seen: joints the camera sees.
+        in_view: joints inside the view, seen or not.
+
+    Raises:
+        InputError: the views show fewer than `FEWEST` joints in view.
+    """
+    if int(in_view.sum()) < FEWEST:
+        raise InputError(f"{int(in_view.sum())} joints to calibrate on", valid=f"{FEWEST} or more")
+    scale, offset = _fit_logistic(margin(info)[in_view], seen[in_view])
+    ratio = errors / np.exp(np.clip(np.asarray(info[..., 3], float), -8.0, 8.0)) / RAYLEIGH
+    factors = [_log_means(ratio, where) for where in (seen & in_view, ~seen & in_view)]
+    return Calibration(scale, offset, *factors)
+
+
+def _log_means(ratio: Float[Array, "N 18"], where: Bool[Array, "N 18"]) -> tuple[float, ...]:
+    where = where & np.isfinite(ratio)
+    found = []
+    for label, other in enumerate(MIRROR):
+        values = np.concatenate([ratio[where[:, j], j] for j in {label, other}])
+        if len(values) < FEWEST:  # what holds of all labels is the best guess
+            values = ratio[where]
+        enough = len(values) >= FEWEST
+        found.append(float(np.clip(np.log(values.mean()), -LIMIT, LIMIT)) if enough else 0.0)
+    return tuple(found)
+
+
+def _fit_logistic(x: Float[Array, "N"], y: Bool[Array, "N"]) -> tuple[float, float]:
+    """Slope and offset of greatest likelihood, held by a weak prior at 1 and 0."""
+    from scipy.optimize import minimize
+
+    signs = np.where(y, 1.0, -1.0)
+
+    def cost(p: Array) -> tuple[float, Array]:
+        z = signs * (p[0] * x + p[1])
+        slope = -_logistic(-z) * signs
+        prior = np.array([p[0] - 1.0, p[1]])
+        gradient = np.array([(slope * x).sum(), slope.sum()]) + prior
+        return float(np.logaddexp(0.0, -z).sum() + 0.5 * prior @ prior), gradient
+
+    bounds = [(0.05, LIMIT), (-4 * LIMIT, 4 * LIMIT)]
+    found = minimize(cost, np.array([1.0, 0.0]), jac=True, bounds=bounds)
+    return float(found.x[0]), float(found.x[1])
+
+
+def _logistic(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    return 0.5 * (1.0 + np.tanh(0.5 * x))

@@ -1,0 +1,173 @@
+"""What runs the network: onnxruntime on processors, torch where it is asked for.
+
+A network is exported to ONNX once and kept in the cache under its weights' checksum, so that a
+command that detects never waits for torch.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.detect.weights import Weights
+from egocap.errors import InputError, MachineError
+
+EngineName = Literal["onnxruntime", "openvino", "torch", "cuda"]
+"""onnxruntime: 32-bit floats; openvino: bfloat16 where the processor has it; torch: eager."""
+
+INPUT, OUTPUTS = "images", ("heat", "info")
+_EXPORT = 1  # of the way to export: part of the cached file's name
+_OPSET = 17
+
+Outputs = tuple[Float[Array, "B 18 h w"], Float[Array, "B 18 4"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Engine:
+    """A network ready to run: `run` takes images (B, H, W, 3), uint8 RGB."""
+
+    name: str
+    run: Callable[[UInt8[Array, "B H W 3"]], Outputs]
+
+
+def open_engine(
+    weights: Weights, name: EngineName = "onnxruntime", threads: int | None = None
+) -> Engine:
+    """Make a network ready to run.
+
+    Args:
+        weights: of which network.
+        name: one of `EngineName`.
+        threads: how many the network may use; all cores when None. Does not bind a GPU.
+
+    Raises:
+        InputError: no such engine, or an impossible number of threads.
+        MachineError: the engine's package or the GPU is missing.
+    """
+    if name not in get_args(EngineName):
+        raise InputError(f"unknown engine '{name}'", valid=get_args(EngineName))
+    threads = available_cores() if threads is None else threads
+    if not 1 <= threads <= 256:
+        raise InputError(f"{threads} threads", valid="1 to 256")
+    if name == "onnxruntime":
+        return Engine(name, _onnxruntime(exported(weights), threads))
+    if name == "openvino":
+        return Engine(name, _openvino(exported(weights), threads))
+    return Engine(name, _torch(weights, "cuda" if name == "cuda" else "cpu", threads))
+
+
+def available_cores() -> int:
+    """Processor cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def exported(weights: Weights) -> Path:
+    """The network as an ONNX file with free batch size, from the cache or made now.
+
+    Raises MachineError when the cache cannot be written.
+    """
+    path = cache_folder() / f"detector-{weights.sha256[:32]}-{_EXPORT}.onnx"
+    if path.is_file():
+        return path
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        export_onnx(weights, part)
+        part.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        remedy = "set XDG_CACHE_HOME to a folder with 100 MB of space"
+        raise MachineError(f"cannot write {path}: {error.strerror}", remedy=remedy) from None
+    return path
+
+
+def export_onnx(weights: Weights, path: Path) -> None:
+    """Write the network as ONNX: uint8 images (B, H, W, 3) in, `heat` and `info` out."""
+    import warnings
+
+    import torch
+
+    images = torch.zeros((2, weights.view.height, weights.view.width, 3), dtype=torch.uint8)
+    with warnings.catch_warnings(), torch.inference_mode():
+        # The exporter by tracing needs no package beside torch; it is deprecated, not gone.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.onnx.export(
+            weights.network(),
+            (images,),
+            str(path),
+            dynamo=False,
+            opset_version=_OPSET,
+            input_names=[INPUT],
+            output_names=list(OUTPUTS),
+            dynamic_axes={name: {0: "B"} for name in (INPUT, *OUTPUTS)},
+        )
+
+
+def cache_folder() -> Path:
+    """Where EgoCap keeps what it can make again: $XDG_CACHE_HOME/egocap or ~/.cache/egocap."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "egocap"
+
+
+def _onnxruntime(path: Path, threads: int) -> Callable[[Array], Outputs]:
+    try:
+        import onnxruntime
+    except ImportError:
+        raise MachineError("onnxruntime is missing", remedy="pip install onnxruntime") from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    # Threads that spin between two pictures take the core on which the next one is decoded.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+    def run(images: Array) -> Outputs:
+        heat, info = session.run(list(OUTPUTS), {INPUT: np.ascontiguousarray(images)})
+        return np.asarray(heat), np.asarray(info)
+
+    return run
+
+
+def _openvino(path: Path, threads: int) -> Callable[[Array], Outputs]:
+    try:
+        import openvino
+    except ImportError:
+        raise MachineError("openvino is missing", remedy="pip install 'egocap[openvino]'") from None
+    core = openvino.Core()
+    options: dict[str, Any] = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads}
+    compiled = core.compile_model(core.read_model(str(path)), "CPU", options)
+    request = compiled.create_infer_request()
+
+    def run(images: Array) -> Outputs:
+        found = request.infer({INPUT: np.ascontiguousarray(images)})
+        heat, info = (np.array(found[name], np.float32) for name in OUTPUTS)
+        return heat, info
+
+    return run
+
+
+def _torch(weights: Weights, device: str, threads: int) -> Callable[[Array], Outputs]:
+    import torch
+
+    if device == "cuda" and not torch.cuda.is_available():
+        raise MachineError("no CUDA GPU that torch can use", remedy="use the engine onnxruntime")
+    network = weights.network().to(device, memory_format=torch.channels_last)
+    if device == "cpu":
+        torch.set_num_threads(threads)
+
+    def run(images: Array) -> Outputs:
+        with torch.inference_mode():
+            heat, info = network(torch.from_numpy(np.ascontiguousarray(images)).to(device))
+        return heat.cpu().numpy(), info.cpu().numpy()
+
+    return run

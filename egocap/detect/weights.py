@@ -1,0 +1,235 @@
+"""Weights of the detector on disk: safetensors that say what network they are for.
+
+The header's metadata hold the network's configuration, the labels, the calibration and how the
+weights were made, so that a file is all a detector needs. Matrices are stored in half precision.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import struct
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from egocap.detect.calibration import Calibration
+from egocap.detect.view import ViewSpec
+from egocap.errors import FileError, InputError, MachineError
+from egocap.labels import LABELS
+
+if TYPE_CHECKING:
+    from egocap.detect.network import DetectorNetwork
+
+KIND = "egocap-detector"
+SCHEMA = 1
+SHIPPED = "default"  # of `egocap/detect/shipped/NAME.safetensors`
+_EXPECTED = "detector weights written by egocap train, *.safetensors"
+_LONGEST_HEADER = 1 << 20  # bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """A file of weights, its header read and checked; the tensors are read by `network`."""
+
+    path: Path
+    sha256: str  # of the whole file
+    config: Mapping[str, Any]  # `egocap.detect.network.NetworkConfig.to_dict`
+    view: ViewSpec
+    stride: int  # view pixels per heat-map cell
+    calibration: Calibration
+    training: Mapping[str, Any]  # how they were made, JSON-ready
+
+    @property
+    def name(self) -> str:
+        """The network's name and the beginning of the file's checksum."""
+        return f"{self.config['name']}-{self.sha256[:12]}"
+
+    def network(self) -> DetectorNetwork:
+        """The network with these weights, for inference. Raises FileError."""
+        from safetensors import SafetensorError
+        from safetensors.torch import load_file
+
+        from egocap.detect.network import build_network, config_from_dict
+
+        try:
+            network = build_network(config_from_dict(dict(self.config)))
+            state = load_file(self.path)
+        except (SafetensorError, OSError) as error:
+            raise FileError(self.path, f"damaged: {error}", valid=_EXPECTED) from None
+        except InputError as error:
+            raise FileError(self.path, str(error), key="config") from None
+        wanted = network.state_dict()
+        for name, tensor in wanted.items():
+            if name not in state or state[name].shape != tensor.shape:
+                raise FileError(
+                    self.path,
+                    f"has {list(state[name].shape)}" if name in state else "tensor missing",
+                    key=name,
+                    valid=f"{list(tensor.shape)} in a '{self.config['name']}' network",
+                )
+            if not state[name].isfinite().all():
+                raise FileError(self.path, "holds values that are not finite", key=name)
+        if extra := sorted(state.keys() - wanted.keys()):
+            raise FileError(self.path, "unknown tensor", key=extra[0], valid=_EXPECTED)
+        network.load_state_dict({n: t.to(wanted[n].dtype) for n, t in state.items()})
+        return network.eval()
+
+
+def open_weights(path: str | Path | None = None) -> Weights:
+    """Read the header of a file of weights; None: of those shipped with the package.
+
+    Raises FileError when the file is missing, truncated, or not weights of this detector.
+    """
+    path = shipped_file() if path is None else Path(path)
+    content = _content(path)
+    metadata = _metadata(path, content)
+    config, labels = (_parsed(path, metadata, key) for key in ("config", "labels"))
+    if labels != list(LABELS):
+        raise FileError(path, "finds other labels", key="labels", valid=", ".join(LABELS))
+    optional = ({"training": "{}", "calibration": json.dumps(Calibration().to_dict())}) | metadata
+    calibration, training = (_parsed(path, optional, key) for key in ("calibration", "training"))
+    try:
+        str(config["name"])
+        return Weights(
+            path=path,
+            sha256=hashlib.sha256(content).hexdigest(),
+            config=config,
+            view=ViewSpec(**config["view"]),
+            stride=int(config["stride"]),
+            calibration=Calibration(**calibration),
+            training=training,
+        )
+    except (KeyError, TypeError, ValueError, InputError) as error:
+        raise FileError(path, f"damaged metadata: {error}", key="config", valid=_EXPECTED) from None
+
+
+def load_weights(path: str | Path | None = None) -> DetectorNetwork:
+    """The network of a file of weights, for inference; None: of those shipped. Raises FileError."""
+    return open_weights(path).network()
+
+
+def save_weights(
+    path: str | Path,
+    network: DetectorNetwork,
+    training: Mapping[str, Any] | None = None,
+    calibration: Calibration | None = None,
+) -> None:
+    """Write a network's weights, whole or not at all.
+
+    Args:
+        path: the file, *.safetensors.
+        network: trained network; matrices are rounded to half precision, vectors are kept.
+        training: how it was made, JSON-ready: data, seeds, command, steps, metrics.
+        calibration: fitted on footage that the network was not trained on.
+
+    Raises:
+        MachineError: the file cannot be written.
+    """
+    import torch
+    from safetensors.torch import save
+
+    state = {
+        name: (t.half() if t.ndim > 1 and t.is_floating_point() else t).detach().cpu().contiguous()
+        for name, t in network.state_dict().items()
+    }
+    assert all(bool(torch.isfinite(t).all()) for t in state.values()), "weights beyond half range"
+    _write(Path(path), save(state, _header(network.config.to_dict(), training, calibration)))
+
+
+def with_calibration(
+    weights: Weights, calibration: Calibration, training: Mapping[str, Any], path: str | Path
+) -> None:
+    """Write the same tensors under another calibration and account of their making."""
+    from safetensors.torch import load_file, save
+
+    header = _header(weights.config, training, calibration)
+    _write(Path(path), save(load_file(weights.path), header))
+
+
+def shipped_file(name: str = SHIPPED) -> Path:
+    """Where the weights lie that come with the package. MachineError where none do."""
+    path = Path(str(files("egocap.detect") / "shipped" / f"{name}.safetensors"))
+    if not path.is_file():
+        raise MachineError(
+            f"this installation has no detector weights '{name}'",
+            remedy="give a file with --weights, or train one with egocap train",
+        )
+    return path
+
+
+def _header(
+    config: Mapping[str, Any], training: Mapping[str, Any] | None, calibration: Calibration | None
+) -> dict[str, str]:
+    return {
+        "kind": KIND,
+        "schema_version": str(SCHEMA),
+        "config": json.dumps(config, sort_keys=True),
+        "labels": json.dumps(LABELS),
+        "calibration": json.dumps((calibration or Calibration()).to_dict()),
+        "training": json.dumps(dict(training or {}), sort_keys=True),
+    }
+
+
+def _write(path: Path, content: bytes) -> None:
+    # Renamed into place, so that a kill never leaves half a file under the real name.
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise MachineError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except IsADirectoryError:
+        raise FileError(path, "is a folder", valid=_EXPECTED) from None
+    except FileNotFoundError:
+        raise FileError(path, "no such file", valid=_EXPECTED) from None
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from None
+
+
+def _metadata(path: Path, content: bytes) -> dict[str, str]:
+    """The header's metadata; the file is as long as the header says, and ours."""
+    try:
+        (size,) = struct.unpack("<Q", content[:8])
+        if size > min(_LONGEST_HEADER, len(content) - 8):
+            raise ValueError
+        header = json.loads(content[8 : 8 + size])
+        metadata = header.pop("__metadata__", {})
+        end = max(entry["data_offsets"][1] for entry in header.values())
+    except (struct.error, ValueError, AttributeError, KeyError, TypeError, IndexError,
+            RecursionError):  # fmt: skip
+        raise FileError(path, "not a whole safetensors file", valid=_EXPECTED) from None
+    if not isinstance(metadata, dict) or metadata.get("kind") != KIND:
+        raise FileError(path, "weights of something else", key="kind", valid=_EXPECTED)
+    if len(content) != 8 + size + end:
+        raise FileError(
+            path, f"truncated: {len(content)} of {8 + size + end} bytes", valid=_EXPECTED
+        )
+    version = metadata.get("schema_version", "")
+    if not version.isdecimal() or int(version) > SCHEMA:
+        raise FileError(path, f"of schema {version or 'unknown'}", key="schema_version",
+                        valid=f"up to {SCHEMA}; upgrade egocap")  # fmt: skip
+    return metadata
+
+
+def _parsed(path: Path, metadata: Mapping[str, str], key: str) -> Any:
+    try:
+        return json.loads(metadata[key])
+    except KeyError:
+        raise FileError(path, "missing from the metadata", key=key, valid=_EXPECTED) from None
+    except (ValueError, TypeError, RecursionError) as error:
+        raise FileError(path, f"not JSON: {error}", key=key, valid=_EXPECTED) from None

@@ -66,8 +66,8 @@ def label_of(names: Sequence[str], dataset: str = "egocap") -> dict[int, int]:
     Case and a missing underscore do not matter.
 
     Raises:
-        InputError: no such data set; a joint named twice; or not one name is known, with the
-            data sets whose names these are, if any.
+        InputError: no such data set; a joint named twice; not one name is known, or another data
+            set knows more of them.
     """
     if dataset not in DATASET_NAMES:
         raise InputError(f"no joint names of '{dataset}'", valid=DATASET_NAMES)
@@ -79,20 +79,19 @@ def label_of(names: Sequence[str], dataset: str = "egocap") -> dict[int, int]:
         if label in found.values():
             raise InputError(f"joint '{name}' is there twice")
         found[i] = label
-    if not found:
+    if len(found) < (most := max(_known(names, other) for other in DATASET_NAMES)) or not most:
+        others = [d for d in DATASET_NAMES if most and _known(names, d) == most]
+        theirs = f"; {most} of them are names of {' or '.join(others)}" if others else ""
         raise InputError(
-            f"no joint of {dataset} among {', '.join(names)}"
-            + _whose(names, but=dataset),
+            f"{len(found)} of the names {', '.join(names)} are joints of {dataset}{theirs}",
             valid=DATASET_NAMES[dataset],
-        )  # fmt: skip
+        )
     return found
 
 
-def _whose(names: Sequence[str], but: str) -> str:
-    keys = {_key(name) for name in names}
-    others = [d for d, table in DATASET_NAMES.items()
-              if d != but and len(keys & {_key(n) for n in table}) >= len(table) // 2]  # fmt: skip
-    return f"; they are the names of {' or '.join(others)}" if others else ""
+def _known(names: Sequence[str], dataset: str) -> int:
+    """How many of the names the data set has."""
+    return len({_key(name) for name in names} & {_key(name) for name in DATASET_NAMES[dataset]})
 
 
 def _key(name: str) -> str:

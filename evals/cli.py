@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 from tyro.extras import SubcommandApp
@@ -27,34 +27,52 @@ STUDIES = {
 def pose(
     sequence: Positional[Annotated[Path, arg(metavar="SEQ")]],
     /,
-    track: Annotated[Path, arg(metavar="FILE")],
-    detections: Annotated[Path | None, arg(metavar="FILE")] = None,
+    track: Annotated[Path | None, arg(metavar="FILE")] = None,
+    predictions: Annotated[Path | None, arg(metavar="FILE")] = None,
+    tracker: Annotated[str | None, arg(metavar="NAME")] = None,
+    detections: Annotated[str | None, arg(metavar="SOURCE")] = None,
     protocol: Annotated[str, arg(metavar="NAME")] = "egocap-17",
+    missing: Literal["refuse", "skip"] = "refuse",
     json: bool = False,
     markdown: bool = False,
     out: Annotated[Path | None, arg(metavar="FILE")] = None,
 ) -> None:
-    """Score a tracked motion against the truth of its sequence.
+    """Score a tracked motion, or any method's poses, against the truth of its sequence.
 
     Args:
-        sequence: Folder of the sequence the track was made from.
+        sequence: Folder of the sequence the poses were made from.
         track: Track file written by `egocap track`.
-        detections: Detections file the track was made from; scored too when given.
-        protocol: Which joints and alignment: egocap-17, or with -mid-hip, -rigid, -pa, -sequence.
+        predictions: Poses of any method, .npz or .jsonl with joints, unit and frame stated.
+        tracker: Run egocap, or a plug-in (an installed one, or MODULE:FUNCTION), and score what
+            it makes.
+        detections: File of detections the poses were made from, scored too; with --tracker also
+            a source such as simulated:2.0, or detector:PLUG-IN.
+        protocol: Joints (egocap-17, egocap-18, unrealego-16, mo2cap2-15), alone or with
+            -mid-hip, -rigid, -pa, -sequence, -sequence-rigid or -ba for an alignment.
+        missing: What to do about frames that the predictions lack.
         json: Print JSON instead of a table.
         markdown: Print Markdown instead of a table.
         out: Write the report there too: .json (with command, commit and machine), .md or .txt.
     """
-    from evals.pose import score_files
+    from evals.pose import score_files, score_plugin
+    from evals.study import check_output
 
-    if json and markdown:
-        raise InputError("--json and --markdown exclude each other", valid="one of them")
-    if out is not None and out.suffix not in _FORMATS:
-        raise InputError(f"--out {out}: no format for '{out.suffix}'", valid=_FORMATS)
-    report = score_files(sequence, track, detections, protocol)
+    check_output(json, markdown, out)
+    words = ["egocap-eval", "pose", str(sequence)]
+    if tracker is not None:
+        if track is not None or predictions is not None:
+            raise InputError("--tracker makes what is scored", valid="no --track, --predictions")
+        report = score_plugin(sequence, tracker, detections, protocol)
+        words += ["--tracker", tracker]
+    else:
+        found = None if detections is None else Path(detections)
+        report = score_files(
+            sequence, track, found, protocol, predictions=predictions, missing=missing
+        )
+        words += ["--track", str(track)] if track else ["--predictions", str(predictions)]
+        words += ["--missing", missing] if missing != "refuse" else []
     shown = report.to_json() if json else report.to_markdown() if markdown else report.to_text()
     if out is not None:
-        words = ["egocap-eval", "pose", str(sequence), "--track", str(track)]
         words += ["--detections", str(detections)] if detections else []
         _write(out, report, shlex.join([*words, "--protocol", protocol, "--out", str(out)]))
     print(shown)
@@ -161,9 +179,6 @@ def _with_studies(words: Sequence[str]) -> SubcommandApp:
 
 def _not_called() -> None:
     raise AssertionError("a study that was not called ran")
-
-
-_FORMATS = (".json", ".md", ".txt")
 
 
 def _write(path: Path, report: Report, command: str) -> None:

@@ -20,43 +20,204 @@ from egocap.evaluate import (
     find_protocol,
 )
 from egocap.evaluate.checks import require_same_times
+from egocap.evaluate.measures import Scored
+from egocap.evaluate.placing import (
+    Missing,
+    in_head_frame,
+    on_frames,
+    require_a_person,
+    warn_of_mix_ups,
+)
+from egocap.evaluate.pose import beside_truth, report_of
+from egocap.evaluate.predictions import Predictions, load_predictions
+from egocap.labels import LABELS
+from egocap.plugins import DETECTORS, TRACKERS, Footage, find_plugin
 from egocap.results import Detections, Track, load_detections, load_track
 from egocap.rig import Rig
 from egocap.sequence import VISIBLE, Sequence, Truth, open_sequence
 
+OWN_TRACKER = "egocap"
+
 
 def score_files(
-    sequence: Path, track: Path, detections: Path | None = None, protocol: str = "egocap-17"
+    sequence: Path,
+    track: Path | None = None,
+    detections: Path | None = None,
+    protocol: str = "egocap-17",
+    *,
+    predictions: Path | None = None,
+    missing: Missing = "refuse",
 ) -> Report:
-    """Score a track file, and the detections it came from if given, against a sequence's truth.
+    """Score a track or predictions file against a sequence's truth, and the detections if given.
 
     Raises:
         FileError: a file cannot be read, or does not belong to the sequence.
+        InputError: neither or both of `track` and `predictions` are given.
     """
     opened = open_sequence(sequence)
-    tracked = load_track(track)
-    found = None if detections is None else load_detections(detections)
     find_protocol(protocol)  # before any file is blamed
-    made_from = tracked.config.get("sequence", opened.manifest.config_sha256)
-    if made_from != opened.manifest.config_sha256:
-        raise FileError(track, "was made from another sequence", valid=f"a track of {sequence}")
-    with _blamed_on(track):
-        report = score_track(opened, tracked, protocol=protocol)
-    if found is not None and detections is not None:
+    if (track is None) == (predictions is None):
+        raise InputError("nothing to score, or too much", valid="one of --track, --predictions")
+    if track is not None:
+        report, config = _score_track_file(opened, track, protocol)
+    else:
+        assert predictions is not None
+        loaded = load_predictions(predictions)
+        with _blamed_on(predictions):
+            report = score_predictions(opened, loaded, protocol=protocol, missing=missing)
+        config = {"method": loaded.method, "frame": loaded.frame, "unit": loaded.unit}
+    if detections is not None:
+        found = load_detections(detections)
         with _blamed_on(detections):
             report = with_detections(report, opened, found)
-    files = {"sequence": str(sequence), "track": str(track)}
-    files |= {} if detections is None else {"detections": str(detections)}
+    files = {"sequence": sequence, "track": track, "predictions": predictions,
+             "detections": detections}  # fmt: skip
     return replace(
         report,
         provenance={
-            **files,
+            **{name: str(path) for name, path in files.items() if path is not None},
             "seed": opened.manifest.seed,
             "content_sha256": opened.manifest.config_sha256,
             "sequence_code_version": opened.manifest.code_version,
-            "track_config": tracked.config,
+            "track_config": config,
         },
     )
+
+
+def _score_track_file(
+    sequence: Sequence, path: Path, protocol: str
+) -> tuple[Report, dict[str, object]]:
+    tracked = load_track(path)
+    content = sequence.manifest.config_sha256
+    if tracked.config.get("sequence", content) != content:
+        valid = f"a track of {sequence.folder}"
+        raise FileError(path, "was made from another sequence", valid=valid)
+    with _blamed_on(path):
+        return score_track(sequence, tracked, protocol=protocol), tracked.config
+
+
+def score_predictions(
+    sequence: Sequence,
+    predictions: Predictions,
+    *,
+    protocol: str = "egocap-17",
+    missing: Missing = "refuse",
+) -> Report:
+    """Score any method's poses (`egocap.evaluate.predictions`) against a sequence's truth.
+
+    Raises:
+        InputError: frames are missing, unknown or there twice, the size is no person's, or the
+            frame of reference is none of this rig's.
+    """
+    placed = place_predictions(sequence, predictions, missing=missing, protocol=protocol)
+    seconds = predictions.seconds_per_frame
+    return replace(
+        report_of(placed),
+        tracker_fps=None if seconds is None else 1.0 / seconds,
+        detections_source=None,
+        method=predictions.method or None,
+        warnings=tuple(_doubts(sequence, predictions, missing)),
+    )
+
+
+def place_predictions(
+    sequence: Sequence,
+    predictions: Predictions,
+    *,
+    missing: Missing = "refuse",
+    protocol: str = "egocap-17",
+) -> Scored:
+    """Predictions beside the truth of their sequence, in the head frame; errors as above."""
+    truth = sequence.truth
+    positions, valid = on_frames(predictions, truth.time, missing)
+    require_a_person(positions, valid, truth.joints_head, predictions.unit)
+    in_head = in_head_frame(positions, predictions.frame, sequence.rig, truth.T_world_head)
+    return beside_truth(
+        in_head,
+        truth.joints_head,
+        truth.time,
+        valid=valid,
+        seen=(truth.visibility == VISIBLE).any(1),
+        T_world_head=truth.T_world_head,
+        contact=truth.contact,
+        protocol=protocol,
+    )
+
+
+def _doubts(sequence: Sequence, predictions: Predictions, missing: Missing) -> list[str]:
+    truth = sequence.truth
+    positions, valid = on_frames(predictions, truth.time, missing)
+    return warn_of_mix_ups(
+        positions, valid, truth.joints_head, predictions.frame, sequence.rig, truth.T_world_head
+    )
+
+
+def score_plugin(
+    sequence: Path, tracker: str, detections: str | None = None, protocol: str = "egocap-17"
+) -> Report:
+    """Run a plugged-in tracker on a sequence, on detections of a source if named, and score it.
+
+    Raises:
+        InputError: there is no such plug-in or source, or what it made cannot be scored.
+    """
+    find_protocol(protocol)
+    opened = open_sequence(sequence)
+    found = None if detections is None else find_detections(opened, detections)
+    result = run_tracker(tracker, opened, found)
+    if isinstance(result, Track):
+        report = score_track(opened, result, protocol=protocol)
+    else:
+        report = score_predictions(opened, result, protocol=protocol)
+    report = report if found is None else with_detections(report, opened, found)
+    provenance = {"sequence": str(sequence), "seed": opened.manifest.seed, "tracker": tracker,
+                  "content_sha256": opened.manifest.config_sha256}  # fmt: skip
+    return replace(report, method=tracker, provenance=provenance)
+
+
+def find_detections(sequence: Sequence, source: str) -> Detections:
+    """Detections by the name of their source: a file, simulated:..., or detector:PLUG-IN."""
+    from egocap.cli import detections_from
+
+    kind, _, name = source.partition(":")
+    if kind != "detector":
+        return detections_from(sequence, source, 0)
+    return find_plugin(DETECTORS, name)(Footage(sequence))
+
+
+def run_tracker(
+    name: str, sequence: Sequence, detections: Detections | None
+) -> Track | Predictions:
+    """What a plugged-in tracker (`egocap.plugins`) makes of a sequence; it never meets the truth.
+
+    Raises:
+        InputError: there is no such plug-in, or it hands back something else than poses.
+    """
+    import time
+
+    method = _own_tracker if name == OWN_TRACKER else find_plugin(TRACKERS, name)
+    footage = Footage(sequence)
+    started = time.perf_counter()
+    result = method(footage, detections)
+    seconds = (time.perf_counter() - started) / len(footage)
+    if isinstance(result, Track | Predictions):
+        return result
+    joints = np.asarray(result, np.float64)
+    if joints.shape != (len(footage), len(LABELS), 3):
+        raise InputError(
+            f"tracker '{name}' handed back an array of shape {joints.shape}",
+            valid=f"({len(footage)}, {len(LABELS)}, 3), a Track or Predictions",
+        )
+    valid = np.asarray(np.isfinite(joints).all(-1))
+    frames = np.arange(len(footage))
+    return Predictions(joints, valid, "head", "m", frames, None, name, seconds)
+
+
+def _own_tracker(footage: Footage, detections: Detections | None) -> Track:
+    from egocap.track.tracker import track
+
+    if detections is None:
+        raise InputError("--tracker egocap needs --detections", valid="e.g. simulated:2.0")
+    return track(detections, footage.rig, footage.proportions)
 
 
 def score_track(sequence: Sequence, track: Track, *, protocol: str = "egocap-17") -> Report:

@@ -14,12 +14,13 @@ LAYERS = (
     {"errors", "geometry", "labels", "joint_names", "schema", "commandline", "arrays"},
     {"lens", "camera", "camera_files", "skeleton"},
     {"rig", "rig_files", "body", "gaussians", "sequence", "sequence_writer", "results"},
+    {"plugins"},  # what detectors and trackers from elsewhere are given
     {"detect", "track", "posterior", "evaluate", "io"},  # these do not import each other
     {"view"},  # pictures of all of the above
     {"cli", "__main__"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
-METHOD = 3
+METHOD = 4
 FOREIGN = {
     "egocap": {"egocap_sim", "evals", "benchmarks", "mujoco", "pyrender", "anny"},
     "egocap_sim": {"evals", "benchmarks"},

@@ -45,9 +45,9 @@ def foot_skate(
 def estimate_planted(feet: Float[Array, "T F 3"], times: Float[Array, "T"]) -> Bool[Array, "T F"]:
     """Feet that stand: slow, and low among the toes' heights of the second around.
 
-    The floor's height is not asked for; on stairs fewer are found, and none while lying. On true joints the
-    rule's F1 is 0.94 (a foot is planted that touches with heel or toe): report it beside a
-    method's.
+    The floor's height is not asked for; on stairs fewer are found, and none while lying. On true
+    joints the rule's F1 is 0.94 (a foot is planted that touches with heel or toe): report it beside
+    a method's.
     """
     times = np.asarray(times, np.float64)
     _, speed = foot_speed(feet, times)

@@ -67,6 +67,8 @@ class Report:
     tracker_fps: float | None = None
     converged_share: float | None = None
     detections_source: str | None = None
+    method: str | None = None  # of predictions from elsewhere
+    warnings: tuple[str, ...] = ()  # what another reading of the predictions would explain
     provenance: Mapping[str, Any] = field(default_factory=dict)  # files, versions
     units: Mapping[str, str] = field(default_factory=lambda: dict(UNITS))
 
@@ -97,8 +99,10 @@ class Report:
         return tables
 
     def _heading(self) -> str:
-        source = f"; detections {self.detections_source}" if self.detections_source else ""
-        return f"{self.protocol}: {self.protocol_description}; {self.frames} frames{source}"
+        source = f"; {self.method}" if self.method else ""
+        source += f"; detections {self.detections_source}" if self.detections_source else ""
+        first = f"{self.protocol}: {self.protocol_description}; {self.frames} frames{source}"
+        return "\n".join([first, *(f"Doubtful: {warning}" for warning in self.warnings)])
 
     def _summary(self) -> Table:
         low_high = self.mpjpe_ci95_mm

@@ -29,8 +29,12 @@ def test_names_are_found_in_any_order_and_case_and_strangers_left_out():
 
 def test_other_names_are_recognised():
     theirs = list(DATASET_NAMES["unrealego"])[1:]
-    with pytest.raises(InputError, match="they are the names of unrealego"):
+    with pytest.raises(InputError, match="15 of them are names of unrealego"):
         label_of(theirs)
+    with pytest.raises(InputError, match="16 of them are names of unrealego"):
+        label_of(["head", *theirs])
+    with pytest.raises(InputError, match="0 of the names nose, eye are joints of egocap"):
+        label_of(["nose", "eye"])
     with pytest.raises(InputError, match="there twice"):
         label_of(["neck", "Neck"])
     with pytest.raises(InputError, match="ego4view"):

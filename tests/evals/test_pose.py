@@ -2,6 +2,8 @@
 
 import json
 import re
+import sys
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 
 from egocap.body import Proportions
 from egocap.errors import InputError
+from egocap.evaluate.predictions import Predictions, save_predictions
 from egocap.labels import LABELS
 from egocap.results import Detections, Track, save_detections, save_track
 from egocap.rig import load_rig
@@ -25,7 +28,7 @@ from egocap.sequence import (
 )
 from egocap.sequence_writer import SequenceWriter, write_shard
 from evals.cli import main
-from evals.pose import score_track, with_detections
+from evals.pose import run_tracker, score_track, with_detections
 
 FRAMES = 130
 KEYS = [
@@ -97,6 +100,13 @@ def make_detections(truth, shift=0.0, **changes):
     return replace(found, **changes)
 
 
+def make_predictions(truth, positions=None, rows=None, **changes):
+    rows = np.arange(FRAMES) if rows is None else rows
+    positions = truth.joints_head if positions is None else positions
+    given = Predictions(positions[rows], np.ones((len(rows), 18), bool), "head", "m", rows)
+    return replace(given, **changes)
+
+
 @pytest.fixture(scope="module")
 def truth():
     return make_truth()
@@ -109,7 +119,9 @@ def folder(tmp_path_factory, truth):
         schema_version=SCHEMA, name="tiny", fps=30.0, frames=FRAMES, shard_frames=FRAMES,
         views=("left", "right"), seed=3, config={}, config_sha256="0" * 64, code_version="1",
     )  # fmt: skip
-    side = {"rig.json": json.dumps(make_rig().to_dict()).encode()}
+    body = Proportions.from_lengths(1.75).to_dict()
+    side = {"rig.json": make_rig().to_dict(), "body.json": body}
+    side = {name: json.dumps(content).encode() for name, content in side.items()}
     with SequenceWriter(folder, manifest, side) as writer:
         writer.begin()
         writer.enter_shard(write_shard(folder, 0, 0, [{"json": b"{}"}] * FRAMES))
@@ -230,6 +242,15 @@ def spoiled(truth, frame, joint):
         ("SEQ --track nan.npz", "nan.npz.* finite"),
         ("SEQ --track track.npz --detections track.npz", "track.npz"),
         ("SEQ --track track.npz --protocol h36m", "egocap-17-pa"),
+        ("SEQ", "one of --track, --predictions"),
+        ("SEQ --track track.npz --predictions mine.npz", "one of --track, --predictions"),
+        ("SEQ --predictions mm.npz", "mm.npz: .*in 'mm' it would be"),
+        ("SEQ --predictions gap.npz", "gap.npz: 3 of 130 frames are missing: 5-7"),
+        ("SEQ --predictions track.npz", "track.npz.*unknown key"),
+        ("SEQ --tracker nobody", "no plug-in 'nobody'.*MODULE:FUNCTION"),
+        ("SEQ --tracker no_module:track", "no_module"),
+        ("SEQ --tracker egocap", "needs --detections"),
+        ("SEQ --tracker egocap --track track.npz", "no --track"),
         ("SEQ --track track.npz --json --markdown", "one of them"),
         ("SEQ --track track.npz --out report.pdf", ".json, .md, .txt"),
     ],
@@ -241,6 +262,9 @@ def test_bad_input_is_one_line_and_2(
     short = replace(truth, time=truth.time[:9], joints_head=truth.joints_head[:9])
     save_track("short.npz", make_track(short))
     save_track("nan.npz", make_track(truth, spoiled(truth, 7, "left_knee")))
+    save_predictions("mm.npz", make_predictions(truth, positions=1000 * truth.joints_head))
+    keep = np.r_[0:5, 8:FRAMES]
+    save_predictions("gap.npz", make_predictions(truth, rows=keep))
     before = sorted(tmp_path.iterdir())
     assert main(["pose", *words.replace("SEQ", str(folder)).split()]) == 2
     captured = capsys.readouterr()
@@ -253,3 +277,55 @@ def test_bad_input_is_one_line_and_2(
 def test_a_score_with_nan_names_frame_and_joint(folder, truth):
     with pytest.raises(InputError, match="frame 7, left_knee"):
         score_track(open_sequence(folder), make_track(truth, spoiled(truth, 7, "left_knee")))
+
+
+def test_predictions_score_as_the_same_track_does(files, folder, truth, tmp_path, capsys):
+    assert main(["pose", *files, "--json"]) == 0
+    of_track = json.loads(capsys.readouterr().out)
+    world = truth.joints_head + [0.0, 0.03, 0.0]  # the head stands at the world's origin here
+    save_predictions(tmp_path / "mine.jsonl", make_predictions(truth, world, frame="world"))
+    words = ["pose", str(folder), "--predictions", str(tmp_path / "mine.jsonl"), "--json"]
+    assert main(words) == 0
+    report = json.loads(capsys.readouterr().out)
+    for name in ("mpjpe_mm", "pa_mpjpe_mm", "accel_error", "mpjpe_ci95_mm", "foot_skate"):
+        assert report[name] == pytest.approx(of_track[name], abs=1e-6), name
+    assert report["warnings"] == [] and report["coverage_share"] == 1
+
+
+def test_missing_frames_are_skipped_when_asked_and_said(folder, truth, tmp_path, capsys):
+    rows = np.arange(0, FRAMES, 2)
+    save_predictions(tmp_path / "half.npz", make_predictions(truth, rows=rows, method="half"))
+    words = ["pose", str(folder), "--predictions", str(tmp_path / "half.npz")]
+    assert main(words) == 2
+    capsys.readouterr()
+    assert main([*words, "--missing", "skip"]) == 0
+    text = capsys.readouterr().out
+    assert "130 frames; half" in text and re.search(r"joints predicted +50.0", text)
+
+
+def test_the_example_tracker_is_run_and_scored(folder, truth, tmp_path, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    save_detections(tmp_path / "exact.npz", make_detections(truth))
+    words = ["pose", str(folder), "--tracker", "your_tracker:track", "--json"]
+    assert main([*words, "--detections", str(tmp_path / "exact.npz")]) == 0
+    report = json.loads(capsys.readouterr().out)
+    both = (truth.visibility == VISIBLE).all(1)[:, 1:]
+    assert report["coverage_share"] == pytest.approx(both.mean()) and both.mean() > 0.5
+    assert report["mpjpe_mm"] < 0.01  # exact detections meet in the true joints
+    assert report["method"] == "your_tracker:track" and report["detections_source"]
+
+    import your_tracker
+
+    out = tmp_path / "mine.jsonl"
+    your_tracker.main(str(folder), str(out))
+    assert main(["pose", str(folder), "--predictions", str(out), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["method"] == "triangulation" and 0.1 < report["mpjpe_mm"] < 50
+
+
+def test_a_tracker_that_hands_back_something_else(folder, monkeypatch):
+    module = types.ModuleType("odd_tracker")
+    module.track = lambda footage, detections: np.zeros((3, 18, 3))
+    monkeypatch.setitem(sys.modules, "odd_tracker", module)
+    with pytest.raises(InputError, match=r"\(3, 18, 3\).*\(130, 18, 3\)"):
+        run_tracker("odd_tracker:track", open_sequence(folder), None)

@@ -1,0 +1,231 @@
+"""The learned detector: pictures of a rig's cameras in, body parts out.
+
+Each picture is taken to the canonical view, all views go through the network together, and what it
+says is taken back to the cameras' pixels. A missing view leaves the others as they are.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Sequence as Row
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int64, UInt8
+from numpy import ndarray as Array
+
+from egocap.detect.calibration import present
+from egocap.detect.engine import EngineName, Outputs, open_engine
+from egocap.detect.heatmaps import modes
+from egocap.detect.pictures import ahead, as_rgb, recorded_pictures
+from egocap.detect.view import CanonicalView
+from egocap.detect.weights import Weights, open_weights
+from egocap.errors import InputError
+from egocap.labels import LABELS
+from egocap.results import Detections
+from egocap.rig import Rig
+from egocap.sequence import Frame, Sequence
+
+log = logging.getLogger(__name__)
+
+MODES = 3
+"""How many places of a label are kept."""
+
+Slots = Int64[Array, "B 2"]  # frame within the batch, and view, of every picture that is there
+
+
+class Detector:
+    """Weights and an engine, set up for a rig.
+
+    Raises FileError for bad weights, MachineError for an engine that is missing here.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        weights: Weights | None = None,
+        engine: EngineName = "onnxruntime",
+        threads: int | None = None,
+    ) -> None:
+        self.rig = rig
+        self.weights = open_weights() if weights is None else weights
+        self.engine = open_engine(self.weights, engine, threads)
+        self._views = tuple(CanonicalView(m, self.weights.view) for m in rig.mounts)
+        self._resized: dict[tuple[int, int, int], CanonicalView] = {}
+        self._shape = (self.weights.view.height, self.weights.view.width, 3)
+
+    @property
+    def source(self) -> str:
+        """What detections name as their source."""
+        return f"learned:{self.weights.name}"
+
+    def detect(self, images: Row[Array | None], time: float = 0.0) -> Detections:
+        """Detections (T = 1) in the pictures of one instant, one a view, None where one is missing.
+
+        Pictures may be grey or 16 bits deep, and of any size with the aspect of the rig's; points
+        are in pixels of the rig's own size. Raises InputError for other pictures, or their number.
+        """
+        return self.detect_batch([images], np.array([time]))
+
+    def detect_batch(
+        self, pictures: Row[Row[Array | None]], times: Float[Array, "T"]
+    ) -> Detections:
+        """The same for T instants at once."""
+        views, slots = self.canonical(pictures)
+        return self.read(self.run(views), slots, times)
+
+    def stream(self, frames: Iterable[Frame]) -> Iterator[Detections]:
+        """Detections of each frame as soon as it is there, looking no frame ahead."""
+        for frame in frames:
+            yield self.detect(frame.images, frame.time)
+
+    def canonical(self, pictures: Row[Row[Array | None]]) -> tuple[UInt8[Array, "B H W 3"], Slots]:
+        """What the network sees of the pictures of T instants. Raises InputError."""
+        found: list[Array] = []
+        slots: list[tuple[int, int]] = []
+        for t, images in enumerate(pictures):
+            if len(images) != len(self._views):
+                raise InputError(f"{len(images)} pictures of a rig of {len(self._views)} views")
+            for v, image in enumerate(images):
+                if image is not None:
+                    found.append(self._view_of(v, as_rgb(image)))
+                    slots.append((t, v))
+        if not found:
+            return np.zeros((0, *self._shape), np.uint8), np.zeros((0, 2), np.int64)
+        return np.stack(found), np.array(slots)
+
+    def run(self, views: UInt8[Array, "B H W 3"]) -> Outputs:
+        """What the network says of canonical views."""
+        if len(views):
+            return self.engine.run(views)
+        h, w = (n // self.weights.stride for n in self._shape[:2])
+        labels = len(LABELS)
+        return np.zeros((0, labels, h, w), np.float32), np.zeros((0, labels, 4), np.float32)
+
+    def read(self, outputs: Outputs, slots: Slots, times: Float[Array, "T"]) -> Detections:
+        """Detections in the rig's pixels from what the network said of every slot's picture."""
+        heat, info = outputs
+        places = modes(heat, self.weights.stride, MODES)
+        found = no_detections(times, len(self._views), self.source)
+        for v, view in enumerate(self._views):
+            rows = np.flatnonzero(slots[:, 1] == v)
+            if len(rows):
+                self._read_view(
+                    found, view, v, slots[rows, 0],
+                    *(view.labels(a[rows], 1) for a in (places.points, places.weight, info)),
+                )  # fmt: skip
+        return found
+
+    def _read_view(
+        self, found: Detections, view: CanonicalView, v: int, at: Int64[Array, "n"],
+        points: Float[Array, "n 18 K 2"], weight: Float[Array, "n 18 K"],
+        info: Float[Array, "n 18 4"],
+    ) -> None:  # fmt: skip
+        """Write one view's rows into `found`, whose arrays are ours."""
+        camera = self.rig.cameras[v]
+        assert found.modes is not None and found.mode_weights is not None
+        pixels, seen = view.to_camera(points)
+        seen &= ((pixels >= -0.5) & (pixels <= (camera.width - 0.5, camera.height - 0.5))).all(-1)
+        valid = present(info) & seen[..., 0]
+        calibration = self.weights.calibration
+        sigma = calibration.sigma(info) * view.magnification(points[:, :, 0])
+        usable = seen & valid[..., None]
+        found.points[at, v] = np.where(valid[..., None], pixels[:, :, 0], np.nan)
+        found.sigma[at, v] = np.where(valid, sigma, np.nan)
+        found.confidence[at, v] = np.where(valid, calibration.confidence(info), 0.0)
+        found.valid[at, v] = valid
+        found.modes[at, v] = np.where(usable[..., None], pixels, np.nan)
+        found.mode_weights[at, v] = np.where(usable, weight, 0.0)
+
+    def _view_of(self, v: int, image: UInt8[Array, "h w 3"]) -> UInt8[Array, "H W 3"]:
+        height, width = image.shape[:2]
+        mount = self.rig.mounts[v]
+        camera = mount.camera
+        if (width, height) == (camera.width, camera.height):
+            return self._views[v].image(image)
+        key = (v, width, height)
+        if key not in self._resized:
+            # A pixel off in one direction is rounding; more is another picture than the rig's.
+            off = abs(width * camera.height - height * camera.width)
+            if off > max(camera.width, camera.height):
+                raise InputError(
+                    f"a picture of {width} x {height} for the view '{mount.name}'",
+                    valid=f"the aspect of {camera.width} x {camera.height}",
+                )
+            resized = replace(mount, camera=camera.resized(width, height))
+            self._resized[key] = CanonicalView(resized, self.weights.view)
+        return self._resized[key].image(image)
+
+
+def detect(
+    sequence: Sequence,
+    detector: Detector | None = None,
+    *,
+    frames: int | None = None,
+    batch: int | None = None,
+    on_frames: Callable[[int], None] = lambda count: None,
+) -> Detections:
+    """Detections in the first `frames` of a sequence (all when None).
+
+    Pictures are read and resampled by a thread while the network works on those before. A view
+    without a picture is left out, and a warning says how often. The sequence's truth is not read.
+
+    Args:
+        sequence: where the pictures come from.
+        detector: made for the sequence's rig; the shipped weights when None.
+        frames: how many, from the first.
+        batch: frames that go through the network together; 1, on a GPU 16, when None.
+        on_frames: called with the number of frames just done.
+
+    Raises:
+        FileError: a picture is damaged.
+        InputError: an impossible number of frames, or pictures that do not fit the rig.
+    """
+    detector = detector or Detector(sequence.rig)
+    count = len(sequence) if frames is None else frames
+    if not 1 <= count <= len(sequence):
+        raise InputError(f"{count} frames of {sequence.folder}", valid=f"1 to {len(sequence)}")
+    batch = batch or (16 if detector.engine.name == "cuda" else 1)
+
+    def seen(indices: range) -> tuple[range, Array, Slots]:
+        return indices, *detector.canonical([recorded_pictures(sequence, i) for i in indices])
+
+    parts = []
+    jobs = (range(count)[i : i + batch] for i in range(0, count, batch))
+    for indices, views, slots in ahead(jobs, seen):
+        parts.append(detector.read(detector.run(views), slots, sequence.times[list(indices)]))
+        on_frames(len(indices))
+    found = joined(parts)
+    for name, missing in zip(sequence.rig.views, missing_pictures(found), strict=True):
+        if missing:
+            log.warning("view '%s' gave nothing in %d of %d frames", name, missing, count)
+    return found
+
+
+def missing_pictures(found: Detections) -> list[int]:
+    """In how many frames each view gave no detection at all, for want of a picture or of a body."""
+    return [int(n) for n in np.count_nonzero(~found.valid.any(-1), axis=0)]
+
+
+def no_detections(times: Float[Array, "T"], views: int, source: str) -> Detections:
+    """Detections of T frames of which nothing is known yet: all missing."""
+    shape = (len(times), views, len(LABELS))
+    return Detections(
+        times=np.asarray(times, float),
+        points=np.full((*shape, 2), np.nan),
+        sigma=np.full(shape, np.nan),
+        confidence=np.zeros(shape),
+        valid=np.zeros(shape, bool),
+        source=source,
+        modes=np.full((*shape, MODES, 2), np.nan),
+        mode_weights=np.zeros((*shape, MODES)),
+    )
+
+
+def joined(parts: Row[Detections]) -> Detections:
+    """Detections of consecutive frames, of one source, as one."""
+    names = [f.name for f in fields(Detections) if f.name != "source"]
+    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+    return Detections(**arrays, source=parts[0].source)

@@ -17,6 +17,7 @@ from egocap.errors import InputError
 from egocap.geometry import UP, axis_angle, rigid
 from egocap_sim.bodies import BODIES, INDEX, PARENTS
 from egocap_sim.extras import Extra
+from egocap_sim.greeting import Offer, greeting, meet, offer_of, place_of_greeter
 from egocap_sim.human.person import Person
 from egocap_sim.motion import figure
 from egocap_sim.motion.clip import Clip
@@ -53,14 +54,18 @@ def make_others(
     bounds_m: float,
     cameras: Float[Array, "T V 3"],
     blocked: Sequence[tuple[Float[Array, "2"], float]] = (),
+    person: Person | None = None,
 ) -> list[Extra]:
     """The other people of a scene, posed at the frame times [s].
 
     They keep away from the `cameras`, which stick out from the wearer's head, stay within
     `bounds_m` of the origin and out of `blocked`, circles (centre, radius) on the floor.
-    Raises InputError when there is no room for all of them.
+    `person` is the wearer, whose hand is shaken. Raises InputError when there is no room for all
+    of them.
     """
     crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, blocked)
+    if person is not None:
+        crowd.offer, crowd.wearer = offer_of(person, wearer), person
     return [crowd.add(i) for i in range(table.count)]
 
 
@@ -70,6 +75,8 @@ class _Crowd:
     def __init__(self, table, rng, times, wearer, bounds_m, cameras, blocked) -> None:
         self.table, self.rng, self.times, self.bounds_m = table, rng, times, bounds_m
         self.blocked = blocked
+        self.offer: Offer | None = None
+        self.wearer: Person | None = None
         step = max(1, round(_CHECK_S * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))
         self.checked = np.arange(0, len(times), step)
         self.cameras = cameras[self.checked]
@@ -101,8 +108,11 @@ class _Crowd:
         skinning = bodies @ rigid(np.eye(3), -person.joints)
         return Extra(actor, skinning, label_positions(person, bodies))
 
-    def is_free(self, bodies: Bodies) -> bool:
-        """Whether someone may move like this: in bounds, clear of everyone and of things."""
+    def is_free(self, bodies: Bodies, greets: bool = False) -> bool:
+        """Whether someone may move like this: in bounds, clear of everyone and of things.
+
+        Who `greets` may touch the wearer with the right arm.
+        """
         limbs = limb_points(bodies[self.checked])
         if np.linalg.norm(limbs[..., :2], axis=-1).max() > self.bounds_m:
             return False
@@ -112,7 +122,12 @@ class _Crowd:
         for centre, radius in self.blocked:
             if np.linalg.norm(limbs[..., :2] - centre, axis=-1).min() < radius + 0.1:
                 return False
-        return all(apart(limbs, other, GAP_M).all() for other in self.limbs)
+        first, *rest = self.limbs
+        aloof = np.delete(limbs, RIGHT_ARM, axis=1) if greets else limbs
+        alone = np.delete(first, RIGHT_ARM, axis=1) if greets else first
+        return apart(aloof, alone, GAP_M).all() and all(
+            apart(limbs, other, GAP_M).all() for other in rest
+        )
 
     def place(self, local: Bodies, arrival: int = 0) -> Bodies | None:
         """Put a motion near the wearer, facing it in frame `arrival`; None when there is no room.
@@ -200,8 +215,21 @@ def _walk_by(crowd: _Crowd, person: Person) -> Bodies | None:
     return None
 
 
+def _shake_hands(crowd: _Crowd, person: Person) -> Bodies | None:
+    """Stand opposite the wearer and shake the hand that is held out."""
+    offer, wearer = crowd.offer, crowd.wearer
+    if offer is None or wearer is None:
+        return None
+    clip = greeting(offer, crowd.times, crowd.rng, _RATE)
+    there = place_of_greeter(offer, wearer, person) @ crowd.played(clip, person)
+    fps = (len(crowd.times) - 1) / crowd.seconds
+    bodies = meet(offer, person, there, fps)
+    return bodies if crowd.is_free(bodies, greets=True) else None
+
+
 BEHAVIOURS: dict[str, Callable[[_Crowd, Person], Bodies | None]] = {
     "walk_by": _walk_by, "stand": _stand, "gesture": _gesture, "approach": _approach,
+    "shake_hands": _shake_hands,
 }  # fmt: skip
 
 
@@ -217,6 +245,14 @@ def limb_points(bodies: Bodies) -> Float[Array, "T P 3"]:
         (h + p[:, INDEX[s + "hand"]]) / 2 for h, s in zip(hands, ("l_", "r_"), strict=True)
     ]  # fmt: skip
     return np.concatenate([p, middles, np.stack(tips, 1)], 1)
+
+
+RIGHT_ARM = tuple(
+    i
+    for i, body in enumerate([*BODIES, *BODIES[1:], "l_hand", "r_hand"])
+    if body in ("r_forearm", "r_hand")
+)
+"""Columns of `limb_points` beyond the right elbow."""
 
 
 def apart(a: Float[Array, "T P 3"], b: Float[Array, "T P 3"], gap: float) -> Bool[Array, "T"]:

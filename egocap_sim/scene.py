@@ -99,8 +99,8 @@ class OthersTable(Strict):
     """Other people around the wearer; they take turns in the behaviours."""
 
     count: Whole = Field(default=0, ge=0, le=12)
-    behaviours: tuple[Literal["walk_by", "stand", "gesture", "approach"], ...] = Field(
-        default=("walk_by", "gesture", "approach", "stand"), min_length=1
+    behaviours: tuple[Literal["walk_by", "stand", "gesture", "approach", "shake_hands"], ...] = (
+        Field(default=("walk_by", "gesture", "approach", "stand"), min_length=1)
     )
     nearest_m: Number = Field(default=0.75, ge=0.6, le=10)  # from the wearer, of those who stand
     farthest_m: Number = Field(default=2.0, gt=0, le=14)  # as long as there is room

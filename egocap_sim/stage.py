@@ -172,6 +172,7 @@ def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
                 truth.T_world_body,
                 clear_radius_of(scene, truth),
                 truth.T_world_head[:, None, :3, 3] + _camera_arms(scene, truth),
+                person=person_of(scene) if "shake_hands" in scene.others.behaviours else None,
             )
     return extras
 

@@ -17,8 +17,10 @@ import numpy as np
 from egocap.errors import InputError
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.cycle import CycleParams, cycle, fit_rider
+from egocap_sim.motion.desk import DeskParams, desk
 from egocap_sim.motion.dribble import DribbleParams, dribble
 from egocap_sim.motion.gestures import GESTURES, GestureParams, gesticulate
+from egocap_sim.motion.handshake import HandshakeParams, handshake
 from egocap_sim.motion.hold import HoldParams, hold
 from egocap_sim.motion.juggle import JuggleParams, juggle
 from egocap_sim.motion.postures import (
@@ -99,6 +101,8 @@ MOTIONS: dict[str, Motion] = {
     "dribble": Motion(dribble, DribbleParams, "dribble a ball while walking about"),
     "cycle": Motion(cycle, CycleParams, "ride a bicycle around", mounted=fit_rider),
     "hold": Motion(hold, HoldParams, "use a phone, a cup or a newspaper, standing"),
+    "desk": Motion(desk, DeskParams, "sit at a desk: type, use a mouse, write"),
+    "handshake": Motion(handshake, HandshakeParams, "shake hands, standing"),
     "work": Motion(work, WorkParams, "work with both hands at a counter, standing"),
     "stairs": Motion(stairs, StairsParams, "walk up and down a staircase", mounted=fit_climber),
     "juggle": Motion(juggle, JuggleParams, "juggle three balls, standing"),

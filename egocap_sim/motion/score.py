@@ -75,6 +75,10 @@ class Score:
         """Start with a hand at a key, before anything moves it."""
         self._hands[hand] = _Track([key.row])
 
+    def begin_pelvis(self, forward: float, left: float, up: float) -> None:
+        """Start with the pelvis shifted from standing, metres: sitting, say."""
+        self._pelvis = _Track([np.array([forward, left, up])])
+
     def reach_time(self, hand: int, key: Hand) -> float:
         """Seconds a natural move to a key takes."""
         last = self._hands[hand].rows[-1]

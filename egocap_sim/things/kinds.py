@@ -15,7 +15,7 @@ from egocap_sim.things.bicycle import bicycle
 from egocap_sim.things.handheld import cup, newspaper, phone
 from egocap_sim.things.performance import Performance
 from egocap_sim.things.stairs import staircase
-from egocap_sim.things.standing import chair, counter, sofa, table
+from egocap_sim.things.standing import chair, counter, desk, sofa, table
 
 Maker = Callable[[ThingTable, Performance, np.random.Generator], list[Extra]]
 
@@ -38,7 +38,7 @@ KINDS: dict[str, Kind] = {
     "newspaper": Kind(newspaper, "hold"),
     "stairs": Kind(staircase, "stairs"),
     "table": Kind(table),
-    "desk": Kind(table),
+    "desk": Kind(desk),
     "counter": Kind(counter),
     "chair": Kind(chair),
     "sofa": Kind(sofa),

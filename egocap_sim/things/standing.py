@@ -8,13 +8,13 @@ from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.geometry import transform
-from egocap_sim import surfaces
+from egocap_sim import parts, surfaces
 from egocap_sim.bodies import INDEX
 from egocap_sim.extras import Extra
 from egocap_sim.mesh import Mesh
 from egocap_sim.others import limb_points
 from egocap_sim.scene import ThingTable
-from egocap_sim.shapes import box, cylinder, placed
+from egocap_sim.shapes import box, cylinder, placed, sheet
 from egocap_sim.things.moving import resting
 from egocap_sim.things.performance import Performance
 
@@ -27,6 +27,39 @@ def table(thing: ThingTable, performance: Performance, rng: np.random.Generator)
     wide, deep, high = rng.uniform(1.2, 1.6), rng.uniform(0.6, 0.8), rng.uniform(0.70, 0.76)
     front = _front(performance, wide, high - 0.12, high)
     return [resting("table", _table(rng, front, wide, deep, high), len(performance.times))]
+
+
+def desk(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+    """Of someone who sits: a desk under the hands, the legs below it; else a table like others."""
+    bodies = performance.bodies
+    if bodies[:, 0, 2, 3].max() > 0.8 * performance.person.joints[0, 2]:
+        return table(thing, performance, rng)
+    hands = [performance.held(k, performance.palms[k].centre) for k in (0, 1)]
+    lowest = min(float(hand[:, 2].min()) for hand in hands)
+    knees = float(bodies[:, [INDEX["l_calf"], INDEX["r_calf"]], 2, 3].max()) + _FLESH
+    high = max(lowest - 0.01, knees + 0.03)
+    trunk = bodies[:, [INDEX[b] for b in ("pelvis", "spine", "chest")], 0, 3]
+    front = float(trunk.max()) + 0.16
+    wide, deep = rng.uniform(1.3, 1.7), rng.uniform(0.65, 0.8)
+    meshes = _table(rng, front, wide, deep, high, books=False)
+    dark, paint = (surfaces.even(np.full(3, v)).texture for v in (0.12, rng.uniform(0.2, 0.9)))
+    middle = (hands[0] + hands[1]).mean(0) / 2
+    screen = surfaces.picture(rng).texture
+    x, y = front + deep - 0.2, float(middle[1])
+    meshes += [
+        box("keyboard", (middle[0] + 0.02, y, high + 0.008), (0.14, 0.42, 0.016), paint),
+        box("foot", (x, y, high + 0.01), (0.2, 0.24, 0.02), dark),
+        box("stand", (x + 0.03, y, high + 0.12), (0.03, 0.06, 0.22), dark),
+        box("screen", (x, y, high + 0.36), (0.03, 0.56, 0.34), dark, shininess=0.2),
+        sheet("picture", (x - 0.016, y + 0.265, high + 0.515), (0, -0.53, 0), (0, 0, -0.31),
+              screen, part=parts.FURNITURE, glows=True),
+    ]  # fmt: skip
+    paper = surfaces.even(np.full(3, 0.93)).texture
+    meshes.append(
+        sheet("paper", (middle[0] + 0.30, y - 0.12, high + 0.002), (0, -0.21, 0), (-0.297, 0, 0),
+              paper, part=parts.FURNITURE)
+    )  # fmt: skip
+    return [resting("desk", meshes, len(performance.times))]
 
 
 def counter(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
@@ -124,7 +157,12 @@ def _seat(thing: ThingTable, performance: Performance) -> tuple[Float[Array, "2"
 
 
 def _table(
-    rng: np.random.Generator, front: float, wide: float, deep: float, high: float
+    rng: np.random.Generator,
+    front: float,
+    wide: float,
+    deep: float,
+    high: float,
+    books: bool = True,
 ) -> list[Mesh]:
     wood = surfaces.wood(rng)
     x = front + deep / 2
@@ -133,7 +171,7 @@ def _table(
         for y in (-wide / 2 + 0.06, wide / 2 - 0.06):
             leg = (front + dx, y, high / 2 - 0.015)
             meshes.append(box("leg", leg, (0.05, 0.05, high - 0.03), wood.texture, wood.tile))
-    for _ in range(int(rng.integers(2, 5))):
+    for _ in range(int(rng.integers(2, 5)) if books else 0):
         size = (rng.uniform(0.12, 0.25), rng.uniform(0.1, 0.3), rng.uniform(0.015, 0.1))
         at = (front + rng.uniform(0.2, deep - 0.15), rng.uniform(-0.5, 0.5) * wide * 0.8)
         paint = surfaces.lacquer(rng).texture

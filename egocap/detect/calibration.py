@@ -20,8 +20,6 @@ from egocap.labels import LABELS, MIRROR
 ZEROS = (0.0,) * len(LABELS)
 LIMIT = 4.0  # of every |coefficient|: e^4 = 55 times off is no calibration
 FEWEST = 50  # joints of a label and kind; fewer say nothing
-RAYLEIGH = float(np.sqrt(np.pi / 2.0))
-"""Mean length of a plane Gaussian error whose standard deviation along each axis is 1."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,8 @@ def fit_calibration(
 ) -> Calibration:
     """The calibration that fits what a network said of N views to what was true of them.
 
-    Confidence by maximum likelihood over joints in view; each factor of sigma so that the mean of
-    error / sigma is that of a plane Gaussian, left and right sharing one.
+    Confidence by maximum likelihood over joints in view; each factor of sigma so that the root mean
+    square of error / sigma along an axis is 1, left and right sharing one.
 
     Args:
         info: what the network said, labels in the network's own (mirrored) order or the body's.
@@ -94,20 +92,20 @@ def fit_calibration(
     if int(in_view.sum()) < FEWEST:
         raise InputError(f"{int(in_view.sum())} joints to calibrate on", valid=f"{FEWEST} or more")
     scale, offset = _fit_logistic(margin(info)[in_view], seen[in_view])
-    ratio = errors / np.exp(np.clip(np.asarray(info[..., 3], float), -8.0, 8.0)) / RAYLEIGH
-    factors = [_log_means(ratio, where) for where in (seen & in_view, ~seen & in_view)]
+    squared = 0.5 * np.square(errors / np.exp(np.clip(np.asarray(info[..., 3], float), -8.0, 8.0)))
+    factors = [_half_log_means(squared, where) for where in (seen & in_view, ~seen & in_view)]
     return Calibration(scale, offset, *factors)
 
 
-def _log_means(ratio: Float[Array, "N 18"], where: Bool[Array, "N 18"]) -> tuple[float, ...]:
-    where = where & np.isfinite(ratio)
+def _half_log_means(squared: Float[Array, "N 18"], where: Bool[Array, "N 18"]) -> tuple[float, ...]:
+    where = where & np.isfinite(squared)
     found = []
     for label, other in enumerate(MIRROR):
-        values = np.concatenate([ratio[where[:, j], j] for j in {label, other}])
+        values = np.concatenate([squared[where[:, j], j] for j in {label, other}])
         if len(values) < FEWEST:  # what holds of all labels is the best guess
-            values = ratio[where]
+            values = squared[where]
         enough = len(values) >= FEWEST
-        found.append(float(np.clip(np.log(values.mean()), -LIMIT, LIMIT)) if enough else 0.0)
+        found.append(float(np.clip(0.5 * np.log(values.mean()), -LIMIT, LIMIT)) if enough else 0.0)
     return tuple(found)
 
 

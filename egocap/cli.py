@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -25,8 +25,8 @@ app = SubcommandApp()
 @app.command
 def track(
     sequence: Positional[Path],
-    detections: str,
     out: Path,
+    detections: str = "learned",
     config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
     seed: int = 0,
     save_detections: Path | None = None,
@@ -38,9 +38,10 @@ def track(
 
     Args:
         sequence: folder of a sequence.
-        detections: where detections come from: simulated:SIGMA[,outliers=P][,occluded=keep|drop]
-            draws them from the truth, SIGMA in pixels at 640 x 512; or a file of detections.
         out: track to write, npz.
+        detections: where detections come from: the learned detector (learned:FILE for other weights
+            than the shipped); simulated:SIGMA[,outliers=P][,occluded=keep|drop] draws them from the
+            truth, SIGMA in pixels at 640 x 512; or a file of detections.
         config: the tracker's settings.
         seed: seed of simulated detections.
         save_detections: also write the detections used, npz.
@@ -64,6 +65,80 @@ def track(
         results.save_detections(save_detections, found)
     results.save_track(out, result)
     _print_summary(out, result, json)
+    return DONE
+
+
+@app.command
+def detect(
+    sequence: Positional[Path],
+    out: Path,
+    weights: Path | None = None,
+    engine: str = "onnxruntime",
+    threads: int | None = None,
+    frames: int | None = None,
+    json: bool = False,
+) -> int:
+    """Find the body's 18 parts in every view of a sequence.
+
+    Args:
+        sequence: folder of a sequence.
+        out: detections to write, npz.
+        weights: detector weights, safetensors; those shipped by default.
+        engine: onnxruntime, openvino (an extra), torch, or cuda.
+        threads: threads of the network; all cores by default.
+        frames: only so many frames, from the first.
+        json: print the summary as JSON.
+    """
+    import time
+
+    from egocap.commandline import progress
+    from egocap.detect import detector as learned
+    from egocap.detect.weights import open_weights
+    from egocap.results import save_detections
+    from egocap.sequence import Sequence
+    from egocap.sequence_writer import disk_errors
+
+    opened = Sequence(sequence)
+    made = learned.Detector(opened.rig, open_weights(weights), engine, threads)  # type: ignore[arg-type]
+    started = time.perf_counter()
+    with progress("detect", frames or len(opened)) as advance:
+        found = learned.detect(opened, made, frames=frames, on_frames=advance)
+    seconds = time.perf_counter() - started
+    with disk_errors(out.parent):
+        out.parent.mkdir(parents=True, exist_ok=True)
+    save_detections(out, found)
+    _print_detections(out, found, opened.rig.views, seconds, json)
+    return DONE
+
+
+@app.command
+def calibrate_detector(
+    data: Positional[tuple[Path, ...]],
+    /,
+    weights: Path,
+    out: Path,
+    store: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Fit a detector's confidence and spread to footage that it was not trained on.
+
+    Writes the same weights with the calibration that was found.
+
+    Args:
+        data: sequences, or folders of sequences.
+        weights: detector weights to calibrate, safetensors.
+        out: weights to write, safetensors; may be the same file.
+        store: folder to keep the canonical views made from the data; a temporary one by default.
+        json: print the calibration as JSON.
+    """
+    import tempfile
+
+    from egocap.detect.calibrating import calibrate
+    from egocap.detect.weights import open_weights
+
+    with tempfile.TemporaryDirectory() as temporary:
+        found = calibrate(open_weights(weights), data, store or Path(temporary), out)
+    _print_calibration(out, found.to_dict(), json)
     return DONE
 
 
@@ -119,6 +194,8 @@ def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
         found = load_detections(source)
         require_same_times(found.times, sequence.times, source)
         return found
+    if source.partition(":")[0] == "learned":
+        return _learned(sequence, source.partition(":")[2])
     if seed < 0:
         raise InputError(f"seed {seed}", valid="0 or more")
     camera = sequence.rig.mounts[0].camera
@@ -142,3 +219,47 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
     print(f"{path}: {summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
           f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections a "
           "frame of 2 x 18")  # fmt: skip
+
+
+def _learned(sequence: Sequence, weights: str) -> Detections:
+    from egocap.commandline import progress
+    from egocap.detect.detector import Detector, detect
+    from egocap.detect.weights import open_weights
+
+    detector = Detector(sequence.rig, open_weights(weights or None))
+    with progress("detect", len(sequence)) as advance:
+        return detect(sequence, detector, on_frames=advance)
+
+
+def _print_detections(
+    path: Path, found: Detections, views: tuple[str, ...], seconds: float, as_json: bool
+) -> None:
+    from egocap.detect.detector import missing_pictures
+
+    frames = len(found.times)
+    summary = {
+        "detections": str(path), "source": found.source, "frames": frames,
+        "frames_per_second": frames / seconds,
+        "detections_per_frame": float(found.valid.sum()) / frames,
+        "frames_without": dict(zip(views, missing_pictures(found), strict=True)),
+    }  # fmt: skip
+    if as_json:
+        print(json.dumps(summary, indent=1))
+        return
+    print(f"{path}: {frames} frames at {summary['frames_per_second']:.1f} frames/s, "
+          f"{summary['detections_per_frame']:.1f} detections a frame of {len(views)} x 18, by "
+          f"{found.source}")  # fmt: skip
+
+
+def _print_calibration(path: Path, found: dict[str, Any], as_json: bool) -> None:
+    import math
+
+    if as_json:
+        print(json.dumps(found, indent=1))
+        return
+    seen, hidden = (
+        math.exp(sum(found[f"log_sigma_{kind}"]) / len(found[f"log_sigma_{kind}"]))
+        for kind in ("seen", "hidden")
+    )
+    print(f"{path}: spread times {seen:.2f} where joints are seen, {hidden:.2f} where hidden; "
+          f"confidence from {found['scale']:.2f} x margin {found['offset']:+.2f}")  # fmt: skip

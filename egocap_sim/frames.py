@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -82,12 +82,16 @@ class FrameMaker:
         views, see = self._draw(index, self.truth.time[index])
         parts = views.parts() if self.record.masks else ()
         depth = views.depth() if self.record.depth else ()
-        return Shot(views.images, parts, depth, see())
+        return Shot(views.images, parts, depth, see(range(len(self.rig.views))))
 
     def _draw(
-        self, index: int, time: float, wanted: Collection[int] | None = None
+        self,
+        index: int,
+        time: float,
+        rows: Mapping[int, slice] | None = None,
+        still_m: float = 0.0,
     ) -> tuple[Views, See]:
-        """Render the world at a time in seconds during a frame, all views or only those wanted."""
+        """Render the world at a time in seconds during a frame: all, or rows of some views."""
         truth, poses = self.truth, self._film.poses if self._film else None
         T_world_body = truth.T_world_body[index] if poses is None else poses.at(time)
         skinning = {self.person.actor.name: T_world_body @ self._T_body_rest}
@@ -96,8 +100,12 @@ class FrameMaker:
             if poses is not None:
                 moved = between_frames(extra.skinning, np.interp(time, truth.time, self._numbers))
             skinning[extra.actor.name] = moved
-        views = self.renderer.render(T_world_body[INDEX["head"]], skinning, wanted)
-        return views, lambda: self._visibility(views, T_world_body, truth.in_view[index])
+        views = self.renderer.render(T_world_body[INDEX["head"]], skinning, rows, still_m)
+
+        def see(wanted: Collection[int]) -> UInt8[Array, "V 18"]:
+            return self._visibility(views, T_world_body, truth.in_view[index], wanted)
+
+        return views, see
 
     def _encode(self, image: UInt8[Array, "H W 3"]) -> bytes:
         if self.record.image_format == "png":

@@ -7,6 +7,7 @@ pixels. Cloth may lie over them; another limb, the rig or a thing may not.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
 
 import numpy as np
@@ -42,17 +43,21 @@ class JointVisibility:
         views: Views,
         T_world_body: Float[Array, "21 4 4"],
         in_view: Bool[Array, "V 18"],
+        only: Collection[int] | None = None,
     ) -> UInt8[Array, "V 18"]:
         """VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED or OCCLUDED (`egocap.sequence`) of joints and views.
 
         `in_view` tells which joints are inside the lens and image. The wearer's body, clothes and
         rig occlude as self, everything else as others; what hides most samples names the cause.
+        With `only`, the rows of other views mean nothing.
         """
         skin_world = transform(T_world_body[self._body], self._offset[..., None, :])[..., 0, :]
         T_head_world = inverse(T_world_body[INDEX["head"]])
         result = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
         around = parts_around()
         for v, mount in enumerate(self._rig.mounts):
+            if only is not None and v not in only:
+                continue
             skin = transform(inverse(mount.T_head_camera) @ T_head_world, skin_world.reshape(-1, 3))
             pixels, valid = mount.camera.project(skin)
             surface, part = views.surface_at(v, np.where(valid[:, None], pixels, -9.0))

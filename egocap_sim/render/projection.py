@@ -29,6 +29,18 @@ def of_tile(
     return P @ _OPENGL @ geometry.inverse(T_world_face)
 
 
+def through(
+    clip: Float[Array, "4 4"], tile: Tile, window: tuple[int, int, int, int]
+) -> Float[Array, "4 4"]:
+    """Clip-from-world matrix of a window (column, row, width, height in the atlas) of a tile."""
+    column, row, width, height = window
+    S = np.eye(4)
+    S[0, 0], S[1, 1] = tile.width / width, tile.height / height
+    S[0, 3] = (tile.width - 2 * (column - tile.column)) / width - 1
+    S[1, 3] = (tile.height - 2 * (row - tile.row)) / height - 1
+    return S @ clip
+
+
 def of_light(
     direction: Float[Array, "3"], focus: Float[Array, "3"], size: int
 ) -> Float[Array, "4 4"]:

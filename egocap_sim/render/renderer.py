@@ -6,7 +6,7 @@ part labels back at once (labels travel in alpha), and look the fisheye pixels u
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 import numpy as np
@@ -25,6 +25,7 @@ from egocap_sim.render.gpu import GpuBatch, Uniforms
 from egocap_sim.render.views import Resampler, Views
 
 NEAR, FAR = 0.01, 60.0  # metres; 24 bits of depth leave 0.2 mm at 5 m
+Window = tuple[int, int, int, int]  # column, row, width, height in the atlas
 _SCENE = 0  # pyrender.RenderFlags.NONE
 _LABELS = pyrender.RenderFlags.SEG
 _SHADOW = pyrender.RenderFlags.DEPTH_ONLY
@@ -74,17 +75,21 @@ class FisheyeRenderer(pyrender.Renderer):
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
         }
+        self._posed: dict[str, Array] = {}  # positions of actors now
+        self._shadowing: dict[str, Array] = {}  # and when the shadows were drawn
         self._views: Views | None = None
 
     def render(
         self,
         T_world_head: Float[Array, "4 4"],
         skinning: Mapping[str, Float[Array, "B 4 4"]],
-        views: Collection[int] | None = None,
+        rows: Mapping[int, slice] | None = None,
+        still_m: float = 0.0,
     ) -> Views:
         """Draw all views with the head at a pose and the actors under their skinning transforms.
 
-        With `views`, only these are drawn, and the others hold nothing of use.
+        With `rows`, only these rows of these views are drawn; there is nothing of use elsewhere.
+        Shadows stay as they were while no vertex is `still_m` metres from where it threw them.
         Everything lazy on the result (`parts`, `depth`, `surface_at`) is there until the next call.
         Raises: InputError when an actor has no transforms, or too few.
         """
@@ -95,16 +100,39 @@ class FisheyeRenderer(pyrender.Renderer):
                 positions, normals = self._batches[name].pose(np.asarray(skinning[name]))
                 self._gpu[name].upload(positions, normals)
                 self._boxes[name] = self._batches[name].boxes(positions)
+                self._posed[name] = positions
         T_world_camera = [T_world_head @ m.T_head_camera for m in self.rig.mounts]
-        self._wanted = range(len(self.rig.mounts)) if views is None else views
         self._clip = [
             projection.of_tile(t, T_world_camera[t.view], NEAR, FAR) for t in self.atlas.tiles
         ]
         self._eyes = [T_world_camera[t.view][:3, 3] for t in self.atlas.tiles]
-        shadow_from_world = self._draw_shadows(T_world_head[:3, 3])
-        self._draw_scene(shadow_from_world)
-        self._views = Views(self, self._resampler, self._buffer.read_color())
+        self._windows = [self._window(i, rows) for i in range(len(self.atlas.tiles))]
+        if self._has_moved(still_m):
+            self._shadow_from_world = self._draw_shadows(T_world_head[:3, 3])
+            self._shadowing = dict(self._posed)
+        self._draw_scene(self._shadow_from_world)
+        self._views = Views(self, self._resampler, self._buffer.read_color(), rows)
         return self._views
+
+    def _window(self, tile: int, rows: Mapping[int, slice] | None) -> Window | None:
+        """The part of a tile that rows of its view need; None: nothing."""
+        t = self.atlas.tiles[tile]
+        if rows is None:
+            return t.column, t.row, t.width, t.height
+        if t.view not in rows:
+            return None
+        extent = self._resampler.extent[tile, rows[t.view]]
+        (left, _, low, _), (_, right, _, high) = extent.min(0).tolist(), extent.max(0).tolist()
+        return (left, low, right - left, high - low) if right > left and high > low else None
+
+    def _has_moved(self, still_m: float) -> bool:
+        """Whether an actor is `still_m` metres from where it threw the shadows in the map."""
+        if not still_m or self._shadowing.keys() != self._posed.keys():
+            return True
+        return any(
+            float(np.abs(positions - self._shadowing[name]).max()) >= still_m
+            for name, positions in self._posed.items()
+        )
 
     def close(self) -> None:
         """Free everything; the renderer cannot be used afterwards. Closing twice is harmless."""
@@ -197,14 +225,16 @@ class FisheyeRenderer(pyrender.Renderer):
 
     def _draw_tiles(self, name: str | None, gpu: GpuBatch, program, *, with_eye: bool) -> None:
         low, high = self._boxes[name]
-        for tile, clip, eye in zip(self.atlas.tiles, self._clip, self._eyes, strict=True):
-            if tile.view not in self._wanted:
+        for tile, clip, eye, window in zip(
+            self.atlas.tiles, self._clip, self._eyes, self._windows, strict=True
+        ):
+            if window is None:
                 continue
-            seen = projection.may_see(clip, low, high)
+            seen = projection.may_see(projection.through(clip, tile, window), low, high)
             if not seen.any():
                 continue
             GL.glViewport(tile.column, tile.row, tile.width, tile.height)
-            GL.glScissor(tile.column, tile.row, tile.width, tile.height)
+            GL.glScissor(*window)
             self._uniforms.matrix(program, "clip_from_world", clip)
             if with_eye:
                 self._uniforms.vector(program, "eye", eye)

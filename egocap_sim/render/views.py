@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import cv2
@@ -13,6 +15,10 @@ from egocap_sim.fisheye import Atlas
 
 if TYPE_CHECKING:
     from egocap_sim.render.renderer import FisheyeRenderer
+
+
+_SKIPPED = 4  # of the columns when it is found what a row needs
+_REACH = 20  # atlas pixels: neighbouring image pixels are up to four apart
 
 
 class Resampler:
@@ -35,48 +41,84 @@ class Resampler:
                 t.ray_length()
             )
 
-    def colors(self, atlas_rgba: UInt8[Array, "h w 4"]) -> tuple[UInt8[Array, "H W 3"], ...]:
-        """Images of all views, black outside the lens."""
-        return tuple(
-            cv2.cvtColor(
-                cv2.remap(atlas_rgba, places, shares, cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB
-            )
-            for places, shares in self._linear
+    def colors(
+        self, view: int, atlas_rgba: UInt8[Array, "h w 4"], rows: slice
+    ) -> UInt8[Array, "H W 3"]:
+        """Rows of a view's image, black outside the lens."""
+        places, shares = (part[rows] for part in self._linear[view])
+        if not len(places):
+            return np.empty((0, places.shape[1], 3), np.uint8)
+        return cv2.cvtColor(
+            cv2.remap(atlas_rgba, places, shares, cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB
         )
 
-    def nearest(self, view: int, atlas_values: Array, outside: float) -> Array:
-        """Values (H, W) at the nearest atlas pixel; `outside` where the lens sees nothing."""
+    @cached_property
+    def extent(self) -> Int[Array, "tiles H 4"]:
+        """Atlas columns and rows (low, high, low, high) of each tile that each image row needs."""
+        tiles, height = self.atlas.tiles, max(len(xy) for xy in self.atlas.lookup)
+        extent = np.tile([1 << 30, -1, 1 << 30, -1], (len(tiles), height, 1))
+        for i, t in enumerate(tiles):
+            x, y = self.atlas.lookup[t.view][:, ::_SKIPPED].transpose(2, 0, 1)
+            x, y = x.astype(int), y.astype(int)
+            mine = (x >= t.column) & (x < t.column + t.width) & (y >= t.row) & (y < t.row + t.height)
+            rows = slice(0, len(x))
+            for k, at, limit in ((0, x, t.column + t.width), (2, y, t.row + t.height)):
+                low = np.where(mine, at, 1 << 30).min(1) - _REACH
+                high = np.where(mine, at, -(1 << 30)).max(1) + _REACH + 1
+                extent[i, rows, k] = np.maximum(low, limit - (t.width, t.height)[k // 2])
+                extent[i, rows, k + 1] = np.minimum(high, limit)
+        return extent
+
+    def nearest(self, view: int, atlas_values: Array, outside: float, rows: slice) -> Array:
+        """Rows of values at the nearest atlas pixel; `outside` where the lens sees nothing."""
         border = cv2.BORDER_CONSTANT  # outside the lens the map points at (-1, -1)
         return cv2.remap(  # pyright: ignore[reportCallIssue]
-            atlas_values, self._nearest[view], None, cv2.INTER_NEAREST,  # pyright: ignore[reportArgumentType]
+            atlas_values, self._nearest[view][rows], None, cv2.INTER_NEAREST,  # pyright: ignore[reportArgumentType]
             borderMode=border, borderValue=outside,
         )  # fmt: skip
 
 
 class Views:
-    """One frame of a rig. `images` stay; the rest is only there until the renderer's next frame."""
+    """One frame of a rig, or rows of it. `images` stay; the rest is only there until the renderer's
+    next frame."""
 
     def __init__(
-        self, renderer: FisheyeRenderer, resampler: Resampler, atlas_rgba: UInt8[Array, "h w 4"]
+        self,
+        renderer: FisheyeRenderer,
+        resampler: Resampler,
+        atlas_rgba: UInt8[Array, "h w 4"],
+        rows: Mapping[int, slice] | None = None,
     ) -> None:
+        """With `rows`, images hold only these rows of these views, and others none."""
         self._renderer, self._resampler = renderer, resampler
-        self.images: tuple[UInt8[Array, "H W 3"], ...] = resampler.colors(atlas_rgba)
+        self._distance: Float[Array, "h w"] | None = None
+        drawn = [slice(None) if rows is None else rows.get(v, slice(0, 0))
+                 for v in range(len(resampler.atlas.lookup))]  # fmt: skip
+        self.images: tuple[UInt8[Array, "H W 3"], ...] = tuple(
+            resampler.colors(v, atlas_rgba, band) for v, band in enumerate(drawn)
+        )
 
     def parts(self) -> tuple[UInt8[Array, "H W"], ...]:
         """Part label of every pixel of every view (`egocap_sim.parts`), 0 outside the lens."""
+        return tuple(self.parts_of(v, slice(None)) for v in range(len(self.images)))
+
+    def parts_of(self, view: int, rows: slice) -> UInt8[Array, "h W"]:
+        """Part labels of rows of one view."""
         self._require_current()
-        labels = self._renderer.read_labels()
-        n = len(self.images)
-        return tuple(self._resampler.nearest(v, labels, 0) for v in range(n))
+        return self._resampler.nearest(view, self._renderer.read_labels(), 0, rows)
 
     def depth(self) -> tuple[Float[Array, "H W"], ...]:
         """Distance along each pixel's ray in metres, float32; infinite where it hits nothing."""
+        return tuple(self.depth_of(v, slice(None)) for v in range(len(self.images)))
+
+    def depth_of(self, view: int, rows: slice) -> Float[Array, "h W"]:
+        """Distances of rows of one view."""
         self._require_current()
-        labels = self._renderer.read_labels()
-        distance = self._renderer.read_depth() * self._resampler.ray_factor
-        distance = np.where(labels > 0, distance, np.float32(np.inf))
-        n = len(self.images)
-        return tuple(self._resampler.nearest(v, distance, np.inf) for v in range(n))
+        if self._distance is None:
+            labels = self._renderer.read_labels()
+            distance = self._renderer.read_depth() * self._resampler.ray_factor
+            self._distance = np.where(labels > 0, distance, np.float32(np.inf))
+        return self._resampler.nearest(view, self._distance, np.inf, rows)
 
     def surface_at(
         self, view: int, pixels: Float[Array, "N 2"]

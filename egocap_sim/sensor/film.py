@@ -21,7 +21,7 @@ from egocap_sim.human.person import Person
 from egocap_sim.poses import SampledPoses
 from egocap_sim.sensor.faults import sources, wander
 from egocap_sim.sensor.settings import SensorTable
-from egocap_sim.sensor.timing import row_time
+from egocap_sim.sensor.timing import row_time, shared
 from egocap_sim.streams import stream
 
 DRAFTS = _TRUTH, _MOTION, _RATE = "sensor.draft.tmp", "motion.draft.tmp", "rate.draft.tmp"
@@ -153,15 +153,21 @@ def _subframes(
     """How many sub-frames keep the motion between two of them under `subframe_px`.
 
     The motion is that of the joints in view and of the surroundings, as the head turns and moves
-    past them. Always odd: then one of them is the middle of the exposure.
+    past them, while any of the views that share sub-frames gathers light. Always odd: then one of
+    them is the middle.
     """
-    half = (sensor.shutter_s + sensor.readout_s) / 2
+    span = sensor.shutter_s + sensor.readout_s
+    half = span / 2
+    first, last = middle - half, middle + half
+    together = shared(middle, span)[:, None]
+    first = np.where(together, first.min(1, keepdims=True), first)
+    last = np.where(together, last.max(1, keepdims=True), last)
     head = np.array(INDEX["head"])
     motion = np.zeros(len(middle))
     for v, mount in enumerate(rig.mounts):
         camera = mount.camera
         ends, heads = [], []
-        for time in (middle[:, v] - half, middle[:, v] + half):
+        for time in (first[:, v], last[:, v]):
             joints = _joints(poses, person, np.repeat(time[:, None], len(LABELS), 1))[1]
             ends.append(camera.project(_in_camera(mount.T_head_camera, joints)))
             heads.append(poses.of_bodies(time, head))

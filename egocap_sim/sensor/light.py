@@ -13,22 +13,19 @@ from numpy import ndarray as Array
 
 from egocap.camera import Camera
 
-_DECODE = (np.arange(256, dtype=np.float32) / 255.0) ** 2
-_FINE = 4095  # steps of the encoding table over the square root of light
+DECODING = (np.arange(256, dtype=np.float32) / 255.0) ** 2
+"""Linear light of the 256 displayed values, float32."""
 
 
 def decode(image: UInt8[Array, "H W 3"]) -> Float[Array, "H W 3"]:
     """Linear light of displayed values, float32."""
-    return cv2.LUT(image, _DECODE)
+    return cv2.LUT(image, DECODING)
 
 
 def encode(light: Float[Array, "*n"], gamma: float = 1.0) -> UInt8[Array, "*n"]:
     """Displayed values of linear light, clipped to black and white, raised to `gamma`."""
     root = np.sqrt(np.clip(light, 0.0, 1.0))
-    if gamma == 1.0:
-        return np.rint(root * 255.0).astype(np.uint8)
-    table = np.rint(255.0 * (np.arange(_FINE + 1) / _FINE) ** gamma).astype(np.uint8)
-    return table[np.rint(root * _FINE).astype(np.uint16)]
+    return np.rint(255.0 * root**gamma).astype(np.uint8)
 
 
 def expose(light: Float[Array, "*n"], stops: float) -> Float[Array, "*n"]:
@@ -52,16 +49,17 @@ def noisy(
     light: Float[Array, "*n"],
     full_well_e: float | None,
     read_noise: float,
-    rng: np.random.Generator,
+    normal: Float[Array, "*n"],
 ) -> Float[Array, "*n"]:
-    """Add shot and read noise: variance light / full_well_e + read_noise^2.
+    """Add shot and read noise, standard `normal` numbers of variance light / full_well_e +
+    read_noise^2.
 
     The Poisson count of electrons is taken as normal, which at 10 electrons and more it nearly is.
     """
     variance = np.float32(read_noise**2)
     if full_well_e is not None:
         variance = variance + np.maximum(light, 0.0) / np.float32(full_well_e)
-    return light + np.sqrt(variance) * rng.standard_normal(light.shape, dtype=np.float32)
+    return light + np.sqrt(variance) * normal
 
 
 def compress(image: UInt8[Array, "H W 3"], quality: int) -> UInt8[Array, "H W 3"]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -13,15 +14,30 @@ from egocap.labels import LABELS
 from egocap.rig import Rig
 from egocap.sequence import BLACK
 from egocap_sim.render.views import Views
+from egocap_sim.sensor import kernel
 from egocap_sim.sensor.film import Film
-from egocap_sim.sensor.light import compress, encode, expose, noisy, vignette
-from egocap_sim.sensor.timing import Exposure, add_rows, add_subframe, exposure
+from egocap_sim.sensor.light import DECODING, compress, vignette
+from egocap_sim.sensor.timing import exposure, instants
 from egocap_sim.streams import stream
 
-See = Callable[[], UInt8[Array, "V 18"]]
-"""Tells which joints the views just drawn see."""
-Draw = Callable[[int, float, Collection[int]], tuple[Views, See]]
-"""Renders some views of a frame's world at a time in seconds."""
+STILL_M = 0.01  # bodies that moved less throw the shadow they threw
+
+
+class See(Protocol):
+    """Tells which joints some of the views just drawn see; each must be drawn whole."""
+
+    def __call__(self, views: Collection[int]) -> UInt8[Array, "V 18"]: ...
+
+
+class Draw(Protocol):
+    """Renders rows of some views of a frame's world at a time in seconds.
+
+    Shadows may be those drawn last where nothing moved by `still_m` metres since.
+    """
+
+    def __call__(
+        self, index: int, time: float, rows: Mapping[int, slice], still_m: float
+    ) -> tuple[Views, See]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +56,10 @@ class Shooter:
     def __init__(self, rig: Rig, film: Film, draw: Draw, *, parts: bool, depth: bool) -> None:
         self._rig, self._film, self._draw = rig, film, draw
         self._parts, self._depth = parts, depth
-        strength = film.sensor.vignetting
-        self._vignette = [vignette(m.camera, strength)[..., None] if strength else None
-                          for m in rig.mounts]  # fmt: skip
+        sensor = film.sensor
+        self._vignette = [vignette(m.camera, sensor.vignetting) for m in rig.mounts]
+        self._encoding = kernel.encoding_table(sensor.gamma)
+        self._noise = kernel.noise_table()
         self._last: dict[int, tuple[int, UInt8[Array, "H W 3"]]] = {}  # view: frame and picture
 
     def shoot(self, index: int) -> Shot:
@@ -64,46 +81,54 @@ class Shooter:
         return self._last[v][1]
 
     def _expose(self, index: int) -> tuple[list[Float[Array, "H W 3"]], Shot]:
-        """Linear light of each view, and planes and visibility at the times they were exposed."""
+        """Linear light of each view, planes of each row's own time, and visibility of its middle.
+
+        A sub-frame is drawn only in the rows that gather light then, but the one nearest to the
+        middle of a view's exposure whole: there it is judged what the view sees.
+        """
         sensor, applied = self._film.sensor, self._film.applied
-        exposures: list[Exposure] = [
-            exposure(t, camera.height, sensor.shutter_s, sensor.readout_s,
-                     int(applied.subframes[index]))
-            for t, camera in zip(applied.time[index], self._rig.cameras, strict=True)
-        ]  # fmt: skip
+        timing = sensor.shutter_s, sensor.readout_s
+        middle = applied.time[index]
+        rendered = instants(middle, *timing, int(applied.subframes[index]))
+        exposures = [exposure(t, camera.height, *timing, rendered)
+                     for t, camera in zip(middle, self._rig.cameras, strict=True)]  # fmt: skip
+        judged = np.abs(middle[:, None] - rendered.times).argmin(1)
         sizes = [(c.height, c.width) for c in self._rig.cameras]
         light = [np.zeros((*size, 3), np.float32) for size in sizes]
         parts = [np.zeros(size, np.uint8) for size in sizes] if self._parts else []
         depth = [np.zeros(size, np.float32) for size in sizes] if self._depth else []
         visibility = np.zeros((len(sizes), len(LABELS)), np.uint8)
-        for time in np.unique(np.concatenate([e.times for e in exposures])):
-            wanted = {
-                v: i for v, e in enumerate(exposures) for i in np.flatnonzero(e.times == time)
-            }
-            views, see = self._draw(index, float(time), wanted)
-            drawn_parts = views.parts() if self._parts else ()
-            drawn_depth = views.depth() if self._depth else ()
-            for v, i in wanted.items():
-                exposed = exposures[v]
-                add_subframe(light[v], views.images[v], exposed.weights[:, i])
-                rows = exposed.nearest == i
-                for plane, drawn in ((parts, drawn_parts), (depth, drawn_depth)):
-                    if plane:
-                        add_rows(plane[v], drawn[v], rows)
-                owner = np.abs(applied.joint_time[index, v, :, None] - exposed.times).argmin(1)
-                if (owner == i).any():
-                    visibility[v, owner == i] = see()[v, owner == i]
+        for i, time in enumerate(rendered.times):
+            whole = np.flatnonzero(judged == i)
+            rows = {v: slice(0, sizes[v][0]) if v in whole else e.rows(i)
+                    for v, e in enumerate(exposures)}  # fmt: skip
+            rows = {v: band for v, band in rows.items() if band.stop > band.start}
+            if not rows:
+                continue
+            views, see = self._draw(index, float(time), rows, STILL_M if i else 0.0)
+            for v, band in rows.items():
+                weight = exposures[v].weights[band, i]
+                kernel.add_light(light[v][band], views.images[v], weight, DECODING)
+                own = np.flatnonzero(exposures[v].nearest == i)  # neighbours, if any
+                if len(own):
+                    band = slice(int(own[0]), int(own[-1]) + 1)
+                    if self._parts:
+                        parts[v][band] = views.parts_of(v, band)
+                    if self._depth:
+                        depth[v][band] = views.depth_of(v, band)
+            if len(whole):
+                visibility[whole] = see(whole)[whole]
         return light, Shot((), tuple(parts), tuple(depth), visibility)
 
     def _develop(self, light: Float[Array, "H W 3"], index: int, v: int) -> UInt8[Array, "H W 3"]:
         """The picture a sensor makes of the light."""
         sensor = self._film.sensor
-        if stops := float(self._film.applied.exposure_ev[index, v]):
-            light = expose(light, stops)
-        if (fall_off := self._vignette[v]) is not None:
-            light = light * fall_off
-        if sensor.full_well_e is not None or sensor.read_noise:
-            rng = stream(self._film.seed, f"sensor.noise.{self._rig.views[v]}.{index}")
-            light = noisy(light, sensor.full_well_e, sensor.read_noise, rng)
-        image = encode(light, sensor.gamma)
+        rng = stream(self._film.seed, f"sensor.noise.{self._rig.views[v]}.{index}")
+        height, width, _ = light.shape
+        start = rng.integers(0, kernel.NOISE_SAMPLES - 3 * width, height)
+        image = kernel.develop(
+            light, 2.0 ** float(self._film.applied.exposure_ev[index, v]), self._vignette[v],
+            1.0 / sensor.full_well_e if sensor.full_well_e else 0.0, sensor.read_noise**2,
+            self._noise, start, self._encoding,
+        )  # fmt: skip
         return image if sensor.jpeg_quality is None else compress(image, sensor.jpeg_quality)

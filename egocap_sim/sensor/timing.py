@@ -19,12 +19,25 @@ _INSTANT = 1e-9  # seconds; a shutter faster than this sees one instant
 
 
 @dataclass(frozen=True, eq=False)
+class Instants:
+    """When the sub-frames of a frame are rendered, for all its views."""
+
+    times: Float[Array, "N"]  # seconds
+    slot: float  # seconds of the exposure that each stands for
+
+
+@dataclass(frozen=True, eq=False)
 class Exposure:
-    """One view's picture: the instants to render, and each row's share of them."""
+    """One view's picture: each row's share of the instants rendered."""
 
     times: Float[Array, "N"]  # seconds
     weights: Float[Array, "H N"]  # float32; rows sum to one
     nearest: Int[Array, "H"]  # the sub-frame nearest to the middle of each row's exposure
+
+    def rows(self, i: int) -> slice:
+        """The rows that need sub-frame `i`."""
+        needed = np.flatnonzero((self.weights[:, i] > 0) | (self.nearest == i))
+        return slice(int(needed[0]), int(needed[-1]) + 1) if len(needed) else slice(0, 0)
 
 
 def row_time(
@@ -34,17 +47,37 @@ def row_time(
     return middle + ((rows + 0.5) / height - 0.5) * readout_s
 
 
-def exposure(
-    middle: float, height: int, shutter_s: float, readout_s: float, count: int
-) -> Exposure:
-    """Instants and weights of a picture of `height` rows put together of `count` sub-frames."""
+def shared(middle: Float[Array, "*n V"], span: float) -> Bool[Array, "*n"]:
+    """Whether the views gather light at overlapping times, so that they share their instants."""
+    return np.ptp(middle, axis=-1) < span
+
+
+def instants(
+    middle: Float[Array, "V"], shutter_s: float, readout_s: float, count: int
+) -> Instants:
+    """`count` instants over the time in which the views gather light.
+
+    Views that do so one after the other have `count` each.
+    """
     span = shutter_s + readout_s
+    if shared(middle, span):
+        first, last = middle.min() - span / 2, middle.max() + span / 2
+        slot = (last - first) / count
+        return Instants(first + (np.arange(count) + 0.5) * slot, slot)
     slot = span / count
-    times = middle + ((np.arange(count) + 0.5) / count - 0.5) * span
+    within = ((np.arange(count) + 0.5) / count - 0.5) * span
+    return Instants((np.unique(middle)[:, None] + within).ravel(), slot)
+
+
+def exposure(
+    middle: float, height: int, shutter_s: float, readout_s: float, rendered: Instants
+) -> Exposure:
+    """Each row's share of the instants, of a view of `height` rows."""
+    times, slot = rendered.times, rendered.slot
     rows = row_time(np.full(height, middle), np.arange(height), height, readout_s)
     nearest = np.abs(rows[:, None] - times).argmin(1)
     if shutter_s < _INSTANT:
-        weights = np.eye(count)[nearest]
+        weights = np.eye(len(times))[nearest]
     else:
         begin = np.maximum(rows[:, None] - shutter_s / 2, times - slot / 2)
         end = np.minimum(rows[:, None] + shutter_s / 2, times + slot / 2)
@@ -56,13 +89,8 @@ def exposure(
 def add_subframe(
     picture: Float[Array, "H W 3"], subframe: UInt8[Array, "H W 3"], weight: Float[Array, "H"]
 ) -> None:
-    """Add a rendered sub-frame to the rows of a picture in linear light, by each row's weight."""
-    rows = np.flatnonzero(weight)
-    if len(rows):
-        band = slice(rows[0], rows[-1] + 1)
-        picture[band] += weight[band, None, None] * decode(subframe[band])
+    """Add rows of a rendered sub-frame to those of a picture, in linear light, by their weights.
 
-
-def add_rows(plane: Array, subframe: Array, rows: Bool[Array, "H"]) -> None:
-    """Labels and depth cannot be averaged: take the rows whose nearest sub-frame this is."""
-    plane[rows] = subframe[rows]
+    The readable form of `egocap_sim.sensor.kernel.add_light`.
+    """
+    picture += weight[:, None, None] * decode(subframe)

@@ -43,7 +43,7 @@ def test_vignetting_follows_the_angle_off_axis():
 @pytest.mark.parametrize(("well", "read"), [(1000.0, 0.0), (None, 0.02), (500.0, 0.01)])
 def test_noise_variance_is_that_of_shot_and_read_noise(level, well, read):
     light = np.full((200, 200, 3), level, np.float32)
-    found = noisy(light, well, read, np.random.default_rng(0))
+    found = noisy(light, well, read, np.random.default_rng(0).standard_normal(light.shape))
     expected = (level / well if well else 0.0) + read**2
     assert found.mean() == pytest.approx(level, abs=4 * np.sqrt(expected / light.size))
     assert found.var() == pytest.approx(expected, rel=0.03)  # 6 standard errors

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egocap_sim.sensor.timing import add_rows, add_subframe, exposure
+from egocap_sim.sensor.timing import Exposure, add_subframe, exposure, instants
 
 HEIGHT, WIDTH = 60, 200
 SPEED = 1000.0  # px/s
@@ -17,9 +17,14 @@ def bar(time: float) -> np.ndarray:
     return image
 
 
+def plan_of(middle: float, shutter_s: float, readout_s: float, count: int) -> Exposure:
+    rendered = instants(np.array([middle]), shutter_s, readout_s, count)
+    return exposure(middle, HEIGHT, shutter_s, readout_s, rendered)
+
+
 def picture(shutter_s: float, readout_s: float, count: int, middle: float = 0.0) -> np.ndarray:
     """Linear light (H, W) of the bar."""
-    plan = exposure(middle, HEIGHT, shutter_s, readout_s, count)
+    plan = plan_of(middle, shutter_s, readout_s, count)
     light = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     for i, time in enumerate(plan.times):
         add_subframe(light, bar(time), plan.weights[:, i])
@@ -34,7 +39,7 @@ def centroid(rows: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("readout_s", [0.0, 0.02])
 @pytest.mark.parametrize("count", [1, 2, 9, 33])
 def test_rows_gather_all_their_light(shutter_s, readout_s, count):
-    plan = exposure(1.0, HEIGHT, shutter_s, readout_s, count)
+    plan = plan_of(1.0, shutter_s, readout_s, count)
     assert np.allclose(plan.weights.sum(1), 1)
     assert (plan.weights >= 0).all()
     assert plan.times.mean() == pytest.approx(1.0)
@@ -67,14 +72,36 @@ def test_blur_and_rolling_shutter_together():
 
 
 def test_labels_come_whole_from_the_nearest_subframe():
-    plan = exposure(0.0, HEIGHT, 0.02, 0.03, 3)
-    plane = np.zeros((HEIGHT, WIDTH), np.uint8)
+    plan = plan_of(0.0, 0.02, 0.03, 3)
+    assert list(np.unique(plan.nearest)) == [0, 1, 2]
+    assert (np.diff(plan.nearest) >= 0).all()
     for i in range(3):
-        add_rows(plane, np.full((HEIGHT, WIDTH), 10 + i, np.uint8), plan.nearest == i)
-    assert list(np.unique(plane)) == [10, 11, 12]
-    assert (np.diff(plane[:, 0].astype(int)) >= 0).all()
+        rows = np.arange(HEIGHT)[plan.rows(i)]
+        assert set(np.flatnonzero(plan.weights[:, i])) <= set(rows)
+        assert set(np.flatnonzero(plan.nearest == i)) <= set(rows)
 
 
 def test_one_subframe_is_the_middle_instant():
-    plan = exposure(2.5, HEIGHT, 0.0, 0.0, 1)
+    plan = plan_of(2.5, 0.0, 0.0, 1)
     assert list(plan.times) == [2.5] and (plan.weights == 1).all()
+
+
+def test_views_whose_exposures_overlap_share_their_instants():
+    """And each still gathers the light of its own time: the bar's centroid tells which."""
+    middle = np.array([0.0, 0.008])
+    rendered = instants(middle, 1 / 60, 0.0, 65)
+    assert len(rendered.times) == 65
+    for time in middle:
+        plan = exposure(time, HEIGHT, 1 / 60, 0.0, rendered)
+        assert np.allclose(plan.weights.sum(1), 1)
+        light = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+        for i, t in enumerate(plan.times):
+            add_subframe(light, bar(t), plan.weights[:, i])
+        assert centroid(light[30, :, 0]) == pytest.approx(81.5 + SPEED * time, abs=0.2)
+
+
+def test_views_that_expose_one_after_the_other_have_their_own_instants():
+    rendered = instants(np.array([0.0, 0.1]), 0.01, 0.0, 3)
+    assert len(rendered.times) == 6
+    early = exposure(0.0, HEIGHT, 0.01, 0.0, rendered)
+    assert (early.weights[:, 3:] == 0).all() and np.allclose(early.weights[:, :3], 1 / 3)

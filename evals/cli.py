@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 STUDIES = {
     # command: (module with a function `study`, what `egocap-eval --help` says of it)
+    "check": ("evals.check", "Run the regression guard: a fixed small suite against a baseline."),
 }
 """Studies, imported when called: a new one is one module and one line (see `evals.study`)."""
 

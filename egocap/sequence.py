@@ -122,7 +122,7 @@ class SensorTruth(FrameArrays):
 
     time: Float[Array, "T V"]  # s, middle of the exposure of the view's middle row
     joint_time: Float[Array, "T V 18"]  # s, middle of the exposure of the row the joint is in
-    exposure_ev: Float[Array, "T V"]  # stops brighter than rendered
+    exposure_ev: Float[Array, "T V"]  # stops brighter than rendered, lamps' flicker included
     source: Int64[Array, "T V"]  # the frame whose picture is shown; BLACK: none
     subframes: Int64[Array, "T"]  # of which each view's picture was put together
 

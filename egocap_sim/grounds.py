@@ -1,4 +1,4 @@
-"""Places under the sky: a yard, a street, a lawn, a court."""
+"""Places under the sky: a yard, a street, a lawn, a court, an open square."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from egocap import geometry
 from egocap_sim import parts, surfaces
 from egocap_sim.mesh import Mesh
+from egocap_sim.panorama import dome, make_panorama
 from egocap_sim.shapes import ball, box, cylinder, placed, sheet
 from egocap_sim.surfaces import Surface
 from egocap_sim.surroundings import Light, Place, direction_of, floor
@@ -77,6 +78,20 @@ def street(rng: Rng, clear_radius: float) -> Place:
     for at in (-reach * 0.6, reach * 0.55):
         meshes += _tree(rng, at, kerb - 4.0, bark)
     return Place("street", tuple(meshes), _daylight(rng), np.array([0.45, 0.6, 0.85]))
+
+
+def square(rng: Rng, clear_radius: float) -> Place:
+    """An open square: nothing near, a panorama of houses, trees and hills far away all around."""
+    make_ground = (surfaces.paving, surfaces.concrete, surfaces.asphalt, surfaces.grass)
+    ground = make_ground[int(rng.integers(4))](rng)
+    meshes = [floor(np.full(2, clear_radius + 22.0), ground)]
+    metal = surfaces.even(np.full(3, rng.uniform(0.2, 0.5))).texture
+    for _ in range(int(rng.integers(0, 5))):
+        angle, r = rng.uniform(0, 2 * np.pi), clear_radius + rng.uniform(1.0, 5.0)
+        at = (r * np.cos(angle), r * np.sin(angle), 0.0)
+        meshes.append(cylinder("bollard", at, 0.07, 0.9, metal, shininess=0.3, sides=10))
+    meshes += dome(make_panorama(rng))
+    return Place("square", tuple(meshes), _daylight(rng), np.array([0.45, 0.6, 0.85]))
 
 
 def grass(rng: Rng, clear_radius: float) -> Place:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from egocap.errors import InputError
-from egocap_sim.grounds import court, grass, outdoor, street
+from egocap_sim.grounds import court, grass, outdoor, square, street
 from egocap_sim.rooms import chroma, corridor, room, studio
 from egocap_sim.surroundings import Light, Place
 
@@ -40,5 +40,6 @@ def anywhere(rng: Rng, clear_radius: float) -> Place:
 
 PLACES: dict[str, Callable[[Rng, float], Place]] = {
     "room": room, "studio": studio, "chroma": chroma, "outdoor": outdoor,
-    "corridor": corridor, "street": street, "grass": grass, "court": court, "any": anywhere,
+    "corridor": corridor, "street": street, "grass": grass, "court": court,
+    "square": square, "any": anywhere,
 }  # fmt: skip

@@ -93,6 +93,7 @@ class PlaceTable(Strict):
     clear_radius: Number = Field(default=2.0, ge=0.5, le=15)  # metres around the origin kept free
     light: Literal["day", "dusk"] = "day"
     textures: str | None = None  # folder of pictures for floors and walls, relative to the file
+    panorama: str | None = None  # equirectangular picture of what is far away, in place of the sky
 
 
 class OthersTable(Strict):
@@ -161,6 +162,7 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         ("motion", "file"),
         ("motion", "joint_names"),
         ("place", "textures"),
+        ("place", "panorama"),
     ):
         section = data.get(table)
         if isinstance(section, dict) and isinstance(section.get(key), str):

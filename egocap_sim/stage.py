@@ -121,6 +121,10 @@ def check_place(scene: Scene) -> None:
 
         for path in picture_files(Path(scene.place.textures)):
             read_picture(path)
+    if scene.place.panorama is not None:
+        from egocap_sim.panorama import read_panorama
+
+        read_panorama(Path(scene.place.panorama))
 
 
 def check_things(scene: Scene) -> None:
@@ -155,6 +159,10 @@ def place_of(scene: Scene, truth: Truth) -> Place:
     if table.textures is not None:
         files = picture_files(Path(table.textures))
         place = papered(place, files, stream(scene.seed, "textures"))
+    if table.panorama is not None:
+        from egocap_sim.panorama import read_panorama, surrounded
+
+        place = surrounded(place, read_panorama(Path(table.panorama)))
     return at_dusk(place) if table.light == "dusk" else place
 
 
@@ -302,6 +310,8 @@ def config_of(scene: Scene) -> dict[str, Any]:
     for key in ("file", "joint_names"):
         if path := config["motion"].pop(key, None):
             config["motion"][key] = {"name": Path(path).name, "sha256": _checksum(Path(path))}
+    if file := config["place"].pop("panorama", None):
+        config["place"]["panorama"] = {"name": Path(file).name, "sha256": _checksum(Path(file))}
     if folder := config["place"].pop("textures", None):
         from egocap_sim.pictures import picture_files
 

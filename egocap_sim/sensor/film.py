@@ -20,6 +20,7 @@ from egocap_sim.bodies import INDEX, LABEL_BODY
 from egocap_sim.human.person import Person
 from egocap_sim.poses import SampledPoses
 from egocap_sim.sensor.faults import sources, wander
+from egocap_sim.sensor.flicker import lamp_phase, lamp_rows
 from egocap_sim.sensor.settings import SensorTable
 from egocap_sim.sensor.timing import row_time, shared
 from egocap_sim.streams import stream
@@ -90,11 +91,24 @@ def load_film(
     applied = SensorTruth(
         time=middle,
         joint_time=joint_time,
-        exposure_ev=sensor.exposure_ev + np.stack(drift, 1),
+        exposure_ev=sensor.exposure_ev + np.stack(drift, 1) + _lamps_ev(rig, sensor, seed, middle),
         source=np.stack(shown, 1),
         subframes=subframes,
     )
     return Film(sensor, seed, applied, poses), truth
+
+
+def _lamps_ev(
+    rig: Rig, sensor: SensorTable, seed: int, middle: Float[Array, "T V"]
+) -> Float[Array, "T V"]:
+    """Stops by which flickering lamps brighten each picture: the mean of its rows."""
+    if not sensor.flicker:
+        return np.zeros_like(middle)
+    phase = lamp_phase(stream(seed, "sensor.flicker"))
+    heights = [camera.height for camera in rig.cameras]
+    light = [[lamp_rows(t, h, sensor, phase).mean() for t, h in zip(row, heights, strict=True)]
+             for row in middle]  # fmt: skip
+    return np.log2(np.maximum(light, 1e-3))
 
 
 def _joints(

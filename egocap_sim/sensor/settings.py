@@ -19,6 +19,8 @@ class SensorTable(Strict):
 
     exposure_ev: Number = Field(default=0.0, ge=-6, le=6)  # stops brighter
     exposure_drift_ev: Number = Field(default=0.0, ge=0, le=3)  # std. deviation of a slow wander
+    flicker: Share = 0.0  # of the light that swells and fades with the mains, twice a period
+    mains_hz: Literal[50, 60] = 50
     gamma: Number = Field(default=1.0, ge=0.2, le=5)  # of the displayed values; above 1 is darker
     vignetting: Share = 0.0  # share of the light lost at the lens's rim
     full_well_e: Number | None = Field(
@@ -64,7 +66,7 @@ class SensorTable(Strict):
     def active(self) -> bool:
         """Whether anything at all differs from the perfect picture."""
         neutral = SensorTable(subframes=self.subframes, subframe_px=self.subframe_px,
-                              drop=self.drop)  # fmt: skip
+                              drop=self.drop, mains_hz=self.mains_hz)  # fmt: skip
         return self.model_copy(update={"preset": "clean"}) != neutral
 
 
@@ -88,7 +90,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "harsh": {
         "exposure_ev": -0.7, "exposure_drift_ev": 0.35, "gamma": 1.25, "vignetting": 0.6,
-        "full_well_e": 600.0, "read_noise": 0.015,
+        "full_well_e": 600.0, "read_noise": 0.015, "flicker": 0.3, "mains_hz": 60,
         "shutter_s": 1 / 30, "readout_s": 0.03, "jpeg_quality": 45,
         "time_offset_s": 0.016, "drop_rate": 0.05,
         "calibration_rotation_deg": 1.0, "calibration_translation_m": 0.006,

@@ -16,6 +16,7 @@ from egocap.sequence import BLACK
 from egocap_sim.render.views import Views
 from egocap_sim.sensor import kernel
 from egocap_sim.sensor.film import Film
+from egocap_sim.sensor.flicker import lamp_phase, lamp_rows
 from egocap_sim.sensor.light import DECODING, compress, vignette
 from egocap_sim.sensor.timing import exposure, instants
 from egocap_sim.streams import stream
@@ -123,6 +124,10 @@ class Shooter:
     def _develop(self, light: Float[Array, "H W 3"], index: int, v: int) -> UInt8[Array, "H W 3"]:
         """The picture a sensor makes of the light."""
         sensor = self._film.sensor
+        if sensor.flicker:  # the mean of its rows is in the exposure
+            phase = lamp_phase(stream(self._film.seed, "sensor.flicker"))
+            rows = lamp_rows(self._film.applied.time[index, v], len(light), sensor, phase)
+            light = light * (rows / max(rows.mean(), 1e-3)).astype(np.float32)[:, None, None]
         rng = stream(self._film.seed, f"sensor.noise.{self._rig.views[v]}.{index}")
         height, width, _ = light.shape
         start = rng.integers(0, kernel.NOISE_SAMPLES - 3 * width, height)

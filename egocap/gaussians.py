@@ -127,10 +127,10 @@ class GaussianBody:
             raise InputError("a colour is out of range", valid="hue, saturation, value from 0 to 1")
 
     @classmethod
-    def from_proportions(cls, proportions: Proportions, girth: float = 1.06) -> GaussianBody:
+    def from_proportions(cls, proportions: Proportions, girth: float = 0.98) -> GaussianBody:
         """The Gaussians of a person of average build, grey all over.
 
-        `girth` multiplies every radius; the default leaves room for everyday clothes.
+        `girth` multiplies every radius; the default fits clothed people of the simulator best.
         """
         if not 0.5 <= girth <= 2.0:
             raise InputError(f"a girth of {girth}", valid="0.5 to 2")

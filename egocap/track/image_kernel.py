@@ -26,6 +26,7 @@ from egocap.track.ray_kernel import (
     FAST,
     compare_colours,
     find_near,
+    look_up,
     ray_energy,
     ray_step,
     scratch_of,
@@ -74,6 +75,13 @@ class Posed(NamedTuple):
     centres: Float[Array, "G 3"]
     arms: Float32[Array, "V G 3"]  # from the camera to the centre
     cones: Float32[Array, "V 5 G"]  # direction, cos and sin of the angle
+
+
+class Palettes(NamedTuple):
+    """Colours by bins: which bin every ray is in, and how unlike each Gaussian every bin is."""
+
+    bins: Int32[Array, "P"]  # empty: colours are compared directly
+    unlike: Float32[Array, "G K"]
 
 
 class Forces(NamedTuple):
@@ -151,8 +159,8 @@ def _kept(seed, ray, gaussian, keep):
 @njit(cache=True, parallel=True, fastmath=FAST,
       error_model="numpy")  # fmt: skip
 def image_energy(
-    angles, colours, chain, shape, rays, cell, cells, in_cone, colour_scale, selected, weights,
-    keep, seed, curvature, lanes, lists, counts, scratches, pixels, output,
+    angles, colours, palettes, chain, shape, rays, cell, cells, in_cone, colour_scale, selected,
+    weights, keep, seed, curvature, lanes, lists, counts, scratches, pixels, output,
 ):  # fmt: skip
     """Energy, gradient (37,), Gauss-Newton matrix (37, 37): see `ImageModel.evaluate`."""
     gaussians, frames, dofs = len(chain.carrier), len(chain.parents) + 1, len(angles)
@@ -174,8 +182,8 @@ def image_energy(
     whiches = np.empty((threads, dofs + apart), np.int64)
     for thread in prange(threads):
         energies[thread] = _share_of_rays(
-            thread, threads, posed, colours, chain, shape, rays, cell, cells, in_cone, colour_scale,
-            selected, weights, keep, seed, curvature, lanes, lists, counts,
+            thread, threads, posed, colours, palettes, chain, shape, rays, cell, cells, in_cone,
+            colour_scale, selected, weights, keep, seed, curvature, lanes, lists, counts,
             scratch_of(scratches, thread),
             Forces(wrenches[thread], loadeds[thread], rows[thread], whiches[thread]), pixels,
             output.centre[thread], output.curvature[thread],
@@ -185,8 +193,8 @@ def image_energy(
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)  # pyright: ignore[reportCallIssue]
 def _share_of_rays(
-    thread, threads, posed, colours, chain, shape, rays, cell, cells, in_cone, colour_scale,
-    selected, weights, keep, seed, curvature, lanes, lists, counts, scratch, forces, pixels,
+    thread, threads, posed, colours, palettes, chain, shape, rays, cell, cells, in_cone,
+    colour_scale, selected, weights, keep, seed, curvature, lanes, lists, counts, scratch, forces, pixels,
     by_centre, H,
 ):  # fmt: skip
     """One thread's rays: energy; adds to the derivatives by the centres and to the matrix."""
@@ -198,7 +206,7 @@ def _share_of_rays(
         for r in range(H.shape[1]):
             for c in range(H.shape[1]):
                 H[r, c] = 0.0
-    every = len(selected) == 0
+    every, binned = len(selected) == 0, len(palettes.bins) > 0
     total = len(rays.camera) if every else len(selected)
     energy = 0.0
     for first in range(thread * BLOCK, total, threads * BLOCK):
@@ -207,6 +215,7 @@ def _share_of_rays(
             tile = rays.tile[p]
             pixels[0, p] = np.float32(0.0)
             pixels[1, p] = np.float32(0.0)
+            pixels[2, p] = np.float32(0.0)
             if counts[tile] == 0:
                 continue
             n = rays.direction[p]
@@ -216,11 +225,15 @@ def _share_of_rays(
             )  # fmt: skip
             if found == 0:
                 continue
-            compare_colours(
-                found, colours[p], in_cone, colour_scale, shape.colours, shape.blend, scratch
-            )
-            e, end = ray_energy(found, shape.edges, shape.inv_s, cell, cells, lanes, scratch)
+            if binned:
+                look_up(found, palettes.bins[p], palettes.unlike, scratch)
+            else:
+                compare_colours(
+                    found, colours[p], in_cone, colour_scale, shape.colours, shape.blend, scratch
+                )
+            e, end, light = ray_energy(found, shape.edges, shape.inv_s, cell, cells, lanes, scratch)
             pixels[0, p] = e
+            pixels[2, p] = np.float32(1.0) - light
             pull = np.float32(0.0)
             weight = 1.0 if every else np.float64(weights[entry])
             energy += weight * e

@@ -17,7 +17,7 @@ from egocap.errors import InputError
 from egocap.gaussians import GaussianBody
 from egocap.skeleton import DOF_COUNT
 from egocap.track.colour import ColourMeasure, blend_weights
-from egocap.track.image_kernel import Output, RayArrays, Shape, image_energy
+from egocap.track.image_kernel import Output, Palettes, RayArrays, Shape, image_energy
 from egocap.track.image_rays import ImageRays, ray_colours
 from egocap.track.pose_kernel import make_chain
 from egocap.track.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
@@ -25,6 +25,8 @@ from egocap.track.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
 WINDOW = 6.5
 """Length of the row of cells of a Gaussian in sigmas. The tails beyond go into the end cells."""
 _ALL = np.zeros(0, np.int32)
+_UNBINNED = Palettes(np.zeros(0, np.int32), np.zeros((1, 1), np.float32))
+_NO_COLOURS = np.zeros((1, 3), np.float32)
 _NO_WEIGHTS = np.zeros(0, np.float32)
 
 
@@ -80,7 +82,7 @@ class ImageModel:
         self._lists = np.zeros((len(rays.tile_view), count), np.int16)
         self._counts = np.zeros(len(rays.tile_view), np.int32)
         self._lanes = np.arange(MAX_EDGES, dtype=np.float32)
-        self._pixels = np.zeros((2, len(rays)), np.float32)
+        self._pixels = np.zeros((3, len(rays)), np.float32)
         self._output = Output(
             np.zeros(self._threads), np.zeros((self._threads, count + CACHE_LINE, 3)),
             np.zeros((self._threads, DOF_COUNT + 1, DOF_COUNT)),
@@ -94,7 +96,7 @@ class ImageModel:
     def evaluate(
         self,
         angles: Float[Array, "37"],
-        colours: Float32[Array, "P 3"],
+        colours: Float32[Array, "P 3"] | Palettes,
         *,
         curvature: bool = False,
         selected: Int32[Array, "S"] = _ALL,
@@ -104,14 +106,20 @@ class ImageModel:
     ) -> Evaluation:
         """Energy (equations 5 and 6), gradient and, on wish, Gauss-Newton matrix of a pose.
 
-        `colours` are those of `self.colours`. With `selected`, only these rays count,
+        `colours` are those of `self.colours`, or the bins of a `palette.Palette`. With `selected`, only these rays count,
         each times its weight. With `keep` < 1 each Gaussian's derivative is left out of each ray at
         random, and those kept count 1 / keep times: the gradient's expectation stays.
         """
-        assert colours.shape == (len(self.rays), 3) and colours.dtype == np.float32, colours.shape
+        if isinstance(colours, Palettes):
+            palettes, plain = colours, _NO_COLOURS
+            assert palettes.bins.shape == (len(self.rays),), palettes.bins.shape
+            assert len(palettes.unlike) == len(self.body.parts), palettes.unlike.shape
+        else:
+            palettes, plain = _UNBINNED, colours
+            assert plain.shape == (len(self.rays), 3) and plain.dtype == np.float32, plain.shape
         numba.set_num_threads(self._threads)
         energy, gradient, matrix = image_energy(
-            np.asarray(angles, np.float64), colours, self._chain, self._shape, self._rays,
+            np.asarray(angles, np.float64), plain, palettes, self._chain, self._shape, self._rays,
             np.float32(self.cell), self._cells, self._in_cone, self._colour_scale, selected,
             weights, np.float32(keep), np.uint64(seed), bool(curvature), self._lanes, self._lists,
             self._counts, self._scratch, self._pixels, self._output,
@@ -119,11 +127,16 @@ class ImageModel:
         return Evaluation(energy, gradient, matrix if curvature else None)
 
     def pixel_energies(
-        self, angles: Float[Array, "37"], colours: Float32[Array, "P 3"]
+        self, angles: Float[Array, "37"], colours: Float32[Array, "P 3"] | Palettes
     ) -> tuple[Float32[Array, "P"], Float32[Array, "P"]]:
         """Energy of every ray, and how hard it pulls: the length of its derivative, per metre."""
         self.evaluate(angles, colours)
         return self._pixels[0].copy(), self._pixels[1].copy()
+
+    @property
+    def opacity(self) -> Float32[Array, "P"]:
+        """Share of every ray that the body absorbed at the pose evaluated last."""
+        return self._pixels[2].copy()
 
 
 def _shape(body: GaussianBody, cell: float, cutoff: float, measure: ColourMeasure) -> Shape:

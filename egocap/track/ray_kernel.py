@@ -176,10 +176,18 @@ def compare_colours(found, image, in_cone, scale, colours, blend, scratch):
 
 
 @njit(**RAY_CODE)
+def look_up(found, bin_, unlike, scratch):
+    """Dissimilarity of every near Gaussian to the ray's bin of colour: `egocap.track.palette`."""
+    near, like = scratch.near, scratch.like
+    for i in range(found):
+        like[i] = unlike[near[i], bin_]
+
+
+@njit(**RAY_CODE)
 def ray_energy(found, edges, inv_s, cell, cells, lanes, scratch):
     """Energy of a ray from its near Gaussians; leaves U and V of every cell in `scratch`.
 
-    Returns the energy and the first cell behind which all is dark.
+    Returns the energy, the first cell behind which all is dark, and the light that is left.
     """
     low, high = cells, 0
     for i in range(found):
@@ -221,7 +229,7 @@ def ray_energy(found, edges, inv_s, cell, cells, lanes, scratch):
         share[k] = _ZERO
         rest[k] = _ZERO
         k += _u(1)
-    return behind, bright
+    return behind, bright, light
 
 
 @njit(**RAY_CODE)

@@ -1,0 +1,102 @@
+"""The images' term of the energy, for one frame after another: what a solver adds to its own sums.
+
+    term = ColourTerm(body, rig, palette)
+    term.see(frame.images, predicted)       # once a frame
+    energy += term.add(angles, H, g)        # once a step
+
+The term is a negative log-likelihood times `weight`. Neighbouring pixels err together, as the body
+is not made of spheres and cloth folds, so that a pixel counts far less than a measurement of its
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap.gaussians import GaussianBody
+from egocap.rig import Rig
+from egocap.track.image_kernel import Palettes
+from egocap.track.image_model import ImageModel
+from egocap.track.image_rays import image_rays, ray_colours
+from egocap.track.palette import Background, Palette, colour_bins
+
+
+@dataclass(frozen=True)
+class ColourTermConfig:
+    """Settings of the colour term."""
+
+    size: int = 128
+    """Width and height in pixels to which every view is reduced."""
+    weight: float = 0.01
+    """Weight of one pixel that fits wholly or not at all, at `reference_rays`."""
+    reference_rays: int = 28_000
+    """Number of rays at which `weight` holds; with fewer, each weighs more."""
+
+    def __post_init__(self) -> None:
+        if not 16 <= self.size <= 512:
+            raise InputError(f"images of {self.size} pixels", valid="16 to 512")
+        if not 0.0 <= self.weight < float("inf"):
+            raise InputError(f"weight = {self.weight}", valid="a number from 0")
+        if self.reference_rays < 1:
+            raise InputError(f"reference_rays = {self.reference_rays}", valid="from 1")
+
+
+class ColourTerm:
+    """A person's colours against those behind them, in one frame after another.
+
+    Not to be shared between Python threads.
+    """
+
+    def __init__(
+        self,
+        body: GaussianBody,
+        rig: Rig,
+        palette: Palette,
+        config: ColourTermConfig = ColourTermConfig(),  # noqa: B008 (frozen)
+        threads: int | None = None,
+    ) -> None:
+        self.config, self.palette = config, palette
+        self.model = ImageModel(body, image_rays(rig, config.size, config.size), threads=threads)
+        self.weight = config.weight * config.reference_rays / len(self.model.rays)
+        self._background = Background()
+        self._seen: Palettes | None = None
+        self._blank = np.zeros((len(self.model.rays), 3), np.float32)
+
+    def see(
+        self, images: Sequence[UInt8[Array, "H W 3"]], pose: Float[Array, "37"] | None = None
+    ) -> Palettes:
+        """Take in a frame's RGB images; returns what `ImageModel.evaluate` takes as its colours.
+
+        The background is read off where the body at `pose` is not. Without a pose it is that at
+        which `add` was called last, which spares an evaluation; the first frame needs one. Raises
+        InputError for another number of images than of views, or without a pose at first.
+        """
+        if pose is not None:
+            self.model.evaluate(pose, self._blank)
+        elif self._seen is None:
+            raise InputError("the first frame's colours need a pose to tell body from background")
+        bins = colour_bins(ray_colours(self.model.rays, images))
+        self._background.see(bins, self.model.opacity)
+        self._seen = self._background.against(self.palette, bins)
+        return self._seen
+
+    def add(
+        self, angles: Float[Array, "37"], H: Float[Array, "37 37"], g: Float[Array, "37"]
+    ) -> float:
+        """Energy at a pose; its gradient is added to g, its Gauss-Newton matrix to H.
+
+        All are times the weight. The matrix is whole: lower and upper triangle.
+        """
+        if self._seen is None:
+            raise InputError("the colour term has seen no frame yet", valid="see() first")
+        found = self.model.evaluate(angles, self._seen, curvature=True)
+        assert found.curvature is not None
+        H += self.weight * found.curvature
+        g += self.weight * found.gradient
+        return self.weight * found.energy

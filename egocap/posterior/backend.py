@@ -1,0 +1,80 @@
+"""An emcee backend in one npz file, written whole, so that a kill loses little and tears nothing.
+
+The file holds the chain, its log probabilities, the acceptance counts, the random state and a
+fingerprint of what is being sampled. No pickles.
+"""
+
+from __future__ import annotations
+
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from emcee.backends import Backend
+
+from egocap.errors import FileError
+from egocap.sequence_writer import disk_errors
+
+KIND = "egocap-chain"
+EVERY_S = 5.0
+"""Seconds between two writes of the file."""
+_NAMES = {"kind", "fingerprint", "chain", "log_prob", "accepted", "keys", "position", "gauss"}
+
+
+class NpzBackend(Backend):
+    """Keeps the chain in memory and copies it to a file now and then, and on `save`.
+
+    An existing file is taken up; FileError when it is damaged or of another fingerprint.
+    """
+
+    def __init__(self, path: str | Path, fingerprint: str, every_s: float = EVERY_S) -> None:
+        super().__init__()
+        self.path, self.fingerprint, self.every_s = Path(path), fingerprint, every_s
+        self._saved = time.monotonic()
+        if self.path.exists():
+            self._load()
+
+    def save_step(self, state: Any, accepted: Any) -> None:
+        """Store a step; the file follows when it is old enough."""
+        super().save_step(state, accepted)
+        if time.monotonic() - self._saved >= self.every_s:
+            self.save()
+
+    def save(self) -> None:
+        """Write the file now, whole or not at all."""
+        part = self.path.with_name(self.path.name + ".part")
+        _, keys, position, has_gauss, gauss = self.random_state
+        with disk_errors(self.path.parent):
+            with part.open("wb") as file:
+                np.savez(
+                    file, kind=KIND, fingerprint=self.fingerprint,
+                    chain=self.chain[: self.iteration], log_prob=self.log_prob[: self.iteration],
+                    accepted=self.accepted, keys=keys, position=position,
+                    gauss=np.array([has_gauss, gauss]),
+                )  # fmt: skip
+            part.replace(self.path)
+        self._saved = time.monotonic()
+
+    def _load(self) -> None:
+        try:
+            with np.load(self.path, allow_pickle=False) as data:
+                found = {name: data[name] for name in data.files}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise FileError(self.path, f"not a whole chain: {error}") from None
+        if set(found) != _NAMES or str(found["kind"]) != KIND:
+            raise FileError(self.path, "not a chain of this sampler")
+        if str(found["fingerprint"]) != self.fingerprint:
+            raise FileError(
+                self.path, "holds the chain of another frame, or of other settings or seed",
+                valid="the same command as before, or another file",
+            )  # fmt: skip
+        chain = found["chain"]
+        self.reset(*chain.shape[1:])
+        self.chain, self.log_prob = chain, found["log_prob"]
+        self.accepted, self.iteration = found["accepted"], len(chain)
+        gauss = found["gauss"]
+        self.random_state = (
+            "MT19937", found["keys"], int(found["position"]), int(gauss[0]), float(gauss[1]),
+        )  # fmt: skip

@@ -1,0 +1,50 @@
+"""Settings of the posterior; the command line shows the comments as help."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import inf, isnan
+
+from egocap.errors import InputError
+
+
+@dataclass(frozen=True)
+class PosteriorConfig:
+    """What is believed before the detections, and how the detections scatter."""
+
+    degrees: float = 5.0
+    """Degrees of freedom of the detections' Student-t errors, above 2; inf: Gaussian."""
+    temperature: float = 1.0
+    """Divides the logarithm of the likelihood; above 1: trust the detections less."""
+    default_sigma: float = 4.0
+    """Spread of detections that state none, in pixels at an image width of 640."""
+    pixel_floor: float = 0.5
+    """Least spread of a detection, in pixels at an image width of 640."""
+    model_error_m: float = 0.004
+    """Scatter of true joints about the skeleton, metres."""
+    least_confidence: float = 0.1
+    """Detections less confident than this count as missing."""
+    limit_weight: float = 200.0
+    """Stiffness of the anatomical limits, per rad^2: beyond them the prior falls as exp(-w x^2)."""
+    bone_scales: bool = False
+    """Also infer how much longer or shorter than stated the trunk's and the limbs' bones are."""
+    bone_scale_sd: float = 0.03
+    """Standard deviation of the bones' lengths, as a share, before the detections."""
+    rig_errors: bool = False
+    """Also infer how far each camera is turned and shifted from its calibration."""
+    rig_turn_sd_deg: float = 0.3
+    """Standard deviation of a camera's orientation about each axis, degrees."""
+    rig_shift_sd_m: float = 0.002
+    """Standard deviation of a camera's position along each axis, metres."""
+
+    def __post_init__(self) -> None:
+        if not self.degrees > 2.0:
+            raise InputError(f"degrees = {self.degrees}", valid="above 2, inf for Gaussian errors")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or field.name == "degrees":
+                continue
+            zero_ok = field.name in ("model_error_m", "least_confidence", "pixel_floor")
+            if isnan(value) or value == inf or value < 0.0 or (value == 0.0 and not zero_ok):
+                valid = "a number from 0" if zero_ok else "a number above 0"
+                raise InputError(f"{field.name} = {value}", valid=valid)

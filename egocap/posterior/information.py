@@ -1,0 +1,192 @@
+"""What any method can know: Fisher information of the angles and Cramer-Rao bounds of the joints.
+
+A detection with covariance C of a joint at X informs about the angles by (dpixel/dangles)^T C^-1
+(dpixel/dangles); Student-t errors by a constant times that. The bound on a joint's covariance is
+the inverse information carried to the joint. Without a prior, what no camera sees cannot be
+estimated and has no bound. With the posture's Gaussian, and with the tracker's random accelerations
+between frames, the bound is the Bayesian one at the given motion.
+
+Source: Van Trees, Detection, Estimation, and Modulation Theory, part I, sections 2.4.2 and 2.4.3;
+Tichavsky, Muravchik & Nehorai 1998 (posterior bound over time); Lange, Little & Taylor 1989
+(information of the t distribution); Rybicki & Hummer 1991 (diagonal of a tridiagonal's inverse).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap.posterior.measurement import REFERENCE_WIDTH
+from egocap.rig import Rig
+from egocap.skeleton import AGILITY, DOF_COUNT, LIMITS, HasOffsets, jacobian
+from egocap.track.energy import acceleration_stencil
+from egocap.track.posture import load_posture
+
+UNSEEN = 1e-9
+"""Share of the largest information under which a direction counts as unseen."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How detections scatter. Raises InputError for impossible values."""
+
+    sigma: float = 2.0  # standard deviation along each axis, pixels at an image width of 640
+    degrees: float = np.inf  # of freedom of Student-t errors, above 2; inf: Gaussian
+    model_error_m: float = 0.0  # scatter of true joints about the skeleton, metres
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.sigma < np.inf):
+            raise InputError(f"detections with sigma {self.sigma}", valid="above 0 px")
+        if not self.degrees > 2.0:
+            raise InputError(f"degrees = {self.degrees}", valid="above 2, inf for Gaussian errors")
+        if not (0.0 <= self.model_error_m < np.inf):
+            raise InputError(f"model_error_m = {self.model_error_m}", valid="from 0")
+
+    @property
+    def gain(self) -> float:
+        """Information relative to Gaussian errors of the same standard deviation."""
+        if np.isinf(self.degrees):
+            return 1.0
+        nu = self.degrees
+        return (nu + 2.0) / (nu + 4.0) * nu / (nu - 2.0)
+
+
+def place_information(
+    joints_head: Float[Array, "B 18 3"], rig: Rig, seen: Bool[Array, "B V 18"], noise: Noise
+) -> Float[Array, "B 18 3 3"]:
+    """Fisher information [m^-2] about each joint's place from its own detections alone."""
+    _, J, _ = rig.project_jacobian(joints_head)  # (V, B, 18, 2, 3)
+    total = np.zeros((*joints_head.shape, 3))
+    for v, camera in enumerate(rig.cameras):
+        sigma = noise.sigma * camera.width / REFERENCE_WIDTH
+        JJ = J[v] @ np.swapaxes(J[v], -1, -2)
+        covariance = sigma**2 * np.eye(2) + noise.model_error_m**2 * JJ
+        part = np.swapaxes(J[v], -1, -2) @ np.linalg.solve(covariance, J[v])
+        total += part * (noise.gain * seen[:, v, :, None, None])
+    return total
+
+
+def fisher_information(
+    angles: Float[Array, "B 37"],
+    proportions: HasOffsets,
+    rig: Rig,
+    seen: Bool[Array, "B V 18"],
+    noise: Noise,
+) -> Float[Array, "B 37 37"]:
+    """Fisher information [rad^-2] about the angles from all detections that are made."""
+    joints, J = jacobian(proportions, angles)
+    place = place_information(joints, rig, seen, noise)
+    flat = np.swapaxes(J.reshape(len(angles), -1, DOF_COUNT), 1, 2)  # (B, 37, 54)
+    return flat @ (place @ J).reshape(len(angles), -1, DOF_COUNT)
+
+
+def prior_information(
+    angles: Float[Array, "B 37"], weight: float = 1.0, limit_weight: float = 0.0
+) -> Float[Array, "B 37 37"]:
+    """What is known beforehand: the posture's precision, times a weight, and limits exceeded."""
+    beyond = (angles > LIMITS[:, 1]) | (angles < LIMITS[:, 0])
+    walls = 2.0 * limit_weight * beyond[..., None] * np.eye(DOF_COUNT)
+    return weight * load_posture().precision + walls
+
+
+def joint_covariance(
+    angles: Float[Array, "B 37"], proportions: HasOffsets, covariance: Float[Array, "B 37 37"]
+) -> Float[Array, "B 18 3 3"]:
+    """Covariance [m^2] of the joints' places from that of the angles, to first order."""
+    _, J = jacobian(proportions, angles)
+    return J @ covariance[:, None] @ np.swapaxes(J, -1, -2)
+
+
+def joint_bound(
+    angles: Float[Array, "B 37"], proportions: HasOffsets, information: Float[Array, "B 37 37"]
+) -> tuple[Float[Array, "B 18 3 3"], Bool[Array, "B 18"]]:
+    """Cramer-Rao bound [m^2] on each joint's covariance, and whether the joint has one.
+
+    A joint that moves along a direction of the angles of which nothing is known has none; its
+    covariance means nothing.
+    """
+    _, J = jacobian(proportions, angles)
+    values, vectors = np.linalg.eigh(information)
+    known = values > UNSEEN * values[:, -1:]
+    inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+    along = J @ vectors[:, None]  # (B, 18, 3, 37)
+    covariance = (along * inverse[:, None, None]) @ np.swapaxes(along, -1, -2)
+    lost = np.max(np.abs(along) * ~known[:, None, None], axis=(-2, -1))
+    return covariance, lost < 1e-4  # metres per radian: a tenth of a millimetre
+
+
+def rms_mm(covariance: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch"]:
+    """Root mean square distance [mm] that goes with covariances [m^2]."""
+    return 1e3 * np.sqrt(np.trace(covariance, axis1=-2, axis2=-1))
+
+
+def smoothed_covariance(
+    information: Float[Array, "T 37 37"], times: Float[Array, "T"], acceleration: float = 1.0
+) -> Float[Array, "T 37 37"]:
+    """Bayesian bound [rad^2] of every frame's angles given all frames.
+
+    `information` is each frame's own: detections and what is known beforehand. Frames are tied by
+    white accelerations of density `acceleration` times `skeleton.AGILITY`, the tracker's. Raises
+    InputError when a time does not follow the one before, or nothing fixes the motion.
+    """
+    if len(times) != len(information) or not (np.diff(times) > 0).all():
+        raise InputError("the times do not increase from frame to frame")
+    diagonal, upper = _pairs(information, acceleration_stencil(times), acceleration * AGILITY)
+    try:
+        blocks = _inverse_diagonal(diagonal, upper)
+    except np.linalg.LinAlgError:
+        raise InputError("nothing fixes the motion: some angles are unknown in every frame",
+                         valid="a prior, or more detections") from None  # fmt: skip
+    n = DOF_COUNT
+    both = np.stack([blocks[:, :n, :n], blocks[:, n:, n:]], 1).reshape(-1, n, n)
+    return both[: len(information)]
+
+
+def _pairs(
+    information: Float[Array, "T 37 37"], stencil: Float[Array, "T 3"], density: Float[Array, "37"]
+) -> tuple[Float[Array, "P 74 74"], Float[Array, "P 74 74"]]:
+    """Two frames to a block, so that accelerations over three frames reach the next block only.
+
+    An odd number of frames is filled up with one that knows itself and meets no other.
+    """
+    frames, n = len(information), DOF_COUNT
+    count = (frames + 1) // 2
+    diagonal, upper = np.zeros((count, 2 * n, 2 * n)), np.zeros((count, 2 * n, 2 * n))
+    dofs = np.arange(n)
+
+    def add(i: int, j: int, values: Float[Array, "37"]) -> None:
+        block = diagonal if i // 2 == j // 2 else upper
+        block[i // 2, i % 2 * n + dofs, j % 2 * n + dofs] += values
+
+    for t in range(frames):
+        where = slice(t % 2 * n, (t % 2 + 1) * n)
+        diagonal[t // 2, where, where] += information[t]
+    for t in range(frames - 2):
+        for a in range(3):
+            for b in range(3):
+                if (t + a) // 2 <= (t + b) // 2:
+                    add(t + a, t + b, stencil[t, a] * stencil[t, b] / density**2)
+    if frames % 2:
+        diagonal[-1, n + dofs, n + dofs] = 1.0
+    return diagonal, upper
+
+
+def _inverse_diagonal(
+    diagonal: Float[Array, "P M M"], upper: Float[Array, "P M M"]
+) -> Float[Array, "P M M"]:
+    """Diagonal blocks of the inverse of a symmetric block tridiagonal matrix.
+
+    `upper[i]` stands right of `diagonal[i]`. What lies before a block and what lies behind it are
+    eliminated towards it; it is then alone.
+    """
+    count = len(diagonal)
+    before, behind = diagonal.copy(), diagonal.copy()
+    for i in range(1, count):
+        before[i] -= upper[i - 1].T @ np.linalg.solve(before[i - 1], upper[i - 1])
+    for i in range(count - 2, -1, -1):
+        behind[i] -= upper[i] @ np.linalg.solve(behind[i + 1], upper[i].T)
+    return np.linalg.inv(before + behind - diagonal)

@@ -1,0 +1,176 @@
+"""The log posterior of one frame's pose: prior, limits, and detections in every view.
+
+    log p(theta | detections) = log N(angles; posture) - w sum(beyond limits)^2
+        - 1/2 |scales / sd|^2 - 1/2 |rig errors / sd|^2
+        + 1/T sum log t_nu(whitened pixel residual)       + a constant
+
+The posture Gaussian is the tracker's, at full weight: it is a density from which poses can be
+drawn (`simulation`), so that whether the posterior is calibrated can be tested. Limits are walls of
+finite stiffness, because people's ranges differ by degrees: smooth, proper, and without a
+reparametrisation that would distort the density near them. Student-t errors have the stated
+spreads as standard deviations. Whether a joint is detected is taken as given, not as evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.body import Proportions
+from egocap.posterior import kernel, parameters
+from egocap.posterior.config import PosteriorConfig
+from egocap.posterior.measurement import Measurement, measure
+from egocap.results import Detections
+from egocap.rig import Rig
+from egocap.skeleton import (
+    AXES,
+    DOF_COUNT,
+    DOF_JOINT,
+    JOINTS,
+    LABEL_POINTS,
+    LIMITS,
+    MOVES,
+    POINT_PARENTS,
+    forward,
+)
+from egocap.track.posture import load_posture
+
+Extra = Callable[[Float[Array, "W 37"]], Float[Array, "W"]]
+"""A further log likelihood of the angles, such as minus the colour energy."""
+
+
+class LogPosterior:
+    """The density of one frame. Parameters N: 37 angles [rad], then scales, then rig errors."""
+
+    def __init__(
+        self,
+        measurement: Measurement,
+        rig: Rig,
+        proportions: Proportions,
+        config: PosteriorConfig = PosteriorConfig(),  # noqa: B008 (frozen)
+        extra: Extra | None = None,
+    ) -> None:
+        self.measurement, self.rig, self.proportions = measurement, rig, proportions
+        self.config, self.extra = config, extra
+        self.names = parameters.names(config, rig.views)
+        self.body = make_body(proportions)
+        self.prior = make_prior(config, len(rig.mounts))
+        self.optics = make_optics(rig, config)
+        self.data = kernel.Data(
+            measurement.pixels, measurement.whiten, measurement.weights / config.temperature,
+            float(config.degrees),
+        )  # fmt: skip
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.names)
+
+    def __call__(self, thetas: Float[Array, "W N"]) -> Float[Array, "W"]:
+        """Log posterior of many parameter vectors, up to a constant."""
+        thetas = np.ascontiguousarray(thetas, float)
+        out = np.empty(len(thetas))
+        kernel.log_probs(self.body, self.prior, self.optics, self.data, thetas, out)
+        if self.extra is not None:
+            out += self.extra(thetas[:, :DOF_COUNT])
+        return out
+
+    def derivatives(
+        self, theta: Float[Array, "N"]
+    ) -> tuple[float, Float[Array, "N"], Float[Array, "N N"]]:
+        """Log posterior without `extra`, its gradient, and minus its Gauss-Newton Hessian."""
+        g, H = np.empty(self.size), np.empty((self.size, self.size))
+        value = kernel.derivatives(
+            self.body, self.prior, self.optics, self.data, np.asarray(theta, float), H, g
+        )
+        return float(value), g, H
+
+    def joints(self, thetas: Float[Array, "W N"]) -> Float[Array, "W 18 3"]:
+        """Joints in the head frame, metres, in the order of `egocap.labels.LABELS`."""
+        thetas = np.ascontiguousarray(thetas, float)
+        out = np.empty((len(thetas), len(LABEL_POINTS), 3))
+        kernel.joints(self.body, self.prior, thetas, out)
+        return out
+
+
+def log_posterior_of(
+    detections: Detections,
+    frame: int,
+    rig: Rig,
+    proportions: Proportions,
+    config: PosteriorConfig = PosteriorConfig(),  # noqa: B008 (frozen)
+    extra: Extra | None = None,
+) -> LogPosterior:
+    """The log posterior of one frame of detections. Raises InputError."""
+    found = measure(detections, frame, rig, proportions, config)
+    return LogPosterior(found, rig, proportions, config, extra)
+
+
+def readable_log_posterior(
+    angles: Float[Array, "37"],
+    measurement: Measurement,
+    rig: Rig,
+    proportions: Proportions,
+    config: PosteriorConfig,
+) -> float:
+    """The same number for angles alone, by the readable kinematics and cameras: the oracle."""
+    posture = load_posture()
+    departure = angles - posture.mean
+    beyond = np.maximum(0.0, np.maximum(angles - LIMITS[:, 1], LIMITS[:, 0] - angles))
+    prior = -0.5 * departure @ posture.precision @ departure
+    prior -= config.limit_weight * np.sum(beyond**2)
+    pixels, _ = rig.project(forward(proportions, angles))
+    residual = np.einsum("vlij,vlj->vli", measurement.whiten, pixels - measurement.pixels)
+    squared = np.sum(residual**2, axis=-1)
+    nu = config.degrees
+    loss = 0.5 * squared if np.isinf(nu) else 0.5 * (nu + 2.0) * np.log1p(squared / (nu - 2.0))
+    return float(prior - np.sum(measurement.weights * loss) / config.temperature)
+
+
+def make_body(proportions: Proportions) -> kernel.Body:
+    """The skeleton's tables and a person's bones as the kernels take them."""
+    moves = [np.flatnonzero(MOVES[i]) for i in LABEL_POINTS]
+    chains = np.full((len(moves), max(map(len, moves))), -1)
+    for row, chain in zip(chains, moves, strict=True):
+        row[: len(chain)] = chain
+    return kernel.Body(
+        np.array(proportions.offsets), np.array(POINT_PARENTS), np.array(AXES),
+        np.searchsorted(DOF_JOINT, np.arange(len(JOINTS) + 1)), np.array(DOF_JOINT),
+        np.array(LABEL_POINTS), chains, np.array(parameters.scale_of_point()),
+    )  # fmt: skip
+
+
+def make_prior(config: PosteriorConfig, views: int) -> kernel.Prior:
+    """The beliefs that the settings state."""
+    posture = load_posture()
+    scales = len(parameters.SCALES) if config.bone_scales else 0
+    spreads = [config.bone_scale_sd] * scales
+    if config.rig_errors:
+        turn = np.deg2rad(config.rig_turn_sd_deg)
+        spreads += views * ([turn] * 3 + [config.rig_shift_sd_m] * 3)
+    return kernel.Prior(
+        np.array(LIMITS), float(config.limit_weight), np.array(posture.mean),
+        np.array(posture.precision), scales, np.array([s**-2.0 for s in spreads], float),
+    )  # fmt: skip
+
+
+def make_optics(rig: Rig, config: PosteriorConfig) -> kernel.Optics:
+    """The cameras as the kernels take them."""
+    lenses = [mount.camera.radial for mount in rig.mounts]
+    longest = max(len(lens.coefficients) for lens in lenses)
+    coefficients = np.zeros((len(lenses), longest))
+    for row, lens in zip(coefficients, lenses, strict=True):
+        row[: len(lens.coefficients)] = lens.coefficients
+    T = rig.T_camera_head
+    return kernel.Optics(
+        np.ascontiguousarray(T[:, :3, :3]), np.ascontiguousarray(T[:, :3, 3]), coefficients,
+        np.array([lens.middle for lens in lenses], float),
+        np.array([lens.half for lens in lenses], float),
+        np.array([lens.limit for lens in lenses], float),
+        np.array([camera.affine for camera in rig.cameras], float),
+        np.array([camera.centre for camera in rig.cameras], float),
+        6 if config.rig_errors else 0,
+    )  # fmt: skip

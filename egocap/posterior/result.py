@@ -1,0 +1,128 @@
+"""A sampled posterior, in memory and as npz."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.errors import FileError
+from egocap.sequence_writer import disk_errors
+
+KIND, SCHEMA = "egocap-posterior", 1
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Draws from the posterior of one frame, and how far they can be trusted.
+
+    Parameters N: 37 angles [rad], then scales (ln of the factor) and rig errors [rad, m] if asked
+    for. Walkers W, draws S of each. `mixed` False: the numbers are not the posterior's; `outcome`
+    says why.
+    """
+
+    names: tuple[str, ...]
+    draws: Float[Array, "W S N"]
+    log_prob: Float[Array, "W S"]
+    joints: Float[Array, "W S 18 3"]  # head frame, metres
+    modes: Float[Array, "K N"]  # where the walkers started from, the heaviest first
+    mode_log_mass: Float[Array, "K"]  # Laplace's, relative to the heaviest
+    mode_share: Float[Array, "K"]  # of the draws
+    laplace_joints: Float[Array, "18 3 3"]  # covariance [m^2] about the heaviest mode
+    autocorrelation: Float[Array, "N"]  # integrated time, steps
+    effective: Float[Array, "N"]  # effective number of draws in the whole chain
+    rhat: Float[Array, "N"]  # between and within walkers, halves apart; 1 is perfect
+    acceptance: float
+    steps: int
+    burn_in: int
+    mixed: bool
+    outcome: str
+    notes: tuple[str, ...]
+    frame: int
+    time: float  # seconds
+    seconds: float  # wall time of sampling
+    config: dict[str, Any]  # settings and sources, JSON-ready
+
+    @property
+    def flat(self) -> Float[Array, "B N"]:
+        """All draws of all walkers."""
+        return self.draws.reshape(-1, self.draws.shape[-1])
+
+    @property
+    def flat_joints(self) -> Float[Array, "B 18 3"]:
+        """Joints of all draws, head frame, metres."""
+        return self.joints.reshape(-1, *self.joints.shape[-2:])
+
+    @property
+    def joint_mean(self) -> Float[Array, "18 3"]:
+        """Mean place of every joint, head frame, metres."""
+        return self.flat_joints.mean(0)
+
+    @property
+    def joint_covariance(self) -> Float[Array, "18 3 3"]:
+        """Covariance of every joint's place, m^2."""
+        away = self.flat_joints - self.joint_mean
+        return np.einsum("bji,bjk->jik", away, away) / (len(away) - 1)
+
+
+def save_posterior(path: str | Path, posterior: Posterior) -> None:
+    """Write a posterior as npz, whole or not at all."""
+    path = Path(path)
+    arrays = {f.name: getattr(posterior, f.name) for f in fields(posterior)}
+    arrays["config"] = json.dumps(arrays["config"])
+    for name in ("names", "notes"):
+        arrays[name] = np.array(arrays[name], dtype=str)
+    part = path.with_name(path.name + ".part")
+    with disk_errors(path.parent):
+        with part.open("wb") as file:
+            np.savez_compressed(file, kind=KIND, schema_version=SCHEMA, **arrays)
+        part.replace(path)
+
+
+def load_posterior(path: str | Path) -> Posterior:
+    """Read a posterior; FileError names what is missing or damaged."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(path, "is a directory" if path.is_dir() else "no such file")
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            found: dict[str, Any] = {name: data[name] for name in data.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise FileError(path, f"not a whole npz archive of plain arrays: {error}") from None
+    if str(found.pop("kind", "")) != KIND:
+        raise FileError(path, "not a posterior", key="kind", valid=KIND)
+    if int(found.pop("schema_version", 0)) != SCHEMA:
+        raise FileError(path, "of another version", key="schema_version", valid=str(SCHEMA))
+    names = [f.name for f in fields(Posterior)]
+    if set(found) != set(names):
+        wrong = sorted(set(found) ^ set(names))
+        raise FileError(path, f"missing or unknown arrays: {', '.join(wrong)}", valid=names)
+    for name, value in found.items():
+        if value.shape == ():
+            found[name] = value.item()
+    found["config"] = json.loads(found["config"])
+    for name in ("names", "notes"):
+        found[name] = tuple(map(str, found[name]))
+    return Posterior(**found)
+
+
+def to_arviz(posterior: Posterior) -> Any:
+    """The draws as ArviZ's InferenceData: one variable a parameter, chains are walkers.
+
+    Raises MachineError without the package.
+    """
+    from egocap.errors import MachineError
+
+    try:
+        import arviz
+    except ImportError:
+        raise MachineError("arviz is not installed",
+                           remedy="pip install 'egocap[posterior]'") from None  # fmt: skip
+    variables = {name: posterior.draws[..., i] for i, name in enumerate(posterior.names)}
+    return arviz.from_dict({"posterior": variables, "sample_stats": {"lp": posterior.log_prob}})

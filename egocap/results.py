@@ -17,7 +17,11 @@ from numpy import ndarray as Array
 from egocap.errors import FileError, MachineError
 
 SCHEMA = 2
-"""Version of both files. 2: detections may have `modes` and `mode_weights`."""
+"""Version of both files. 2: detections may have `modes` and `mode_weights`; tracks the skeleton's
+offsets, covariance, confidence, energies by term, and the world frame."""
+
+ENERGY_TERMS: tuple[str, ...] = ("detection", "prior", "smoothness", "colour")
+"""What `Track.energies` holds of every frame: equation 1's terms; the limits count as prior."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,13 @@ class Track:
     converged: Bool[Array, "T"]
     detections_used: Float[Array, "T"]  # how many detections each frame had
     seconds_per_frame: float  # solver time, one core
-    config: dict[str, object]  # solver and detection settings, JSON-ready
+    config: dict[str, object]  # solver and detection settings, time by stage, JSON-ready
+    offsets: Float[Array, "22 3"] | None = None  # rest offsets of the skeleton that was tracked, m
+    covariance: Float[Array, "T 18 3 3"] | None = None  # of joints_head, m^2
+    confidence: Float[Array, "T 18"] | None = None  # chance that a joint is within 5 cm, 0 to 1
+    energies: Float[Array, "T 4"] | None = None  # by term, `ENERGY_TERMS`
+    T_world_head: Float[Array, "T 4 4"] | None = None  # where the head pose is known
+    joints_world: Float[Array, "T 18 3"] | None = None  # metres, where the head pose is known
 
 
 _DETECTIONS = {
@@ -67,9 +77,15 @@ _DETECTIONS = {
 _TRACK = {
     "times": ("f", ("T",)), "angles": ("f", ("T", 37)), "joints_head": ("f", ("T", 18, 3)),
     "energy": ("f", ("T",)), "converged": ("b", ("T",)), "detections_used": ("f", ("T",)),
-    "seconds_per_frame": ("f", ()), "config": ("U", ()),
+    "seconds_per_frame": ("f", ()), "config": ("U", ()), "offsets": ("f", (22, 3)),
+    "covariance": ("f", ("T", 18, 3, 3)), "confidence": ("f", ("T", 18)),
+    "energies": ("f", ("T", len(ENERGY_TERMS))), "T_world_head": ("f", ("T", 4, 4)),
+    "joints_world": ("f", ("T", 18, 3)),
 }  # fmt: skip
-_OPTIONAL = {"modes", "mode_weights"}
+_OPTIONAL = {"modes", "mode_weights", "offsets", "covariance", "confidence", "energies",
+             "T_world_head", "joints_world"}  # fmt: skip
+_FINITE = {"times", "angles", "joints_head", "offsets", "covariance", "confidence", "T_world_head",
+           "joints_world"}  # fmt: skip
 _Layout = dict[str, tuple[str, tuple[str | int, ...]]]
 _Kind = TypeVar("_Kind", Detections, Track)
 
@@ -205,10 +221,6 @@ def _value(path: Path, name: str, array: Array) -> Any:
         return config
     if array.shape == ():
         return array.item()
-    if (
-        array.dtype.kind == "f"
-        and name in ("times", "angles", "joints_head")
-        and not np.isfinite(array).all()
-    ):
+    if array.dtype.kind == "f" and name in _FINITE and not np.isfinite(array).all():
         raise FileError(path, "holds values that are not finite", key=name)
     return array

@@ -163,7 +163,7 @@ def simulate_detections(
 
 
 def _inside(points: Float[Array, "*batch 2"], size: tuple[int, int]) -> Bool[Array, "*batch"]:
-    return ((points >= -0.5) & (points <= (size[0] - 0.5, size[1] - 0.5))).all(-1)
+    return np.all((points >= -0.5) & (points <= (size[0] - 0.5, size[1] - 0.5)), axis=-1)
 
 
 def _memory(times: Float[Array, "T"], seconds: float) -> Float[Array, "T"]:

@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
-from egocap.skeleton import DOF_COUNT, SPREAD
+from egocap.skeleton import AGILITY, DOF_COUNT, SPREAD
+from egocap.track.choice import can_choose, choose
 from egocap.track.config import TrackerConfig
-from egocap.track.energy import predict
+from egocap.track.energy import acceleration_stencil, predict, pseudo_huber
 from egocap.track.kernel import Model, detections, priors, squared_residuals
 from egocap.track.observations import Observations
 from egocap.track.solver import solve_frame
@@ -23,6 +24,15 @@ def track_causally(
     observations: Observations, model: Model, config: TrackerConfig
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
     """Angles and convergence of every frame, each from the frames before it."""
+    return follow(observations, model, config)[:2]
+
+
+def follow(
+    observations: Observations, model: Model, config: TrackerConfig
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"], Observations]:
+    """Angles and convergence as `track_causally`, and the places that were taken."""
+    proposed, observations = observations, observations[:]
+    choosing = can_choose(proposed, config)
     times = observations.times
     angles = np.zeros((len(times), DOF_COUNT))
     converged = np.zeros(len(times), bool)
@@ -35,13 +45,17 @@ def track_causally(
             fresh = t < 2 or step > 2.0 * (times[t - 1] - times[t - 2])
             predicted = predict(angles[t - 1], angles[t - 1 if fresh else t - 2], config.zeta)
             scatter = config.speed * step * SPREAD
+            if choosing:
+                choose(predicted[None], proposed, observations, model, config, t)
             angles[t], converged[t] = frame.solve(predicted, scatter)
         if times[t] >= retry and (t == 0 or not frame.agrees(angles[t])):
             cost = jump_cost(config) if t > 0 else -np.inf
             angles[t], converged[t] = frame.search(angles[t], cost)
+            if choosing and choose(angles[t : t + 1], proposed, observations, model, config, t):
+                angles[t], converged[t] = frame.refine(angles[t])
             if not frame.agrees(angles[t]):
                 retry = times[t] + config.retry_s
-    return angles, converged
+    return angles, converged, observations
 
 
 class _Frame:
@@ -78,13 +92,18 @@ class _Frame:
         _, held, _, _ = self._minimise(tracked, 1.0, iterations=0)
         return (angles, converged) if energy + cost < held else (tracked, False)
 
+    def refine(self, angles: Float[Array, "37"]) -> tuple[Float[Array, "37"], bool]:
+        """Solve from a pose, without a prediction."""
+        refined, _, converged, _ = self._minimise(angles, 1.0)
+        return refined, converged
+
     def agrees(self, angles: Float[Array, "37"]) -> bool:
-        """Whether enough of the frame's detections lie within the robust scale of the pose."""
+        """Whether enough of the frame's detections agree with the pose."""
         weights = self.data[3]
         squared = np.empty_like(weights)
         squared_residuals(self.model, angles, *self.data, squared)
         count = np.count_nonzero(weights)
-        inliers = np.count_nonzero(squared < self.config.robust_scale**2)
+        inliers = np.count_nonzero(squared < self.config.agreement**2)
         return bool(inliers >= self.config.lost_share * count)
 
     def _minimise(
@@ -105,11 +124,14 @@ def track_both_ways(
 
     What the forward pass loses until it recovers, the backward pass has from the other side.
     """
-    forward, forward_done = track_causally(observations, model, config)
-    backward, backward_done = track_causally(observations.reversed, model, config)
+    forward, forward_done, there = follow(observations, model, config)
+    backward, backward_done, back = follow(observations.reversed, model, config)
+    takes = there, back.reversed
     both = np.stack([forward, backward[::-1]])
     done = np.stack([forward_done, backward_done[::-1]])
-    energies = np.stack([frame_energies(a, observations, model, config) for a in both])
+    energies = np.stack([
+        frame_energies(a, taken, model, config) for a, taken in zip(both, takes, strict=True)
+    ])  # fmt: skip
     choice = cheapest_path(energies, jump_cost(config))
     frames = np.arange(len(choice))
     return both[choice, frames], done[choice, frames]
@@ -143,11 +165,27 @@ def frame_energies(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
 ) -> Float[Array, "T"]:
     """Energy of every frame on its own: detections, limits, pose prior."""
-    energy = np.zeros(len(angles))
+    return term_energies(angles, observations, model, config)[:, :2].sum(1)
+
+
+def term_energies(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
+) -> Float[Array, "T 4"]:
+    """Energy of every frame by term (`egocap.results.ENERGY_TERMS`).
+
+    Smoothness is that of the accelerations which end in the frame.
+    """
+    energies = np.zeros((len(angles), 4))
     H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
     for t, pose in enumerate(np.ascontiguousarray(angles)):
         data = observations.centres, observations.rays[t], observations.whiten[t]
-        energy[t] = detections(
+        energies[t, 0] = detections(
             model, pose, *data, observations.weights[t], float(config.robust_scale), H, g
-        ) + priors(model, pose, H, g)
-    return energy
+        )
+        energies[t, 1] = priors(model, pose, H, g)
+    if len(angles) > 2:
+        stencil = acceleration_stencil(observations.times)[:-2]
+        parts = [stencil[:, k, None] * angles[k : len(angles) - 2 + k] for k in range(3)]
+        pushed = np.sum(parts, 0) / (config.acceleration * AGILITY)
+        energies[2:, 2] = pseudo_huber(pushed).sum(1)
+    return energies

@@ -16,6 +16,16 @@ class TrackerConfig:
     """interval: all frames together, past and future; gaussian: low-pass; none: causal, live."""
     lambda_detection: float = 1.0
     """Weight of the detections."""
+    guess_weight: float = 0.1
+    """Share of its weight that a guess (confidence 0) keeps; its sigma counts beside it."""
+    modes: bool = True
+    """Let a joint take another of its detector's places where the body fits it better."""
+    swaps: bool = True
+    """Undo a view's mistaking left for right, arms or legs, where the body fits better."""
+    swap_price: float = 6.0
+    """Energy that undoing a swap must save."""
+    recalibrate: bool = True
+    """Widen a detector's stated accuracy to what its residuals show (all frames together only)."""
     lambda_limit: float = 200.0
     """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""
     lambda_pose: float = 0.001
@@ -30,12 +40,16 @@ class TrackerConfig:
     """Scatter of the prediction, in spreads per second."""
     acceleration: float = 1.0
     """Scatter of the accelerations that `interval` allows, in units of each angle's agility."""
-    robust_scale: float = 5.0
+    robust_scale: float = 3.0
     """Residual, in standard deviations, beyond which a detection loses its say."""
+    agreement: float = 5.0
+    """Residual, in standard deviations, within which a detection agrees with a pose."""
     pixel_floor: float = 0.5
     """Least standard deviation of a detection, in pixels at an image width of 640."""
     model_error_m: float = 0.004
     """Scatter of true joints about the tracker's skeleton, metres."""
+    covariance: bool = True
+    """Work out how sure every joint is."""
     max_iterations: int = 20
     """Steps of the solver for one frame."""
     tolerance: float = 1e-4
@@ -56,8 +70,17 @@ class TrackerConfig:
             )
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name != "smoothing" and not (0.0 <= value < float("inf")):
+            if not isinstance(value, bool | str) and not (0.0 <= value < float("inf")):
                 raise InputError(f"{field.name} = {value}", valid="a number from 0")
-        for name in ("speed", "acceleration", "robust_scale", "pixel_floor", "max_iterations"):
+        if self.guess_weight > 1.0:
+            raise InputError(f"guess_weight = {self.guess_weight}", valid="0 to 1")
+        for name in (
+            "speed",
+            "acceleration",
+            "robust_scale",
+            "agreement",
+            "pixel_floor",
+            "max_iterations",
+        ):
             if getattr(self, name) <= 0:
                 raise InputError(f"{name} = {getattr(self, name)}", valid="a number above 0")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,51 +45,134 @@ def track(
         raise InputError("the detections' times do not increase from frame to frame")
     from threadpoolctl import threadpool_limits
 
-    from egocap.track import causal, kernel
+    from egocap.track import kernel
+    from egocap.track.causal import term_energies
+    from egocap.track.uncertainty import confidences
 
     model = kernel.make_model(proportions, config)
-    _compile(observe(detections, rig, proportions, config), model, config)
+    _compile(observe(detections, rig, proportions, config), proportions, model, config)
 
     # Matrices of 37 rows gain nothing from BLAS threads, which wait for each other when
     # the machine is busy.
     with threadpool_limits(1, user_api="blas"):
-        started = time.perf_counter()
+        clock = _Clock()
         observations = observe(detections, rig, proportions, config)
-        angles, converged = _solve(observations, model, config)
-        joints = forward(proportions, angles)
-        seconds = time.perf_counter() - started
+        clock.lap("observe")
+        solution = _solve(observations, proportions, model, config, clock)
+        joints = forward(proportions, solution.angles)
+        covariance = _covariance(solution, proportions, model, config)
+        clock.lap("covariance")
 
+    energies = term_energies(solution.angles, solution.taken, model, config)
+    settings = {
+        "tracker": asdict(config), "detections": detections.source, "rig": rig.name,
+        "seconds": clock.seconds, "estimated": solution.estimated,
+    }  # fmt: skip
     return Track(
         times=times,
-        angles=angles,
+        angles=solution.angles,
         joints_head=joints,
-        energy=causal.frame_energies(angles, observations, model, config),
-        converged=converged,
+        energy=energies[:, :2].sum(1),
+        converged=solution.converged,
         detections_used=np.count_nonzero(observations.weights, axis=(1, 2)).astype(float),
-        seconds_per_frame=seconds / len(times),
-        config={"tracker": asdict(config), "detections": detections.source, "rig": rig.name},
+        seconds_per_frame=sum(clock.seconds.values()) / len(times),
+        config=settings,
+        offsets=np.array(proportions.offsets),
+        covariance=covariance,
+        confidence=None if covariance is None else confidences(covariance),
+        energies=energies,
     )
 
 
+@dataclass
+class _Clock:
+    """Seconds spent by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    _since: float = field(default_factory=time.perf_counter)
+
+    def lap(self, stage: str) -> None:
+        """Enter the time since the last lap under a stage."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._since
+        self._since = now
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    angles: Float[Array, "T 37"]
+    converged: Bool[Array, "T"]
+    taken: Observations  # the places chosen, as accurate as they proved
+    estimated: dict[str, object]  # what was found out besides, JSON-ready
+
+
 def _solve(
-    observations: Observations, model: Model, config: TrackerConfig
-) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
+    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig,
+    clock: _Clock,
+) -> _Solution:  # fmt: skip
     from egocap.track import causal, smoothing
 
     if config.smoothing == "interval":
         angles, _ = causal.track_both_ways(observations, model, config)
-        return smoothing.smooth_interval(angles, observations, model, config)
-    angles, converged = causal.track_causally(observations, model, config)
+        clock.lap("frames")
+        solution = _solve_together(angles, observations, proportions, model, config)
+        clock.lap("smoothing")
+        return solution
+    angles, converged, taken = causal.follow(observations, model, config)
+    clock.lap("frames")
     if config.smoothing == "gaussian":
-        return smoothing.smooth_gaussian(angles, config.gaussian_frames), converged
-    return angles, converged
+        angles = smoothing.smooth_gaussian(angles, config.gaussian_frames)
+        clock.lap("smoothing")
+    return _Solution(angles, converged, taken, {})
 
 
-def _compile(observations: Observations, model: Model, config: TrackerConfig) -> None:
+def _solve_together(
+    angles: Float[Array, "T 37"], observations: Observations, proportions: Proportions,
+    model: Model, config: TrackerConfig,
+) -> _Solution:  # fmt: skip
+    """All frames at once; then once more with the places and accuracies that this brings out."""
+    from egocap.track.choice import can_choose, choose
+    from egocap.track.recalibration import measure_accuracy, recalibrated
+    from egocap.track.smoothing import smooth_interval
+
+    choosing, taken = can_choose(observations, config), observations[:]
+    if choosing:
+        choose(angles, observations, taken, model, config)
+    angles, converged = smooth_interval(angles, taken, model, config)
+    changed = choosing and choose(angles, observations, taken, model, config) > 0
+    estimated: dict[str, object] = {}
+    if config.recalibrate:
+        accuracy = measure_accuracy(angles, taken, proportions)
+        estimated["widening"] = accuracy.widening.round(3).tolist()
+        estimated["correlation"] = round(accuracy.correlation, 3)
+        taken, changed = recalibrated(taken, accuracy), changed or accuracy.matters
+    if changed:
+        angles, converged = smooth_interval(angles, taken, model, config)
+    return _Solution(angles, converged, taken, estimated)
+
+
+def _covariance(
+    solution: _Solution, proportions: Proportions, model: Model, config: TrackerConfig
+) -> Float[Array, "T 18 3 3"] | None:
+    if not config.covariance:
+        return None
+    from egocap.track.uncertainty import (
+        causal_covariances,
+        interval_covariances,
+        joint_covariances,
+    )
+
+    together = config.smoothing == "interval"
+    covariances_of = interval_covariances if together else causal_covariances
+    covariances = covariances_of(solution.angles, solution.taken, model, config)
+    return joint_covariances(proportions, solution.angles, covariances, config.model_error_m)
+
+
+def _compile(
+    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig
+) -> None:
     """Compile the kernels, or load them from the cache, outside the clock."""
     started = time.perf_counter()
-    head = {
-        name: getattr(observations, name)[:3] for name in ("times", "rays", "whiten", "weights")
-    }
-    _solve(replace(observations, **head), model, config)
+    solution = _solve(observations[:3], proportions, model, config, _Clock())
+    _covariance(solution, proportions, model, config)
     log.debug("kernels ready after %.1f s", time.perf_counter() - started)

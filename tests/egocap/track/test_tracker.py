@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from egocap.body import Proportions
+from egocap.detect.simulated import LEARNED_LIKE
 from egocap.errors import InputError
 from egocap.results import Detections, load_track, save_track
 from egocap.track.config import TrackerConfig
 from egocap.track.tracker import track
+from tests.egocap.track.conftest import make_motion
 
 
 def run(motion, detections, **settings):
@@ -139,3 +141,52 @@ def test_bad_input_is_named(motion):
 def test_bad_settings_are_named(settings):
     with pytest.raises(InputError, match=next(iter(settings))):
         TrackerConfig(**settings)
+
+
+def blanked(motion, frames, source="simulated:2", views=slice(None)):
+    """Detections of which some frames show nothing in some views."""
+    found = motion.detect(source, hidden=0.2)
+    valid = found.valid.copy()
+    valid[frames, views] = False
+    return replace(found, valid=valid)
+
+
+@pytest.mark.parametrize("kind", ["none", "interval"])
+@pytest.mark.parametrize("source", ["simulated:2", LEARNED_LIKE])
+def test_back_within_three_frames_of_a_second_of_blindness(motion, kind, source):
+    result = run(motion, blanked(motion, slice(30, 60), source), smoothing=kind)
+    usual = np.median(motion.errors(run(motion, motion.detect(source), smoothing=kind)))
+    assert np.isfinite(result.joints_head).all()
+    assert np.median(motion.errors(result)[63:66]) < 2.0 * usual + 0.005
+    assert result.confidence[45, 1:].mean() < result.confidence[70, 1:].mean()
+
+
+@pytest.mark.parametrize("kind", ["none", "interval"])
+def test_back_within_three_frames_of_a_jump(motion, kind):
+    """The person is all at once in another pose, as after a cut."""
+    found, other = motion.detect("simulated:2"), make_motion(seed=5, extent=0.8)
+    then = other.detect("simulated:2")
+    points = np.concatenate([found.points[:45], then.points[45:]])
+    valid = np.concatenate([found.valid[:45], then.valid[45:]])
+    result = run(motion, replace(found, points=points, valid=valid), smoothing=kind)
+    error = np.linalg.norm(result.joints_head - other.joints, axis=-1)[:, 1:]
+    assert np.median(error[48:51]) < 0.03
+    assert np.median(error[55:]) < 0.02
+
+
+def test_one_black_camera(motion):
+    result = run(motion, blanked(motion, slice(None), views=1))
+    both = run(motion, blanked(motion, slice(0, 0)))
+    assert np.median(motion.errors(result)) < 0.05
+    assert result.confidence[:, 1:].mean() < both.confidence[:, 1:].mean()
+
+
+def test_record_says_what_each_stage_cost(motion):
+    result = run(motion, motion.detect("simulated:2"))
+    seconds = result.config["seconds"]
+    assert set(seconds) == {"observe", "frames", "smoothing", "covariance"}
+    assert sum(seconds.values()) == pytest.approx(result.seconds_per_frame * len(result.times))
+    assert result.energies.shape == (90, 4)
+    assert np.allclose(result.energies[:, :2].sum(1), result.energy)
+    assert (result.energies[2:, 2] > 0).all() and (result.energies[:, 3] == 0).all()
+    assert np.array_equal(result.offsets, motion.person.offsets)

@@ -1,0 +1,67 @@
+"""Accuracy read off residuals: known factors are found again, and never below what was stated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from egocap.track.config import TrackerConfig
+from egocap.track.observations import observe
+from egocap.track.recalibration import measure_accuracy, recalibrated
+from egocap.track.tracker import track
+from tests.egocap.track.conftest import make_motion
+
+CONFIG = TrackerConfig(model_error_m=0.0)
+
+
+@pytest.fixture(scope="module")
+def long_motion():
+    return make_motion(frames=240, seed=2)
+
+
+def measured(motion, source):
+    seen = observe(motion.detect(source), motion.rig, motion.person, CONFIG)
+    return measure_accuracy(motion.angles, seen, motion.person), seen
+
+
+def test_honest_detections_are_left_alone(long_motion):
+    accuracy, _ = measured(long_motion, "simulated:2")
+    assert accuracy.widening.mean() < 1.05
+    assert accuracy.correlation < 0.05
+    assert not replace(accuracy, widening=np.ones(18), correlation=0.0).matters
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.0])
+def test_overconfidence_is_found(long_motion, factor):
+    accuracy, seen = measured(long_motion, f"simulated:4,overconfidence={factor}")
+    assert accuracy.widening.mean() == pytest.approx(factor, rel=0.08)
+    assert accuracy.matters
+    again = measure_accuracy(long_motion.angles, recalibrated(seen, accuracy), long_motion.person)
+    assert again.widening.mean() < 1.1
+
+
+def test_modesty_is_not_punished(long_motion):
+    accuracy, _ = measured(long_motion, "simulated:4,overconfidence=0.5")
+    assert (accuracy.widening == 1.0).all()
+
+
+def test_memory_is_found(long_motion):
+    accuracy, _ = measured(long_motion, "simulated:2,correlation=0.1")
+    assert accuracy.correlation == pytest.approx(np.exp(-1 / 3), abs=0.1)
+    assert accuracy.share == pytest.approx((1 - accuracy.correlation) / (1 + accuracy.correlation))
+
+
+def test_it_pays_where_the_detector_boasts(long_motion):
+    found = long_motion.detect("simulated:4,overconfidence=3,correlation=0.1", hidden=0.3)
+    errors = [
+        long_motion.errors(track(found, long_motion.rig, long_motion.person,
+                                 TrackerConfig(recalibrate=on))).mean()
+        for on in (False, True)
+    ]  # fmt: skip
+    assert errors[1] < 0.95 * errors[0]
+
+
+def test_too_little_to_tell_is_as_stated(long_motion):
+    seen = observe(long_motion.detect("simulated:2"), long_motion.rig, long_motion.person, CONFIG)
+    accuracy = measure_accuracy(long_motion.angles[:1], seen[:1], long_motion.person)
+    assert (accuracy.widening == 1.0).all() and accuracy.correlation == 0.0

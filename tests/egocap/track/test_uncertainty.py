@@ -1,0 +1,83 @@
+"""Covariances against dense inverses and against the errors that really happen."""
+
+import numpy as np
+import pytest
+
+from egocap.skeleton import AGILITY
+from egocap.track import kernel, smoothing
+from egocap.track.config import TrackerConfig
+from egocap.track.energy import acceleration_stencil
+from egocap.track.observations import observe
+from egocap.track.tracker import track
+from egocap.track.uncertainty import banded_inverse, confidences
+from tests.egocap.track.conftest import make_motion
+
+CONFIG = TrackerConfig()
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5])
+def test_blocks_of_the_inverse_against_the_dense_one(motion, frames):
+    seen = observe(motion.detect("simulated:2"), motion.rig, motion.person, CONFIG)[:frames]
+    model = kernel.make_model(motion.person, CONFIG)
+    size = frames * 37
+    bands, g = np.zeros((75, size), order="F"), np.zeros(size)
+    smoothing.assemble(
+        model, motion.angles[:frames], seen.centres, seen.rays, seen.whiten, seen.weights, 5.0,
+        acceleration_stencil(seen.times), AGILITY, bands, g,
+    )  # fmt: skip
+    dense = np.zeros((size, size))
+    for k in range(min(75, size)):
+        dense += np.diag(bands[k, : size - k], -k)
+    dense += np.tril(dense, -1).T
+    inverse = np.linalg.inv(dense)
+    expected = [inverse[i : i + 37, i : i + 37] for i in range(0, size, 37)]
+    assert np.allclose(banded_inverse(bands), expected, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("smoothing_kind", ["interval", "none"])
+def test_covariance_covers_the_errors(smoothing_kind):
+    """Normalised squared errors of a Gaussian in space have the median 2.37."""
+    ratios = []
+    for seed in range(3):
+        made = make_motion(frames=120, seed=seed)
+        found = made.detect("simulated:3", hidden=0.4, seed=seed)
+        result = track(found, made.rig, made.person, TrackerConfig(smoothing=smoothing_kind))
+        error = (result.joints_head - made.joints)[:, 1:]
+        inverse = np.linalg.inv(result.covariance[:, 1:])
+        ratios.append(np.einsum("tji,tjik,tjk->tj", error, inverse, error))
+    assert 0.3 < np.median(ratios) < 4.0
+    assert np.mean(np.array(ratios) < 16.3) > 0.95  # 99.9 % of a Gaussian's
+
+
+def test_what_is_hidden_is_less_sure(motion):
+    found = motion.detect("simulated:2")
+    valid = found.valid.copy()
+    valid[30:60, :, 10:] = False
+    from dataclasses import replace
+
+    result = track(replace(found, valid=valid), motion.rig, motion.person)
+    legs = result.confidence[:, 11:]
+    assert legs[40:50].mean() < legs[:20].mean() - 0.2
+    assert result.confidence[:, 1:10].min() > 0.9
+
+
+def test_confidence_is_the_chance_of_five_centimetres():
+    rng = np.random.default_rng(0)
+    for deviation in (0.01, 0.03, 0.1):
+        covariance = np.tile(deviation**2 * np.eye(3), (1, 18, 1, 1))
+        lengths = np.linalg.norm(deviation * rng.standard_normal((200_000, 3)), axis=-1)
+        assert confidences(covariance)[0, 0] == pytest.approx((lengths < 0.05).mean(), abs=0.005)
+
+
+def test_nothing_seen_is_not_believed(motion):
+    found = motion.detect("simulated:2", hidden=1.0)
+    result = track(found, motion.rig, motion.person)
+    assert np.isfinite(result.covariance).all()
+    assert result.confidence[:, [5, 9, 12, 13, 16, 17]].max() < 0.3
+
+
+def test_it_can_be_left_out(motion):
+    result = track(
+        motion.detect("simulated:2"), motion.rig, motion.person, TrackerConfig(covariance=False)
+    )
+    assert result.covariance is None and result.confidence is None

@@ -150,14 +150,17 @@ def measure_suite(
     seeds: int = SEEDS,
     rendered: bool = False,
     motions: Sequence[Performance] | None = None,
+    conditions: Sequence[str] = tuple(CONDITIONS),
 ) -> dict[str, Number]:
     """All numbers of the suite, with the tolerance that the spread over `seeds` gives.
 
-    `motions`: performances made before, to be tracked again; made afresh when None.
+    `motions`: performances made before, to be tracked again; made afresh when None. `conditions`:
+    only these of `CONDITIONS`.
     """
     motions = perform_all() if motions is None else motions
     numbers = {name: n for motion in motions for name, n in _physics_numbers(motion)}
-    for name, condition in CONDITIONS.items():
+    for name in conditions:
+        condition = CONDITIONS[name]
         count = seeds if condition.noisy else 1
         per_motion = {m.name: _tracked(m, condition, pipeline, count) for m in motions}
         for motion, values in per_motion.items():

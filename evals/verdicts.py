@@ -1,0 +1,140 @@
+"""Numbers of a run by name: tables, thresholds, and the paper's statements beside ours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from egocap.errors import EgocapError
+from egocap.evaluate import MEASURES, PROTOCOLS
+from egocap.evaluate.table import Table, number
+from evals.record import load_result
+from evals.suite import PaperRow, Suite
+
+COMMITTED = Path(__file__).parent / "results"
+NOT_YET = "not measured yet"
+
+
+class Numbers:
+    """Everything a run knows a number of: its own scores, its studies' and the committed results.
+
+    Args:
+        scores: by method, sequence and measure.
+        studies: folder of the run's own studies, looked in before the committed ones.
+    """
+
+    def __init__(self, scores: Mapping[str, Any], studies: Path) -> None:
+        self.scores, self._folders = scores, (studies, COMMITTED)
+
+    def of(self, method: str, sequence: str, measure: str) -> float | None:
+        """One number of the suite; None where there is none."""
+        return self.scores.get(method, {}).get(sequence, {}).get(measure)
+
+    def find(self, place: str) -> tuple[float | None, str]:
+        """A number by "method/sequence/measure" or "STUDY.json:key.key", and the command behind it.
+
+        None, and why, where it is not there.
+        """
+        if ".json:" not in place:
+            method, sequence, measure = place.split("/")
+            value = self.of(method, sequence, measure)
+            return value, "" if value is not None else f"{place}: not in this run"
+        name, _, keys = place.partition(":")
+        for folder in self._folders:
+            if (folder / name).is_file():
+                return _looked_up(folder / name, keys)
+        return None, NOT_YET
+
+    def rows(self, rows: Sequence[PaperRow]) -> list[dict[str, Any]]:
+        """The paper's statements with our numbers, JSON-ready."""
+        return [self._row(row) for row in rows]
+
+    def _row(self, row: PaperRow) -> dict[str, Any]:
+        value, note = (None, "") if row.ours is None else self.find(row.ours)
+        if value is not None and row.less is not None:
+            less, why = self.find(row.less)
+            value, note = (None, why) if less is None else (value - less, note)
+        return {
+            "section": row.section, "statement": row.statement, "paper": row.paper,
+            "unit": row.unit, "ours": None if value is None else row.scale * value,
+            "shown": "-" if value is None else number(row.scale * value, row.digits),
+            "command": note if value is not None else "",
+            "note": "; ".join(x for x in (row.conditions, note if value is None else "") if x),
+        }  # fmt: skip
+
+
+def missed_thresholds(suite: Suite, numbers: Numbers) -> list[str]:
+    """Thresholds that are not met, in words; a number that is not there meets none."""
+    missed = []
+    for threshold in suite.thresholds:
+        there = numbers.scores.get(threshold.method, {})
+        names = [threshold.sequence] if threshold.sequence else list(there)
+        for sequence in names:
+            if sequence not in there:
+                continue  # left out of the run, which says so
+            value = numbers.of(threshold.method, sequence, threshold.measure)
+            what = f"{threshold.method}, {sequence}: {threshold.measure}"
+            if value is None:
+                missed.append(f"{what} was not measured")
+            elif threshold.most is not None and not value <= threshold.most:
+                missed.append(f"{what} is {value:.4g}, not at most {threshold.most:g}")
+            elif threshold.least is not None and not value >= threshold.least:
+                missed.append(f"{what} is {value:.4g}, not at least {threshold.least:g}")
+    return missed
+
+
+def summary_tables(suite: Suite, numbers: Numbers) -> list[Table]:
+    """One table of measures, one of protocols; a row a method and sequence."""
+    units = [f"{name.removesuffix('_mm')} {_unit(name)}" for name in suite.measures]
+    measures, protocols = [], []
+    for method, sequences in numbers.scores.items():
+        for sequence, entry in sequences.items():
+            values = (_shown(name, entry.get(name)) for name in suite.measures)
+            measures.append((method, sequence, *values))
+            errors = (number(entry.get(f"protocol/{p}")) for p in suite.protocols)
+            protocols.append((method, sequence, *errors))
+    head = PROTOCOLS[suite.protocols[0]]
+    tables = [Table(f"{head.name}: {head.description}", ("method", "sequence", *units),
+                    tuple(measures))]  # fmt: skip
+    if len(suite.protocols) > 1:
+        tables.append(Table("MPJPE, mm, by protocol", ("method", "sequence", *suite.protocols),
+                            tuple(protocols)))  # fmt: skip
+    return [table for table in tables if table.rows]
+
+
+def paper_table(suite: Suite, numbers: Numbers) -> list[Table]:
+    """The paper's statements beside our numbers."""
+    rows = tuple((r["section"], r["statement"], r["paper"], r["shown"], r["unit"], r["note"])
+                 for r in numbers.rows(suite.rows))  # fmt: skip
+    header = ("section", "statement", "paper", "ours", "unit", "conditions")
+    return [Table("The paper's section 5", header, rows)] if rows else []
+
+
+def _shown(name: str, value: float | None) -> str:
+    digits = {"mm": 1, "%": 1, "m/s": 3}.get(MEASURES[name].unit, 2)
+    return number(value, digits)
+
+
+def _unit(name: str) -> str:
+    unit = MEASURES[name].unit
+    return "" if unit == "0 to 1" else unit
+
+
+def _looked_up(path: Path, keys: str) -> tuple[float | None, str]:
+    try:
+        record = load_result(path)
+    except EgocapError as error:
+        return None, str(error)
+    value: Any = record["result"]
+    for key in keys.split("."):
+        if isinstance(value, list) and key.isdigit() and int(key) < len(value):
+            value = value[int(key)]
+        elif isinstance(value, Mapping) and key in value:
+            value = value[key]
+        else:
+            return None, f"{path.name} has no '{keys}'"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None, f"{path.name}: '{keys}' is {json.dumps(value)[:40]}"
+    return float(value), record["command"]

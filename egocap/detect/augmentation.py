@@ -8,14 +8,13 @@ Source: EgoCap paper, section 4.3.1 (background, intrinsic recolouring, gamma, s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.detect.data import HIDDEN, OUTSIDE, SEEN
+from egocap.detect.data import HIDDEN, OUTSIDE, SEEN, Example
+from egocap.detect.training_config import AugmentationConfig
 
 WEARER = np.isin(np.arange(256), np.arange(1, 22)) | (np.arange(256) == 40)
 """Part labels of the person who wears the rig, and of the rig (`egocap_sim.parts`)."""
@@ -25,36 +24,6 @@ OUTFIT: tuple[tuple[int, ...], ...] = (
 )  # fmt: skip
 """Parts that a garment or skin covers together: shirt, sleeves, hips and thighs, shins, shoes,
 skin."""
-
-
-@dataclass(frozen=True)
-class AugmentationConfig:
-    """How training images are changed. Chances are per image."""
-
-    background: float = 0.25  # chance that everything but the wearer comes from another image
-    recolour: float = 0.5  # chance that clothes and skin change colour, shading kept
-    scale: float = 0.15  # largest relative change of size
-    rotation_deg: float = 8.0  # largest rotation: how much rigs are askew
-    shift: float = 0.04  # largest shift, of the image's width
-    gamma: float = 2.0  # gamma lies between its inverse and this
-    colour: float = 0.5  # chance of another colour temperature, saturation and contrast
-    blur: float = 0.3  # chance of blur, half of it by motion
-    noise: float = 0.5  # chance of sensor noise
-    jpeg: float = 0.2  # chance of another round of JPEG
-    occluders: float = 0.2  # chance of things in front
-
-
-NO_AUGMENTATION = AugmentationConfig(0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0)
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """One canonical view and its labels."""
-
-    image: UInt8[Array, "H W 3"]
-    points: Float[Array, "18 2"]  # pixels
-    state: UInt8[Array, "18"]  # SEEN, HIDDEN, OUTSIDE
-    parts: UInt8[Array, "H W"] | None = None
 
 
 def augment(
@@ -226,8 +195,3 @@ def recompressed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt
         np.ascontiguousarray(image), quality=int(rng.integers(30, 90)), colorsubsampling="420"
     )
     return simplejpeg.decode_jpeg(data)
-
-
-def in_view(state: UInt8[Array, "*n"]) -> Bool[Array, "*n"]:
-    """Whether labels of these states have a place in the view."""
-    return state != OUTSIDE

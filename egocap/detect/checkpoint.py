@@ -1,4 +1,4 @@
-"""A training run's files: checkpoint.pt to go on from, final.safetensors to use. Whole or absent."""
+"""A training run's files, whole or absent: checkpoint.pt to go on, final.safetensors to use."""
 
 from __future__ import annotations
 
@@ -70,9 +70,7 @@ def load_checkpoint(folder: Path, device: torch.device | str = "cpu") -> Checkpo
         ) from None  # fmt: skip
 
 
-def save_run_weights(
-    folder: Path, network: DetectorNetwork, scores: Scores | None
-) -> Path:
+def save_run_weights(folder: Path, network: DetectorNetwork, scores: Scores | None) -> Path:
     """Write final.safetensors: weights, the network's configuration and its scores."""
     from safetensors.torch import save_file
 

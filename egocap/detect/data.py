@@ -42,6 +42,16 @@ _FORMAT = 1  # of the store
 
 
 @dataclass(frozen=True, eq=False)
+class Example:
+    """One canonical view and its labels."""
+
+    image: UInt8[Array, "H W 3"]
+    points: Float[Array, "18 2"]  # pixels
+    state: UInt8[Array, "18"]  # SEEN, HIDDEN, OUTSIDE
+    parts: UInt8[Array, "H W"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Views:
     """Canonical views of one sequence and their labels, in the network's (mirrored) order."""
 
@@ -78,7 +88,7 @@ class ViewStore:
 
 
 def find_sequences(paths: Several[Path]) -> list[Path]:
-    """Sequence folders among `paths` and in them, in order. Raises InputError when there is none."""
+    """Sequence folders among `paths` and in them, in order. InputError when there is none."""
     found: list[Path] = []
     for path in paths:
         if not path.is_dir():

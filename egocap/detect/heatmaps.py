@@ -80,9 +80,10 @@ def targets(points: Any, shape: tuple[int, int], stride: int, sigma: Any) -> Any
     rows = torch.arange(h, device=points.device, dtype=points.dtype) - at[..., 1:2]
     columns = torch.arange(w, device=points.device, dtype=points.dtype) - at[..., :1]
     scale = -0.5 / (sigma * sigma)[..., None]
-    return torch.softmax(scale * rows * rows, -1)[..., :, None] * torch.softmax(
-        scale * columns * columns, -1
-    )[..., None, :]
+    return (
+        torch.softmax(scale * rows * rows, -1)[..., :, None]
+        * torch.softmax(scale * columns * columns, -1)[..., None, :]
+    )
 
 
 def soft_points(heat: Any, stride: int) -> Any:

@@ -11,24 +11,12 @@ from torch.nn import functional as F
 
 from egocap.detect.data import OUTSIDE, SEEN
 from egocap.detect.heatmaps import soft_points, targets
+from egocap.detect.training_config import LossConfig
 from egocap.labels import LABELS
 
 _EXTREMITIES = ("wrist", "hand", "knee", "ankle", "foot")
 _FAR_PX = 48.0  # errors beyond count as this much in the spread's likelihood
 _NEAR_CELLS = 3.0  # within this of the truth a peak is pulled to it below the cell
-
-
-@dataclass(frozen=True)
-class LossConfig:
-    """Weights of the terms, and how wide targets are."""
-
-    seen_cells: float = 0.75  # standard deviation of the target of a visible label
-    hidden_cells: float = 1.25  # and of one in view but occluded
-    hidden: float = 0.5  # weight of occluded labels
-    extremities: float = 1.5  # weight of wrists, hands, knees, ankles and feet
-    place: float = 0.5  # of the distance below the cell
-    visibility: float = 0.2
-    spread: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,8 @@ CONFIGS: dict[str, NetworkConfig] = {
         "paper", ViewSpec(640, 512, 204.0, 0.0, 90.0, 0.0), kind="resnet101", stride=8
     ),
     "tiny": NetworkConfig(
-        "tiny", ViewSpec(64, 64, 28.0), widths=(8, 16, 16, 24), blocks=(0, 0, 1, 1), decoder=(16, 16)
+        "tiny", ViewSpec(64, 64, 28.0), widths=(8, 16, 16, 24), blocks=(0, 0, 1, 1),
+        decoder=(16, 16),
     ),
 }  # fmt: skip
 """The named configurations."""
@@ -80,8 +81,11 @@ def config_named(name: str) -> NetworkConfig:
 def config_from_dict(data: dict[str, Any]) -> NetworkConfig:
     """The configuration that `NetworkConfig.to_dict` described. Raises InputError."""
     try:
-        values = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items()}
-        return NetworkConfig(**values | {"view": ViewSpec(**data["view"])})
+        values: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in data.items()
+        }
+        values["view"] = ViewSpec(**data["view"])
+        return NetworkConfig(**values)
     except (TypeError, KeyError, AttributeError) as error:
         raise InputError(f"not a network's configuration: {error}") from None
 

@@ -14,57 +14,26 @@ import os
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
-from egocap.detect.augmentation import AugmentationConfig, Example, augment
+from egocap.detect.augmentation import augment
 from egocap.detect.checkpoint import load_checkpoint, save_checkpoint, save_run_weights
 from egocap.detect.curves import RunLog
-from egocap.detect.data import Views, ViewStore
+from egocap.detect.data import Example, Views, ViewStore
 from egocap.detect.interruption import Interruption
-from egocap.detect.loss import LossConfig, Losses, losses
+from egocap.detect.loss import Losses, losses
 from egocap.detect.network import DetectorNetwork, NetworkConfig, build_network
+from egocap.detect.training_config import TrainingConfig
 from egocap.detect.validation import Scores, predict, score, sigma_bias
-from egocap.errors import InputError
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class TrainingConfig:
-    """How to train. Raises InputError for impossible values."""
-
-    minutes: float = 60.0  # how long to train; the learning rate falls over this time
-    steps: int = 0  # if not 0: train this many steps instead of by the clock
-    batch: int = 32  # views a step and process
-    learning_rate: float = 1.5e-3  # at its highest
-    warm_up: float = 0.04  # share of the training during which it rises
-    weight_decay: float = 0.03
-    average: float = 0.999  # decay a step of the averaged weights
-    seed: int = 0
-    validate_minutes: float = 4.0  # between two validations
-    validation_views: int = 384
-    checkpoint_minutes: float = 4.0
-    compile: bool = False  # have torch compile the network first: minutes, then a third faster
-    augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
-
-    def __post_init__(self) -> None:
-        for name, good, valid in (
-            ("minutes", self.minutes > 0, "above 0"),
-            ("steps", self.steps >= 0, "0 or more"),
-            ("batch", self.batch >= 2, "2 or more"),
-            ("learning_rate", self.learning_rate > 0, "above 0"),
-            ("average", 0 <= self.average < 1, "0 to 1"),
-            ("seed", self.seed >= 0, "0 or more"),
-        ):
-            if not good:
-                raise InputError(f"{name} {getattr(self, name)}", valid=valid)
 
 
 @dataclass
@@ -101,8 +70,9 @@ class Trainer:
         """`start` is a state dictionary to begin from (a warm start)."""
         self.config, self.folder = config, folder
         self.training, self.validation = training, validation
-        self.rank, self.world = int(os.environ.get("RANK", "0")), int(
-            os.environ.get("WORLD_SIZE", "1")
+        self.rank, self.world = (
+            int(os.environ.get("RANK", "0")),
+            int(os.environ.get("WORLD_SIZE", "1")),
         )
         self.device = _device(int(os.environ.get("LOCAL_RANK", "0")))
         torch.manual_seed(config.seed)
@@ -196,7 +166,8 @@ class Trainer:
         decay = min(self.config.average, (1.0 + self.state.step) / (10.0 + self.state.step))
         mine, theirs = self.average.state_dict(), self.network.state_dict()
         floats = [k for k, v in mine.items() if v.is_floating_point()]
-        torch._foreach_lerp_([mine[k] for k in floats], [theirs[k] for k in floats], 1.0 - decay)
+        move = get_ema_multi_avg_fn(decay)
+        move([mine[k] for k in floats], [theirs[k] for k in floats], self.state.step)
 
     def _batches(self) -> Iterator[tuple[torch.Tensor, ...]]:
         """Batches from the current step on, each made while the one before is trained on."""
@@ -254,7 +225,7 @@ class Trainer:
         if self.validation is not None:
             indices = self._held_out()
             bias = sigma_bias(predict(self.average, self.validation, indices))
-            self.average.info.log_sigma_bias += torch.from_numpy(bias).to(self.average.info.bias)
+            self.average.info.log_sigma_bias.add_(torch.from_numpy(bias))
             scores = score(predict(self.average, self.validation, indices))
             record.validation(self.state, scores)
         path = save_run_weights(self.folder, self.average, scores)

@@ -297,6 +297,22 @@ def jacobian(
     return labels, np.swapaxes(J, -1, -2)
 
 
+def joint_rotations(angles: Float[Array, "*batch 37"]) -> Float[Array, "*batch 17 3 3"]:
+    """Rotation of every joint's frame in the head frame: what hangs below it at rest, turned."""
+    angles = np.asarray(angles, float)
+    rotations: list[Float[Array, "*batch 3 3"]] = []
+    for i, parent in enumerate(POINT_PARENTS[: len(JOINTS)]):
+        R = (
+            np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
+            if parent < 0
+            else rotations[parent]
+        )
+        for d in np.flatnonzero(np.array(DOF_JOINT) == i):
+            R = R @ axis_angle(AXES[d], angles[..., d])
+        rotations.append(R)
+    return np.stack(rotations, -3)
+
+
 def _chain(
     proportions: HasOffsets, angles: Float[Array, "*batch 37"]
 ) -> tuple[Float[Array, "*batch 22 3"], Float[Array, "*batch 37 3"]]:

@@ -1,0 +1,1 @@
+"""Other programs' files: motion for animation tools, head poses from elsewhere."""

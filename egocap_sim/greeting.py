@@ -24,6 +24,7 @@ from egocap_sim.motion.stance import draw_style
 Bodies = Float[Array, "T 21 4 4"]
 _OUT_M = (0.26, 0.40)  # of the palm before the shoulder: the hand begins to be, and is, held out
 _STILL_M = 0.20  # a hand held out in places farther apart is not met by somebody who stands
+_NEARER = 0.88  # of the wearer's distance from the hands: the wearer leans forward, too
 _LEAD_S = 0.55  # before the wearer's hand is out the other's sets off
 
 
@@ -46,7 +47,7 @@ def offer_of(wearer: Person, bodies: Bodies) -> Offer | None:
     ahead = chest[:, :3, 0] * [1.0, 1.0, 0.0]
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     out = ((at - shoulder) * ahead).sum(1)
-    level = np.abs(at[:, 2] - shoulder[:, 2] + 0.33) < 0.25
+    level = np.abs(at[:, 2] - shoulder[:, 2] + 0.33) < 0.2
     share = minimum_jerk((out - _OUT_M[0]) / (_OUT_M[1] - _OUT_M[0])) * level
     held = share > 0.95
     if held.sum() < 5 or np.linalg.norm(at[held] - at[held].mean(0), axis=1).max() > _STILL_M:
@@ -58,7 +59,7 @@ def place_of_greeter(offer: Offer, wearer: Person, person: Person) -> Float[Arra
     """Opposite the wearer, the hand between them: where a motion from the origin along x goes."""
     away = offer.place - offer.stands
     reach = _arm(person) / _arm(wearer)
-    at = offer.place + min(max(reach, 0.8), 1.1) * away
+    at = offer.place + _NEARER * min(max(reach, 0.8), 1.1) * away
     # Both right hands are to the side of the line between the bodies: turned half way around.
     side = np.arctan2(-offered_side(), 1.0)
     yaw = np.arctan2(-away[1], -away[0]) - side

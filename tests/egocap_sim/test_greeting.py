@@ -54,7 +54,7 @@ def test_both_right_palms_meet_while_the_hand_is_out(stand_in, wearer):
 
 def test_nobody_shakes_a_hand_that_is_not_held_out(stand_in):
     assert offer_of(stand_in, played(stand_in, "idle")) is None
-    assert offer_of(stand_in, played(stand_in, "squat")) is None
+    assert offer_of(stand_in, played(stand_in, "wave")) is None
 
 
 def test_a_crowd_has_one_who_shakes_hands(stand_in, wearer, monkeypatch):

@@ -58,7 +58,7 @@ class ColourTerm:
         body: GaussianBody,
         rig: Rig,
         palette: Palette,
-        config: ColourTermConfig = ColourTermConfig(),  # noqa: B008 (frozen)
+        config: ColourTermConfig = ColourTermConfig(),
         threads: int | None = None,
     ) -> None:
         self.config, self.palette = config, palette

@@ -194,8 +194,8 @@ def image_energy(
 @njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)  # pyright: ignore[reportCallIssue]
 def _share_of_rays(
     thread, threads, posed, colours, palettes, chain, shape, rays, cell, cells, in_cone,
-    colour_scale, selected, weights, keep, seed, curvature, lanes, lists, counts, scratch, forces, pixels,
-    by_centre, H,
+    colour_scale, selected, weights, keep, seed, curvature, lanes, lists, counts, scratch, forces,
+    pixels, by_centre, H,
 ):  # fmt: skip
     """One thread's rays: energy; adds to the derivatives by the centres and to the matrix."""
     wrench, loaded, row, which = forces.wrench, forces.loaded, forces.row, forces.which

@@ -106,9 +106,10 @@ class ImageModel:
     ) -> Evaluation:
         """Energy (equations 5 and 6), gradient and, on wish, Gauss-Newton matrix of a pose.
 
-        `colours` are those of `self.colours`, or the bins of a `palette.Palette`. With `selected`, only these rays count,
-        each times its weight. With `keep` < 1 each Gaussian's derivative is left out of each ray at
-        random, and those kept count 1 / keep times: the gradient's expectation stays.
+        `colours` are those of `self.colours`, or the bins of a `palette.Palette`. With `selected`,
+        only these rays count, each times its weight. With `keep` < 1 each Gaussian's derivative is
+        left out of each ray at random, and those kept count 1 / keep times: the gradient's
+        expectation stays.
         """
         if isinstance(colours, Palettes):
             palettes, plain = colours, _NO_COLOURS

@@ -12,7 +12,7 @@ where a colour tells nothing, be it that body and background share it or that ne
 
 Distributions are histograms over brightness and two chromaticities that shading does not change,
 smoothed. A Gaussian's own pixels count first; those of its part, of the whole person, and an even
-floor fill in what it has not shown. The background's are read off every frame where the body is not.
+floor fill in what it has not shown. The background's is read off every frame where the body is not.
 
 Source: likelihood-ratio region tracking, e.g. Prisacariu & Reid 2012, "PWP3D: real-time
 segmentation and tracking of 3D objects"; Bibby & Reid 2008, "Robust real-time visual tracking using

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int64, UInt8
 from numpy import ndarray as Array
 
 from egocap.detect.calibration import present
-from egocap.detect.engine import EngineName, Outputs, open_engine
+from egocap.detect.engine import Engine, EngineName, Outputs, open_engine
 from egocap.detect.heatmaps import modes
 from egocap.detect.pictures import ahead, as_rgb, recorded_pictures
 from egocap.detect.view import CanonicalView
@@ -46,12 +46,13 @@ class Detector:
         self,
         rig: Rig,
         weights: Weights | None = None,
-        engine: EngineName = "onnxruntime",
+        engine: EngineName | Engine = "onnxruntime",
         threads: int | None = None,
     ) -> None:
         self.rig = rig
         self.weights = open_weights() if weights is None else weights
-        self.engine = open_engine(self.weights, engine, threads)
+        ready = isinstance(engine, Engine)
+        self.engine = engine if ready else open_engine(self.weights, engine, threads)
         self._views = tuple(CanonicalView(m, self.weights.view) for m in rig.mounts)
         self._resized: dict[tuple[int, int, int], CanonicalView] = {}
         self._shape = (self.weights.view.height, self.weights.view.width, 3)

@@ -1,0 +1,25 @@
+"""A tiny network with random weights, for all that does not depend on what it has learned."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from egocap.detect.network import CONFIGS, build_network
+from egocap.detect.weights import save_weights
+
+
+@pytest.fixture(scope="session")
+def tiny_file(tmp_path_factory) -> Path:
+    torch.manual_seed(3)
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_weights(path, build_network(CONFIGS["tiny"]), {"command": "none"})
+    return path
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory):
+    """No test writes into the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield

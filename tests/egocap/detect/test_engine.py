@@ -1,0 +1,59 @@
+"""Every engine says what torch says."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from egocap.detect import engine as engines
+from egocap.detect.engine import exported, open_engine
+from egocap.detect.weights import open_weights
+from egocap.errors import InputError, MachineError
+
+
+@pytest.fixture(scope="module")
+def weights(tiny_file):
+    return open_weights(tiny_file)
+
+
+def images(count):
+    return np.random.default_rng(5).integers(0, 256, (count, 64, 64, 3), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_onnxruntime_equals_torch(weights, count):
+    said = open_engine(weights, threads=1).run(images(count))
+    expected = open_engine(weights, "torch", threads=1).run(images(count))
+    for a, b, shape in zip(said, expected, ((count, 18, 16, 16), (count, 18, 4)), strict=True):
+        assert a.shape == b.shape == shape
+        assert a.dtype == b.dtype == np.float32
+        assert np.abs(a - b).max() < 1e-4 * max(1.0, np.abs(b).max())
+
+
+@pytest.mark.skipif(importlib.util.find_spec("openvino") is None, reason="openvino is an extra")
+def test_openvino_is_close_to_torch(weights):
+    said = open_engine(weights, "openvino", threads=1).run(images(2))
+    for a, b in zip(said, open_engine(weights, "torch", threads=1).run(images(2)), strict=True):
+        assert np.abs(a - b).max() < 0.03 * max(1.0, np.abs(b).max())  # bfloat16
+
+
+def test_exported_once(weights, monkeypatch):
+    path = exported(weights)
+    monkeypatch.setattr(engines, "export_onnx", lambda *_: pytest.fail("exported again"))
+    assert exported(weights) == path
+    assert weights.sha256[:32] in path.name
+    assert not [p for p in path.parent.iterdir() if p.suffix == ".part"]
+
+
+def test_cache_that_cannot_be_written_says_so(weights, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(MachineError, match="XDG_CACHE_HOME"):
+        exported(weights)
+
+
+def test_impossible_wishes(weights):
+    with pytest.raises(InputError, match="onnxruntime, openvino, torch, cuda"):
+        open_engine(weights, "tflite")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="0 threads"):
+        open_engine(weights, threads=0)

@@ -9,7 +9,7 @@ standard errors of that chance, measured when the baseline is recorded, and neve
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +22,7 @@ from egocap.detect.simulated import LEARNED_LIKE
 from egocap.evaluate.measures import find_measure, measure
 from egocap.evaluate.pose import beside_truth
 from egocap.evaluate.table import Table
+from egocap.labels import LABELS
 from egocap.results import Detections
 from egocap.rig import Rig
 from egocap.skeleton import LIMITS
@@ -51,12 +52,21 @@ class Condition:
     config: TrackerConfig
     measures: tuple[str, ...]
     noisy: bool = True  # whether seeds differ
+    blind: tuple[str, ...] = ()  # labels that no view ever detects: left to the priors
 
 
 _ERRORS = ("mpjpe_mm", "p95_mm", "hidden_mm", "velocity_error", "accel_error")
+_BLIND = (
+    *(label for label in LABELS if label.endswith(("knee", "ankle", "foot"))),
+    *("right_elbow", "right_wrist", "right_hand"),
+)
 CONDITIONS: Mapping[str, Condition] = {
     "exact": Condition("simulated:0,occluded=keep", TrackerConfig(),
                        ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False),
+    "exact-live": Condition("simulated:0,occluded=keep", TrackerConfig(smoothing="none"),
+                            ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False),
+    "blind": Condition("simulated:0", TrackerConfig(), ("mpjpe_mm", "p95_mm", "accel_error"),
+                       noisy=False, blind=_BLIND),
     "noisy": Condition("simulated:2.0", TrackerConfig(), _ERRORS),
     "learned-like": Condition(LEARNED_LIKE, TrackerConfig(), _ERRORS),
     "live": Condition("simulated:2.0", TrackerConfig(smoothing="none"), _ERRORS),
@@ -233,7 +243,8 @@ def _tracked(
 
     values: dict[str, list[float]] = {}
     for seed in range(seeds):
-        found = pipeline.detections(draw_detections(motion, condition.source, seed))
+        found = draw_detections(motion, condition.source, seed)
+        found = pipeline.detections(_without(found, condition.blind))
         tracked = track(found, pipeline.rig(motion.rig), motion.proportions,
                         pipeline.config(condition.config))  # fmt: skip
         scored = beside_truth(
@@ -247,6 +258,12 @@ def _tracked(
             values.setdefault(name, []).append(value)
         values.setdefault("beyond_limits_deg", []).append(_beyond_limits(tracked.angles))
     return {name: np.array(v) for name, v in values.items()}
+
+
+def _without(found: Detections, labels: Sequence[str]) -> Detections:
+    """Detections of all labels but these."""
+    kept = found.valid & ~np.isin(LABELS, labels)
+    return replace(found, valid=kept, confidence=np.where(kept, found.confidence, 0.0))
 
 
 def _beyond_limits(angles: Float[Array, "T 37"]) -> float:

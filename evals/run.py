@@ -18,7 +18,7 @@ import logging
 import shlex
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,6 +30,7 @@ from egocap.errors import FileError, InputError
 from egocap.evaluate.measures import MEASURES, Scored
 from egocap.evaluate.pose import frame_errors, report_of
 from egocap.evaluate.predictions import Predictions, load_predictions, save_predictions
+from egocap.evaluate.protocol import find_protocol
 from egocap.results import Track
 from egocap.sequence import Sequence, open_sequence
 from evals.pose import OWN_TRACKER, find_detections, place_predictions, run_tracker
@@ -188,7 +189,7 @@ def score(
             {name: getattr(report, name) for name in MEASURES}
             | {"coverage_share": report.coverage_share}
             | {"tracker_fps": 1 / loaded.seconds_per_frame if loaded.seconds_per_frame else None}
-            | {f"protocol/{p}": _under(report, p) for p in suite.protocols}
+            | {f"protocol/{p}": _under(scored, p) for p in suite.protocols}
             | {f"joint/{n}": v for n, v in report.per_joint_mm.items()}
             | {"interval": report.mpjpe_ci95_mm}
         )
@@ -333,10 +334,10 @@ def _scene(entry: SequenceEntry, beside: Path, motions: Path | None) -> Any:
     return scene.model_copy(update={"name": entry.name})
 
 
-def _under(report: Any, protocol: str) -> float | None:
-    if protocol == report.protocol:
-        return report.mpjpe_mm
-    return report.other_protocols_mm.get(protocol)
+def _under(scored: Scored, protocol: str) -> float | None:
+    """Mean error under another protocol; None where it cannot be had (hips missing)."""
+    value = replace(scored, protocol=find_protocol(protocol)).mean()
+    return value if np.isfinite(value) else None
 
 
 def _mean_over_seeds(seeds: list[dict[str, Any]]) -> dict[str, Any]:

@@ -11,8 +11,10 @@ import tyro
 from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
-from egocap.commandline import DONE, run
+from egocap.commandline import DONE, INTERRUPTED, run
+from egocap.detect.training_config import TrainingConfig
 from egocap.errors import InputError
+from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.track.config import TrackerConfig
 
 if TYPE_CHECKING:
@@ -149,6 +151,72 @@ def calibrate_detector(
 
 
 @app.command
+def train(
+    data: Positional[tuple[Path, ...]],
+    /,
+    out: Path,
+    config: str = "default",
+    training: Annotated[TrainingConfig, tyro.conf.OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
+    rig: Path | None = None,
+    resume: bool = False,
+    start: Path | None = None,
+    scratch: bool = False,
+    held_out: float = 0.08,
+    store: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Train a detector, from footage with annotations or from nothing but a rig.
+
+    Writes detector.safetensors, curves.png, log.csv and validation.csv into the folder of the run.
+    SIGTERM and Ctrl-C stop it at the next step, to go on with --resume.
+
+    Args:
+        data: sequences, or folders of sequences.
+        out: folder of the run.
+        config: network to train: default, paper (ResNet-101) or tiny.
+        training: how to train.
+        rig: simulate footage for this rig for a third of the minutes, and train on it too.
+        resume: go on with the run in --out, if there is one.
+        start: weights to begin from: detector weights, or the folder of a run. With a rig and the
+            default network, those that are shipped.
+        scratch: begin from random weights, also with a rig.
+        held_out: share of the sequences to validate on and never train on.
+        store: folder of the canonical views made from the data; by default in --out.
+        json: print the summary as JSON.
+    """
+    import subprocess
+    import sys
+
+    from egocap.detect.training_run import (
+        Request,
+        command_for_devices,
+        join_processes,
+        train_detector,
+        weights_path,
+    )
+    from egocap.detect.weights import SHIPPED, shipped_file
+
+    if scratch and start is not None:
+        raise InputError("--scratch and --start exclude each other", valid="one of them")
+    if start is None and rig is not None and config == SHIPPED and not scratch:
+        start = shipped_file()
+    request = Request(out, tuple(data), rig, config, held_out, start, resume, store)
+    command = command_for_devices(sys.argv[1:])
+    if command is not None:
+        return subprocess.call(command)
+    join_processes()
+    outcome = train_detector(request, training)
+    summary = {
+        "finished": outcome.finished, "steps": outcome.state.step, "views": outcome.state.views,
+        "seconds": round(outcome.state.seconds, 1),
+        "weights": str(weights_path(out)) if outcome.weights else None,
+        "scores": None if outcome.scores is None else outcome.scores.to_dict(),
+    }  # fmt: skip
+    _print_training(out, summary, json)
+    return DONE if outcome.finished else INTERRUPTED
+
+
+@app.command
 def export(
     track: Positional[Path],
     out: Path,
@@ -172,6 +240,54 @@ def export(
     found = load_track(track)
     {"bvh": write_bvh, "npz": write_arrays}[format](out, found)
     print(f"{out}: {len(found.times)} frames")
+    return DONE
+
+
+@app.command
+def posterior(
+    sequence: Positional[Path],
+    out: Path,
+    frame: int,
+    detections: str = "learned",
+    config: Annotated[PosteriorConfig, tyro.conf.OmitArgPrefixes] = PosteriorConfig(),  # noqa: B008
+    sampling: Annotated[SamplerConfig, tyro.conf.OmitArgPrefixes] = SamplerConfig(),  # noqa: B008
+    page: Path | None = None,
+    checkpoint: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Sample what one frame's detections say about the pose: how sure it is, joint by joint.
+
+    A chain that has not mixed is written all the same, and said to be so.
+
+    Args:
+        sequence: folder of a sequence.
+        out: posterior to write, npz.
+        frame: frame of the sequence, from 0.
+        detections: where detections come from, as for `egocap track`; their noise has seed 0.
+        config: what is believed before the detections, and how they scatter.
+        sampling: how long to sample.
+        page: page of pictures to write, html.
+        checkpoint: chain to keep, npz; the same command takes up a killed run from it.
+        json: print the summary as JSON.
+    """
+    import json as jsons
+
+    from egocap.posterior.command import write_posterior
+    from egocap.sequence import Sequence
+
+    opened = Sequence(sequence)
+    found = detections_from(opened, detections, 0)
+    told = write_posterior(
+        opened, found, frame, out, config, sampling, page=page, checkpoint=checkpoint
+    )
+    if json:
+        print(jsons.dumps(told, indent=1))
+        return DONE
+    hands = ", ".join(f"{j.replace('_', ' ')} {told['spread_mm'][j]} mm"
+                      for j in ("left_wrist", "right_wrist", "left_ankle", "right_ankle"))  # fmt: skip
+    print(f"{out}: {told['outcome']}; {told['steps']} steps in {told['seconds']} s; spread {hands}")
+    for note in told["notes"]:
+        print(note)
     return DONE
 
 
@@ -252,6 +368,18 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
     print(f"{path}: {summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
           f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections a "
           "frame of 2 x 18")  # fmt: skip
+
+
+def _print_training(out: Path, summary: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(summary, indent=1))
+        return
+    if not summary["finished"]:
+        print(f"{out}: interrupted after {summary['steps']} steps; go on with --resume")
+        return
+    print(f"{summary['weights']}: {summary['steps']} steps, {summary['views']} views")
+    if summary["scores"]:
+        print(", ".join(f"{name} {value:.2f}" for name, value in summary["scores"].items()))
 
 
 def _learned(sequence: Sequence, weights: str) -> Detections:

@@ -7,6 +7,9 @@ from math import inf, isnan
 
 from egocap.errors import InputError
 
+FIRST_CHECK = 1000
+"""Steps before the first look at a chain."""
+
 
 @dataclass(frozen=True)
 class PosteriorConfig:
@@ -48,3 +51,33 @@ class PosteriorConfig:
             if isnan(value) or value == inf or value < 0.0 or (value == 0.0 and not zero_ok):
                 valid = "a number from 0" if zero_ok else "a number above 0"
                 raise InputError(f"{field.name} = {value}", valid=valid)
+
+
+@dataclass(frozen=True)
+class SamplerConfig:
+    """How long and with how many walkers to sample."""
+
+    walkers: int | None = None
+    """Walkers, at least twice the parameters; by default 96 or a little over twice."""
+    effective: float = 400.0
+    """Effective draws to reach for every parameter."""
+    most_steps: int = 40_000
+    """Steps after which a chain that has not mixed is given up."""
+    seed: int = 0
+    """Of the starts and of the chain: the same seed gives the same draws."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.effective < inf:
+            raise InputError(f"{self.effective} effective draws", valid="a number above 0")
+        if self.most_steps < FIRST_CHECK:
+            raise InputError(f"{self.most_steps} steps", valid=f"{FIRST_CHECK} or more")
+        if not 0 <= self.seed < 2**32:
+            raise InputError(f"seed {self.seed}", valid="0 to 2^32 - 1")
+
+    def walkers_for(self, parameters: int) -> int:
+        """How many walkers to use. Raises InputError when fewer than twice the parameters."""
+        walkers = max(96, 2 * parameters + 4) if self.walkers is None else self.walkers
+        if walkers < 2 * parameters:
+            raise InputError(f"{walkers} walkers for {parameters} parameters",
+                             valid=f"at least twice as many: {2 * parameters}")  # fmt: skip
+        return walkers

@@ -26,8 +26,8 @@ from emcee.backends import Backend
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.errors import InputError
 from egocap.posterior.backend import NpzBackend
+from egocap.posterior.config import FIRST_CHECK, SamplerConfig
 from egocap.posterior.laplace import Mode, find_modes
 from egocap.posterior.log_prob import LogPosterior
 from egocap.posterior.moves import Crank, Hop, Mixture
@@ -37,43 +37,13 @@ THIN = 5
 """Steps between two that are kept."""
 LENGTHS, BURN_IN = 50.0, 5.0
 """Least length of a chain and burn-in, in autocorrelation times."""
-FIRST_CHECK, GROWTH = 1000, 1.5
-"""Steps before the first look at the chain, and how the waits grow."""
+GROWTH = 1.5
+"""How the waits between two looks at the chain grow."""
 RHAT = 1.05
 """Most that walkers may disagree."""
 KEPT_DRAWS = 6000
 """Draws handed on, at most about, evenly from the chain."""
 _CRANKS = (0.1, 0.25, 0.5)
-
-
-@dataclass(frozen=True)
-class SamplerConfig:
-    """How long and with how many walkers to sample."""
-
-    walkers: int | None = None
-    """Walkers, at least twice the parameters; by default 96 or a little over twice."""
-    effective: float = 400.0
-    """Effective draws to reach for every parameter."""
-    most_steps: int = 40_000
-    """Steps after which a chain that has not mixed is given up."""
-    seed: int = 0
-    """Of the starts and of the chain: the same seed gives the same draws."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.effective < np.inf:
-            raise InputError(f"{self.effective} effective draws", valid="a number above 0")
-        if self.most_steps < FIRST_CHECK:
-            raise InputError(f"{self.most_steps} steps", valid=f"{FIRST_CHECK} or more")
-        if not 0 <= self.seed < 2**32:
-            raise InputError(f"seed {self.seed}", valid="0 to 2^32 - 1")
-
-    def walkers_for(self, parameters: int) -> int:
-        """How many walkers to use. Raises InputError when fewer than twice the parameters."""
-        walkers = max(96, 2 * parameters + 4) if self.walkers is None else self.walkers
-        if walkers < 2 * parameters:
-            raise InputError(f"{walkers} walkers for {parameters} parameters",
-                             valid=f"at least twice as many: {2 * parameters}")  # fmt: skip
-        return walkers
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,151 @@
+"""Bounds against Monte Carlo, brute-force inverses and the log posterior's own curvature."""
+
+import time
+
+import numpy as np
+import pytest
+
+from egocap.errors import InputError
+from egocap.posterior.config import PosteriorConfig
+from egocap.posterior.information import (
+    Noise,
+    _pairs,
+    fisher_information,
+    joint_bound,
+    joint_covariance,
+    place_information,
+    prior_information,
+    rms_mm,
+    smoothed_covariance,
+)
+from egocap.posterior.log_prob import log_posterior_of
+from egocap.posterior.simulation import draw_detections, draw_noise, draw_poses
+from egocap.skeleton import AGILITY, forward
+from egocap.track.energy import acceleration_stencil
+from egocap.track.posture import load_posture
+
+
+def test_information_is_the_curvature_of_the_log_likelihood(rig, person):
+    """Gaussian errors: minus the Gauss-Newton Hessian without the prior, exactly."""
+    config = PosteriorConfig(degrees=np.inf, model_error_m=0.0)
+    rng = np.random.default_rng(0)
+    pose, seen = 0.3 * draw_poses(1, config, rng), rng.random((1, 2, 18)) < 0.8
+    found = draw_detections(pose, seen, rig, person, 2.0, config, rng)
+    _, _, H = log_posterior_of(found, 0, rig, person, config).derivatives(pose[0])
+    information = fisher_information(pose, person, rig, seen, Noise(2.0))
+    np.testing.assert_allclose(information[0], H - load_posture().precision, rtol=1e-6, atol=1e-3)
+
+
+def test_student_t_information_is_the_variance_of_the_score():
+    rng = np.random.default_rng(0)
+    for degrees in (4.0, 8.0):
+        e = draw_noise((400_000,), degrees, rng)
+        weight = (degrees + 2.0) / (degrees - 2.0 + np.sum(e * e, axis=1))
+        score = weight[:, None] * e
+        np.testing.assert_allclose(score.var(0), Noise(1.0, degrees).gain, rtol=0.02)
+
+
+def test_a_triangulated_joint_scatters_as_bounded(rig, person):
+    """Least squares on one joint's pixels in two views, many noises: the bound is reached."""
+    joints = forward(person, load_posture().mean[None])
+    seen = np.ones((1, 2, 18), bool)
+    bound = np.linalg.inv(place_information(joints, rig, seen, Noise(1.0))[0])
+    rng = np.random.default_rng(1)
+    label, errors = 4, []
+    X = joints[0, label]
+    pixels, J, _ = rig.project_jacobian(X)
+    for noise in rng.standard_normal((4000, 2, 2)):
+        at = X.copy()
+        for _ in range(3):
+            now, J, _ = rig.project_jacobian(at)
+            step, *_ = np.linalg.lstsq(J.reshape(4, 3), (pixels + noise - now).ravel(), rcond=None)
+            at = at + step
+        errors.append(at - X)
+    scatter = np.cov(np.array(errors).T)
+    np.testing.assert_allclose(scatter, bound[label], rtol=0.1, atol=0.05 * bound[label].max())
+
+
+def test_maximum_likelihood_pose_scatters_as_bounded(rig, person):
+    """37 angles, prior included, 300 noises: mean squared joint errors within their own error."""
+    config = PosteriorConfig(degrees=np.inf, model_error_m=0.0)
+    rng = np.random.default_rng(2)
+    count = 300
+    pose = np.repeat(0.5 * load_posture().mean[None], count, axis=0)
+    seen = np.ones((count, 2, 18), bool)
+    found = draw_detections(pose, seen, rig, person, 1.0, config, rng)
+    information = fisher_information(pose[:1], person, rig, seen[:1], Noise(1.0))
+    posterior = np.linalg.inv(information + prior_information(pose[:1]))
+    truth = forward(person, pose[:1])
+    estimates = []
+    for frame in range(count):
+        density = log_posterior_of(found, frame, rig, person, config)
+        theta = pose[0]
+        for _ in range(4):
+            _, g, H = density.derivatives(theta)
+            theta = theta + np.linalg.solve(H, g)
+        estimates.append(theta)
+    scatter = forward(person, np.array(estimates)) - truth
+    # About its own mean, a penalised estimator scatters by P F P with P the posterior covariance.
+    spread = posterior @ information @ posterior
+    expected = rms_mm(joint_covariance(pose[:1], person, spread))[0, 1:]
+    found_mm = 1e3 * np.sqrt(np.sum(scatter.var(0), axis=-1))[1:]
+    np.testing.assert_allclose(found_mm, expected, rtol=0.15)
+
+
+def test_what_nothing_sees_has_no_bound(rig, person):
+    pose, seen = load_posture().mean[None], np.ones((1, 2, 18), bool)
+    seen[:, :, 12:14] = False  # left ankle and foot
+    information = fisher_information(pose, person, rig, seen, Noise())
+    _, known = joint_bound(pose, person, information)
+    assert not known[0, 13] and not known[0, 12]
+    assert known[0, [3, 4, 7, 8, 11, 15, 16]].all()
+    prior = information + prior_information(pose)
+    covariance, known = joint_bound(pose, person, prior)
+    assert known.all()
+    assert rms_mm(covariance)[0, 13] > 3 * rms_mm(covariance)[0, 17]
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5, 6])
+def test_smoothed_covariance_is_the_whole_inverse(rig, person, frames):
+    config = PosteriorConfig(model_error_m=0.0)
+    rng = np.random.default_rng(frames)
+    poses = draw_poses(frames, config, rng)
+    seen = rng.random((frames, 2, 18)) < 0.5
+    information = fisher_information(poses, person, rig, seen, Noise()) + prior_information(
+        poses, 0.03
+    )
+    times = np.cumsum(rng.uniform(0.02, 0.05, frames))
+    whole = np.zeros((frames * 37, frames * 37))
+    for t in range(frames):
+        whole[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] = information[t]
+    stencil = acceleration_stencil(times)
+    for t in range(frames - 2):
+        row = np.zeros((37, frames * 37))
+        for k in range(3):
+            row[np.arange(37), 37 * (t + k) + np.arange(37)] = stencil[t, k] / AGILITY
+        whole += row.T @ row
+    inverse = np.linalg.inv(whole)
+    expected = [inverse[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] for t in range(frames)]
+    got = smoothed_covariance(information, times)
+    np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9)
+    diagonal, _ = _pairs(information, stencil, AGILITY)
+    np.testing.assert_allclose(diagonal, np.swapaxes(diagonal, 1, 2), rtol=1e-9)
+
+
+def test_a_frame_takes_milliseconds(rig, person):
+    poses = draw_poses(50, PosteriorConfig(), np.random.default_rng(0))
+    seen = np.ones((50, 2, 18), bool)
+    start = time.process_time()
+    information = fisher_information(poses, person, rig, seen, Noise())
+    joint_bound(poses, person, information + prior_information(poses))
+    assert (time.process_time() - start) / 50 < 0.02
+
+
+def test_bad_input_is_refused(rig, person):
+    with pytest.raises(InputError, match="sigma 0"):
+        Noise(0.0)
+    information = np.repeat(np.eye(37)[None], 2, axis=0)
+    with pytest.raises(InputError, match="do not increase"):
+        smoothed_covariance(information, np.array([0.0, 0.0]))
+    with pytest.raises(InputError, match="nothing fixes"):
+        smoothed_covariance(0.0 * information, np.array([0.0, 0.1]))

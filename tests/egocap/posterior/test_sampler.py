@@ -1,0 +1,173 @@
+"""emcee on posteriors whose answer is known, with two modes, too few walkers, and after a kill."""
+
+from dataclasses import replace
+
+import emcee
+import numpy as np
+import pytest
+
+from egocap.errors import FileError, InputError
+from egocap.posterior.config import PosteriorConfig, SamplerConfig
+from egocap.posterior.log_prob import log_posterior_of
+from egocap.posterior.moves import Crank, Hop, Mixture
+from egocap.posterior.result import load_posterior, save_posterior
+from egocap.posterior.sampler import examine, sample, split_rhat
+from egocap.posterior.simulation import draw_detections, draw_poses
+from egocap.skeleton import DOF_INDEX, forward
+from egocap.track.posture import load_posture
+
+CONFIG = PosteriorConfig(model_error_m=0.0)
+
+
+@pytest.fixture(scope="module")
+def density(rig, person):
+    rng = np.random.default_rng(5)
+    poses = draw_poses(1, CONFIG, rng)
+    seen = np.ones((1, 2, 18), bool)
+    return log_posterior_of(
+        draw_detections(poses, seen, rig, person, 4.0, CONFIG, rng), 0, rig, person, CONFIG
+    )
+
+
+def run(log_prob, moves, start, steps, seed=0):
+    random = np.random.RandomState(seed)
+    state = emcee.State(np.array(start), random_state=random.get_state())
+    sampler = emcee.EnsembleSampler(*start.shape, log_prob, vectorize=True, moves=moves)
+    sampler.run_mcmc(state, steps)
+    return sampler
+
+
+def test_crank_and_hop_leave_two_unequal_modes_as_they_are():
+    """Exact shares and moments of a mixture that the proposal's mixture only resembles."""
+    means, scales = np.array([[-4.0, 0.0], [4.0, 1.0]]), np.array([0.5, 1.0])
+    shares = np.array([0.2, 0.8])
+
+    def log_prob(x):
+        away = np.sum((x[:, None] - means) ** 2, axis=-1) / scales**2
+        return np.logaddexp.reduce(np.log(shares / scales**2) - 0.5 * away, axis=1)
+
+    rough = Mixture(means + 0.2, np.array([0.36 * np.eye(2), 0.8 * np.eye(2)]), np.ones(2))
+    start = np.repeat(means, 20, axis=0) + 0.1 * np.random.default_rng(0).normal(size=(40, 2))
+    moves = [(Crank(rough, (0.4, 0.8)), 0.7), (Hop(rough), 0.3)]
+    chain = run(log_prob, moves, start, 4000).get_chain(discard=200, flat=True)
+    right = chain[:, 0] > 0
+    assert right.mean() == pytest.approx(0.8, abs=0.02)
+    np.testing.assert_allclose(chain[right].mean(0), means[1], atol=0.06)
+    np.testing.assert_allclose(chain[right].std(0), 1.0, atol=0.05)
+    np.testing.assert_allclose(chain[~right].std(0), 0.5, atol=0.05)
+
+
+def test_crank_never_rejects_its_own_gaussian():
+    covariance = np.diag(np.linspace(0.01, 4.0, 37))
+    own = Mixture(np.zeros((1, 37)), covariance[None], np.ones(1))
+    sampler = run(
+        lambda x: -0.5 * np.sum(x * x / np.diag(covariance), axis=1),
+        [(Crank(own, (0.7,)), 1.0)],
+        own.draw(80, np.random.RandomState(1)),
+        50,
+    )
+    assert np.all(sampler.acceptance_fraction == 1.0)
+
+
+def test_arm_of_three_joints_agrees_with_quadrature(rig, person):
+    """Shoulder's swing, elbow and wrist of one arm, the rest held: moments known by a fine grid."""
+    rng = np.random.default_rng(8)
+    pose = load_posture().mean[None]
+    seen = np.zeros((1, 2, 18), bool)
+    seen[0, 0, 4:6] = True  # wrist and hand, in one view: curved and broad
+    found = draw_detections(pose, seen, rig, person, 8.0, CONFIG, rng)
+    density = log_posterior_of(found, 0, rig, person, CONFIG)
+    dofs = [DOF_INDEX[f"left_{n}"] for n in ("shoulder_swing", "elbow_flexion", "wrist_flexion")]
+
+    def log_prob(x):
+        theta = np.tile(pose[0], (len(x), 1))
+        theta[:, dofs] = x
+        return density(theta)
+
+    axes = [np.linspace(*edges, 71) for edges in ((-1.6, 1.6), (-0.4, 2.8), (-1.7, 1.7))]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    logs = log_prob(grid)
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    mean = weights @ grid
+    spread = np.sqrt(weights @ (grid - mean) ** 2)
+
+    start = mean + 0.1 * rng.standard_normal((24, 3))
+    moves = [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)]
+    chain = run(log_prob, moves, start, 6000).get_chain(discard=600)
+    tau = emcee.autocorr.integrated_time(chain, tol=0)
+    error = spread / np.sqrt(chain.shape[0] * chain.shape[1] / tau)
+    flat = chain.reshape(-1, 3)
+    assert np.all(np.abs(flat.mean(0) - mean) < 4.0 * error)
+    # The error of a standard deviation is that of the mean over sqrt 2, for a Gaussian.
+    np.testing.assert_allclose(flat.std(0), spread, atol=4.0 * error.max())
+
+
+def test_occluded_arm_has_two_explanations_and_both_are_sampled(rig, person):
+    """Wrist and hand are seen by one camera: the forearm may point towards it or away from it."""
+    rng = np.random.default_rng(21)
+    config = replace(CONFIG, degrees=np.inf)
+    pose = draw_poses(1, config, rng)
+    seen = np.ones((1, 2, 18), bool)
+    seen[0, 1, 4:6] = False
+    found = draw_detections(pose, seen, rig, person, 1.0, config, rng)
+    result = sample(
+        log_posterior_of(found, 0, rig, person, config),
+        SamplerConfig(most_steps=3000, effective=100),
+    )
+    near, far = forward(person, result.modes[:2])[:, 4]
+    assert np.linalg.norm(near - far) > 0.2
+    wrist = result.joints[:, :, 4]  # (W, S, 3)
+    at_near = np.linalg.norm(wrist - near, axis=-1) < np.linalg.norm(wrist - far, axis=-1)
+    assert 0.02 < at_near.mean() < 0.98
+    # Walkers change sides: the shares are the posterior's, not those of the start.
+    changes = np.mean(at_near[:, 1:] != at_near[:, :-1])
+    assert changes > 0.005
+    np.testing.assert_allclose(result.mode_share[0], at_near.mean(), atol=0.05)
+
+
+def test_same_seed_same_draws_and_a_kill_changes_nothing(density, tmp_path):
+    config = SamplerConfig(most_steps=1500, effective=50, seed=4)
+    whole = sample(density, config, checkpoint=tmp_path / "a.npz")
+    half = replace(config, most_steps=1000)
+    sample(density, half, checkpoint=tmp_path / "b.npz")  # stands for a kill at step 1000
+    resumed = sample(density, config, checkpoint=tmp_path / "b.npz")
+    np.testing.assert_array_equal(resumed.draws, whole.draws)
+    np.testing.assert_array_equal(resumed.log_prob, whole.log_prob)
+    assert resumed.acceptance == whole.acceptance
+    with pytest.raises(FileError, match="another frame, or of other settings"):
+        sample(density, replace(config, seed=5), checkpoint=tmp_path / "b.npz")
+
+
+def test_short_chain_admits_it_with_numbers(density, tmp_path):
+    result = sample(density, SamplerConfig(most_steps=1000))
+    assert not result.mixed
+    assert "autocorrelation times" in result.outcome and "50 are needed" in result.outcome
+    save_posterior(tmp_path / "post.npz", result)
+    again = load_posterior(tmp_path / "post.npz")
+    assert again.outcome == result.outcome and again.names == result.names
+    np.testing.assert_array_equal(again.draws, result.draws)
+    np.testing.assert_allclose(
+        again.flat_joints[:5], forward(density.proportions, again.flat[:5]), atol=1e-12
+    )
+
+
+def test_too_few_walkers_are_refused(density):
+    with pytest.raises(InputError, match=r"73 walkers for 37 parameters.*74"):
+        sample(density, SamplerConfig(walkers=73))
+
+
+def test_walkers_that_disagree_are_found_out():
+    rng = np.random.default_rng(0)
+    chain = rng.standard_normal((400, 20, 2))
+    np.testing.assert_allclose(split_rhat(chain), 1.0, atol=0.01)
+    chain[:, :10, 1] += 3.0
+    assert split_rhat(chain)[1] > 1.5
+    assert "R-hat" in examine(chain).failure(("a", "b"), 10.0)
+
+
+def test_damaged_checkpoint_is_refused(density, tmp_path):
+    path = tmp_path / "chain.npz"
+    path.write_bytes(b"PK nonsense")
+    with pytest.raises(FileError, match=r"chain\.npz"):
+        sample(density, SamplerConfig(), checkpoint=path)

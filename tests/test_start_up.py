@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 HEAVY = {"torch", "mujoco", "pyrender", "numba", "matplotlib", "cv2", "scipy", "anny", "trimesh"}
 COMMANDS = {
-    "egocap.cli": ("export", "track", "train", "view"),
+    "egocap.cli": ("export", "posterior", "track", "train", "view"),
     "egocap_sim.cli": ("generate", "preview", "verify"),
     "evals.cli": ("pose",),
 }

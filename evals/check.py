@@ -67,6 +67,8 @@ CONDITIONS: Mapping[str, Condition] = {
                             ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False),
     "blind": Condition("simulated:0", TrackerConfig(), ("mpjpe_mm", "p95_mm", "accel_error"),
                        noisy=False, blind=_BLIND),
+    "blind-plain": Condition("simulated:0", TrackerConfig(lambda_posture=0.0),
+                             ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False, blind=_BLIND),
     "noisy": Condition("simulated:2.0", TrackerConfig(), _ERRORS),
     "learned-like": Condition(LEARNED_LIKE, TrackerConfig(), _ERRORS),
     "live": Condition("simulated:2.0", TrackerConfig(smoothing="none"), _ERRORS),

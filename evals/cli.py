@@ -24,6 +24,7 @@ STUDIES = {
     "visibility": ("evals.visibility", "Share of the time each joint is seen, by field of view."),
     "run": ("evals.run", "Run a suite: sequences, predictions, scores and a report."),
     "compare": ("evals.compare", "Say what changed between two runs, and whether beyond noise."),
+    "stress": ("evals.stress", "Track under one growing fault at a time, with error bars."),
     "check": ("evals.check", "Run the regression guard: a fixed small suite against a baseline."),
 }
 """Studies, imported when called: a new one is one module and one line (see `evals.study`)."""

@@ -118,7 +118,7 @@ def changed_numbers(a: Any, b: Any, path: str = "") -> list[dict[str, Any]]:
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         inner = [(str(i), x, y) for i, (x, y) in enumerate(zip(a, b, strict=True))]
     elif a != b and (_is_number(a) or _is_number(b)):
-        x, y = (float(v) if _is_number(v) else None for v in (a, b))
+        x, y = _as_number(a), _as_number(b)
         return [{"name": path, "a": x, "b": y, "share": _share(x, y)}]
     prefix = f"{path}." if path else ""
     return [row for key, x, y in inner for row in changed_numbers(x, y, prefix + key)]
@@ -154,6 +154,10 @@ def _beyond(x: float | None, y: float | None, spread: list[float | None]) -> boo
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _as_number(value: Any) -> float | None:
+    return float(value) if _is_number(value) else None
 
 
 def _loaded(path: Path) -> dict[str, Any]:

@@ -26,7 +26,7 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from egocap.commandline import progress
-from egocap.errors import FileError, InputError
+from egocap.errors import EgocapError, FileError, InputError
 from egocap.evaluate.measures import MEASURES, Scored
 from egocap.evaluate.pose import frame_errors, report_of
 from egocap.evaluate.predictions import Predictions, load_predictions, save_predictions
@@ -76,7 +76,8 @@ def study(
     work = Path("out") / loaded.name if work is None else work
     _lock(work, loaded)
     sequences = prepare_sequences(loaded, path.parent, work, motions, workers)
-    jobs = list(plan(loaded, sequences, path.parent, work))
+    sources, absent = find_sources(loaded, path.parent, sequences)
+    jobs = list(plan(loaded, sequences, path.parent, work, sources))
     for job in jobs:  # all of them before any long work
         _require_same(job)
     run_studies(loaded, work)
@@ -88,7 +89,7 @@ def study(
         "suite": loaded.model_dump(mode="json"),
         "scores": scores,
         "sequences": {name: s.manifest.config_sha256 for name, s in sequences.items()},
-        "left_out": [s.name for s in loaded.sequences if s.name not in sequences],
+        "left_out": [s.name for s in loaded.sequences if s.name not in sequences] + absent,
         "paper": numbers.rows(loaded.rows),
         "predicted_by": sorted({_sidecar(job)["commit"] or "" for job in jobs}),
     }
@@ -127,11 +128,46 @@ def prepare_sequences(
     return found
 
 
-def plan(
-    suite: Suite, sequences: Mapping[str, Sequence], beside: Path, work: Path
-) -> Iterator[Job]:
-    """Every prediction the suite asks for."""
+def find_sources(
+    suite: Suite, beside: Path, sequences: Mapping[str, Sequence]
+) -> tuple[dict[str, str | None], list[str]]:
+    """What each method's detections come from, beyond their name: the checksum of weights.
+
+    Optional methods whose weights or files are missing are left out, with a warning; second come
+    their names. Raises FileError or MachineError for the others'.
+    """
+    from egocap.detect.weights import open_weights
+
+    sources: dict[str, str | None] = {}
+    absent = []
     for method in suite.methods:
+        try:
+            kind, _, name = (method.detections or "").partition(":")
+            sources[method.name] = open_weights(name or None).sha256 if kind == "learned" else None
+            for sequence in sequences if method.predictions else ():
+                path = beside / str(method.predictions).format(sequence=sequence)
+                if not path.is_file():
+                    raise FileError(path, "no such file of predictions")
+        except EgocapError as error:
+            if not method.optional:
+                raise
+            sources.pop(method.name, None)
+            absent.append(method.name)
+            log.warning("%s is left out: %s", method.name, error)
+    return sources, absent
+
+
+def plan(
+    suite: Suite,
+    sequences: Mapping[str, Sequence],
+    beside: Path,
+    work: Path,
+    sources: Mapping[str, str | None],
+) -> Iterator[Job]:
+    """Every prediction the suite asks for, of the methods that `sources` names."""
+    for method in suite.methods:
+        if method.name not in sources:
+            continue
         for name, sequence in sequences.items():
             content = sequence.manifest.config_sha256
             if method.predictions is not None:
@@ -143,6 +179,7 @@ def plan(
                 depends = {
                     "sequence": content, "seed": seed, "tracker": method.tracker,
                     "detections": method.detections, "config": _settings(method),
+                    "weights": sources[method.name],
                 }  # fmt: skip
                 yield Job(method, name, seed, path, depends)
 
@@ -232,11 +269,7 @@ def _lock(work: Path, suite: Suite) -> None:
 
 def _require_same(job: Job) -> None:
     """FileError for a saved prediction that was made with other settings."""
-    if not job.depends:
-        if not job.path.is_file():
-            raise FileError(job.path, "no such file of predictions")
-        return
-    if not job.path.is_file():
+    if not job.depends or not job.path.is_file():
         return
     before = _sidecar(job)["depends"]
     now = json.loads(json.dumps(dict(job.depends)))

@@ -48,6 +48,7 @@ class MethodEntry(Strict):
     config: dict[str, float | str | bool | int] = {}  # settings of the built-in tracker
     predictions: str | None = None  # or files made elsewhere, "{sequence}" standing for the name
     seeds: int = Field(default=1, ge=1)  # of the noise of simulated detections
+    optional: bool = False  # left out, with a warning, where its weights or files are missing
 
     @model_validator(mode="after")
     def _one_source(self) -> MethodEntry:

@@ -30,6 +30,10 @@ seeds = 2
 [[methods]]
 name = "mine"
 predictions = "{{sequence}}.npz"
+[[methods]]
+name = "theirs"
+predictions = "theirs/{{sequence}}.npz"
+optional = true
 [[thresholds]]
 method = "mine"
 measure = "mpjpe_mm"
@@ -71,7 +75,7 @@ def test_scores_are_of_the_saved_predictions(place):
     noisy = result["scores"]["noisy"]["walk"]
     assert len(noisy["seeds"]) == 2 and noisy["spread/mpjpe_mm"] > 0
     assert noisy["mpjpe_mm"] == pytest.approx(np.mean([s["mpjpe_mm"] for s in noisy["seeds"]]))
-    assert result["left_out"] == ["clip"] and result["missed"] == []
+    assert result["left_out"] == ["clip", "theirs"] and result["missed"] == []
     with np.load(folder / "out/errors.npz") as errors:
         np.testing.assert_allclose(errors["mine/walk"], 30)
         assert len(errors["times/mine/walk"]) == 7
@@ -122,6 +126,14 @@ def test_a_changed_configuration_is_not_mixed_in(place, tmp_path, capsys):
     assert "of the suite 'small'" in capsys.readouterr().err
 
 
+def test_a_method_that_must_be_there(place, capsys):
+    folder, words = place
+    needed = folder / "needed.toml"
+    needed.write_text((folder / "small.toml").read_text().replace("optional = true", ""))
+    assert main(["run", str(needed), *words[2:]]) == 2
+    assert "theirs/walk.npz: no such file of predictions" in capsys.readouterr().err
+
+
 def test_a_missed_threshold_is_3(place, tmp_path, capsys):
     folder, words = place
     strict = folder / "strict.toml"
@@ -142,7 +154,11 @@ def test_two_runs_are_compared(place, capsys):
     [
         ('"pck3d_150"', '"pck"', "no measure 'pck'.*contact_f1"),
         ('"mo2cap2-15-pa"', '"h36m"', "no protocol 'h36m'"),
-        ('method = "mine"', 'method = "yours"', "thresholds.0.*no method 'yours'.*noisy, mine"),
+        (
+            'method = "mine"',
+            'method = "yours"',
+            "thresholds.0.*no method 'yours'.*noisy, mine, theirs",
+        ),
         ('name = "mine"', 'name = "noisy"', "same name twice"),
         ("most = 31", "", "'most' or 'least'"),
         ("seeds = 2", "seed = 2", "unknown key.*seeds"),

@@ -295,6 +295,10 @@ def load_manifest(folder: Path) -> Manifest:
     if not folder.is_dir():
         raise FileError(folder, "no such folder", valid="a sequence made by egocap-sim generate")
     if not path.exists():
+        if (folder / "episodes.json").exists():
+            raise FileError(
+                folder, "holds many sequences, not one", valid=f"one of them: {folder}/episode-00000"
+            )
         raise FileError(folder, f"not a sequence: it has no {MANIFEST}")
     data = read_json(path)
     version = data.get("schema_version")

@@ -17,10 +17,18 @@ import tarfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 from egocap.errors import FileError, InputError, MachineError
-from egocap.sequence import MANIFEST, FileEntry, Manifest, ShardEntry, load_manifest, shard_name
+from egocap.sequence import (
+    MANIFEST,
+    FileEntry,
+    Manifest,
+    ShardEntry,
+    Truth,
+    load_manifest,
+    shard_name,
+)
 
 _TAR_BLOCK = 512  # bytes; the header of a USTAR member is one block
 
@@ -33,22 +41,24 @@ class SequenceWriter:
     sequence gets its first files from `begin`: what can fail before should be tried before.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest, side_files: Mapping[str, bytes]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        manifest: Manifest,
+        side_files: Mapping[str, bytes],
+        *,
+        append: bool = False,
+    ) -> None:
+        """With `append`, a complete sequence of fewer frames is taken up too: `old_truth` is then
+        its truth, and `begin` makes it an unfinished one of more frames."""
         self.folder, self.manifest = folder, manifest
+        self.old_truth: Truth | None = None
+        self._append, self._longer = append, False
         self._side_files = side_files
-        self._lock = -1
-        self._made_folder = False
+        self._lock = FolderLock(folder)
 
     def __enter__(self) -> SequenceWriter:
-        with disk_errors(self.folder):
-            self._made_folder = not self.folder.exists()
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(self.folder, os.O_RDONLY)
-            try:
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                os.close(self._lock)
-                raise MachineError(f"{self.folder}: another process is writing it") from None
+        self._lock.take()
         try:
             if (self.folder / MANIFEST).exists():
                 self._resume()
@@ -60,13 +70,12 @@ class SequenceWriter:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        if self._made_folder:
-            with suppress(OSError):  # it stays unless it is empty
-                self.folder.rmdir()
-        os.close(self._lock)
+        self._lock.release()
 
     def begin(self) -> None:
         """Put the side files and the manifest of a new sequence in place; nothing when resuming."""
+        if self._longer:
+            self._begin_longer()
         if (self.folder / MANIFEST).exists():
             return
         for name, content in self._side_files.items():
@@ -112,18 +121,17 @@ class SequenceWriter:
 
     def _resume(self) -> None:
         there = load_manifest(self.folder)
-        if there.config_sha256 != self.manifest.config_sha256:
-            difference = _first_difference(there.config, self.manifest.config)
-            raise InputError(
-                f"{self.folder} holds another sequence (it differs in {difference})",
-                valid="another --out, or the options it was begun with",
-            )
-        if there.code_version != self.manifest.code_version:
-            raise InputError(
-                f"{self.folder} was begun by version {there.code_version}, this is "
-                f"{self.manifest.code_version}: their frames may differ",
-                valid="another --out, or that version",
-            )
+        fewer = {"frames": there.frames}
+        if self._append and there.complete and there.frames < self.manifest.frames:
+            asked = self.manifest.config | fewer
+            same = digest(asked)
+            begun_alike(self.folder, there, self.manifest.model_copy(
+                update={"config": asked, "config_sha256": same}))  # fmt: skip
+            self.old_truth, self._longer = Truth.load(self.folder / "truth.npz"), True
+            kept = [s for s in there.shards if len(s.frames) == there.shard_frames]
+            self.manifest = self.manifest.model_copy(update={"shards": kept})
+            return
+        begun_alike(self.folder, there, self.manifest)
         for leftover in self.folder.glob("*.tmp"):
             leftover.unlink()
         intact = [shard for shard in there.shards if shard_is_intact(self.folder, shard)]
@@ -133,10 +141,73 @@ class SequenceWriter:
             if name not in files:
                 self.write_file(name, content)
 
+    def _begin_longer(self) -> None:
+        """Turn the manifest of the complete sequence into that of an unfinished, longer one."""
+        entries = {
+            name: FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
+            for name, content in self._side_files.items()
+        }
+        self._replace(self.manifest.model_copy(update={"files": entries}))
+        for name, content in self._side_files.items():
+            write_atomically(self.folder / name, content)
+        self._longer = False
+
     def _replace(self, manifest: Manifest) -> None:
         text = json.dumps(manifest.model_dump(mode="json"), indent=None, separators=(",", ":"))
         write_atomically(self.folder / MANIFEST, text.encode())
         self.manifest = manifest
+
+
+class FolderLock:
+    """The right to write in a folder, which is made where it is missing."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._lock = -1
+        self._made_folder = False
+
+    def take(self) -> None:
+        """Raises MachineError when another process has it."""
+        with disk_errors(self.folder):
+            self._made_folder = not self.folder.exists()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(self.folder, os.O_RDONLY)
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(self._lock)
+                raise MachineError(f"{self.folder}: another process is writing it") from None
+
+    def release(self) -> None:
+        """Give it back; a folder that was made and is still empty goes."""
+        if self._made_folder:
+            with suppress(OSError):  # it stays unless it is empty
+                self.folder.rmdir()
+        os.close(self._lock)
+
+
+class Begun(Protocol):
+    """What tells whether two recordings are the same one."""
+
+    config: dict[str, Any]
+    config_sha256: str
+    code_version: str
+
+
+def begun_alike(folder: Path, there: Begun, asked: Begun) -> None:
+    """Raise InputError unless what is in the folder was begun with the same options and version."""
+    if there.config_sha256 != asked.config_sha256:
+        difference = _first_difference(there.config, asked.config)
+        raise InputError(
+            f"{folder} holds another sequence (it differs in {difference})",
+            valid="another --out, or the options it was begun with",
+        )
+    if there.code_version != asked.code_version:
+        raise InputError(
+            f"{folder} was begun by version {there.code_version}, this is "
+            f"{asked.code_version}: their frames may differ",
+            valid="another --out, or that version",
+        )
 
 
 def write_shard(
@@ -220,6 +291,11 @@ def disk_errors(path: Path) -> Iterator[None]:
         if isinstance(error, IsADirectoryError):
             raise FileError(path, "is a folder", valid="the name of a file") from None
         raise
+
+
+def digest(config: Mapping[str, Any]) -> str:
+    """Checksum of a resolved configuration."""
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()
 
 
 class _HashingFile:

@@ -49,6 +49,8 @@ class Overrides:
     """Length unit of a BVH file; recognised when not given."""
     joint_names: Annotated[Path | None, _shown("FILE")] = None
     """TOML file that maps body names to a BVH file's joint names."""
+    motions: Annotated[Path | None, _shown("DIR")] = None
+    """A folder of BVH and npz clips to mix in, in a scene of episodes."""
     textures: Annotated[Path | None, _shown("DIR")] = None
     """A folder of pictures to put on floors and walls."""
     samples: Annotated[int | None, _shown("0|2|4|8")] = None
@@ -70,6 +72,8 @@ def generate(
     overrides: Annotated[Overrides, tyro.conf.OmitArgPrefixes] = Overrides(),
     workers: int = 2,
     cluster: Annotated[str | None, _shown("ADDRESS")] = None,
+    append: bool = False,
+    strict: bool = False,
     json: bool = False,
 ) -> int:
     """Simulate scenes and render them into sequences; run again to continue after a kill.
@@ -80,6 +84,8 @@ def generate(
         overrides: what to change in the scenes.
         workers: rendering processes.
         cluster: Dask scheduler whose workers render instead, e.g. tcp://host:8786.
+        append: continue a finished sequence of fewer frames up to --frames.
+        strict: a file in --motions that cannot be read is an error; else it is left out.
         json: print the summary as JSON; with several scenes, a list of them.
     """
     from egocap.errors import InputError
@@ -99,8 +105,9 @@ def generate(
     done = []
     for file, scene in zip(files, loaded, strict=True):
         summary = _generate(
-            scene, file, out / scene.name if len(loaded) > 1 else out, workers, cluster
-        )
+            scene, file, out / scene.name if len(loaded) > 1 else out, workers, cluster,
+            append, strict,
+        )  # fmt: skip
         done.append(_as_json(summary))
         if not json:
             _print_summary(summary)
@@ -119,10 +126,10 @@ def preview(sequence: Positional[Path], out: Path, rows: int = 6, width: int = 4
         rows: frames to show, spread over the sequence.
         width: width of one picture in pixels.
     """
-    from egocap.sequence import Sequence
+    from egocap.episodes import find_sequences
     from egocap_sim.preview import save_contact_sheet
 
-    save_contact_sheet(Sequence(sequence), out, rows=rows, tile_width=width)
+    save_contact_sheet(find_sequences([sequence]), out, rows=rows, tile_width=width)
     print(out)
     return DONE
 
@@ -167,16 +174,21 @@ def export(
 
     Args:
         sequence: folder of a sequence.
-        out: new folder, or the .mp4 file.
+        out: new folder, or the .mp4 file; of episodes, a folder of those.
         format: coco (keypoints JSON and images), unrealego (JSON a frame, in cm) or mp4 (to look
             at, joints drawn).
     """
+    from egocap.episodes import find_sequences
     from egocap.sequence import Sequence
     from egocap_sim.export import export as export_sequence
 
-    opened = Sequence(sequence)
-    with progress(format, len(opened)) as advance:
-        export_sequence(opened, format, out, advance)
+    found = find_sequences([sequence])
+    opened = [Sequence(folder) for folder in found]
+    ending = ".mp4" if format == "mp4" else ""
+    with progress(format, sum(map(len, opened))) as advance:
+        for folder, each in zip(found, opened, strict=True):
+            into = out if folder == sequence else out / f"{folder.name}{ending}"
+            export_sequence(each, format, into, advance)
     print(out)
     return DONE
 
@@ -192,9 +204,10 @@ def stats(
         out: HTML file to write; it needs nothing beside itself.
         json: print the numbers as JSON.
     """
+    from egocap.episodes import find_sequences
     from egocap.errors import InputError
     from egocap.sequence_writer import write_atomically
-    from egocap_sim.stats.collect import Statistics, find_sequences
+    from egocap_sim.stats.collect import Statistics
     from egocap_sim.stats.page import render_page, summary
 
     if not folders:
@@ -245,6 +258,7 @@ def main() -> int:
 
 def _overridden(scene: Scene, asked: Overrides) -> Scene:
     """The scene with the command line's changes, checked like the file itself."""
+    from egocap.errors import InputError
     from egocap.schema import checked
     from egocap_sim.builtin import rig_names
     from egocap_sim.motion.procedural import MOTIONS
@@ -267,6 +281,13 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
         data["motion"]["joint_names"] = str(asked.joint_names.resolve())
     if asked.textures is not None:
         data["place"]["textures"] = str(asked.textures.resolve())
+    if asked.motions is not None:
+        if scene.episodes is None:
+            raise InputError(
+                f"--motions is for episodes, and scene '{scene.name}' has none",
+                valid="a scene with [episodes], such as train-varied; or --motion FILE",
+            )
+        data["episodes"]["clips"] = str(asked.motions.resolve())
     if asked.sensor is not None:
         data["sensor"] = {"preset": asked.sensor}
     return checked(Scene, data, "command line")
@@ -298,7 +319,15 @@ def _set(table: dict, key: str, value: object) -> None:
         table[key] = value
 
 
-def _generate(scene: Scene, file: Path, folder: Path, workers: int, cluster: str | None) -> Summary:
+def _generate(
+    scene: Scene,
+    file: Path,
+    folder: Path,
+    workers: int,
+    cluster: str | None,
+    append: bool,
+    strict: bool,
+) -> Summary:
     from egocap.errors import FileError
     from egocap_sim.record import generate as generate_sequence
     from egocap_sim.stage import SceneError
@@ -306,8 +335,9 @@ def _generate(scene: Scene, file: Path, folder: Path, workers: int, cluster: str
     try:
         with progress(scene.name, scene.frames) as advance:
             return generate_sequence(
-                scene, folder, workers=workers, cluster=cluster, on_frames=advance
-            )
+                scene, folder, workers=workers, cluster=cluster, append=append, strict=strict,
+                on_frames=advance,
+            )  # fmt: skip
     except SceneError as error:
         raise FileError(file, error.problem, key=error.key) from None
 
@@ -315,7 +345,8 @@ def _generate(scene: Scene, file: Path, folder: Path, workers: int, cluster: str
 def _as_json(summary: Summary) -> dict[str, object]:
     physics = vars(summary.physics) if summary.physics else None
     return {"folder": str(summary.folder), "frames": summary.frames, "rendered": summary.rendered,
-            "seconds": summary.seconds, "bytes": summary.bytes, "physics": physics}  # fmt: skip
+            "seconds": summary.seconds, "bytes": summary.bytes, "physics": physics,
+            "episodes": summary.episodes}  # fmt: skip
 
 
 def _print_summary(summary: Summary) -> None:
@@ -323,7 +354,8 @@ def _print_summary(summary: Summary) -> None:
     if not summary.rendered:
         print(f"{summary.folder}: {summary.frames} frames, {size:.0f} MB, already complete")
         return
-    print(f"{summary.folder}: {summary.frames} stereo frames, {size:.0f} MB, "
+    among = f" in {summary.episodes} episodes" if summary.episodes else ""
+    print(f"{summary.folder}: {summary.frames} stereo frames{among}, {size:.0f} MB, "
           f"{summary.frames_per_second:.1f} frames/s")  # fmt: skip
     if stats := summary.physics:
         print(f"physics: joints within {stats.joint_error_cm:.2f} cm of the reference (max "

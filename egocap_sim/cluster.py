@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from egocap.episodes import EpisodeEntry
 from egocap.errors import MachineError
 from egocap.sequence import ShardEntry
 from egocap.sequence_writer import write_atomically, write_shard
@@ -23,6 +24,7 @@ from egocap_sim.version import code_version
 from egocap_sim.workers import DRAFT, make_frames
 
 if TYPE_CHECKING:
+    from egocap_sim.episode_plan import Episode, Recorded
     from egocap_sim.frames import FrameMaker
 
 _PATIENCE_S = 10  # for the scheduler to answer
@@ -42,21 +44,16 @@ def render_on_cluster(
     Raises MachineError where there is no such scheduler, Dask is not installed, or a shard's
     workers keep dying.
     """
-    try:
-        from distributed import Client, KilledWorker, as_completed
-    except ImportError:
-        raise MachineError(
-            "Dask is not installed", remedy="pip install 'egocap[cluster]'"
-        ) from None
     drafts = {name: (out / name).read_bytes() for name in (DRAFT, *DRAFTS)
               if (out / name).exists()}  # fmt: skip
     task = hashlib.sha256(repr(scene).encode() + b"".join(drafts.values())).hexdigest()
-    try:
-        client = Client(address, timeout=_PATIENCE_S)
-    except (OSError, ValueError) as error:
-        reason = str(error) or type(error).__name__
-        raise MachineError(f"no Dask scheduler at '{address}': {reason}") from None
-    with client:
+
+    def place(result: tuple[ShardEntry, bytes]) -> None:
+        entry, content = result
+        write_atomically(out / entry.name, content)
+        enter(entry)
+
+    with _client(address) as client:
         sent = client.scatter(drafts, broadcast=True, hash=False) if pending else {}
         futures = [
             client.submit(
@@ -65,16 +62,76 @@ def render_on_cluster(
             )
             for index, frames in pending
         ]  # fmt: skip
-        try:
-            for future, result in as_completed(futures, with_results=True, raise_errors=True):
-                entry, content = result
-                write_atomically(out / entry.name, content)
-                enter(entry)
-                future.release()
-        except KilledWorker as error:
-            raise MachineError(f"the workers of a shard keep dying: {error}") from None
-        finally:
-            client.cancel(futures)
+        _gather(client, futures, place)
+
+
+def record_on_cluster(
+    address: str,
+    scene: Scene,
+    out: Path,
+    left: Mapping[int, Episode],
+    clips: tuple[Recorded, ...],
+    enter: Callable[[EpisodeEntry], None],
+) -> None:
+    """Make episodes on the cluster of a scheduler, and enter each as it arrives.
+
+    Raises MachineError as `render_on_cluster`.
+    """
+    from egocap_sim.episode_recorder import place_files
+
+    def place(result: tuple[int, dict[str, bytes]]) -> None:
+        index, files = result
+        enter(place_files(files, out, index))
+
+    task = hashlib.sha256(repr((scene, clips)).encode()).hexdigest()
+    with _client(address) as client:
+        futures = [
+            client.submit(
+                record_remotely, code_version(), scene, episode, clips,
+                key=f"egocap-{task[:16]}-episode-{index}", pure=False,
+            )
+            for index, episode in left.items()
+        ]  # fmt: skip
+        _gather(client, futures, place)
+
+
+def _client(address: str) -> Any:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MachineError(
+            "Dask is not installed", remedy="pip install 'egocap[cluster]'"
+        ) from None
+    try:
+        return Client(address, timeout=_PATIENCE_S)
+    except (OSError, ValueError) as error:
+        reason = str(error) or type(error).__name__
+        raise MachineError(f"no Dask scheduler at '{address}': {reason}") from None
+
+
+def _gather(client: Any, futures: list[Any], place: Callable[[Any], None]) -> None:
+    """Place the results of futures as they arrive."""
+    from distributed import KilledWorker, as_completed
+
+    try:
+        for future, result in as_completed(futures, with_results=True, raise_errors=True):
+            place(result)
+            future.release()
+    except KilledWorker as error:
+        raise MachineError(f"the workers of a shard keep dying: {error}") from None
+    finally:
+        client.cancel(futures)
+
+
+def record_remotely(
+    version: str, scene: Scene, episode: Episode, clips: tuple[Recorded, ...]
+) -> tuple[int, dict[str, bytes]]:
+    """One episode's files, in a worker. Raises MachineError in one of another version."""
+    from egocap_sim.episode_recorder import episode_files
+
+    if version != code_version():
+        raise MachineError(f"a worker runs version {code_version()}, not {version}")
+    return episode.index, _thread.submit(episode_files, scene, episode, clips).result()
 
 
 _thread = ThreadPoolExecutor(1)  # a GL context belongs to one thread; Dask has several

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import cv2
@@ -36,11 +37,19 @@ def contact_sheet(
     return np.vstack([_row(sequence, int(i), tile_width) for i in indices])
 
 
-def save_contact_sheet(sequence: Sequence, path: Path, *, rows: int, tile_width: int) -> None:
-    """Write `contact_sheet` as PNG or JPEG, by the file's suffix."""
+def save_contact_sheet(
+    folders: Collection[Path], path: Path, *, rows: int, tile_width: int
+) -> None:
+    """Write the `contact_sheet` of a sequence as PNG or JPEG, by the file's suffix; of several, the
+    middle frame of each of `rows` of them."""
     if path.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise InputError(f"cannot write '{path.name}'", valid="a name that ends in .png or .jpg")
-    sheet = contact_sheet(sequence, rows=rows, tile_width=tile_width)
+    if len(folders) == 1:
+        sheet = contact_sheet(Sequence(*folders), rows=rows, tile_width=tile_width)
+    else:
+        chosen = np.unique(np.linspace(0, len(folders) - 1, rows).round().astype(int))
+        opened = [Sequence(list(folders)[i]) for i in chosen]
+        sheet = np.vstack([_row(sequence, len(sequence) // 2, tile_width) for sequence in opened])
     done, data = cv2.imencode(path.suffix.lower(), sheet[..., ::-1])
     assert done, f"encoding of a sheet of shape {sheet.shape} failed"
     with disk_errors(path.parent):

@@ -6,7 +6,6 @@ renderer and write whole shards. A scene and seed give the same bytes for any nu
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from egocap.errors import InputError
 from egocap.rig import Rig
 from egocap.sequence import (
     OTHERS,
@@ -28,13 +28,14 @@ from egocap.sequence import (
     ShardEntry,
     Truth,
 )
-from egocap.sequence_writer import SequenceWriter, disk_errors
+from egocap.sequence_writer import SequenceWriter, digest, disk_errors, write_shard
 from egocap_sim.scene import Scene, to_toml
 from egocap_sim.sensor.film import Film, load_film
 from egocap_sim.stage import (
     calibrated_rig_of,
     check_place,
     check_things,
+    clear_radius_of,
     config_of,
     perform,
     perform_finely,
@@ -45,10 +46,10 @@ from egocap_sim.stage import (
 from egocap_sim.trajectory import PhysicsStats
 from egocap_sim.truth import others_truth, truth_before_rendering
 from egocap_sim.version import code_version
-from egocap_sim.workers import DRAFT, render_locally
+from egocap_sim.workers import DRAFT, frame_maker, render_locally
 
 if TYPE_CHECKING:
-    pass
+    from egocap_sim.human.person import Person
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ class Summary:
     rendered: int  # in this run
     seconds: float  # rendering wall time of this run
     bytes: int
-    physics: PhysicsStats | None  # None when nothing was left to do
+    physics: PhysicsStats | None  # None when nothing was left to do, and of episodes
+    episodes: int = 0  # 0: a single sequence
 
     @property
     def frames_per_second(self) -> float:
@@ -74,48 +76,42 @@ def generate(
     *,
     workers: int = 1,
     cluster: str | None = None,
+    append: bool = False,
+    strict: bool = False,
     on_frames: Callable[[int], None] = lambda frames: None,
 ) -> Summary:
-    """Make, or complete, the sequence of a scene in folder `out`.
+    """Make, or complete, the sequence of a scene in folder `out`; or its episodes.
 
     Shards are rendered by `workers` processes here or, where `cluster` is the address of a Dask
-    scheduler, by its workers.
+    scheduler, by its workers. With `append`, a sequence of fewer frames is made longer. With
+    `strict`, a motion file that cannot be read is an error and is not left out.
     `on_frames` is called with the number of frames each finished shard adds, first with those an
     earlier run left. Raises SceneError, InputError or FileError for a bad scene, motion or output
     folder, before anything is written; MachineError when GL is missing, the disk is full or a
     worker dies.
     """
-    config = config_of(scene)
-    rig = rig_of(scene.rig, scene.seed)
-    manifest = Manifest(
-        schema_version=SCHEMA,
-        name=scene.name,
-        fps=scene.fps,
-        frames=scene.frames,
-        shard_frames=scene.record.shard_frames,
-        views=rig.views,
-        seed=scene.seed,
-        config=config,
-        config_sha256=_digest(config),
-        code_version=code_version(),
-    )
+    if scene.episodes is not None:
+        from egocap_sim.episode_recorder import record_episodes
+
+        start = time.perf_counter()
+        recording, rendered = record_episodes(
+            scene, out, workers=workers, cluster=cluster, append=append, strict=strict,
+            on_frames=on_frames,
+        )  # fmt: skip
+        seconds = time.perf_counter() - start
+        return Summary(out, recording.frames, rendered, seconds, recording.bytes, None,
+                       len(recording.episodes))  # fmt: skip
     check_place(scene)
     check_things(scene)
     person = person_of(scene)
-    sensor = sensor_of(scene)
-    side_files = _side_files(scene, rig, person)
-    with SequenceWriter(out, manifest, side_files) as writer:
+    manifest, side_files = _manifest(scene), _side_files(scene, person)
+    with SequenceWriter(out, manifest, side_files, append=append) as writer:
         on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
         if writer.manifest.complete:
             return Summary(out, scene.frames, 0, 0.0, _size(out), None)
-        film, poses = None, None
-        if sensor is not None and sensor.timed:
-            trajectory, poses = perform_finely(scene, person)
-        else:
-            trajectory = perform(scene, person)
-        draft = truth_before_rendering(person, trajectory, rig)
-        if sensor is not None:
-            film, draft = load_film(draft, person, poses, rig, sensor, scene.seed)
+        draft, film, stats = _staged(scene, person)
+        if writer.old_truth is not None:
+            _check_start(scene, writer.old_truth, draft)
         writer.begin()
         with disk_errors(out):
             draft.save(out / DRAFT)
@@ -132,12 +128,71 @@ def generate(
         seconds = time.perf_counter() - start
         _finish(writer, draft, film)
     rendered = sum(len(frames) for _, frames in pending)
-    return Summary(out, scene.frames, rendered, seconds, _size(out), trajectory.stats)
+    return Summary(out, scene.frames, rendered, seconds, _size(out), stats)
 
 
-def _side_files(scene: Scene, rig, person) -> dict[str, bytes]:
+def record_here(scene: Scene, folder: Path) -> None:
+    """Make the sequence of a scene in a new folder, in this process and thread alone."""
+    person = person_of(scene)
+    with SequenceWriter(folder, _manifest(scene), _side_files(scene, person)) as writer:
+        draft, film, _ = _staged(scene, person)
+        writer.begin()
+        maker = frame_maker(scene, person, draft, film)
+        try:
+            for index in writer.pending():
+                frames = writer.frames_of(index)
+                shard = write_shard(folder, index, frames.start, (maker.files(i) for i in frames))
+                writer.enter_shard(shard)
+        finally:
+            maker.close()
+        _finish(writer, draft, film)
+
+
+def _manifest(scene: Scene) -> Manifest:
+    config = config_of(scene)
+    return Manifest(
+        schema_version=SCHEMA,
+        name=scene.name,
+        fps=scene.fps,
+        frames=scene.frames,
+        shard_frames=scene.record.shard_frames,
+        views=rig_of(scene.rig, scene.seed).views,
+        seed=scene.seed,
+        config=config,
+        config_sha256=digest(config),
+        code_version=code_version(),
+    )
+
+
+def _staged(scene: Scene, person: Person) -> tuple[Truth, Film | None, PhysicsStats]:
+    """The motion under physics: truth before rendering, and what the sensor will do to it."""
+    rig, sensor, poses = rig_of(scene.rig, scene.seed), sensor_of(scene), None
+    if sensor is not None and sensor.timed:
+        trajectory, poses = perform_finely(scene, person)
+    else:
+        trajectory = perform(scene, person)
+    draft = truth_before_rendering(person, trajectory, rig)
+    if sensor is None:
+        return draft, None, trajectory.stats
+    film, draft = load_film(draft, person, poses, rig, sensor, scene.seed)
+    return draft, film, trajectory.stats
+
+
+def _check_start(scene: Scene, old: Truth, new: Truth) -> None:
+    """Raise InputError unless a longer sequence begins as the shorter one that is there."""
+    frames = len(old.time)
+    alike = np.array_equal(old.T_world_body, new.T_world_body[:frames])
+    if not alike or clear_radius_of(scene, old) != clear_radius_of(scene, new):
+        raise InputError(
+            "the sequence cannot be made longer: with more frames its beginning would differ",
+            valid="another --out",
+        )
+
+
+def _side_files(scene: Scene, person: Person) -> dict[str, bytes]:
     from egocap_sim.proportions import proportions_of
 
+    rig = rig_of(scene.rig, scene.seed)
     found = calibrated_rig_of(scene)  # what a calibration found, which trackers go by
     true_rig = {} if found == rig else {TRUE_RIG: _rig_file(rig)}
     return true_rig | {
@@ -179,7 +234,7 @@ def _finish(writer: SequenceWriter, draft: Truth, film: Film | None) -> None:
     if (others := sequence.others_of(truth)) is not None:
         writer.write_file(OTHERS, others.content())
     writer.write_file("truth.npz", truth.content())
-    (writer.folder / DRAFT).unlink()
+    (writer.folder / DRAFT).unlink(missing_ok=True)
 
 
 class _Shards(Sequence):
@@ -203,10 +258,6 @@ class _Shards(Sequence):
     def _rig_path(self) -> Path:
         true = self.folder / TRUE_RIG
         return true if true.exists() else self.folder / "rig.json"
-
-
-def _digest(config: dict) -> str:
-    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()
 
 
 def _size(folder: Path) -> int:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from egocap.schema import Number, Strict, checked, read_toml
-from egocap_sim.sensor.settings import SensorTable
+from egocap_sim.sensor.settings import SensorTable, Share
 
 Whole = Annotated[int, Field(strict=True)]
 """A whole number; text and booleans are not numbers."""
@@ -68,6 +68,13 @@ class MotionTable(Strict):
     up: Literal["y", "z"] | None = None  # None: recognised from the file
     unit: Literal["m", "cm", "mm", "inch", "foot", "cmu"] | None = None
     joint_names: str | None = None  # TOML file that maps bodies to the file's joint names
+    length_s: Number | None = Field(
+        default=None, ge=0.5, le=3600
+    )  # of it to make or use; None: all
+    mirrored: Switch = False  # a clip with left and right exchanged
+    speed: Number = Field(default=1.0, ge=0.5, le=2.0)  # a clip's, in its own
+    then: str | None = None  # clip that it passes into half-way through `length_s`
+    then_start_s: Number = Field(default=0.0, ge=0)  # where in that one
 
     @model_validator(mode="after")
     def _one_source(self) -> MotionTable:
@@ -77,12 +84,16 @@ class MotionTable(Strict):
 
     @model_validator(mode="after")
     def _nothing_unused(self) -> MotionTable:
-        of_clips = {"up": self.up, "unit": self.unit, "joint_names": self.joint_names}
+        of_clips = {"up": self.up, "unit": self.unit, "joint_names": self.joint_names,
+                    "mirrored": self.mirrored, "then": self.then,
+                    "speed": None if self.speed == 1.0 else self.speed}  # fmt: skip
         unused = [key for key, value in of_clips.items() if self.name is not None and value]
         if unused:
             raise ValueError(f"'{unused[0]}' is for a clip, not for the motion '{self.name}'")
         if self.file is not None and self.parameters:
             raise ValueError("'parameters' are for a procedural motion, not for a clip")
+        if self.then is not None and self.length_s is None:
+            raise ValueError("'then' needs 'length_s': it passes into the other half-way")
         return self
 
 
@@ -120,6 +131,23 @@ class ThingTable(Strict):
     hand: Literal["left", "right"] | None = None  # that holds it; None: the right
 
 
+class EpisodesTable(Strict):
+    """Episodes instead of one sequence: each of another person, place, rig (if sampled) and motion,
+    drawn from the scene's seed and the episode's number. `[others] count` is then the most."""
+
+    frames: tuple[Whole, Whole] = (25, 100)  # of each: least and most
+    motions: tuple[str, ...] = ()  # procedural ones, each as likely; empty: the scene's own
+    clips: str | None = None  # folder of BVH and npz files to mix in, relative to the file
+    clip_share: Share = 0.5  # of the episodes, where there are clips
+    dusk: Share = 0.0  # of the episodes
+
+    @model_validator(mode="after")
+    def _least_before_most(self) -> EpisodesTable:
+        if not 1 <= self.frames[0] <= self.frames[1] <= 10_000:
+            raise ValueError("'frames' must be the least and the most, 1 to 10000")
+        return self
+
+
 class RecordTable(Strict):
     """How it is rendered and what is written."""
 
@@ -147,6 +175,7 @@ class Scene(Strict):
     things: tuple[ThingTable, ...] = ()
     record: RecordTable = RecordTable()
     sensor: SensorTable | None = None  # None: perfect pictures
+    episodes: EpisodesTable | None = None  # None: one sequence
 
 
 def load_scene(path: Path) -> Scene:
@@ -161,6 +190,8 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         ("rig", "file"),
         ("motion", "file"),
         ("motion", "joint_names"),
+        ("motion", "then"),
+        ("episodes", "clips"),
         ("place", "textures"),
         ("place", "panorama"),
     ):

@@ -212,13 +212,36 @@ def clip_of(scene: Scene) -> Clip:
         from egocap_sim.motion.load import load_clip
 
         names = Path(motion.joint_names) if motion.joint_names else None
-        return load_clip(Path(motion.file), up=motion.up, unit=motion.unit, names=names)
+        clip = load_clip(Path(motion.file), up=motion.up, unit=motion.unit, names=names)
+        return _variant(motion, clip)
     from egocap_sim.motion.procedural import make_motion
 
     assert motion.name is not None
     needed = motion.start_s + (scene.frames + 1) / scene.fps
-    duration = math.ceil(needed / _MOTION_S) * _MOTION_S
+    duration = motion.length_s or math.ceil(needed / _MOTION_S) * _MOTION_S
     return make_motion(motion.name, duration, stream(scene.seed, "motion"), **motion.parameters)
+
+
+def _variant(motion: MotionTable, clip: Clip) -> Clip:
+    """What the scene makes of a clip."""
+    from egocap_sim.motion.load import load_clip
+    from egocap_sim.motion.variants import hurried, joined, mirrored, shortened
+
+    if motion.then is not None:
+        assert motion.length_s is not None
+        half = 0.5 * motion.length_s * motion.speed
+        other = shortened(load_clip(Path(motion.then)), motion.then_start_s, half)
+        clip = joined(shortened(clip, motion.start_s, half), other)
+    elif motion.length_s is not None:
+        clip = shortened(clip, motion.start_s, motion.length_s * motion.speed)
+    if motion.mirrored:
+        clip = mirrored(clip)
+    return hurried(clip, motion.speed) if motion.speed != 1.0 else clip
+
+
+def _start_s(motion: MotionTable) -> float:
+    """Where in the clip made of the scene's motion the recording begins."""
+    return 0.0 if motion.file is not None and motion.length_s is not None else motion.start_s
 
 
 def frames_of_clip(scene: Scene) -> int:
@@ -228,7 +251,7 @@ def frames_of_clip(scene: Scene) -> int:
 
 
 def _frames_in(clip: Clip, scene: Scene) -> int:
-    start = scene.motion.start_s
+    start = _start_s(scene.motion)
     seconds = (len(clip.positions) - 1) / clip.fps - start - _RESAMPLING_S
     if seconds <= 0:
         raise InputError(
@@ -296,7 +319,7 @@ def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Tr
             reference_of(scene, clip, person),
             fps=scene.fps * per_frame,
             n_frames=samples,
-            start_s=scene.motion.start_s,
+            start_s=_start_s(scene.motion),
         )
 
 
@@ -306,8 +329,11 @@ def config_of(scene: Scene) -> dict[str, Any]:
     Files are named by their checksum, not by where they lie.
     """
     config = scene.model_dump(mode="json", exclude_none=True)
+    for key, value in (("mirrored", False), ("speed", 1.0), ("then_start_s", 0.0)):
+        if config["motion"][key] == value:  # older versions knew none of them
+            del config["motion"][key]
     config["rig"] = rig_of(scene.rig, scene.seed).to_dict()
-    for key in ("file", "joint_names"):
+    for key in ("file", "joint_names", "then"):
         if path := config["motion"].pop(key, None):
             config["motion"][key] = {"name": Path(path).name, "sha256": _checksum(Path(path))}
     if file := config["place"].pop("panorama", None):

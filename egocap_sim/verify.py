@@ -11,9 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
+from egocap.episodes import EPISODES, load_episodes
 from egocap.errors import EgocapError
 from egocap.geometry import inverse, transform
-from egocap.sequence import OUT_OF_VIEW, Manifest, Sequence, ShardEntry, Truth, load_manifest
+from egocap.sequence import (
+    MANIFEST,
+    OUT_OF_VIEW,
+    Manifest,
+    Sequence,
+    ShardEntry,
+    Truth,
+    load_manifest,
+)
 from egocap.sequence_writer import file_is_intact, shard_is_intact
 from egocap_sim.crosscheck import RayCheck, check_forces, check_pixels, check_rays
 
@@ -46,8 +55,11 @@ def verify(folder: Path, ray_frames: int = 0) -> Verification:
 
     With `ray_frames`, the visibility of joints is judged anew by rays in so many frames: the scene
     is put together again, at a second or two a frame.
+    Of a recording in episodes, each of them and their list.
     Raises FileError where the folder is not a sequence at all; everything else is a problem listed.
     """
+    if (folder / EPISODES).exists():
+        return _verify_episodes(folder, ray_frames)
     manifest = load_manifest(folder)
     problems, rays = list(_problems(folder, manifest)), None
     if ray_frames and not problems:
@@ -57,6 +69,32 @@ def verify(folder: Path, ray_frames: int = 0) -> Verification:
     size = sum(shard.bytes for shard in manifest.shards)
     size += sum(entry.bytes for entry in manifest.files.values())
     return Verification(folder, manifest.frames, len(manifest.shards), size, tuple(problems), rays)
+
+
+def _verify_episodes(folder: Path, ray_frames: int) -> Verification:
+    recording, problems = load_episodes(folder), []
+    frames, shards, size = 0, 0, 0
+    for entry in recording.episodes:
+        manifest = folder / entry.name / MANIFEST
+        if not manifest.exists():
+            problems.append(f"{entry.name}: is missing")
+            continue
+        result = verify(folder / entry.name, ray_frames)
+        if hashlib.sha256(manifest.read_bytes()).hexdigest() != entry.sha256:
+            problems.append(f"{entry.name}: its manifest is not the one recorded")
+        if result.frames != entry.frames:
+            problems.append(f"{entry.name}: {result.frames} frames, {entry.frames} are recorded")
+        problems += [f"{entry.name}: {problem}" for problem in result.problems]
+        frames, shards, size = frames + result.frames, shards + result.shards, size + result.bytes
+    names = {entry.name for entry in recording.episodes}
+    strangers = {path.name for path in folder.glob("episode-*")} - names
+    problems += [f"{name}: is not in {EPISODES}" for name in sorted(strangers)]
+    if not recording.complete:
+        problems.append(f"unfinished: {recording.frames - frames} of {recording.frames} frames "
+                        "are not there yet")  # fmt: skip
+    elif [entry.index for entry in recording.episodes] != list(range(len(recording.episodes))):
+        problems.append(f"{EPISODES}: its episodes are not numbered through")
+    return Verification(folder, frames, shards, size, tuple(problems))
 
 
 def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:

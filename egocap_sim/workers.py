@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from egocap.errors import MachineError
 from egocap.sequence import ShardEntry, Truth
@@ -25,6 +25,7 @@ from egocap_sim.stage import extras_of, person_of, place_of, rig_of, sensor_of
 
 if TYPE_CHECKING:
     from egocap_sim.frames import FrameMaker
+    from egocap_sim.human.person import Person
 
 DRAFT = "truth.draft.tmp"
 """Truth before rendering, for the workers; gone when the sequence is whole."""
@@ -35,20 +36,28 @@ _DEATHS = 3  # of workers one after another, without a shard done between them, 
 
 log = logging.getLogger(__name__)
 
+Job, Result = TypeVar("Job"), TypeVar("Result")
+
 
 def make_frames(scene: Scene, folder: Path) -> FrameMaker:
     """The renderer of a scene whose truth before rendering lies in a folder."""
+    truth, sensor = Truth.load(folder / DRAFT), sensor_of(scene)
+    film = Film.load(folder, sensor, scene.seed) if sensor else None
+    return frame_maker(scene, person_of(scene), truth, film)
+
+
+def frame_maker(scene: Scene, person: Person, truth: Truth, film: Film | None) -> FrameMaker:
+    """The renderer of a scene."""
     from egocap_sim.frames import FrameMaker
 
-    truth, sensor = Truth.load(folder / DRAFT), sensor_of(scene)
     return FrameMaker(
         rig_of(scene.rig, scene.seed),
-        person_of(scene),
+        person,
         place_of(scene, truth),
         truth,
         scene.record,
         extras_of(scene, truth),
-        Film.load(folder, sensor, scene.seed) if sensor else None,
+        film,
     )
 
 
@@ -59,19 +68,36 @@ def render_locally(
     workers: int,
     enter: Callable[[ShardEntry], None],
 ) -> None:
-    """Render shards in spawned workers and enter each as it is done.
+    """Render shards in spawned workers and enter each as it is done."""
 
-    A worker that dies (out of memory, or killed) is replaced and its shard begun again. Raises
-    MachineError when they keep dying.
+    def tidy() -> None:
+        for half_written in out.glob(".shard-*.tmp"):
+            half_written.unlink()
+
+    work_through(dict(pending), _render_shard, (_begin_shards, scene, out), workers, enter, tidy)
+
+
+def work_through(
+    left: dict[int, Job],
+    work: Callable[[int, Job], Result],
+    begin: tuple[Any, ...],
+    workers: int,
+    enter: Callable[[Result], None],
+    tidy: Callable[[], None],
+) -> None:
+    """Do numbered jobs in spawned workers and enter the result of each as it is done.
+
+    `begin` is a function and its arguments, called once in every worker. A worker that dies (out of
+    memory, or killed) is replaced and its job begun again, after `tidy`. Raises MachineError when
+    they keep dying.
     """
-    left, deaths = dict(pending), 0
+    deaths = 0
     while left:
         before = len(left)
         try:
-            _render_in_pool(scene, out, left, workers, enter)
+            _work_in_pool(left, work, begin, workers, enter)
         except BrokenProcessPool:
-            for half_written in out.glob(".shard-*.tmp"):
-                half_written.unlink()
+            tidy()
             deaths = deaths + 1 if len(left) == before else 1
             if deaths == _DEATHS:
                 raise MachineError(
@@ -81,14 +107,14 @@ def render_locally(
             log.warning("a rendering worker died; another takes its place")
 
 
-def _render_in_pool(
-    scene: Scene,
-    out: Path,
-    left: dict[int, range],
+def _work_in_pool(
+    left: dict[int, Job],
+    work: Callable[[int, Job], Result],
+    begin: tuple[Any, ...],
     workers: int,
-    enter: Callable[[ShardEntry], None],
+    enter: Callable[[Result], None],
 ) -> None:
-    """Render what is left, taking each shard off as it is entered."""
+    """Do what is left, taking each job off as it is entered."""
     workers = max(1, min(workers, len(left)))
     threads = str(max(1, (os.cpu_count() or 1) // workers))
     before = dict(os.environ)
@@ -97,11 +123,11 @@ def _render_in_pool(
         workers,
         mp_context=mp.get_context("spawn"),
         initializer=_begin_worker,
-        initargs=(scene, out, int(threads)),
+        initargs=(int(threads), *begin),
     )
     try:
-        waiting: dict[Future[ShardEntry], int] = {
-            pool.submit(_render_shard, index, frames): index for index, frames in left.items()
+        waiting: dict[Future[Result], int] = {
+            pool.submit(work, index, job): index for index, job in left.items()
         }
         while waiting:
             done, _ = wait(waiting, return_when=FIRST_COMPLETED)
@@ -119,16 +145,20 @@ _maker: FrameMaker | None = None  # this worker process's own
 _task: tuple[Scene, Path]
 
 
-def _begin_worker(scene: Scene, out: Path, threads: int) -> None:
+def _begin_worker(threads: int, begin: Callable[..., None], *arguments: Any) -> None:
     """Set up one worker process; it ends by itself when its parent is gone."""
-    global _task
-    _task = scene, out
+    begin(*arguments)
     parent = mp.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     import cv2
 
     cv2.setNumThreads(threads)
+
+
+def _begin_shards(scene: Scene, out: Path) -> None:
+    global _task
+    _task = scene, out
 
 
 def _end_with(sentinel: int) -> None:

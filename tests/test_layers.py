@@ -13,7 +13,8 @@ PACKAGES = ("egocap", "egocap_sim", "evals")
 LAYERS = (
     {"errors", "geometry", "labels", "joint_names", "schema", "commandline", "arrays"},
     {"lens", "camera", "camera_files", "skeleton"},
-    {"rig", "rig_files", "body", "gaussians", "sequence", "sequence_writer", "results"},
+    {"rig", "rig_files", "body", "gaussians", "sequence", "sequence_writer", "episodes",
+     "episodes_writer", "results"},
     {"plugins"},  # what detectors and trackers from elsewhere are given
     {"detect", "track", "evaluate", "io"},  # these do not import each other
     {"posterior"},  # of a pose: the tracker's kinematics, prior and starts, sampled and bounded

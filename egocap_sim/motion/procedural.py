@@ -23,6 +23,7 @@ from egocap_sim.motion.gestures import GESTURES, GestureParams, gesticulate
 from egocap_sim.motion.handshake import HandshakeParams, handshake
 from egocap_sim.motion.hold import HoldParams, hold
 from egocap_sim.motion.juggle import JuggleParams, juggle
+from egocap_sim.motion.poses import PosesParams, poses
 from egocap_sim.motion.postures import (
     IdleParams,
     LookParams,
@@ -104,6 +105,7 @@ MOTIONS: dict[str, Motion] = {
     "desk": Motion(desk, DeskParams, "sit at a desk: type, use a mouse, write"),
     "handshake": Motion(handshake, HandshakeParams, "shake hands, standing"),
     "work": Motion(work, WorkParams, "work with both hands at a counter, standing"),
+    "poses": Motion(poses, PosesParams, "random poses within reach, one after another"),
     "stairs": Motion(stairs, StairsParams, "walk up and down a staircase", mounted=fit_climber),
     "juggle": Motion(juggle, JuggleParams, "juggle three balls, standing"),
     "sequence": Motion(_sequence, SequenceParams, "several motions, one after another"),

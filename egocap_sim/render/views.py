@@ -79,8 +79,7 @@ class Resampler:
 
 
 class Views:
-    """One frame of a rig, or rows of it. `images` stay; the rest is only there until the renderer's
-    next frame."""
+    """One frame of a rig, or rows of it. `images` stay; the rest is only there until the next."""
 
     def __init__(
         self,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from egocap.errors import FileError, InputError
 from egocap.geometry import GRAVITY, unit
 from egocap.labels import LABEL_INDEX, LABELS
 from egocap.schema import read_json
-from egocap.sequence import MANIFEST, VISIBLE, Manifest, Sequence, Truth
+from egocap.sequence import VISIBLE, Manifest, Sequence, Truth
 
 CAUSES = ("visible", "out of view", "hidden by the wearer", "hidden by others")
 HEAT = (40, 50)  # rows, columns of the image position maps
@@ -133,22 +131,6 @@ class Statistics:
             if ANGLES[a].endswith("raised"):  # against the trunk: a hanging arm is at 0
                 bend = np.pi - bend
             self.angles[a] += np.histogram(np.degrees(bend), ANGLE_BINS, (0, 180))[0]
-
-
-def find_sequences(folders: Iterable[Path]) -> list[Path]:
-    """The sequences among folders and, where one is none itself, in the folders within it."""
-    found: list[Path] = []
-    for folder in folders:
-        if not folder.is_dir():
-            raise FileError(folder, "no such folder", valid="sequences, or folders of them")
-        if (folder / MANIFEST).exists():
-            inside = [folder]
-        else:
-            inside = sorted(path.parent for path in folder.rglob(MANIFEST))
-        if not inside:
-            raise InputError(f"{folder} holds no sequence", valid="what egocap-sim generate made")
-        found += inside
-    return list(dict.fromkeys(found))
 
 
 def joint_bend(

@@ -63,7 +63,7 @@ def test_joints_out_of_view_are_not_drawn(sequence):
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".PNG"])
 def test_a_sheet_is_written_by_its_suffix(sequence, tmp_path, suffix):
     path = tmp_path / "new" / f"sheet{suffix}"
-    save_contact_sheet(sequence, path, rows=1, tile_width=160)
+    save_contact_sheet([sequence.folder], path, rows=1, tile_width=160)
     assert cv2.imread(str(path)).shape[1] == 4 * 160
 
 
@@ -74,14 +74,14 @@ def test_a_sheet_is_written_by_its_suffix(sequence, tmp_path, suffix):
 )  # fmt: skip
 def test_impossible_sheets_say_what_is_possible(sequence, tmp_path, name, rows, width):
     with pytest.raises(InputError, match="valid: "):
-        save_contact_sheet(sequence, tmp_path / name, rows=rows, tile_width=width)
+        save_contact_sheet([sequence.folder], tmp_path / name, rows=rows, tile_width=width)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_in_the_way_is_named(sequence, tmp_path):
     (tmp_path / "a.png").mkdir()
     with pytest.raises(FileError, match=r"a\.png: is a folder"):
-        save_contact_sheet(sequence, tmp_path / "a.png", rows=1, tile_width=160)
+        save_contact_sheet([sequence.folder], tmp_path / "a.png", rows=1, tile_width=160)
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError, match="file: is not a folder"):
-        save_contact_sheet(sequence, tmp_path / "file" / "b.png", rows=1, tile_width=160)
+        save_contact_sheet([sequence.folder], tmp_path / "file" / "b.png", rows=1, tile_width=160)

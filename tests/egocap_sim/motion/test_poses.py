@@ -1,0 +1,35 @@
+"""Random poses: varied, smooth, and with no limb through the body."""
+
+import numpy as np
+import pytest
+
+from egocap_sim.bodies import INDEX
+from egocap_sim.motion.clip import Clip
+from egocap_sim.motion.poses import clear
+from egocap_sim.motion.procedural import make_motion
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    return make_motion("poses", 60.0, np.random.default_rng(11))
+
+
+def test_hands_go_everywhere_within_reach(clip):
+    chest = clip.rotations[:, INDEX["chest"]]
+    wrist = np.einsum("tji,tj->ti", chest, clip.positions[:, INDEX["l_hand"]]
+                      - clip.positions[:, INDEX["l_upperarm"]])  # fmt: skip
+    assert wrist[:, 2].max() > 0.3 and wrist[:, 2].min() < -0.3  # above and below the shoulder
+    assert wrist[:, 0].max() > 0.4 and wrist[:, 1].max() > 0.4  # ahead, and out to the side
+    assert wrist.std(0).min() > 0.1
+    nose = clip.rotations[:, INDEX["head"], :, 0]
+    assert np.abs(nose[:, 1]).max() > 0.6
+
+
+def test_no_arm_passes_through_the_body(clip):
+    assert np.mean([clear(clip, i) for i in range(0, len(clip.positions), 10)]) > 0.9
+
+
+def test_moves_are_smooth(clip):
+    speed = np.linalg.norm(np.diff(clip.positions, axis=0), axis=-1) * clip.fps
+    assert speed.max() < 6.0
+    assert np.median(speed[:, INDEX["l_hand"]]) > 0.05

@@ -73,6 +73,7 @@ def study(
     """
     path = find_suite(suite)
     loaded = load_suite(path)
+    _check(loaded)
     work = Path("out") / loaded.name if work is None else work
     _lock(work, loaded)
     sequences = prepare_sequences(loaded, path.parent, work, motions, workers)
@@ -239,12 +240,10 @@ def score(
 
 def run_studies(suite: Suite, work: Path) -> None:
     """The suite's studies by their own commands, where their results are not there yet."""
-    from evals.cli import STUDIES, main
+    from evals.cli import main
 
     for entry in suite.studies:
         path = work / "studies" / f"{entry.name}.json"
-        if entry.name not in STUDIES:
-            raise InputError(f"the suite names the study '{entry.name}'", valid=STUDIES)
         words = [entry.name, *entry.options, "--out", str(path)]
         if path.is_file():
             before = load_result(path)["command"]
@@ -255,6 +254,17 @@ def run_studies(suite: Suite, work: Path) -> None:
         code = main(words)
         if code not in (0, 3) or not path.is_file():
             raise InputError(f"the study '{entry.name}' failed with exit code {code}")
+
+
+def _check(suite: Suite) -> None:
+    """InputError for studies and settings that are not there, before any long work."""
+    from evals.cli import STUDIES
+
+    for entry in suite.studies:
+        if entry.name not in STUDIES:
+            raise InputError(f"no study '{entry.name}'", valid=STUDIES)
+    for method in suite.methods:
+        _settings(method)
 
 
 def _lock(work: Path, suite: Suite) -> None:

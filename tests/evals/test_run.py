@@ -182,6 +182,10 @@ def test_unknown_suites_and_settings(place, tmp_path, capsys):
     (tmp_path / "bad.toml").write_text(text.replace("seeds = 2", "config = { lambda = 1.0 }"))
     assert main(["run", str(tmp_path / "bad.toml"), "--work", str(tmp_path / "out")]) == 2
     assert "no setting 'lambda'" in capsys.readouterr().err
+    (tmp_path / "bad.toml").write_text(text + '[[studies]]\nname = "everything"\n')
+    assert main(["run", str(tmp_path / "bad.toml"), "--work", str(tmp_path / "out")]) == 2
+    assert "no study 'everything'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)

@@ -204,11 +204,12 @@ def log_probs(body, prior, optics, data, thetas, out):
 
 
 @njit(cache=True)
-def derivatives(body, prior, optics, data, theta, H, g):
+def derivatives(body, prior, optics, data, theta, expected, H, g):
     """Log posterior; its gradient into g (N,), minus its Gauss-Newton Hessian into H (N, N).
 
-    Student-t errors enter H by their reweighted
-    curvature, which is never negative.
+    Student-t errors enter H by their reweighted curvature, which is never negative, or, with
+    `expected`, by their mean information where that is less: at the mode the residuals are smaller
+    than they are among the posterior's draws, and a Gaussian by their curvature there too narrow.
     """
     H[:] = 0.0
     g[:] = 0.0
@@ -242,6 +243,10 @@ def derivatives(body, prior, optics, data, theta, H, g):
                 nu = data.degrees
                 total -= 0.5 * weight * (nu + 2.0) * np.log1p(squared / (nu - 2.0))
                 pull = weight * (nu + 2.0) / (nu - 2.0 + squared)
+            curve = pull
+            if expected and not np.isinf(data.degrees):
+                nu = data.degrees
+                curve = min(pull, weight * (nu + 2.0) / (nu + 4.0) * nu / (nu - 2.0))
             for r in range(2):  # B = W J R_error R_camera
                 for c in range(3):
                     B[r, c] = W[r, 0] * J[0, c] + W[r, 1] * J[1, c]
@@ -256,7 +261,7 @@ def derivatives(body, prior, optics, data, theta, H, g):
             for i in range(n):
                 g[which[i]] -= pull * (E[i, 0] * e0 + E[i, 1] * e1)
                 for j in range(n):
-                    H[which[i], which[j]] += pull * (E[i, 0] * E[j, 0] + E[i, 1] * E[j, 1])
+                    H[which[i], which[j]] += curve * (E[i, 0] * E[j, 0] + E[i, 1] * E[j, 1])
     return total
 
 

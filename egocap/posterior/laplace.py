@@ -83,7 +83,7 @@ def _same(mode: Mode, theta: Float[Array, "N"]) -> bool:
 
 def _mode(density: LogPosterior, theta: Float[Array, "N"]) -> Mode:
     theta, value, converged = _climb(density, theta, _FINE)
-    _, _, H = density.derivatives(theta)
+    _, _, H = density.derivatives(theta, expected=True)
     covariance = np.linalg.inv(H)
     return Mode(theta, 0.5 * (covariance + covariance.T), value, converged)
 

@@ -79,13 +79,17 @@ class LogPosterior:
         return out
 
     def derivatives(
-        self, theta: Float[Array, "N"]
+        self, theta: Float[Array, "N"], expected: bool = False
     ) -> tuple[float, Float[Array, "N"], Float[Array, "N N"]]:
-        """Log posterior without `extra`, its gradient, and minus its Gauss-Newton Hessian."""
+        """Log posterior without `extra`, its gradient, and minus its Gauss-Newton Hessian.
+
+        With `expected`, Student-t errors count in the Hessian by their mean information at most.
+        """
         g, H = np.empty(self.size), np.empty((self.size, self.size))
         value = kernel.derivatives(
-            self.body, self.prior, self.optics, self.data, np.asarray(theta, float), H, g
-        )
+            self.body, self.prior, self.optics, self.data, np.asarray(theta, float), expected,
+            H, g,
+        )  # fmt: skip
         return float(value), g, H
 
     def joints(self, thetas: Float[Array, "W N"]) -> Float[Array, "W 18 3"]:

@@ -54,7 +54,9 @@ def draw_fan(
     pixels, valid = rig.project(chosen)  # (V, B, 18, 2)
     for v, axes in enumerate(panels):
         camera = rig.cameras[v]
-        image = np.zeros((camera.height, camera.width, 3), np.uint8) if images is None else images[v]
+        image = (
+            np.zeros((camera.height, camera.width, 3), np.uint8) if images is None else images[v]
+        )
         axes.imshow(image)
         for points, seen in zip(pixels[v], valid[v], strict=True):
             for a, b in LIMBS:

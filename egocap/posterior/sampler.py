@@ -77,7 +77,7 @@ class Health:
 
 def sample(
     density: LogPosterior,
-    config: SamplerConfig = SamplerConfig(),
+    config: SamplerConfig = SamplerConfig(),  # noqa: B008 (frozen)
     *,
     frame: int = 0,
     time_s: float = 0.0,

@@ -1,0 +1,67 @@
+"""Runs by command: from sequences to a file of weights, and what is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from egocap.cli import main
+from egocap.detect.training_run import Request, split
+from egocap.detect.weights import load_weights, open_weights
+from egocap.errors import InputError
+
+
+def egocap(*words, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["egocap", *map(str, words)])
+    return main()
+
+
+def test_command_trains_and_writes_weights(tiny_sequence, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "run"
+    words = ["train", tiny_sequence, "--out", out, "--config", "tiny", "--steps", 2, "--batch", 2]
+    assert egocap(*words, "--held-out", 0, "--json", monkeypatch=monkeypatch) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["finished"] and summary["steps"] == 2 and summary["views"] == 4
+    weights = open_weights(summary["weights"])
+    assert weights.config["name"] == "tiny" and weights.training["views"] == 14
+    assert load_weights(summary["weights"]).config.name == "tiny"
+
+    assert egocap(*words, monkeypatch=monkeypatch) == 2
+    assert "holds a run already" in capsys.readouterr().err
+    words[words.index("--batch") + 1] = 3
+    assert egocap(*words, "--resume", monkeypatch=monkeypatch) == 2
+    assert "another network, seed or batch" in capsys.readouterr().err
+
+
+def test_start_of_another_network_is_refused(
+    tiny_sequence, tiny_file, tmp_path, monkeypatch, capsys
+):
+    words = ["train", tiny_sequence, "--out", tmp_path / "run", "--start", tiny_file]
+    assert egocap(*words, monkeypatch=monkeypatch) == 2
+    assert "another network" in capsys.readouterr().err
+
+
+def test_nothing_to_train_on():
+    with pytest.raises(InputError, match="--rig FILE"):
+        Request(Path("out"))
+    with pytest.raises(InputError, match=r"0 to 0\.5"):
+        Request(Path("out"), (Path("data"),), held_out=0.9)
+
+
+def test_split_shares_no_sequence():
+    folders = [Path(f"s{i}") for i in range(25)]
+    kept, held_out = split(folders, 0.08)
+    assert len(held_out) == 3 and not set(kept) & set(held_out)
+    assert sorted(kept + held_out) == sorted(folders)
+    assert split(folders, 0.0) == (folders, [])
+
+
+def test_missing_simulator_is_said(tmp_path, monkeypatch, capsys):
+    from egocap.detect import simulation
+    from egocap_sim.builtin import builtin_file
+
+    monkeypatch.setattr(simulation.importlib.util, "find_spec", lambda name: None)
+    rig = builtin_file("rig", "egorig1")
+    words = ["train", "--rig", rig, "--scratch", "--out", tmp_path / "run", "--config", "tiny"]
+    assert egocap(*words, monkeypatch=monkeypatch) == 1
+    assert "egocap-sim is not installed" in capsys.readouterr().err

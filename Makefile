@@ -6,7 +6,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out
 
-.PHONY: demo test check setup gl clean
+.PHONY: demo test check check-evals setup gl clean
 
 setup: $(VENV)/.ready gl
 
@@ -34,6 +34,10 @@ test: setup
 
 check: setup
 	$(BIN)/pyright
+
+# A fixed small suite against recorded numbers; exit code 3 and a table when something got worse.
+check-evals: setup
+	$(BIN)/egocap-eval check --baseline evals/baselines/ci.json
 
 clean:
 	rm -rf $(VENV) $(OUT)

@@ -108,8 +108,10 @@ class Detector:
     def read(self, outputs: Outputs, slots: Slots, times: Float[Array, "T"]) -> Detections:
         """Detections in the rig's pixels from what the network said of every slot's picture."""
         heat, info = outputs
-        places = modes(heat, self.weights.stride, MODES)
         found = no_detections(times, len(self._views), self.source)
+        if not len(slots):
+            return found
+        places = modes(heat, self.weights.stride, MODES)
         for v, view in enumerate(self._views):
             rows = np.flatnonzero(slots[:, 1] == v)
             if len(rows):

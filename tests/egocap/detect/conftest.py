@@ -19,7 +19,8 @@ def tiny_file(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory):
-    """No test writes into the user's cache."""
+    """No test of networks writes into the user's cache, which others read."""
+    folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr("egocap.detect.engine.cache_folder", lambda: folder)
         yield

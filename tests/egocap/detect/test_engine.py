@@ -47,7 +47,7 @@ def test_exported_once(weights, monkeypatch):
 
 def test_cache_that_cannot_be_written_says_so(weights, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(engines, "cache_folder", lambda: tmp_path / "file" / "egocap")
     with pytest.raises(MachineError, match="XDG_CACHE_HOME"):
         exported(weights)
 

@@ -125,7 +125,7 @@ def test_other_files_are_refused(tiny_file, tmp_path):
     with pytest.raises(FileError, match="something else"):
         open_weights(path)
     path.write_bytes(tiny_file.read_bytes()[:-10])
-    with pytest.raises(FileError, match="truncated: .* bytes"):
+    with pytest.raises(FileError, match=r"truncated: .* bytes"):
         open_weights(path)
     for content in (b"", b"hello", np.zeros(100, np.uint8).tobytes()):
         path.write_bytes(content)

@@ -16,10 +16,12 @@ from egocap.detect.training_config import TrainingConfig
 from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.track.config import TrackerConfig
+from egocap.track.fit_config import FitConfig
 
 if TYPE_CHECKING:
     from egocap.results import Detections, Track
     from egocap.sequence import Sequence
+    from egocap.track.fit_body import BodyFit
 
 app = SubcommandApp()
 
@@ -217,6 +219,60 @@ def train(
 
 
 @app.command
+def fit_body(
+    sequence: Positional[Path],
+    out: Path,
+    detections: str = "learned",
+    height: float | None = None,
+    seconds: float = 20.0,
+    config: Annotated[FitConfig, tyro.conf.OmitArgPrefixes] = FitConfig(),  # noqa: B008
+    seed: int = 0,
+    shape: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Find a person's bone lengths from a few poses or the first seconds of any motion.
+
+    Bones that the motion does not show stay at what is usual, and the report says so.
+
+    Args:
+        sequence: folder of a sequence.
+        out: body to write, json.
+        detections: where they come from, as for track.
+        height: of the person in metres, where it is known.
+        seconds: how much of the sequence to look at, from its beginning.
+        config: the fit's settings.
+        seed: seed of simulated detections.
+        shape: also find sizes and colours of the Gaussians from the images; json to write.
+        json: print the report as JSON.
+    """
+    from egocap.sequence import Sequence
+    from egocap.sequence_writer import disk_errors
+    from egocap.track.fit_body import first_seconds
+    from egocap.track.fit_body import fit_body as fit
+
+    opened = Sequence(sequence)
+    found = first_seconds(detections_from(opened, detections, seed), seconds)
+    result = fit(found, opened.rig, height, config)
+    for path in (out, shape):
+        if path is not None:
+            with disk_errors(path.parent):
+                path.parent.mkdir(parents=True, exist_ok=True)
+    sizes = None
+    if shape is not None:
+        from egocap.track.body_shape import fit_shape
+
+        frames = [(opened.frame(int(t)).images, result.angles[i]) for i, t in result.spread(6)]
+        fitted = fit_shape(result.proportions, opened.rig, frames)
+        sizes = fitted.scales
+        with disk_errors(shape.parent):
+            fitted.body.save(shape)
+    with disk_errors(out.parent):
+        result.proportions.save(out)
+    _print_body(out, result, sizes, json)
+    return DONE
+
+
+@app.command
 def export(
     track: Positional[Path],
     out: Path,
@@ -368,6 +424,30 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
     print(f"{path}: {summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
           f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections a "
           "frame of 2 x 18")  # fmt: skip
+
+
+def _print_body(path: Path, fit: BodyFit, sizes: dict[str, float] | None, as_json: bool) -> None:
+    report = fit.report()
+    if as_json:
+        summary: dict[str, Any] = {
+            "body": str(path), "frames": len(fit.frames), "detections": fit.detections,
+            "converged": fit.converged, "residual": round(fit.residual, 3), "bones": report,
+        }  # fmt: skip
+        print(json.dumps(summary if sizes is None else summary | {"sizes": sizes}, indent=1))
+        return
+    unfinished = "" if fit.converged else "; not converged"
+    print(f"{path}: from {fit.detections} detections in {len(fit.frames)} frames, which miss by "
+          f"{fit.residual:.2f} standard deviations{unfinished}")  # fmt: skip
+    verdicts = {"well": "well determined", "badly": "badly determined",
+                "prior": "not seen: what is usual"}  # fmt: skip
+    print(f"{'bone to':16s} {'length':>9s} {'std':>7s}")
+    for name, line in report.items():
+        if not name.startswith("right_"):
+            bone = name.replace("left_", "")
+            print(f"{bone:16s} {1e3 * float(line['length_m']):6.0f} mm {line['std_percent']:5.1f} %"
+                  f"  {verdicts[str(line['determined'])]}")  # fmt: skip
+    if sizes is not None:
+        print("sizes: " + ", ".join(f"{part} {100 * size:.0f} %" for part, size in sizes.items()))
 
 
 def _print_training(out: Path, summary: dict[str, Any], as_json: bool) -> None:

@@ -16,7 +16,7 @@ adjustment - a modern synthesis", section 6.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -42,6 +42,7 @@ from egocap.skeleton import (
 )
 from egocap.track.body_prior import BASIS, BodyPrior, length_spread, offsets_of, proportions_of
 from egocap.track.config import TrackerConfig
+from egocap.track.fit_config import FitConfig
 from egocap.track.observations import Observations, observe
 from egocap.track.posture import load_posture
 
@@ -51,25 +52,6 @@ WELL = 0.03
 """Relative standard deviation up to which a bone counts as well determined."""
 LEARNED_SHARE = 0.7
 """Share of the prior's standard deviation that must be gone for a bone to count as seen."""
-
-
-@dataclass(frozen=True)
-class FitConfig:
-    """Settings of the fit; those of the tracker hold for its energy."""
-
-    frames: int = 60
-    """Frames that take part, spread over all those given."""
-    iterations: int = 40
-    """Steps at most."""
-    tolerance: float = 1e-5
-    """Done when a step lowers the energy by less than this share."""
-
-    def __post_init__(self) -> None:
-        for name in ("frames", "iterations"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} = {getattr(self, name)}", valid="from 1")
-        if not 0.0 <= self.tolerance < 1.0:
-            raise InputError(f"tolerance = {self.tolerance}", valid="0 to 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +76,11 @@ class BodyFit:
         """Standard deviation of every bone as a share of its length; 0 where there is none."""
         lengths = np.linalg.norm(self.proportions.offsets, axis=1)
         return np.where(lengths > 1e-6, self.std / np.maximum(lengths, 1e-6), 0.0)
+
+    def spread(self, count: int) -> list[tuple[int, int]]:
+        """Row in `angles` and number of the frame, for so many frames spread over those used."""
+        rows = np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int))
+        return [(int(row), int(self.frames[row])) for row in rows]
 
     @property
     def well_determined(self) -> Bool[Array, "22"]:
@@ -121,7 +108,7 @@ def fit_body(
     detections: Detections,
     rig: Rig,
     height: float | None = None,
-    config: FitConfig = FitConfig(),
+    config: FitConfig = FitConfig(),  # noqa: B008 (frozen)
     tracker: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
 ) -> BodyFit:
     """The proportions of the person whom detections in all views of a rig show.
@@ -144,6 +131,20 @@ def fit_body(
     problem = _Problem(of_frames, prior, tracker)
     poses, components, converged = _solve(problem, followed.angles[frames], prior.mean, config)
     return _finished(problem, poses, components, converged, frames)
+
+
+def first_seconds(detections: Detections, seconds: float) -> Detections:
+    """The first seconds of some detections. Raises InputError for no time at all."""
+    if not seconds > 0.0:
+        raise InputError(f"the first {seconds} s", valid="above 0")
+    times = np.asarray(detections.times, float)
+    count = int(np.count_nonzero(times <= times[:1] + seconds)) if len(times) else 0
+    parts = {
+        name: getattr(detections, name)[:count]
+        for name in ("times", "points", "sigma", "confidence", "valid", "modes", "mode_weights")
+        if getattr(detections, name) is not None
+    }
+    return replace(detections, **parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,7 @@ FLOOR = 0.02
 """Share of a distribution that lies evenly over all colours."""
 CLEAR = 0.1
 """Opacity under which a ray shows the background."""
-MEMORY = 0.7
+MEMORY = 0.95
 """Share of the background's histogram that stays from frame to frame."""
 _BLUR = (1.0, 0.8, 0.8)
 

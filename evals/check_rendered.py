@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from egocap.errors import EgocapError
+from egocap.evaluate import evaluate_detections
 from egocap.sequence import VISIBLE, Sequence
 from egocap_sim.builtin import builtin_file
 from egocap_sim.crosscheck import check_pixels
 from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene
 from evals.check import Number
+
+log = logging.getLogger(__name__)
 
 SEED, FRAMES, SIZE = 400904, 8, (320, 256)
 
@@ -29,12 +34,38 @@ def rendered_numbers() -> dict[str, Number]:
         visible = 100 * float((sequence.truth.visibility == VISIBLE).mean())
         light = np.mean([[image.mean() for image in frame.images] for frame in sequence])
         contrast = np.mean([[image.std() for image in frame.images] for frame in sequence])
-    return {
+        detector = _detector_numbers(sequence)
+    return detector | {
         "rendered/labelled": Number(100 * pixels.labelled_share, 1.0, "higher", "%"),
         "rendered/in_depth": Number(100 * pixels.depth_share, 1.0, "higher", "%"),
         "rendered/visible": Number(visible, 1.0, "equal", "%"),
         "rendered/light": Number(float(light), 1.0, "equal", "of 255"),
         "rendered/contrast": Number(float(contrast), 1.0, "equal", "of 255"),
+    }
+
+
+def _detector_numbers(sequence: Sequence) -> dict[str, Number]:
+    """Of the detector that is shipped, on the clip; none where there is none."""
+    from egocap.detect.detector import Detector, detect
+    from egocap.detect.weights import open_weights
+
+    try:
+        weights = open_weights()
+    except EgocapError as error:
+        log.info("the detector is left out: %s", error)
+        return {}
+    found = detect(sequence, Detector(sequence.rig, weights))
+    truth = sequence.truth
+    seen = truth.visibility == VISIBLE
+    widths = np.array([mount.camera.width for mount in sequence.rig.mounts], float)
+    score = evaluate_detections(
+        found.points, found.valid, truth.joints_2d, truth.in_view, seen, widths
+    )
+    values = {"pck20": score.pck20_seen, "auc20": score.auc20_seen}
+    return {
+        f"detector/{name}": Number(value, 1.0, "higher", "%")
+        for name, value in values.items()
+        if value is not None
     }
 
 

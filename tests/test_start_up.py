@@ -13,7 +13,7 @@ HEAVY = {"torch", "mujoco", "pyrender", "numba", "matplotlib", "cv2", "scipy", "
 COMMANDS = {
     "egocap.cli": ("export", "posterior", "track", "train", "view"),
     "egocap_sim.cli": ("generate", "preview", "verify"),
-    "evals.cli": ("pose",),
+    "evals.cli": ("pose", "run", "compare", "check", "stress"),
 }
 
 

@@ -21,10 +21,12 @@ if TYPE_CHECKING:
 STUDIES = {
     # command: (module with a function `study`, what `egocap-eval --help` says of it)
     "detector": ("evals.detector", "Score the learned detector: PCK, calibration, speed."),
+    "augmentation": ("evals.augmentation", "What augmentation of green-screen footage is worth."),
     "visibility": ("evals.visibility", "Share of the time each joint is seen, by field of view."),
     "run": ("evals.run", "Run a suite: sequences, predictions, scores and a report."),
     "compare": ("evals.compare", "Say what changed between two runs, and whether beyond noise."),
     "stress": ("evals.stress", "Track under one growing fault at a time, with error bars."),
+    "stress-rendered": ("evals.stress_rendered", "The same for faults of the picture, rendered."),
     "check": ("evals.check", "Run the regression guard: a fixed small suite against a baseline."),
 }
 """Studies, imported when called: a new one is one module and one line (see `evals.study`)."""

@@ -125,7 +125,7 @@ class _Crowd:
         first, *rest = self.limbs
         aloof = np.delete(limbs, RIGHT_ARM, axis=1) if greets else limbs
         alone = np.delete(first, RIGHT_ARM, axis=1) if greets else first
-        return apart(aloof, alone, GAP_M).all() and all(
+        return bool(apart(aloof, alone, GAP_M).all()) and all(
             apart(limbs, other, GAP_M).all() for other in rest
         )
 

@@ -55,7 +55,7 @@ class Surfaces:
         self, origin: Float[Array, "3"], rays: Float[Array, "N 3"]
     ) -> tuple[Float[Array, "N"], Int[Array, "N"]]:
         """Distance (m, infinite for none) and part of what each unit ray meets first."""
-        from mujoco import mju_raySkin
+        from mujoco import mju_raySkin  # pyright: ignore[reportAttributeAccessIssue]
 
         faces, vertices = self._faces.ravel(), self._vertices.ravel()
         distance, part = np.full(len(rays), np.inf), np.full(len(rays), BACKGROUND)

@@ -57,7 +57,7 @@ def others_truth(
 ) -> OthersTruth:
     """Other people's joints in the world and in the frames of the rig's cameras."""
     cameras = [
-        transform(inverse(T_world_head @ mount.T_head_camera)[:, None, None], joints_world)
+        transform(inverse(T_world_head @ mount.T_head_camera)[:, None], joints_world)
         for mount in rig.mounts
     ]
     return OthersTruth(joints_world.astype(np.float32), np.stack(cameras, 1).astype(np.float32))

@@ -84,9 +84,9 @@ def look(
         motion=MotionTable(name="sequence", parameters={"parts": list(PARTS)}),
     )  # fmt: skip
     half = np.deg2rad(WIDEST / 2)
-    focal = 0.5 * _PIXELS / half
+    focal, middle = 0.5 * _PIXELS / half, (_PIXELS - 1) / 2
     lens = Camera(
-        "equidistant", _PIXELS, _PIXELS, ((_PIXELS - 1) / 2,) * 2, ((focal, 0.0), (0.0, focal)),
+        "equidistant", _PIXELS, _PIXELS, (middle, middle), ((focal, 0.0), (0.0, focal)),
         max_angle=half,
     )  # fmt: skip
     given = rig_of(scene.rig, seed)

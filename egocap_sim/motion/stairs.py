@@ -251,7 +251,8 @@ def _climber(
     knots = np.concatenate([knots[:1], knots])
     curve = PchipInterpolator(np.concatenate([[STARTS - 2.0], middle]), knots, extrapolate=True)
     dt = float(t[1] - t[0]) if len(t) > 1 else 1.0
-    at = gaussian_filter1d(curve(np.maximum(t, STARTS - 2.0)), 0.06 / dt, axis=0, mode="nearest")
+    at = np.asarray(curve(np.maximum(t, STARTS - 2.0)))
+    at = np.asarray(gaussian_filter1d(at, 0.06 / dt, axis=0, mode="nearest"))
     x, y, heading, z, forward, lean, down = at.T
     phase = np.pi * (t - middle[0]) / step_s
     going = np.clip((t - STARTS) / step_s, 0.0, 1.0)

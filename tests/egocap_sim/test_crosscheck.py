@@ -128,7 +128,7 @@ def test_other_people_are_in_the_truth_where_they_are_drawn(tiny_scene: Scene, t
     drawn = checked = 0
     for v, mount in enumerate(sequence.rig.mounts):
         T = truth.T_world_head @ mount.T_head_camera
-        seen = transform(inverse(T)[:, None, None], others.joints_world.astype(float))
+        seen = transform(inverse(T)[:, None], others.joints_world.astype(float))
         np.testing.assert_allclose(seen, others.joints_camera[:, v], atol=1e-4)
         pixels, valid = mount.camera.project(others.joints_camera[0, v, 0].astype(float))
         mask = sequence.mask(0, mount.name)

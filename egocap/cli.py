@@ -390,7 +390,7 @@ def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
     """
     import numpy as np
 
-    from egocap.detect.simulated import parse_source, simulate_detections
+    from egocap.detect.simulated import FORM, parse_source, simulate_detections
     from egocap.evaluate.checks import require_same_times
     from egocap.results import load_detections
     from egocap.sequence import VISIBLE
@@ -401,6 +401,9 @@ def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
         return found
     if source.partition(":")[0] == "learned":
         return _learned(sequence, source.partition(":")[2])
+    if source.partition(":")[0] != "simulated":
+        valid = f"{FORM}; learned[:FILE]; a file of detections, .npz"
+        raise InputError(f"unknown source of detections '{source}'", valid=valid)
     if seed < 0:
         raise InputError(f"seed {seed}", valid="0 or more")
     camera = sequence.rig.mounts[0].camera

@@ -9,9 +9,21 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-HEAVY = {"torch", "mujoco", "pyrender", "numba", "matplotlib", "cv2", "scipy", "anny", "trimesh"}
+HEAVY = {
+    "torch",
+    "mujoco",
+    "pyrender",
+    "numba",
+    "matplotlib",
+    "cv2",
+    "scipy",
+    "anny",
+    "trimesh",
+    "onnxruntime",
+    "safetensors",
+}
 COMMANDS = {
-    "egocap.cli": ("export", "posterior", "track", "train", "view"),
+    "egocap.cli": ("calibrate-detector", "detect", "export", "posterior", "track", "train", "view"),
     "egocap_sim.cli": ("generate", "preview", "verify"),
     "evals.cli": ("pose", "run", "compare", "check", "stress"),
 }

@@ -175,12 +175,21 @@ def _header(
     }
 
 
+def _in_order(content: bytes) -> bytes:
+    """The same safetensors file with its header's keys in order: equal weights are equal files."""
+    (size,) = struct.unpack("<Q", content[:8])
+    header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":"))
+    text = header.encode()
+    text += b" " * (-len(text) % 8)  # the tensors begin at a multiple of 8
+    return struct.pack("<Q", len(text)) + text + content[8 + size :]
+
+
 def _write(path: Path, content: bytes) -> None:
     # Renamed into place, so that a kill never leaves half a file under the real name.
     part = path.with_name(path.name + ".part")
     try:
         with part.open("wb") as file:
-            file.write(content)
+            file.write(_in_order(content))
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)

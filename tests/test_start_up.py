@@ -25,7 +25,7 @@ HEAVY = {
 COMMANDS = {
     "egocap.cli": ("calibrate-detector", "detect", "export", "posterior", "track", "train", "view"),
     "egocap_sim.cli": ("generate", "preview", "verify"),
-    "evals.cli": ("pose", "run", "compare", "check", "stress"),
+    "evals.cli": ("pose", "augmentation", "run", "compare", "check", "stress"),
 }
 
 

@@ -1,9 +1,10 @@
 """The detector's network: a canonical view in, heat maps of the 18 labels out.
 
 `default` is a residual encoder with a light decoder to 1/4 of the view, for two processor cores;
-`paper` is the paper's ResNet-101 cut to stride 8 on 640 x 512; `tiny` is for tests. All end in the
-same head: a heat map for each label, and, from the features at the place the map points to, whether
-the label is visible there, occluded or absent, and how far off the place may be.
+`small` the same at half the size, for comparisons of training; `paper` is the paper's ResNet-101
+cut to stride 8 on 640 x 512; `tiny` is for tests. All end in the same head: a heat map for each
+label, and, from the features at the place the map points to, whether the label is visible there,
+occluded or absent, and how far off the place may be.
 Source: EgoCap paper, section 4.3.2; He et al. 2016 (residual blocks); Lin et al. 2017 (decoder).
 """
 
@@ -62,6 +63,10 @@ CONFIGS: dict[str, NetworkConfig] = {
     "default": NetworkConfig("default"),
     "paper": NetworkConfig(
         "paper", ViewSpec(640, 512, 204.0, 0.0, 90.0, 0.0), kind="resnet101", stride=8
+    ),
+    "small": NetworkConfig(
+        "small", ViewSpec(128, 112, 52.0), widths=(16, 32, 64, 128), blocks=(0, 1, 1, 2),
+        decoder=(32, 64),
     ),
     "tiny": NetworkConfig(
         "tiny", ViewSpec(64, 64, 28.0), widths=(8, 16, 16, 24), blocks=(0, 0, 1, 1),

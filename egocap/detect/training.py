@@ -66,10 +66,13 @@ class Trainer:
         validation: ViewStore | None,
         folder: Path,
         start: dict[str, Any] | None = None,
+        backgrounds: ViewStore | None = None,
     ) -> None:
-        """`start` is a state dictionary to begin from (a warm start)."""
+        """`start` is a state dictionary to begin from (a warm start). Backgrounds are drawn from
+        `backgrounds`, or from the training views themselves."""
         self.config, self.folder = config, folder
         self.training, self.validation = training, validation
+        self.backgrounds = training if backgrounds is None else backgrounds
         self.rank, self.world = (
             int(os.environ.get("RANK", "0")),
             int(os.environ.get("WORLD_SIZE", "1")),
@@ -186,11 +189,12 @@ class Trainer:
         rng = np.random.default_rng([self.config.seed, self.rank, step])
         made = []
         for _ in range(self.config.batch):
-            index, other = rng.integers(0, len(self.training), 2)
+            index = rng.integers(0, len(self.training))
+            other = rng.integers(0, len(self.backgrounds))
             made.append(
                 augment(
                     example(*self.training.locate(int(index))), self.config.augmentation, rng,
-                    example(*self.training.locate(int(other))),
+                    example(*self.backgrounds.locate(int(other))),
                 )
             )  # fmt: skip
         return (

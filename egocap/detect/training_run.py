@@ -40,6 +40,7 @@ class Request:
     start: Path | None = None  # weights to begin from
     resume: bool = False
     store: Path | None = None
+    backgrounds: tuple[Path, ...] = ()  # whose images may replace backgrounds; the data's if none
 
     def __post_init__(self) -> None:
         if not self.data and self.rig is None:
@@ -65,7 +66,9 @@ def train_detector(request: Request, training: TrainingConfig) -> Outcome:
         request = _with_data(request, data)
     kept, held_out = _stores(request, network)
     log.info("%d views to train on, %d held out", len(kept), len(held_out) if held_out else 0)
-    trainer = Trainer(network, training, kept, held_out, request.out, start)
+    trainer = Trainer(
+        network, training, kept, held_out, request.out, start, _backgrounds(request, network)
+    )
     if request.resume and trainer.resume():
         log.info("going on from step %d", trainer.state.step)
     outcome = trainer.run()
@@ -177,6 +180,13 @@ def _stores(request: Request, network: NetworkConfig) -> tuple[ViewStore, ViewSt
     if several and torch.distributed.get_rank() == 0:
         torch.distributed.barrier()
     return stores
+
+
+def _backgrounds(request: Request, network: NetworkConfig) -> ViewStore | None:
+    if not request.backgrounds:
+        return None
+    store = request.store or request.out / "views"
+    return build_store(find_sequences(request.backgrounds), network.view, store)
 
 
 def _account(

@@ -93,7 +93,7 @@ def test_configurations_return_from_json(name):
 
 
 def test_impossible_configurations_are_refused():
-    with pytest.raises(InputError, match="default, paper, tiny"):
+    with pytest.raises(InputError, match="default, paper, small, tiny"):
         config_named("huge")
     with pytest.raises(InputError, match="multiples of 32"):
         NetworkConfig("odd", ViewSpec(width=250))

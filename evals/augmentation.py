@@ -1,0 +1,154 @@
+"""What augmentation is worth: the same green-screen footage, trained on with ever more of it.
+
+Three detectors are trained for the same number of steps: on the green screen as it is, with
+backgrounds replaced, and with the wearer recoloured besides. Scale, gamma and mirroring are in all,
+as in the paper. They are scored on footage of other people in real places.
+Source: EgoCap paper, section 5.3 and Table 1.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from egocap.commandline import progress
+from egocap.detect.training_config import AugmentationConfig, TrainingConfig
+from egocap.errors import InputError
+from egocap.evaluate.table import Table, number
+from evals.study import Outcome
+
+if TYPE_CHECKING:
+    from egocap.detect.data import ViewStore
+    from egocap.detect.network import NetworkConfig
+    from egocap.detect.validation import Scores
+
+_PLAIN = AugmentationConfig(
+    background=0.0, recolour=0.0, scale=0.15, rotation_deg=0.0, shift=0.0, gamma=2.0,
+    colour=0.0, blur=0.0, noise=0.0, jpeg=0.0, occluders=0.0,
+)  # fmt: skip
+
+ROWS: Mapping[str, AugmentationConfig] = {
+    "green screen only": _PLAIN,
+    "+ background": AugmentationConfig(**{**vars(_PLAIN), "background": 1.0}),
+    "+ recolouring": AugmentationConfig(**{**vars(_PLAIN), "background": 1.0, "recolour": 0.7}),
+}
+"""Rows of the table, each with all of the one before."""
+
+COLUMNS = ("pck", "auc", "pck_in_view", "pck_wrist", "pck_ankle", "pck_foot")
+
+
+def study(
+    chroma: Positional[Annotated[tuple[Path, ...], arg(metavar="DIR")]],
+    /,
+    held_out: Annotated[tuple[Path, ...], arg(metavar="DIR")],
+    backgrounds: Annotated[tuple[Path, ...], arg(metavar="DIR")],
+    steps: int = 800,
+    batch: int = 32,
+    seeds: int = 3,
+    network: str = "small",
+    views: int = 1000,
+    store: Annotated[Path | None, arg(metavar="DIR")] = None,
+) -> Outcome:
+    """Train detectors on green-screen footage with and without augmentation, and compare them.
+
+    Args:
+        chroma: Sequences before a green screen with part labels (scene train-chroma).
+        held_out: Sequences of other people in real places, to score on.
+        backgrounds: Sequences whose images stand in for the green screen.
+        steps: Training steps of each detector.
+        batch: Views a step.
+        seeds: Detectors trained for each row; error bars are over them.
+        network: Configuration to train.
+        views: How many held-out views to score.
+        store: Folder for canonical views and runs; a temporary one when not given.
+    """
+    from egocap.detect.data import build_store, find_sequences
+    from egocap.detect.network import config_named
+
+    if seeds < 1 or steps < 1 or views < 1:
+        raise InputError(f"{seeds} seeds, {steps} steps, {views} views", valid="1 or more of each")
+    config = config_named(network)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) if store is None else store
+        stores = [
+            build_store(find_sequences(paths), config.view, place / "views")
+            for paths in (chroma, held_out, backgrounds)
+        ]
+        if any(s.parts is None for s in stores[0].sequences):
+            raise InputError(
+                "footage without part labels cannot be augmented", valid="train-chroma"
+            )
+        found: dict[str, list[Scores]] = {name: [] for name in ROWS}
+        with progress("training", seeds * len(ROWS), unit="detectors") as advance:
+            for seed in range(seeds):
+                for name, augmentation in ROWS.items():
+                    training = TrainingConfig(
+                        steps=steps, batch=batch, seed=seed, average=0.99, validate_minutes=1e6,
+                        checkpoint_minutes=1e6, augmentation=augmentation,
+                    )  # fmt: skip
+                    found[name].append(_trained(config, training, stores, views, place))
+                    advance()
+    result = {name: _summary(scores) for name, scores in found.items()}
+    sizes = {"training_views": len(stores[0]), "held_out_views": min(views, len(stores[1]))}
+    return Outcome({"rows": result, **sizes}, [table(result)], missed(result))
+
+
+def _trained(
+    network: NetworkConfig,
+    training: TrainingConfig,
+    stores: Sequence[ViewStore],
+    views: int,
+    place: Path,
+) -> Scores:
+    """Scores, on the held-out store, of a detector trained on the first one."""
+    from egocap.detect.training import Trainer
+    from egocap.detect.validation import predict, score
+
+    chroma, held_out, backgrounds = stores
+    with tempfile.TemporaryDirectory(dir=place) as folder:
+        trainer = Trainer(network, training, chroma, None, Path(folder), backgrounds=backgrounds)
+        trainer.run()
+    count = min(views, len(held_out))
+    indices = np.unique(np.linspace(0, len(held_out) - 1, count).astype(int))
+    return score(predict(trainer.average, held_out, indices))
+
+
+def _summary(scores: Sequence[Scores]) -> dict[str, Any]:
+    """Mean and standard error over the seeds of each column."""
+    columns = {c: np.array([getattr(s, c) for s in scores]) for c in COLUMNS}
+    several = len(scores) > 1
+    return {
+        c: {
+            "mean": float(v.mean()),
+            "error": float(v.std(ddof=1) / np.sqrt(len(v))) if several else None,
+        }
+        for c, v in columns.items()
+    }
+
+
+def table(result: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> Table:
+    """Rows of augmentation, columns of scores with their standard errors."""
+    rows = [(name, *(_with_error(row[c]) for c in COLUMNS)) for name, row in result.items()]
+    head = ("PCK@20", "AUC", "in view", "wrists", "ankles", "feet")
+    return Table("visible labels, % (standard error)", ("training", *head), tuple(rows))
+
+
+def missed(result: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> list[str]:
+    """Gains that are not as the paper found them."""
+    plain, background, recolour = (result[name]["pck"]["mean"] or 0.0 for name in ROWS)
+    said = []
+    if background - plain < 5.0:
+        said.append(f"background: {background - plain:+.1f} points of PCK, not 5 or more")
+    if recolour - background <= 0.0:
+        said.append(f"recolouring: {recolour - background:+.1f} points of PCK, not above 0")
+    return said
+
+
+def _with_error(cell: Mapping[str, float | None]) -> str:
+    error = cell["error"]
+    return number(cell["mean"]) + ("" if error is None else f" ({error:.1f})")

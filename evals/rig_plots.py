@@ -1,0 +1,91 @@
+"""Pictures of a rig study: heat map, Pareto plot, and bound, posterior and error together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from egocap.posterior.page import write_pictures
+from evals.rig import PAPERS, RigReport
+
+
+def write_rig_page(path: Path, report: RigReport) -> None:
+    """All pictures of a study and its recommendation as one HTML file."""
+    drawn = [("Pareto", draw_pareto(report))]
+    if len(report.sweeps) > 1:
+        drawn.insert(0, ("Heat map", draw_heat_map(report)))
+    if any(c.tracked for c in report.candidates):
+        drawn.append(("Bound, posterior and error", draw_together(report)))
+    write_pictures(path, "Rig design", drawn, facts=report.recommendation())
+
+
+def draw_heat_map(report: RigReport) -> Any:
+    """Bound over the first two sweeps; the least over the others."""
+    figure, axes = _axes()
+    x, y = report.sweeps[:2]
+    grid = np.full((len(y.values), len(x.values)), np.inf)
+    for c in report.candidates:
+        at = y.values.index(c.measures[y.name]), x.values.index(c.measures[x.name])
+        grid[at] = min(grid[at], c.bound_mm)
+    mesh = axes.pcolormesh(x.values, y.values, grid, shading="nearest", cmap="viridis_r")
+    figure.colorbar(mesh, label="bound, mm")
+    axes.plot(report.best.measures[x.name], report.best.measures[y.name], "w*", ms=14, mec="k")
+    axes.set_xlabel(_label(x.name))
+    axes.set_ylabel(_label(y.name))
+    return figure
+
+
+def draw_pareto(report: RigReport) -> Any:
+    """Bound against baseline; the front of rigs that no narrower one beats."""
+    figure, axes = _axes()
+    shade = [c.seen_any for c in report.candidates]
+    dots = axes.scatter([c.measures["baseline"] for c in report.candidates],
+                        [c.bound_mm for c in report.candidates], c=shade, s=16)  # fmt: skip
+    figure.colorbar(dots, label="share of joints seen by a camera")
+    front = report.pareto()
+    axes.step([c.measures["baseline"] for c in front], [c.bound_mm for c in front],
+              where="post", color="#b91c1c", label="no narrower rig is better")  # fmt: skip
+    axes.axvspan(*PAPERS, color="#9ca3af", alpha=0.3, label="the paper's choice")
+    axes.set_xlabel(_label("baseline"))
+    axes.set_ylabel("bound of a frame, mm (root mean square)")
+    axes.legend()
+    return figure
+
+
+def draw_together(report: RigReport) -> Any:
+    """Tracked candidates along the first sweep: both bounds, the posterior's spread, the errors."""
+    figure, axes = _axes()
+    sweep = report.sweeps[0]
+    shown = sorted(
+        (c for c in report.candidates if c.tracked), key=lambda c: c.measures[sweep.name]
+    )
+    x = [c.measures[sweep.name] for c in shown]
+    axes.plot(x, [c.bound_mm for c in shown], "o-", label="bound, a frame alone")
+    for key, label, style in (
+        ("smoothed_mm", "bound, the whole motion", "s-"),
+        ("posterior_mm", "posterior's spread, a frame alone", "^--"),
+        ("mode_mm", "posterior mode's error", "v--"),
+        ("tracked_mm", "tracker's error", "D-"),
+    ):
+        axes.plot(x, [c.tracked[key] for c in shown], style, label=label)
+    if sweep.name == "baseline":
+        axes.axvspan(*PAPERS, color="#9ca3af", alpha=0.3, label="the paper's choice")
+    axes.set_xlabel(_label(sweep.name))
+    axes.set_ylabel("root mean square, mm")
+    axes.set_ylim(0, None)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _axes() -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.8), layout="constrained")
+    return figure, figure.subplots()
+
+
+def _label(name: str) -> str:
+    unit = "degrees" if name in ("pitch", "toe_out", "fov") else "metres"
+    return f"{name.replace('_', '-').replace('fov', 'field of view')}, {unit}"

@@ -165,6 +165,7 @@ def train(
     scratch: bool = False,
     held_out: float = 0.08,
     store: Path | None = None,
+    backgrounds: tuple[Path, ...] = (),
     json: bool = False,
 ) -> int:
     """Train a detector, from footage with annotations or from nothing but a rig.
@@ -175,7 +176,7 @@ def train(
     Args:
         data: sequences, or folders of sequences.
         out: folder of the run.
-        config: network to train: default, paper (ResNet-101) or tiny.
+        config: network to train: default, small, paper (ResNet-101) or tiny.
         training: how to train.
         rig: simulate footage for this rig for a third of the minutes, and train on it too.
         resume: go on with the run in --out, if there is one.
@@ -184,6 +185,7 @@ def train(
         scratch: begin from random weights, also with a rig.
         held_out: share of the sequences to validate on and never train on.
         store: folder of the canonical views made from the data; by default in --out.
+        backgrounds: sequences whose images replace backgrounds; by default those of the data.
         json: print the summary as JSON.
     """
     import subprocess
@@ -202,7 +204,7 @@ def train(
         raise InputError("--scratch and --start exclude each other", valid="one of them")
     if start is None and rig is not None and config == SHIPPED and not scratch:
         start = shipped_file()
-    request = Request(out, tuple(data), rig, config, held_out, start, resume, store)
+    request = Request(out, tuple(data), rig, config, held_out, start, resume, store, backgrounds)
     command = command_for_devices(sys.argv[1:])
     if command is not None:
         return subprocess.call(command)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from egocap.errors import MachineError
+from evals import stress_rendered
 from evals.cli import main
-from evals.stress_rendered import SWEEPS, base_scene, study
+from evals.stress_rendered import SWEEPS, base_scene
 
 
 @pytest.mark.parametrize("name", SWEEPS)
@@ -19,21 +19,25 @@ def test_a_level_changes_one_table_of_the_scene(name):
     assert len(seen) == 1 and len(SWEEPS[name].levels) >= 5
 
 
-def test_a_sweep_from_scene_to_table(tmp_path, monkeypatch):
-    import evals.stress_rendered as module
+def test_a_sequence_is_detected_tracked_and_scored(tiny_scene, tiny_sequence):
+    numbers = stress_rendered._scored(tiny_scene, tiny_sequence, "simulated:1.0", workers=1)
+    assert list(numbers) == list(stress_rendered.MEASURES)
+    assert numbers["pck20"] == 100 and 0 < numbers["mpjpe_mm"] < 200
 
-    sweep = SWEEPS["jpeg"]
-    ends = {q: sweep.levels[q] for q in (10, 95)}
-    monkeypatch.setitem(module.SWEEPS, "jpeg", type(sweep)(sweep.unit, sweep.words, ends))
-    try:
-        outcome = study("jpeg", "simulated:1.0", tmp_path, people=2, frames=3, size=(160, 128),
-                        workers=1)  # fmt: skip
-    except MachineError as error:
-        pytest.skip(f"no OpenGL: {error}")
+
+def test_a_sweep_has_error_bars_over_people(monkeypatch):
+    def scored(scene, folder, source, workers):
+        quality = scene.sensor.jpeg_quality
+        return dict.fromkeys(stress_rendered.MEASURES, quality + scene.seed % 10) | {
+            "hidden_mm": None
+        }
+
+    monkeypatch.setattr(stress_rendered, "_scored", scored)
+    outcome = stress_rendered.study("jpeg", people=2)
     levels = outcome.result["sweeps"]["jpeg"]["levels"]
-    assert [level["value"] for level in levels] == [10, 95]
-    assert levels[0]["pck20"]["mean"] == 100 and len(levels[0]["draws"]) == 2
-    assert levels[0]["mpjpe_mm"]["mean"] == levels[1]["mpjpe_mm"]["mean"]  # not seen by this source
+    assert [level["value"] for level in levels] == [10, 25, 50, 75, 95]
+    assert levels[0]["pck20"] == pytest.approx({"mean": 11.5, "half_interval": 1.96 * 0.5})
+    assert levels[0]["hidden_mm"] is None and len(levels[0]["draws"]) == 2
     assert "quality" in outcome.to_text()
 
 

@@ -2,6 +2,7 @@
 
 Every clip is retargeted to a simulated person; the tracker's angles are fitted to its joints, seen
 exactly from four sides; mean and covariance of the angles are written to a file.
+`python -m evals.learn_motion` learns the motion prior likewise.
 """
 
 from __future__ import annotations

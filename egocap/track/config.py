@@ -32,6 +32,10 @@ class TrackerConfig:
     """Weight of departing from the rest pose, in units of each angle's everyday spread (Eq. 2)."""
     lambda_posture: float = 0.03
     """Weight of departing from everyday postures, learned with their correlations; 0: without."""
+    lambda_motion: float = 1.0
+    """Weight of what the learned motion prior makes of past and future; 0: without."""
+    motion_share: float = 0.3
+    """Share of the detections' information that the motion prior hears: errors last for frames."""
     lambda_smooth: float = 1.0
     """Weight of departing from the motion predicted from the past two frames (Eq. 3)."""
     zeta: float = 0.25

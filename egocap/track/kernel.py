@@ -205,6 +205,29 @@ def priors(model, angles, H, g):
 
 
 @njit(cache=True)
+def pulled(angles, goal, precision, H, g):
+    """Add the pull of a goal (37,) to H and g; return its energy.
+
+    Half a squared Mahalanobis distance when that is small; people who move as nobody in the learned
+    motions does are pulled less and less (Student's t, with as many degrees as angles).
+    """
+    n = len(angles)
+    slope = np.empty(n)
+    squared = 0.0
+    for d in range(n):
+        slope[d] = 0.0
+        for e in range(n):
+            slope[d] += precision[d, e] * (angles[e] - goal[e])
+        squared += slope[d] * (angles[d] - goal[d])
+    share = 1.0 / (1.0 + squared / n)
+    for d in range(n):
+        g[d] += share * slope[d]
+        for e in range(d + 1):
+            H[d, e] += share * precision[d, e]
+    return 0.5 * n * np.log1p(squared / n)
+
+
+@njit(cache=True)
 def smoothness(model, angles, predicted, scatter, H, g):
     """Add the term that ties the pose to its prediction; return its energy."""
     energy = 0.0

@@ -19,7 +19,8 @@ from numpy import ndarray as Array
 from egocap.skeleton import AGILITY, DOF_COUNT
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import acceleration_stencil
-from egocap.track.kernel import Model, detections, priors
+from egocap.track.kernel import Model, detections, priors, pulled
+from egocap.track.motion_prior import NO_GUIDE, Guide
 from egocap.track.observations import Observations
 
 WINDOW, MARGIN = 400, 40
@@ -30,18 +31,22 @@ _SETTLED = 1e-3
 
 
 def smooth_interval(
-    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
-) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    guide: Guide = NO_GUIDE,
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
     """Refine a causal track with the future. Returns angles and convergence of every frame.
 
-    Long motions are solved in overlapping windows, so that memory stays flat.
+    Long motions are solved in overlapping windows, so that memory stays flat. A guide pulls every
+    frame towards what the motion prior expects, with `lambda_motion`.
     """
     refined, converged = angles.copy(), np.zeros(len(angles), bool)
     for first in range(0, len(angles), WINDOW):
         last = min(first + WINDOW, len(angles))
         low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
         window = slice(low, high)
-        solved, done = _solve_window(angles[window], observations, window, model, config)
+        solved, done = _solve_window(
+            angles[window], observations, window, model, config, guide[window]
+        )
         refined[first:last] = solved[first - low : last - low]
         converged[first:last] = done[first - low : last - low]
     return refined, converged
@@ -63,7 +68,7 @@ def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[
 
 def _solve_window(
     angles: Float[Array, "T 37"], observations: Observations, window: slice, model: Model,
-    config: TrackerConfig,
+    config: TrackerConfig, guide: Guide,
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
     from scipy.linalg import LinAlgError, solveh_banded
 
@@ -71,6 +76,7 @@ def _solve_window(
         observations.centres, observations.rays[window], observations.whiten[window],
         observations.weights[window], float(config.robust_scale),
         acceleration_stencil(observations.times[window]), config.acceleration * AGILITY,
+        guide.mean, config.lambda_motion * guide.precision,
     )  # fmt: skip
     bands, gradient = _blank(len(angles))
     energy = assemble(model, angles, *data, bands, gradient)
@@ -104,9 +110,12 @@ def _blank(frames: int) -> tuple[Float[Array, "75 N"], Float[Array, "N"]]:
 
 @njit(cache=True)
 def assemble(
-    model, angles, centres, rays, whiten, weights, scale, stencil, density, bands, gradient
-):
+    model, angles, centres, rays, whiten, weights, scale, stencil, density, goal, pull, bands,
+    gradient,
+):  # fmt: skip
     """Energy of a window; its Gauss-Newton matrix into `bands` (75, T*37), gradient into (T*37,).
+
+    Frames are pulled to `goal` (T, 37) with the precision `pull` (T, 37, 37); both may be empty.
 
     `bands[k, i]` is element (i + k, i), as LAPACK stores a symmetric band.
     """
@@ -118,6 +127,8 @@ def assemble(
         g[:] = 0.0
         energy += detections(model, angles[t], centres, rays[t], whiten[t], weights[t], scale, H, g)
         energy += priors(model, angles[t], H, g)
+        if len(goal) > 0:
+            energy += pulled(angles[t], goal[t], pull[t], H, g)
         for c in range(dofs):
             gradient[t * dofs + c] += g[c]
             for r in range(c, dofs):

@@ -21,6 +21,7 @@ from egocap.track.observations import Observations, observe
 
 if TYPE_CHECKING:
     from egocap.track.kernel import Model
+    from egocap.track.motion_prior import Guide
 
 log = logging.getLogger(__name__)
 
@@ -104,6 +105,7 @@ class _Solution:
     converged: Bool[Array, "T"]
     taken: Observations  # the places chosen, as accurate as they proved
     estimated: dict[str, object]  # what was found out besides, JSON-ready
+    guide: Guide  # what the motion prior made of it
 
 
 def _solve(
@@ -111,6 +113,7 @@ def _solve(
     clock: _Clock,
 ) -> _Solution:  # fmt: skip
     from egocap.track import causal, smoothing
+    from egocap.track.motion_prior import NO_GUIDE
 
     if config.smoothing == "interval":
         angles, _ = causal.track_both_ways(observations, model, config)
@@ -123,7 +126,7 @@ def _solve(
     if config.smoothing == "gaussian":
         angles = smoothing.smooth_gaussian(angles, config.gaussian_frames)
         clock.lap("smoothing")
-    return _Solution(angles, converged, taken, {})
+    return _Solution(angles, converged, taken, {}, NO_GUIDE)
 
 
 def _solve_together(
@@ -132,6 +135,7 @@ def _solve_together(
 ) -> _Solution:  # fmt: skip
     """All frames at once; then once more with the places and accuracies that this brings out."""
     from egocap.track.choice import can_choose, choose
+    from egocap.track.motion_prior import NO_GUIDE, guide_of
     from egocap.track.recalibration import measure_accuracy, recalibrated
     from egocap.track.smoothing import smooth_interval
 
@@ -148,7 +152,11 @@ def _solve_together(
         taken, changed = recalibrated(taken, accuracy), changed or accuracy.matters
     if changed:
         angles, converged = smooth_interval(angles, taken, model, config)
-    return _Solution(angles, converged, taken, estimated)
+    guide = NO_GUIDE
+    if config.lambda_motion > 0.0:
+        guide = guide_of(angles, taken, model, config)
+        angles, converged = smooth_interval(angles, taken, model, config, guide)
+    return _Solution(angles, converged, taken, estimated, guide)
 
 
 def _covariance(
@@ -162,9 +170,11 @@ def _covariance(
         joint_covariances,
     )
 
-    together = config.smoothing == "interval"
-    covariances_of = interval_covariances if together else causal_covariances
-    covariances = covariances_of(solution.angles, solution.taken, model, config)
+    known = solution.angles, solution.taken, model, config
+    if config.smoothing == "interval":
+        covariances = interval_covariances(*known, solution.guide)
+    else:
+        covariances = causal_covariances(*known)
     return joint_covariances(proportions, solution.angles, covariances, config.model_error_m)
 
 

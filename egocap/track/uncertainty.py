@@ -18,6 +18,7 @@ from egocap.skeleton import AGILITY, DOF_COUNT, SPREAD, HasOffsets, jacobian
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import acceleration_stencil
 from egocap.track.kernel import Model, detections, priors
+from egocap.track.motion_prior import NO_GUIDE, Guide
 from egocap.track.observations import Observations
 from egocap.track.smoothing import BAND, MARGIN, WINDOW, assemble
 
@@ -26,9 +27,10 @@ RIGHT_M = 0.05
 
 
 def interval_covariances(
-    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
-) -> Float[Array, "T 37 37"]:
-    """Covariance [rad^2] of every frame's angles given all frames."""
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    guide: Guide = NO_GUIDE,
+) -> Float[Array, "T 37 37"]:  # fmt: skip
+    """Covariance [rad^2] of every frame's angles given all frames, and a guide if there is one."""
     covariances = np.empty((len(angles), DOF_COUNT, DOF_COUNT))
     for first in range(0, len(angles), WINDOW):
         last = min(first + WINDOW, len(angles))
@@ -38,7 +40,9 @@ def interval_covariances(
         assemble(
             model, angles[low:high], seen.centres, seen.rays, seen.whiten, seen.weights,
             float(config.robust_scale), acceleration_stencil(seen.times),
-            config.acceleration * AGILITY, bands, np.zeros((high - low) * DOF_COUNT),
+            config.acceleration * AGILITY, guide.mean[low:high],
+            config.lambda_motion * guide.precision[low:high], bands,
+            np.zeros((high - low) * DOF_COUNT),
         )  # fmt: skip
         covariances[first:last] = banded_inverse(bands)[first - low : last - low]
     return covariances

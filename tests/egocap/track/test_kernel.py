@@ -6,6 +6,7 @@ import pytest
 from egocap.skeleton import AGILITY, SPREAD, jacobian, points
 from egocap.track import energy, kernel, smoothing
 from egocap.track.config import TrackerConfig
+from egocap.track.motion_prior import NO_GUIDE, Guide
 from egocap.track.observations import observe
 
 CONFIG = TrackerConfig(lambda_pose=0.3, lambda_posture=0.2)
@@ -120,9 +121,11 @@ def test_window_of_frames(motion):
     poses = motion.angles[:frames] + 0.1 * np.random.default_rng(2).normal(size=(frames, 37))
     stencil = energy.acceleration_stencil(np.array([0, 0.03, 0.07, 0.1, 0.2]))
     bands, g = np.zeros((75, frames * 37), order="F"), np.zeros(frames * 37)
+    halves = np.random.default_rng(3).normal(size=(frames, 37, 37))
+    guide = Guide(motion.angles[:frames], halves @ np.swapaxes(halves, 1, 2))
     data = seen.centres, seen.rays, seen.whiten, seen.weights, CONFIG.robust_scale
     value = smoothing.assemble(
-        model, poses, *data, stencil, AGILITY, bands, g,
+        model, poses, *data, stencil, AGILITY, guide.mean, guide.precision, bands, g,
     )  # fmt: skip
 
     def readable(flat):
@@ -139,7 +142,10 @@ def test_window_of_frames(motion):
             )
             for t, p in enumerate(sequence)
         )
-        return alone + energy.acceleration_energy(sequence, stencil, AGILITY)
+        away = sequence - guide.mean
+        squared = np.einsum("ti,tij,tj->t", away, guide.precision, away)
+        guided = np.sum(0.5 * 37 * np.log1p(squared / 37))
+        return alone + guided + energy.acceleration_energy(sequence, stencil, AGILITY)
 
     assert value == pytest.approx(readable(poses.ravel()), rel=1e-12)
     some = np.arange(0, frames * 37, 5)
@@ -161,7 +167,8 @@ def test_bands_hold_the_second_differences():
     bands, g = np.zeros((75, frames * 37), order="F"), np.zeros(frames * 37)
     smoothing.assemble(
         model, np.zeros((frames, 37)), np.zeros((1, 3)), np.zeros((frames, 1, 18, 3)),
-        np.zeros((frames, 1, 18, 2, 3)), nothing, 4.0, stencil, AGILITY, bands, g,
+        np.zeros((frames, 1, 18, 2, 3)), nothing, 4.0, stencil, AGILITY,
+        NO_GUIDE.mean, NO_GUIDE.precision, bands, g,
     )  # fmt: skip
     D = np.zeros((frames - 2, frames))
     for t in range(frames - 2):

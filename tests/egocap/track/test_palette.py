@@ -9,10 +9,11 @@ import torch
 from egocap.body import Proportions
 from egocap.errors import InputError
 from egocap.gaussians import GaussianBody
+from egocap.labels import LABELS
 from egocap.rig import load_rig
-from egocap.skeleton import DOF_INDEX, forward
+from egocap.skeleton import DOF_INDEX, DOFS, forward
 from egocap.track.colour import hsv_to_rgb
-from egocap.track.colour_term import ColourTerm, ColourTermConfig
+from egocap.track.colour_term import ColourTerm, ColourTermConfig, felt_angles
 from egocap.track.colouring import ray_visibility
 from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import ImageModel
@@ -31,6 +32,7 @@ for _name, _degrees in {
     "right_elbow_flexion": 60,
 }.items():  # fmt: skip
     POSE[DOF_INDEX[_name]] = np.deg2rad(_degrees)
+LABEL_INDEX = {name: i for i, name in enumerate(LABELS)}
 BLUE, GREY = (0.6, 0.7, 0.6), (0.6, 0.02, 0.45)
 BODY = GaussianBody.from_proportions(PERSON).with_colour(np.tile(BLUE, (91, 1)))
 
@@ -131,6 +133,21 @@ def test_the_term_adds_its_derivatives(palette, before_grey):
         moved[d] += sign * h
         ends.append(term.add(moved, np.zeros((37, 37)), np.zeros(37)))
     assert g[d] - 1.0 == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=0.05, abs=0.5)
+
+
+def test_hidden_limbs_are_left_alone(palette, before_grey):
+    detected = np.ones(18, bool)
+    detected[LABEL_INDEX["left_knee"] : LABEL_INDEX["left_foot"]] = False  # knee, ankle
+    felt = felt_angles(detected)
+    still = {n for n, f in zip(DOFS, felt, strict=True) if not f}
+    assert {"left_hip_flexion", "left_knee_flexion"} <= still
+    assert {"right_hip_flexion", "left_elbow_flexion", "left_wrist_flexion"} & still == set()
+    term = ColourTerm(BODY, RIG, palette, ColourTermConfig(size=40), threads=1)
+    term.see(before_grey, POSE)
+    H, g = np.zeros((37, 37)), np.zeros(37)
+    term.add(POSE, H, g, felt)
+    assert not g[~felt].any() and not H[~felt].any() and not H[:, ~felt].any()
+    assert g[felt].any()
 
 
 def test_what_cannot_be_is_refused(palette, before_grey):

@@ -19,9 +19,12 @@ def run(motion, detections, **settings):
 
 
 def test_exact_detections_give_the_pose(motion):
-    result = run(motion, motion.detect("simulated:0"))
-    assert motion.errors(result).mean() < 0.005
+    found = motion.detect("simulated:0")
+    result = run(motion, found)
+    assert np.median(motion.errors(result)) < 0.005
     assert result.converged.all()
+    # Nobody moves as this made-up motion does: without the prior of how people do it fits all over.
+    assert motion.errors(run(motion, found, lambda_motion=0.0)).mean() < 0.005
     assert np.allclose(np.linalg.norm(np.diff(result.joints_head[:, 2:4], axis=1), axis=-1),
                        motion.person.bone_lengths["left_elbow"])  # fmt: skip
 

@@ -7,6 +7,7 @@ from egocap.skeleton import AGILITY
 from egocap.track import kernel, smoothing
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import acceleration_stencil
+from egocap.track.motion_prior import NO_GUIDE
 from egocap.track.observations import observe
 from egocap.track.tracker import track
 from egocap.track.uncertainty import banded_inverse, confidences
@@ -23,7 +24,7 @@ def test_blocks_of_the_inverse_against_the_dense_one(motion, frames):
     bands, g = np.zeros((75, size), order="F"), np.zeros(size)
     smoothing.assemble(
         model, motion.angles[:frames], seen.centres, seen.rays, seen.whiten, seen.weights, 5.0,
-        acceleration_stencil(seen.times), AGILITY, bands, g,
+        acceleration_stencil(seen.times), AGILITY, NO_GUIDE.mean, NO_GUIDE.precision, bands, g,
     )  # fmt: skip
     dense = np.zeros((size, size))
     for k in range(min(75, size)):

@@ -51,6 +51,8 @@ class Overrides:
     """TOML file that maps body names to a BVH file's joint names."""
     motions: Annotated[Path | None, _shown("DIR")] = None
     """A folder of BVH and npz clips to mix in, in a scene of episodes."""
+    episodes: Annotated[bool | None, _shown("True|False")] = None
+    """False: one sequence of a scene of episodes."""
     textures: Annotated[Path | None, _shown("DIR")] = None
     """A folder of pictures to put on floors and walls."""
     samples: Annotated[int | None, _shown("0|2|4|8")] = None
@@ -281,8 +283,12 @@ def _overridden(scene: Scene, asked: Overrides) -> Scene:
         data["motion"]["joint_names"] = str(asked.joint_names.resolve())
     if asked.textures is not None:
         data["place"]["textures"] = str(asked.textures.resolve())
+    if asked.episodes is False:
+        data.pop("episodes", None)
+    elif asked.episodes and scene.episodes is None:
+        data["episodes"] = {}
     if asked.motions is not None:
-        if scene.episodes is None:
+        if "episodes" not in data:
             raise InputError(
                 f"--motions is for episodes, and scene '{scene.name}' has none",
                 valid="a scene with [episodes], such as train-varied; or --motion FILE",

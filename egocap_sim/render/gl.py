@@ -27,6 +27,13 @@ np.__dict__.setdefault("infty", np.inf)
 
 try:
     # isort: off
+    import OpenGL
+    import OpenGL.raw.EGL._errors as _egl_errors
+
+    # Asked once a frame (`check`), not after each of its hundreds of calls, which takes longer than
+    # the calls. PyOpenGL 3.1.0 forgets EGL's checker then.
+    OpenGL.ERROR_CHECKING = False
+    _egl_errors.__dict__.setdefault("_error_checker", None)
     import OpenGL.GL as GL
     import OpenGL.GL.shaders  # noqa: F401  (before OpenGL.EGL, or PyOpenGL 3.1.0 fails)
     import OpenGL.EGL as EGL
@@ -43,7 +50,7 @@ try:
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
 
-__all__ = ["GL", "Context", "pyrender", "read_pixels"]
+__all__ = ["GL", "Context", "check", "pyrender", "read_pixels"]
 
 
 class Context:
@@ -76,6 +83,12 @@ class Context:
             platform._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
         )
         EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
+
+
+def check() -> None:
+    """Raise MachineError where OpenGL met an error since this was last asked."""
+    if error := GL.glGetError():
+        raise MachineError(f"OpenGL reports error {error:#x}, perhaps for want of memory")
 
 
 def _text(name: int) -> str:

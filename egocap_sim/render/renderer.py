@@ -20,7 +20,7 @@ from egocap_sim.place import Place
 from egocap_sim.render import projection
 from egocap_sim.render.batch import Batch, merge
 from egocap_sim.render.framebuffer import AtlasBuffer, ShadowMap
-from egocap_sim.render.gl import GL, Context, pyrender
+from egocap_sim.render.gl import GL, Context, check, pyrender
 from egocap_sim.render.gpu import GpuBatch, Uniforms
 from egocap_sim.render.views import Resampler, Views
 
@@ -111,7 +111,9 @@ class FisheyeRenderer(pyrender.Renderer):
             self._shadow_from_world = self._draw_shadows(T_world_head[:3, 3])
             self._shadowing = dict(self._posed)
         self._draw_scene(self._shadow_from_world)
-        self._views = Views(self, self._resampler, self._buffer.read_color(), rows)
+        atlas = self._buffer.read_color()
+        check()
+        self._views = Views(self, self._resampler, atlas, rows)
         return self._views
 
     def _window(self, tile: int, rows: Mapping[int, slice] | None) -> Window | None:

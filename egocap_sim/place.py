@@ -9,7 +9,7 @@ import numpy as np
 from egocap.errors import InputError
 from egocap_sim.grounds import court, grass, outdoor, square, street
 from egocap_sim.rooms import chroma, corridor, room, studio
-from egocap_sim.surroundings import Light, Place
+from egocap_sim.surroundings import Light, Place, with_bounced_light
 
 LARGEST_RADIUS_M = 15.0
 Rng = np.random.Generator
@@ -29,7 +29,8 @@ def make_place(name: str, rng: Rng, clear_radius: float = 2.0) -> Place:
         raise InputError(
             f"clear radius is {clear_radius} m", valid=f"0.5 to {LARGEST_RADIUS_M:g} m"
         )
-    return PLACES[name](rng, float(clear_radius))
+    place = PLACES[name](rng, float(clear_radius))
+    return place if place.name == "chroma" else with_bounced_light(place)
 
 
 def anywhere(rng: Rng, clear_radius: float) -> Place:

@@ -13,6 +13,7 @@ from egocap_sim.surfaces import Surface
 from egocap_sim.surroundings import Light, Place, direction_of, floor
 
 Rng = np.random.Generator
+_CELLS = 10  # along a wall: light falls off towards corners
 
 
 def room(rng: Rng, clear_radius: float) -> Place:
@@ -23,14 +24,16 @@ def room(rng: Rng, clear_radius: float) -> Place:
     wall = surfaces.WALLS[int(rng.integers(len(surfaces.WALLS)))](rng)
     accent = surfaces.WALLS[int(rng.integers(len(surfaces.WALLS)))](rng)
     sunny = int(rng.integers(4))  # the wall with the window
-    meshes = [floor(half, ground), *_walls(half, height, [wall, wall, accent, wall])]
+    meshes = [floor(half, ground, _CELLS), *_walls(half, height, [wall, wall, accent, wall])]
     if rng.random() < 0.6:
         meshes += _ceiling(half, height)
     meshes += _on_wall(sunny, half, _window(rng, height))
     if rng.random() < 0.6:
         meshes += _rug(rng, clear_radius)
     meshes += _furnish(rng, half, clear_radius, sunny)
-    return Place("room", tuple(meshes), _indoor_light(rng, sunny), np.array([0.5, 0.5, 0.52]))
+    light = _indoor_light(rng, sunny)
+    grey = np.array([0.5, 0.5, 0.52])
+    return Place("room", tuple(meshes), light, grey, np.array([*half, height]))
 
 
 def studio(rng: Rng, clear_radius: float) -> Place:
@@ -38,11 +41,12 @@ def studio(rng: Rng, clear_radius: float) -> Place:
     half = np.full(2, clear_radius + rng.uniform(1.0, 2.0))
     paint = surfaces.even(np.full(3, rng.uniform(0.3, 0.75)))
     ground = surfaces.concrete(rng) if rng.random() < 0.5 else surfaces.carpet(rng)
-    meshes = [floor(half, ground), *_walls(half, 3.5, [paint] * 4)]
+    meshes = [floor(half, ground, _CELLS), *_walls(half, 3.5, [paint] * 4)]
     for k in range(4):
         at = np.array([1, 1 if k % 2 else -1]) * (half - 0.4) * (1 if k < 2 else -1)
         meshes += placed(furniture.floor_lamp(rng), (*at, 0.0))
-    return Place("studio", tuple(meshes), _indoor_light(rng, 0), np.array([0.3, 0.3, 0.3]))
+    dark = np.full(3, 0.3)
+    return Place("studio", tuple(meshes), _indoor_light(rng, 0), dark, np.array([*half, 3.5]))
 
 
 def chroma(rng: Rng, clear_radius: float) -> Place:
@@ -63,10 +67,11 @@ def corridor(rng: Rng, clear_radius: float) -> Place:
     height = float(rng.uniform(2.5, 2.9))
     ground = surfaces.FLOORS[int(rng.integers(len(surfaces.FLOORS)))](rng)
     wall, end = surfaces.plaster(rng), surfaces.plaster(rng)
-    meshes = [floor(half, ground), *_walls(half, height, [end, wall, end, wall])]
+    meshes = [floor(half, ground, _CELLS), *_walls(half, height, [end, wall, end, wall])]
     x, y = half
     white, glow = surfaces.even(np.full(3, 0.9)).texture, surfaces.even(np.full(3, 1.0)).texture
-    meshes.append(sheet("ceiling", (-x, -y, height), (2 * x, 0, 0), (0, 2 * y, 0), white))
+    ceiling = (-x, -y, height), (2 * x, 0, 0), (0, 2 * y, 0)
+    meshes.append(sheet("ceiling", *ceiling, white, cells=_CELLS))
     lamps = np.arange(-x + 1.5, x - 1.0, 3.0)
     for at in lamps:
         corner = (at, -0.15, height - 0.02)
@@ -90,7 +95,8 @@ def corridor(rng: Rng, clear_radius: float) -> Place:
         ground=np.full(3, rng.uniform(0.12, 0.2)),
         sky_axis=geometry.UP,
     )
-    return Place("corridor", tuple(meshes), light, np.array([0.4, 0.4, 0.4]))
+    grey = np.full(3, 0.4)
+    return Place("corridor", tuple(meshes), light, grey, np.array([*half, height]))
 
 
 def _indoor_light(rng: Rng, sunny: int) -> Light:
@@ -132,7 +138,7 @@ def _walls(half: Array, height: float, surface: list[Surface]) -> list[Mesh]:
         length = _wall_frame(k, half)[2]
         wall = sheet(
             "wall", (length, 0, height), (-2 * length, 0, 0), (0, 0, -height),
-            surface[k].texture, surface[k].tile,
+            surface[k].texture, surface[k].tile, cells=_CELLS,
         )  # fmt: skip
         skirting = box(
             "skirting", (0, 0.008, 0.04), (2 * length, 0.016, 0.08), board,
@@ -145,7 +151,8 @@ def _walls(half: Array, height: float, surface: list[Surface]) -> list[Mesh]:
 def _ceiling(half: Array, height: float, paint: Surface | None = None) -> list[Mesh]:
     x, y = half
     white = (paint or surfaces.even(np.full(3, 0.93))).texture
-    out = [sheet("ceiling", (-x, -y, height), (2 * x, 0, 0), (0, 2 * y, 0), white)]
+    out = [sheet("ceiling", (-x, -y, height), (2 * x, 0, 0), (0, 2 * y, 0), white,
+                 cells=_CELLS)]  # fmt: skip
     if paint is None:
         bright = surfaces.even(np.array([1.0, 0.98, 0.94])).texture
         out.append(

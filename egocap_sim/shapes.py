@@ -30,20 +30,27 @@ def sheet(
     part: int = parts.ROOM,
     casts_shadow: bool = False,
     glows: bool = False,
+    cells: int = 1,
 ) -> Mesh:
     """A rectangle from its top-left corner, as seen by whoever it faces; metres.
 
     It faces down x across... that is, the viewer for whom `across` points right and `down` down.
-    Without `tile` the texture is stretched over it once.
+    Without `tile` the texture is stretched over it once. It is cut into `cells` along each edge, so
+    that light can differ over it.
     """
     c, a, d = (np.array(v, float) for v in (corner, across, down))
     repeats = (
         np.ones(2) if tile is None else np.array([np.linalg.norm(a), np.linalg.norm(d)]) / tile
     )
-    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * repeats
+    step = np.linspace(0.0, 1.0, cells + 1)
+    v, u = (k.reshape(-1, 1) for k in np.meshgrid(step, step, indexing="ij"))
+    row, column = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
+    k = (row * (cells + 1) + column).ravel()
+    below = k + cells + 1
+    faces = np.stack([np.c_[k, below, below + 1], np.c_[k, below + 1, k + 1]], 1).reshape(-1, 3)
     return Mesh(
-        name, np.array([c, c + a, c + a + d, c + d]), np.array([[0, 3, 2], [0, 2, 1]]), uv, texture,
-        np.full(4, part, np.uint8), casts_shadow=casts_shadow, glows=glows,
+        name, c + u * a + v * d, faces, np.hstack([u, v]) * repeats, texture,
+        np.full(len(u), part, np.uint8), casts_shadow=casts_shadow, glows=glows,
     )  # fmt: skip
 
 

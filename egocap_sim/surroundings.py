@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -36,6 +36,24 @@ class Place:
     meshes: tuple[Mesh, ...]
     light: Light
     background: Float[Array, "3"]  # linear colour where nothing is drawn
+    room: Float[Array, "3"] = field(default_factory=lambda: np.full(3, 1000.0))
+    """Half the length and width of a closed room around the origin, and its height, metres."""
+
+
+GROUNDS = ("floor", "yard", "rug", "court", "pavement")
+"""Names of the meshes that are stood on."""
+
+
+def with_bounced_light(place: Place) -> Place:
+    """The place with light from below in the colour of its ground."""
+    colours = [(m.texture / 255.0) ** 2 for m in place.meshes if m.name in GROUNDS]
+    if not colours:
+        return place
+    light = place.light
+    albedo = np.mean([c.mean((0, 1)) for c in colours], axis=0)
+    arrives = 0.55 * light.color * max(-float(light.direction[2]), 0.0) + 0.5 * light.sky
+    ground = 0.45 * light.ground + 0.55 * albedo * arrives
+    return replace(place, light=replace(light, ground=ground))
 
 
 def at_dusk(place: Place) -> Place:
@@ -48,17 +66,17 @@ def at_dusk(place: Place) -> Place:
         replace(m, texture=np.round(m.texture * dim).astype(np.uint8)) if m.glows else m
         for m in place.meshes
     )
-    return Place(
-        place.name,
-        meshes,
-        Light(
+    return replace(
+        place,
+        meshes=meshes,
+        light=Light(
             low,
             light.color * [0.62, 0.38, 0.22],
             light.sky * [0.50, 0.52, 0.66],
             light.ground * 0.5,
             light.sky_axis,
         ),
-        place.background * dim,
+        background=place.background * dim,
     )
 
 
@@ -68,7 +86,10 @@ def direction_of(azimuth: float, elevation: float) -> Array:
     return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
 
 
-def floor(half: Array, surface: Surface) -> Mesh:
+def floor(half: Array, surface: Surface, cells: int = 1) -> Mesh:
     """A floor `half` metres (x, y) to each side."""
     x, y = half
-    return sheet("floor", (-x, y, 0), (2 * x, 0, 0), (0, -2 * y, 0), surface.texture, surface.tile)
+    return sheet(
+        "floor", (-x, y, 0), (2 * x, 0, 0), (0, -2 * y, 0), surface.texture, surface.tile,
+        cells=cells,
+    )  # fmt: skip

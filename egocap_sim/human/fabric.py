@@ -57,10 +57,16 @@ def fabric_texture(fabric: Fabric, rng: np.random.Generator) -> UInt8[Array, "12
     colors = np.array([rgb(PALETTE[c]) for c in fabric.colors], np.float32)
     image = PATTERNS[fabric.pattern](colors, rng).astype(np.float32)
     shade = 0.05 * smooth_noise(SIZE, 5, rng) + 0.03 * smooth_noise(SIZE, 40, rng)
-    grain = 0.035 * rng.standard_normal((SIZE, SIZE), dtype=np.float32)
-    image *= (1 + grain + (0.4 + fabric.wear) * shade)[..., None]
+    grain = 0.09 * rng.standard_normal((SIZE, SIZE), dtype=np.float32) + _weave()
+    image *= (1 + grain + (0.4 + 2.0 * fabric.wear) * shade)[..., None]
     image = (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+
+
+def _weave() -> Float[Array, "256 256"]:
+    """Threads over and under each other, four pixels apart."""
+    k = np.arange(SIZE) // 2 % 2
+    return np.where(k[:, None] == k[None, :], 0.04, -0.04).astype(np.float32)
 
 
 def plain(colors: Colors, rng: np.random.Generator) -> Image:

@@ -50,7 +50,7 @@ class Batch:
     positions: Float[Array, "N 3"]
     normals: Float[Array, "N 3"]
     uv: Float[Array, "N 2"]
-    layer_part: Float[Array, "N 2"]  # texture layer; part label / 255
+    layer_part: Float[Array, "N 2"]  # texture layer plus `_kind`; part label / 255
     faces: Int[Array, "F 3"]
     chunks: tuple[Chunk, ...]
     layers: UInt8[Array, "L S S 4"]
@@ -97,7 +97,7 @@ def merge(meshes: Sequence[Mesh]) -> Batch:
     faces = np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=False)])
     parts = np.concatenate([np.asarray(m.parts, np.uint8) for m in meshes])
     layers, layer_of_mesh = _layers(meshes)
-    layer = np.repeat(layer_of_mesh, np.diff(offsets))
+    layer = np.repeat(layer_of_mesh + [_kind(m) for m in meshes], np.diff(offsets))
     faces, chunks = _chunks(meshes, faces, parts)
     members = [
         np.unique(faces[c.first // 3 : (c.first + c.count) // 3]) for c in chunks
@@ -121,6 +121,13 @@ def merge(meshes: Sequence[Mesh]) -> Batch:
         _members=np.concatenate(members),
         _starts=np.cumsum([0] + [len(m) for m in members[:-1]]),
     )
+
+
+def _kind(mesh: Mesh) -> float:
+    """What the shader takes a surface for; too little to reach the next texture layer."""
+    if mesh.name == "skin":
+        return 0.3
+    return 0.15 if mesh.bones is not None and mesh.shininess == 0.0 else 0.0
 
 
 def vertex_normals(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> Float[Array, "N 3"]:

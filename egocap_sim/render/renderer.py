@@ -215,6 +215,7 @@ class FisheyeRenderer(pyrender.Renderer):
             set_.vector(program, "sky_color", light.sky)
             set_.vector(program, "ground_color", light.ground)
             set_.vector(program, "sky_axis", light.sky_axis)
+            set_.vector(program, "room", self.place.room)
             gpu.bind_textures(unit=0)
             self._draw_tiles(name, gpu, program, with_eye=True)
         self._buffer.end()

@@ -52,9 +52,7 @@ def shared(middle: Float[Array, "*n V"], span: float) -> Bool[Array, "*n"]:
     return np.ptp(middle, axis=-1) < span
 
 
-def instants(
-    middle: Float[Array, "V"], shutter_s: float, readout_s: float, count: int
-) -> Instants:
+def instants(middle: Float[Array, "V"], shutter_s: float, readout_s: float, count: int) -> Instants:
     """`count` instants over the time in which the views gather light.
 
     Views that do so one after the other have `count` each.

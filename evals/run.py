@@ -16,8 +16,10 @@ from __future__ import annotations
 import json
 import logging
 import shlex
+import sys
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -85,7 +87,7 @@ def study(
     predict(jobs, sequences)
     scores, scored = score(loaded, jobs, sequences)
     numbers = Numbers(scores, work / "studies")
-    missed = missed_thresholds(loaded, numbers)
+    missed = missed_thresholds(loaded, numbers) + missed_by_studies(loaded, work)
     result = {
         "suite": loaded.model_dump(mode="json"),
         "scores": scores,
@@ -251,9 +253,19 @@ def run_studies(suite: Suite, work: Path) -> None:
                 raise FileError(path, f"is of another command: {before}",
                                 valid="another --work, or remove it")  # fmt: skip
             continue
-        code = main(words)
+        with redirect_stdout(sys.stderr):  # what the suite itself prints may be JSON
+            code = main(words)
         if code not in (0, 3) or not path.is_file():
             raise InputError(f"the study '{entry.name}' failed with exit code {code}")
+
+
+def missed_by_studies(suite: Suite, work: Path) -> list[str]:
+    """Targets that the suite's studies missed, in words."""
+    return [
+        f"{entry.name}: {what}"
+        for entry in suite.studies
+        for what in load_result(work / "studies" / f"{entry.name}.json")["result"]["missed"]
+    ]
 
 
 def _check(suite: Suite) -> None:

@@ -2,15 +2,20 @@
 
 import json
 import re
+import sys
+import types
 
 import numpy as np
 import pytest
 
 from egocap.errors import FileError
 from egocap.evaluate.predictions import Predictions, save_predictions
+from egocap.evaluate.table import Table
 from egocap.sequence import open_sequence
+from evals import cli
 from evals.cli import main
 from evals.record import load_result, save_result
+from evals.study import Outcome
 from evals.suite import FOLDER, load_suite
 from evals.verdicts import Numbers
 
@@ -124,6 +129,32 @@ def test_a_changed_configuration_is_not_mixed_in(place, tmp_path, capsys):
     changed.write_text(text.replace('"small"', '"other"'))
     assert main(["run", str(changed), *words[2:]]) == 2
     assert "of the suite 'small'" in capsys.readouterr().err
+
+
+def test_studies_run_once_and_leave_stdout_to_the_suite(place, monkeypatch, capsys):
+    folder, words = place
+    runs = []
+
+    def study(limit: float = 1.0) -> Outcome:
+        runs.append(limit)
+        return Outcome({"value": 2.0}, [Table("counted", ("x",), (("2",),))], ["2 is over 1"])
+
+    module = types.ModuleType("counting_study")
+    module.study = study
+    monkeypatch.setitem(sys.modules, "counting_study", module)
+    monkeypatch.setitem(cli.STUDIES, "count", ("counting_study", "Counts."))
+    counted = folder / "counted.toml"
+    text = (folder / "small.toml").read_text().replace("nothing.json:mpjpe_mm", "count.json:value")
+    counted.write_text(text + '[[studies]]\nname = "count"\noptions = ["--limit", "1.5"]\n')
+    for _ in range(2):
+        assert main(["run", str(counted), *words[2:], "--json", "--no-html"]) == 3
+        captured = capsys.readouterr()
+        rows = json.loads(captured.out)["paper"]
+        assert rows[1]["ours"] is not None and "count: 2 is over 1" in captured.err
+    assert runs == [1.5]
+    counted.write_text(counted.read_text().replace("1.5", "1.6"))
+    assert main(["run", str(counted), *words[2:]]) == 2
+    assert "is of another command" in capsys.readouterr().err
 
 
 def test_a_method_that_must_be_there(place, capsys):

@@ -67,8 +67,9 @@ def study(
         views: How many held-out views to score.
         store: Folder for canonical views and runs; a temporary one when not given.
     """
-    from egocap.detect.data import build_store, find_sequences
+    from egocap.detect.data import build_store
     from egocap.detect.network import config_named
+    from egocap.episodes import find_sequences
 
     if seeds < 1 or steps < 1 or views < 1:
         raise InputError(f"{seeds} seeds, {steps} steps, {views} views", valid="1 or more of each")

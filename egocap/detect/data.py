@@ -23,9 +23,8 @@ from numpy import ndarray as Array
 
 from egocap.commandline import progress
 from egocap.detect.view import CanonicalView, ViewSpec
-from egocap.errors import EgocapError, FileError, InputError
+from egocap.errors import EgocapError, FileError
 from egocap.sequence import (
-    MANIFEST,
     OUT_OF_VIEW,
     VISIBLE,
     Sequence,
@@ -85,26 +84,6 @@ class ViewStore:
         which = int(np.searchsorted(self._ends, index, side="right"))  # type: ignore[attr-defined]
         views = self.sequences[which]
         return views, index - (int(self._ends[which]) - len(views))  # type: ignore[attr-defined]
-
-
-def find_sequences(paths: Several[Path]) -> list[Path]:
-    """Sequence folders among `paths` and in them, in order. InputError when there is none."""
-    found: list[Path] = []
-    for path in paths:
-        if not path.is_dir():
-            raise FileError(path, "no such folder", valid="sequences, or folders of sequences")
-        if (path / MANIFEST).exists():
-            found.append(path)
-        else:
-            found += sorted(
-                p.parent for p in path.glob(f"*/{MANIFEST}") if not p.parent.name.startswith(".")
-            )
-    if not found:
-        raise InputError(
-            f"no sequences in {', '.join(map(str, paths))}",
-            valid="folders made by egocap-sim generate",
-        )
-    return found
 
 
 def build_store(folders: Several[Path], spec: ViewSpec, store: Path) -> ViewStore:

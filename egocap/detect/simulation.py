@@ -51,7 +51,7 @@ def simulate_for_rig(rig: Path, out: Path, seconds: float, seed: int = 0) -> Pat
     number = 0
     while number < 2 or time.monotonic() < until:
         folder = out / f"s{number:05d}"
-        if not (folder / "truth.npz").exists():
+        if not any(folder.rglob("truth.npz")):
             _simulate(rig, folder, FIRST_SEED + 10_000 * seed + number)
         number += 1
     log.info("%d sequences of %d stereo frames simulated", number, FRAMES)

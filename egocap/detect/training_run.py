@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from egocap.detect.checkpoint import CHECKPOINT, FINAL, load_run_weights
-from egocap.detect.data import ViewStore, build_store, find_sequences
+from egocap.detect.data import ViewStore, build_store
 from egocap.detect.network import NetworkConfig, config_named
 from egocap.detect.simulation import simulate_for_rig
 from egocap.detect.training import Outcome, Trainer, TrainingConfig
 from egocap.detect.weights import open_weights, save_weights
+from egocap.episodes import find_sequences
 from egocap.errors import FileError, InputError, MachineError
 
 if TYPE_CHECKING:

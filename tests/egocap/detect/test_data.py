@@ -10,11 +10,10 @@ from egocap.detect.data import (
     OUTSIDE,
     SEEN,
     build_store,
-    find_sequences,
     sequence_views,
 )
 from egocap.detect.view import CanonicalView, ViewSpec
-from egocap.errors import FileError, InputError
+from egocap.errors import FileError
 from egocap.labels import MIRROR
 from egocap.sequence import OUT_OF_VIEW, VISIBLE, Sequence
 
@@ -76,12 +75,6 @@ def test_store_finds_views_by_number(tiny_sequence, tmp_path):
     assert store.locate(half) == (store.sequences[1], 0)
 
 
-def test_sequences_are_found_in_folders(tiny_sequence, tmp_path):
-    assert find_sequences([tiny_sequence]) == [tiny_sequence]
-    assert find_sequences([tiny_sequence.parent]) == [tiny_sequence]
-    with pytest.raises(InputError, match="no sequences"):
-        find_sequences([tmp_path])
-    with pytest.raises(FileError, match="no such folder"):
-        find_sequences([tmp_path / "missing"])
+def test_nothing_readable_is_an_error(tmp_path):
     with pytest.raises(FileError, match="none of the sequences"):
         build_store([tmp_path], SPEC, tmp_path / "store")

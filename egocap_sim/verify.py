@@ -29,6 +29,7 @@ from egocap_sim.crosscheck import RayCheck, check_forces, check_pixels, check_ra
 _PIXEL_TOLERANCE = 1e-6  # px: truth and rig are both stored in full precision
 _POSITION_TOLERANCE = 1e-9  # m
 _LEAST_LABELLED, _LEAST_IN_DEPTH = 0.75, 0.90  # shares of the visible joints
+_ENOUGH = 300  # joints looked at; fewer say little about a share
 _LEAST_BY_RAYS = 0.93  # of the joints judged alike
 _FORCE_TOLERANCE = 0.10  # body weights, mean over a recording of two seconds and more
 
@@ -158,12 +159,12 @@ def _image_problems(sequence: Sequence) -> Iterator[str]:
 def _outside_problems(sequence: Sequence) -> Iterator[str]:
     """The truth against the recorded planes and Newton's law."""
     pixels = check_pixels(sequence)
-    if pixels.labelled_share < _LEAST_LABELLED:
+    if pixels.joints >= _ENOUGH and pixels.labelled_share < _LEAST_LABELLED:
         yield (
             f"truth.npz: {100 * pixels.labelled_share:.1f} % of the visible joints have their body "
             f"at their pixel, fewer than {100 * _LEAST_LABELLED:g} %"
         )
-    if pixels.depth_share < _LEAST_IN_DEPTH:
+    if pixels.measured >= _ENOUGH and pixels.depth_share < _LEAST_IN_DEPTH:
         yield (
             f"truth.npz: {100 * pixels.depth_share:.1f} % of the visible joints lie just behind "
             f"the recorded surface, fewer than {100 * _LEAST_IN_DEPTH:g} %"

@@ -23,6 +23,8 @@ STUDIES = {
     "detector": ("evals.detector", "Score the learned detector: PCK, calibration, speed."),
     "augmentation": ("evals.augmentation", "What augmentation of green-screen footage is worth."),
     "visibility": ("evals.visibility", "Share of the time each joint is seen, by field of view."),
+    "survival": ("evals.survival", "Kill a generation again and again; it must come out whole."),
+    "dataset": ("evals.dataset_card", "Count what a data set holds: people, rigs, joints seen."),
     "run": ("evals.run", "Run a suite: sequences, predictions, scores and a report."),
     "compare": ("evals.compare", "Say what changed between two runs, and whether beyond noise."),
     "stress": ("evals.stress", "Track under one growing fault at a time, with error bars."),

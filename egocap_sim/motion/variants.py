@@ -54,10 +54,9 @@ def on_figure(clip: Clip) -> Clip:
     """A clip's rotations on the standard figure, its hips as high for its legs as they were."""
     thighs = [INDEX["l_thigh"], INDEX["r_thigh"]]
     legs = [
-        np.linalg.norm(np.diff(clip.positions[:, [INDEX[f"{s}_{p}"] for p in _LEG]], axis=1), axis=-1)
-        .mean(0).sum()
-        for s in ("l", "r")
-    ]  # fmt: skip
+        np.linalg.norm(np.diff(clip.positions[:, leg], axis=1), axis=-1).mean(0).sum()
+        for leg in _LEGS
+    ]
     scale = (figure.THIGH + figure.CALF) / float(np.mean(legs))
     hips = scale * clip.positions[:, thighs].mean(1)
     offset = (figure.REST[thighs] - figure.REST[0]).mean(0)
@@ -65,7 +64,7 @@ def on_figure(clip: Clip) -> Clip:
     return replace(clip, positions=figure.positions(clip.rotations, pelvis))
 
 
-_LEG = ("thigh", "calf", "foot")
+_LEGS = [[INDEX[f"{s}_{part}"] for part in ("thigh", "calf", "foot")] for s in ("l", "r")]
 
 
 def _at_rate(clip: Clip, fps: float) -> Clip:

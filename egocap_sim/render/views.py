@@ -60,7 +60,9 @@ class Resampler:
         for i, t in enumerate(tiles):
             x, y = self.atlas.lookup[t.view][:, ::_SKIPPED].transpose(2, 0, 1)
             x, y = x.astype(int), y.astype(int)
-            mine = (x >= t.column) & (x < t.column + t.width) & (y >= t.row) & (y < t.row + t.height)
+            mine = (
+                (x >= t.column) & (x < t.column + t.width) & (y >= t.row) & (y < t.row + t.height)
+            )
             rows = slice(0, len(x))
             for k, at, limit in ((0, x, t.column + t.width), (2, y, t.row + t.height)):
                 low = np.where(mine, at, 1 << 30).min(1) - _REACH

@@ -1,0 +1,99 @@
+"""The card of a data set: what a folder of sequences holds, against what a data set should."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from egocap.errors import InputError
+from egocap.evaluate.table import Table
+from egocap.labels import LABELS
+from evals.study import Outcome
+
+LEAST_SEEN = 35.0  # percent of the frames in which some camera of a rig sees a joint
+LEAST_PEOPLE = 200
+LEAST_FRAMES = 20_000
+REACHED = 0.5  # of an episode's frames a joint is inside a lens: the rig can see it
+
+
+def study(
+    folder: Positional[Annotated[Path, arg(metavar="DIR")]],
+    page: Annotated[Path | None, arg(metavar="FILE")] = None,
+) -> Outcome:
+    """Count what a data set holds: people, rigs, places, motions, and how often joints are seen.
+
+    Args:
+        folder: Recording in episodes, or folder of sequences.
+        page: Draw the statistics there too, .html.
+    """
+    from egocap.commandline import progress
+    from egocap.episodes import find_sequences
+    from egocap.sequence import VISIBLE, Sequence
+    from egocap_sim.stats.collect import Statistics
+    from egocap_sim.stats.page import render_page, summary
+    from evals.record import write_text
+
+    if page is not None and page.suffix != ".html":
+        raise InputError(f"--page {page}: no format for '{page.suffix}'", valid=".html")
+    found, statistics = find_sequences([folder]), Statistics()
+    able, seen = np.zeros(len(LABELS)), np.zeros(len(LABELS))
+    lengths = []
+    with progress("sequences", len(found), unit="sequences") as advance:
+        for path in found:
+            statistics.add(path)
+            truth = Sequence(path).truth
+            reached = truth.in_view.any(1).mean(0) >= REACHED
+            frames = len(truth.time)
+            able += frames * reached
+            seen += reached * (truth.visibility == VISIBLE).any(1).sum(0)
+            lengths.append(frames)
+            advance(1)
+    result = summary(statistics)
+    result["episode_frames"] = [min(lengths), float(np.mean(lengths)), max(lengths)]
+    for j, label in enumerate(LABELS):
+        result["joints"][label] |= {
+            "reached": float(100 * able[j] / statistics.frames),
+            "seen_where_reached": float(100 * seen[j] / able[j]) if able[j] else None,
+        }
+    if page is not None:
+        write_text(page, render_page(statistics))
+    return Outcome(result, [_table(result), _joints(result)], missed(result))
+
+
+def missed(result: dict[str, Any]) -> list[str]:
+    """What the data set falls short of."""
+    short = [
+        f"{label} is seen in {row['seen_where_reached']:.1f} % of the frames of rigs that reach it"
+        for label, row in result["joints"].items()
+        if row["seen_by_any"] < LEAST_SEEN
+        and row["seen_where_reached"] is not None
+        and row["seen_where_reached"] < LEAST_SEEN
+    ]
+    if result["people"] < LEAST_PEOPLE:
+        short.append(f"{result['people']} people, not {LEAST_PEOPLE}")
+    if result["frames"] < LEAST_FRAMES:
+        short.append(f"{result['frames']} frames, not {LEAST_FRAMES}")
+    return short
+
+
+def _table(result: dict[str, Any]) -> Table:
+    keys = ("frames", "sequences", "people", "seconds", "bytes", "dropped_images")
+    rows = [[key.replace("_", " "), f"{result[key]:g}"] for key in keys]
+    for key in ("height_m", "episode_frames"):
+        if result[key]:
+            low, mean, high = result[key]
+            rows.append([key.replace("_", " "), f"{low:.3g} to {high:.3g}, mean {mean:.3g}"])
+    for key in ("rigs", "motions"):
+        rows.append([key, ", ".join(f"{n} {name}" for name, n in list(result[key].items())[:12])])
+    return Table("Data set", ("what", "how much"), tuple((what, much) for what, much in rows))
+
+
+def _joints(result: dict[str, Any]) -> Table:
+    rows = [(label, f"{row['seen_by_any']:.1f}", f"{row['reached']:.1f}",
+             "-" if row["seen_where_reached"] is None else f"{row['seen_where_reached']:.1f}")
+            for label, row in result["joints"].items()]  # fmt: skip
+    head = ("joint", "seen by a camera %", "frames of rigs that reach it %", "seen in those %")
+    return Table("Joints", head, tuple(rows))

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from egocap.commandline import progress
 from egocap.errors import FileError
-from egocap_sim.builtin import builtin_file
+from egocap.rig import load_rig
+from egocap_sim.builtin import builtin_file, rig_names
 from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene
 
@@ -56,7 +58,8 @@ def make_heldout(
         out: folder of the set, one sequence a folder in it.
         motions: folder with the validation clips; without it the parts that need one are left out.
         size: image width and height, pixels.
-        rig: a rig's name or file in place of the scenes' own.
+        rig: a rig's name or file in place of the scenes' own; its pictures are as wide as `size`
+            and keep the aspect of a file's.
         workers: rendering processes.
 
     Raises:
@@ -86,8 +89,7 @@ def _scene(
     scene = load_scene(builtin_file("scene", part.scene))
     changes = {"name": name, "frames": part.frames}
     changes |= {"seed": part.seed} if part.seed is not None else {}
-    rig_changes = {"size": size} | ({"name": rig} if rig is not None else {})
-    changes["rig"] = scene.rig.model_copy(update=rig_changes)
+    changes["rig"] = scene.rig.model_copy(update={"size": size, **_rig(rig, size)})
     if part.clip and motions is not None:
         path = motions / part.clip
         if not path.is_file():
@@ -95,3 +97,12 @@ def _scene(
             raise FileError(path, "no such clip", valid=clips)
         changes["motion"] = type(scene.motion)(file=str(path.resolve()), start_s=part.start_s)
     return scene.model_copy(update=changes)
+
+
+def _rig(rig: str | None, size: tuple[int, int]) -> dict[str, Any]:
+    """What a rig's name or file changes in a scene's rig table. Raises FileError."""
+    if rig is None or rig in rig_names():
+        return {} if rig is None else {"name": rig}
+    camera = load_rig(rig).cameras[0]
+    height = round(size[0] * camera.height / camera.width)
+    return {"name": None, "file": str(Path(rig).resolve()), "size": (size[0], height)}

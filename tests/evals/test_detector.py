@@ -119,5 +119,29 @@ def test_heldout_footage_is_of_validation_seeds(tmp_path):
     scenes = heldout_scenes()
     assert sum(s.frames for s in scenes) == 750
     assert all(160 <= s.seed <= 170 and s.rig.size == (640, 512) for s in scenes)
+    assert {s.rig.name for s in heldout_scenes(rig="egorig2")} == {"egorig2"}
     with pytest.raises(FileError, match="no such clip"):
         make_heldout(tmp_path / "out", motions=tmp_path)
+
+
+def test_heldout_footage_of_a_rig_file_keeps_its_aspect(tmp_path):
+    path = tmp_path / "square.toml"
+    path.write_text(
+        """name = "square"
+[lens]
+model = "equidistant"
+width = 872
+height = 872
+fov = 190.0
+[stereo]
+baseline = 0.2
+forward = 0.2
+up = 0.1
+pitch = 70.0
+"""
+    )
+    scenes = heldout_scenes(rig=str(path))
+    assert {s.rig.size for s in scenes} == {(640, 640)}
+    assert {s.rig.file for s in scenes} == {str(path)} and {s.rig.name for s in scenes} == {None}
+    with pytest.raises(FileError, match=r"none\.toml"):
+        heldout_scenes(rig="none.toml")

@@ -14,10 +14,11 @@ from numpy import ndarray as Array
 
 from egocap.commandline import progress
 from egocap.detect.calibration import Calibration, fit_calibration
-from egocap.detect.data import OUTSIDE, SEEN, ViewStore, build_store, find_sequences
+from egocap.detect.data import OUTSIDE, SEEN, ViewStore, build_store
 from egocap.detect.engine import Engine, EngineName, open_engine
 from egocap.detect.heatmaps import decode
 from egocap.detect.weights import Weights, with_calibration
+from egocap.episodes import find_sequences
 
 _BATCH = 8  # views at once
 

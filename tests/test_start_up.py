@@ -23,7 +23,16 @@ HEAVY = {
     "safetensors",
 }
 COMMANDS = {
-    "egocap.cli": ("calibrate-detector", "detect", "export", "posterior", "track", "train", "view"),
+    "egocap.cli": (
+        "calibrate-detector",
+        "detect",
+        "export",
+        "fit-body",
+        "posterior",
+        "track",
+        "train",
+        "view",
+    ),
     "egocap_sim.cli": ("generate", "preview", "verify"),
     "evals.cli": ("pose", "augmentation", "run", "compare", "check", "stress"),
 }

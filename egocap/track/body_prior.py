@@ -66,6 +66,7 @@ class BodyPrior:
 
     mean: Float[Array, "K"]
     covariance: Float[Array, "K K"]
+    individual: Float[Array, "K K"]  # what of the covariance is left when the stature is known
 
     @classmethod
     def of(cls, height: float | None = None) -> BodyPrior:
@@ -80,8 +81,9 @@ class BodyPrior:
         share = np.array([_SHARES[kind][0][axis] for kind, axis in COMPONENTS])
         own = np.array([_SHARES[kind][1][axis] for kind, axis in COMPONENTS]) * stature
         least = np.maximum(INDIVIDUAL * np.abs(share) * stature, ACROSS_M)
-        covariance = scatter**2 * np.outer(share, share) + np.diag(np.maximum(own, least) ** 2)
-        return cls(share * stature, covariance)
+        individual = np.diag(np.maximum(own, least) ** 2)
+        common = scatter**2 * np.outer(share, share)
+        return cls(share * stature, common + individual, individual)
 
 
 def offsets_of(components: Float[Array, "K"]) -> Float[Array, "22 3"]:

@@ -15,16 +15,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.gaussians import GaussianBody
 from egocap.rig import Rig
+from egocap.skeleton import LABEL_POINTS, MOVES
 from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays, ray_colours
 from egocap.track.palette import Background, Palette, colour_bins
+
+NEEDED = 2
+"""Joints of a limb that must have been detected before the images may move it."""
+
+
+def felt_angles(detected: Bool[Array, "18"]) -> Bool[Array, "37"]:
+    """Which angles the images may move, where `detected` joints were found in any view.
+
+    A limb that the body hides has almost no pixels, and those that the model wrongly gives it, past
+    the rim of a trunk that is too thin, would drag it far: nothing else holds it. An angle is felt
+    when two joints that it moves were detected, or all that it moves.
+    """
+    moved = MOVES[list(LABEL_POINTS)]
+    return (moved & detected[:, None]).sum(0) >= np.minimum(moved.sum(0), NEEDED)
 
 
 @dataclass(frozen=True)
@@ -87,16 +102,24 @@ class ColourTerm:
         return self._seen
 
     def add(
-        self, angles: Float[Array, "37"], H: Float[Array, "37 37"], g: Float[Array, "37"]
+        self,
+        angles: Float[Array, "37"],
+        H: Float[Array, "37 37"],
+        g: Float[Array, "37"],
+        felt: Bool[Array, "37"] | None = None,
     ) -> float:
         """Energy at a pose; its gradient is added to g, its Gauss-Newton matrix to H.
 
-        All are times the weight. The matrix is whole: lower and upper triangle.
+        All are times the weight. The matrix is whole: lower and upper triangle. Angles that are not
+        `felt` get nothing; see `felt_angles`. Raises InputError before the first frame.
         """
         if self._seen is None:
             raise InputError("the colour term has seen no frame yet", valid="see() first")
         found = self.model.evaluate(angles, self._seen, curvature=True)
         assert found.curvature is not None
-        H += self.weight * found.curvature
-        g += self.weight * found.gradient
+        gradient, curvature = found.gradient, found.curvature
+        if felt is not None:
+            gradient, curvature = gradient * felt, curvature * np.outer(felt, felt)
+        H += self.weight * curvature
+        g += self.weight * gradient
         return self.weight * found.energy

@@ -50,8 +50,9 @@ SYSTEMATIC_M = 0.003
 """Scatter of a bone's length that no number of frames takes away: detectors mark joints by skin."""
 WELL = 0.03
 """Relative standard deviation up to which a bone counts as well determined."""
-LEARNED_SHARE = 0.7
-"""Share of the prior's standard deviation that must be gone for a bone to count as seen."""
+LEARNED_SHARE = 0.8
+"""Share of its scatter among people of one stature below which a bone's own must come for it to
+count as seen: other bones tell of the stature, but not more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +62,7 @@ class BodyFit:
     proportions: Proportions
     std: Float[Array, "22"]  # of the length of the bone to each point, metres
     prior_std: Float[Array, "22"]  # the same before anything was seen
+    usual_std: Float[Array, "22"]  # the same among people of one stature
     components: Float[Array, "K"]  # `body_prior.COMPONENTS`, metres
     covariance: Float[Array, "K K"]
     frames: Int[Array, "F"]  # which took part
@@ -85,8 +87,12 @@ class BodyFit:
     @property
     def well_determined(self) -> Bool[Array, "22"]:
         """Bones that are known well, and that from the detections, not from the prior."""
-        learned = self.std < LEARNED_SHARE * self.prior_std
-        return (self.relative_std <= WELL) & learned
+        return (self.relative_std <= WELL) & self.learned
+
+    @property
+    def learned(self) -> Bool[Array, "22"]:
+        """Bones of which the detections told more than the stature does."""
+        return self.std < LEARNED_SHARE * self.usual_std
 
     def report(self) -> dict[str, dict[str, float | str]]:
         """Length in metres, standard deviation in %, and what they rest on, by bone."""
@@ -94,8 +100,8 @@ class BodyFit:
         lines: dict[str, dict[str, float | str]] = {}
         for i, name in enumerate(POINTS):
             if lengths[name] > 1e-6:
-                learned = self.std[i] < LEARNED_SHARE * self.prior_std[i]
-                verdict = "prior" if not learned else "well" if self.well_determined[i] else "badly"
+                seen = "well" if self.well_determined[i] else "badly"
+                verdict = seen if self.learned[i] else "prior"
                 lines[name] = {
                     "length_m": round(lengths[name], 4),
                     "std_percent": round(100.0 * float(self.relative_std[i]), 2),
@@ -336,6 +342,7 @@ def _finished(problem, poses, components, converged, frames) -> BodyFit:
         proportions=proportions_of(components),
         std=std,
         prior_std=prior_std,
+        usual_std=length_spread(components, problem.prior.individual),
         components=components,
         covariance=covariance,
         frames=frames,

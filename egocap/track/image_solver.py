@@ -15,8 +15,10 @@ from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.skeleton import DOF_COUNT, DOFS, SPREAD
+from egocap.track.colour_term import felt_angles
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import predict
+from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import Evaluation, ImageModel
 from egocap.track.kernel import detections, make_model, priors, smoothness
 from egocap.track.observations import Observations
@@ -94,7 +96,7 @@ class ImageSolver:
 
     def solve(
         self,
-        colours: Float32[Array, "P 3"],
+        colours: Float32[Array, "P 3"] | Palettes,
         start: Float[Array, "37"],
         predicted: Float[Array, "37"] | None = None,
         scatter: Float[Array, "37"] | None = None,
@@ -103,7 +105,8 @@ class ImageSolver:
     ) -> Solution:
         """Damped Gauss-Newton from a start.
 
-        A prediction with its scatter pulls when given, and so do the detections of one frame.
+        A prediction with its scatter pulls when given, and so do the detections of one frame; then
+        the colours move only limbs that were detected (`colour_term.felt_angles`).
         """
         angles, damping = np.array(start, float), 1e-3
         seen = _detected(observations, frame)
@@ -124,7 +127,7 @@ class ImageSolver:
 
     def descend(
         self,
-        colours: Float32[Array, "P 3"],
+        colours: Float32[Array, "P 3"] | Palettes,
         start: Float[Array, "37"],
         rng: np.random.Generator,
         predicted: Float[Array, "37"] | None = None,
@@ -153,6 +156,12 @@ class ImageSolver:
 
     def _total(self, colours, angles, predicted, scatter, seen=None):
         evaluation = self.model.evaluate(angles, colours, curvature=True)
+        if seen is not None and evaluation.curvature is not None:
+            felt = felt_angles((seen[-1] > 0.0).any(0))
+            evaluation = Evaluation(
+                evaluation.energy, evaluation.gradient * felt,
+                evaluation.curvature * np.outer(felt, felt),
+            )  # fmt: skip
         energy, gradient, H = self._with_priors(evaluation, angles, predicted, scatter)
         if seen is not None:
             scale = float(self.priors_config.robust_scale)
@@ -198,7 +207,10 @@ def track_colours(
     fps: float,
     rng: np.random.Generator | None = None,
 ) -> list[Solution]:
-    """Follow a pose through the colours (P, 3) of successive frames, each from its past alone.
+    """Follow a pose through the colours of successive frames, each from its past alone.
+
+    Frames are what `ImageModel.evaluate` takes; a generator that calls `ColourTerm.see` gives each
+    frame's colours against the background at the last pose, when that frame's turn comes.
 
     `start` is the pose at the first frame. With `rng` every frame is solved by the stochastic
     descent, else by Gauss-Newton.

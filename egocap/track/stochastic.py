@@ -17,6 +17,7 @@ from jaxtyping import Float, Float32, Int32
 from numba import njit
 from numpy import ndarray as Array
 
+from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import Evaluation, ImageModel
 
 FLOOR = 0.3
@@ -32,7 +33,7 @@ class PixelSampler:
         self.model = model
         self._importance = np.ones(len(model.rays))
 
-    def aim(self, colours: Float32[Array, "P 3"], angles: Float[Array, "37"]) -> None:
+    def aim(self, colours: Float32[Array, "P 3"] | Palettes, angles: Float[Array, "37"]) -> None:
         """Set the importances by the rays' pulls at a pose: costs one full evaluation."""
         energies, pull = self.model.pixel_energies(angles, colours)
         near = (energies != 0.0).astype(float)
@@ -50,7 +51,7 @@ class PixelSampler:
 
     def estimate(
         self,
-        colours: Float32[Array, "P 3"],
+        colours: Float32[Array, "P 3"] | Palettes,
         angles: Float[Array, "37"],
         count: int,
         keep: float,

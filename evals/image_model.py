@@ -1,9 +1,10 @@
 """Studies of the volumetric image model: quadrature, gradients, occlusion, basin of attraction.
 
-    python -m evals.image_model SEQ --out evals/results/image_model.json
+    python -m evals.image_model SEQ... --live SEQ... --out evals/results/image_model.json
 
-SEQ is a simulated sequence. Colours are read off its first frame at the true pose, as
-personalisation would; poses are searched without the truth, which only judges them.
+SEQ are simulated sequences, of several people and motions; those of --live are followed by colour
+alone. Colours are learned in five frames of a sequence at the true pose, as personalisation would;
+poses are searched without the truth, which only judges them.
 """
 
 from __future__ import annotations
@@ -13,15 +14,17 @@ import json
 import shlex
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.body import Proportions
+from egocap.detect.simulated import parse_source, simulate_detections
 from egocap.gaussians import GaussianBody
 from egocap.labels import EVALUATED, UPPER
 from egocap.rig import Rig
@@ -29,11 +32,21 @@ from egocap.rig_files import parse_rig
 from egocap.sequence import VISIBLE, Sequence
 from egocap.skeleton import DOF_COUNT, DOF_INDEX, DOFS, LIMITS, SPREAD, forward
 from egocap.track.appearance import RayBatch, colour_energy, colour_gradient
+from egocap.track.colour import PAPER, ColourMeasure
+from egocap.track.colour_term import ColourTerm, ColourTermConfig
 from egocap.track.colouring import colour_body
+from egocap.track.config import TrackerConfig
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays
-from egocap.track.image_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
+from egocap.track.image_solver import (
+    UPPER_BODY,
+    ImageSolver,
+    ImageSolverConfig,
+    track_colours,
+)
 from egocap.track.inverse import nearest_angles
+from egocap.track.observations import Observations, observe
+from egocap.track.palette import learn_palette
 from egocap.track.posing import pose_gaussians
 from egocap.track.visibility import (
     RayGaussians,
@@ -46,6 +59,10 @@ from egocap.track.visibility import (
 BRUTE_STEP = 2e-4  # metres
 PERTURBATIONS_DEG = (2.0, 5.0, 10.0, 15.0, 20.0)
 CLOSE_M = 0.03
+LEARNED = 5
+LIVE_TERM = ColourTermConfig(size=96, weight=0.03)
+LIVE_PRIORS = TrackerConfig(zeta=0.7, speed=8.0)
+"""Colour alone must follow fast hands from frame to frame."""
 
 
 def brute_visibility(met: RayGaussians, far: float = 2.6) -> Float[Array, "P G"]:
@@ -143,82 +160,210 @@ def occlusion_study(body: GaussianBody, rig: Rig, steps: int = 161) -> dict[str,
     }
 
 
-def basin_study(folder: Path, trials: int, rng: np.random.Generator) -> dict[str, Any]:
+def basin_study(
+    scenes: list[Scene], trials: int, rng: np.random.Generator
+) -> dict[str, dict[str, dict[str, float]]]:
     """Share of perturbed poses that come back to under 30 mm, by what is perturbed and known.
 
-    Every angle is drawn evenly from plus or minus the size. `visible` counts only joints that a
-    view sees, as colour cannot know of others.
+    Every angle is drawn evenly from plus or minus the size; `trials` are those of a scene.
+    `visible` counts only joints that a view sees, as colour cannot know of others. The last two are
+    the paper's measure, which knows of no background.
     """
-    scene = Scene(folder)
-    tasks: dict[str, Callable[[float], dict[str, float]]] = {
-        "colour, upper body": lambda size: scene.returns(size, trials, rng, UPPER_BODY, False),
-        "colour, all angles": lambda size: scene.returns(size, trials, rng, None, False),
-        "colour and detections": lambda size: scene.returns(size, trials, rng, None, True),
-        "detections": lambda size: scene.returns(size, trials, rng, None, True, colour=0.0),
+    tasks: dict[str, Callable[[Scene, float], Trial]] = {
+        "colour, upper body": lambda scene, size: scene.trial(size, rng, UPPER_BODY),
+        "colour, all angles": lambda scene, size: scene.trial(size, rng),
+        "colour and detections": lambda scene, size: scene.trial(size, rng, pixels=2.0),
+        "detections": lambda scene, size: scene.trial(size, rng, pixels=2.0, weight=0.0),
+        "paper's colour, upper body": lambda scene, size: scene.trial(
+            size, rng, UPPER_BODY, measure=PAPER
+        ),
+        "paper's colour and detections": lambda scene, size: scene.trial(
+            size, rng, pixels=2.0, measure=PAPER
+        ),
     }
     return {
-        name: {f"{size:.0f}_deg": run(size) for size in PERTURBATIONS_DEG}
+        name: {
+            f"{size:.0f}_deg": _summary([run(s, size) for s in scenes for _ in range(trials)])
+            for size in PERTURBATIONS_DEG
+        }
         for name, run in tasks.items()
     }
 
 
+def detection_study(scenes: list[Scene], frames: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Mean error with and without colour beside detections of 2 and 4 pixels at 640 x 512.
+
+    Every frame is solved on its own, first from detections alone, starting 5 degrees off; colour
+    starts from what they find.
+    """
+    result: dict[str, Any] = {}
+    for pixels in (2.0, 4.0):
+        entry: dict[str, Any] = {}
+        for scene in scenes:
+            picked = np.linspace(0, len(scene.poses) - 1, frames).round().astype(int)
+            rows = [scene.compare(int(t), pixels, rng) for t in picked]
+            without, with_ = (np.mean([row[k] for row in rows], 0) for k in (0, 1))
+            entry[scene.name] = {
+                "detections_mm": round(1e3 * float(without[0]), 1),
+                "with_colour_mm": round(1e3 * float(with_[0]), 1),
+                "detections_visible_mm": round(1e3 * float(without[1]), 1),
+                "with_colour_visible_mm": round(1e3 * float(with_[1]), 1),
+            }
+        names = next(iter(entry.values()))
+        entry["mean"] = {
+            name: round(float(np.mean([e[name] for e in entry.values()])), 1) for name in names
+        }
+        result[f"simulated_{pixels:.0f}_px"] = entry
+    return result
+
+
+def live_study(folder: Path, frames: int) -> dict[str, Any]:
+    """The paper's live test: the upper body by colour alone, from a known first pose."""
+    scene = Scene(folder)
+    term = ColourTerm(scene.body, scene.sequence.rig, scene.palette, LIVE_TERM)
+    solver = ImageSolver(
+        term.model, ImageSolverConfig(lambda_colour=LIVE_TERM.weight), LIVE_PRIORS, UPPER_BODY
+    )
+    count = min(frames, len(scene.poses))
+
+    def seen():
+        for t in range(count):
+            yield term.see(scene.sequence.frame(t).images, scene.poses[0] if t == 0 else None)
+
+    found = track_colours(solver, seen(), scene.poses[0], scene.sequence.manifest.fps)
+    errors = 1e3 * np.array([scene.errors(f.angles, t)[UPPER] for t, f in enumerate(found)])
+    return {
+        "frames": count,
+        "mean_mm": round(float(errors.mean()), 1),
+        "median_mm": round(float(np.median(errors)), 1),
+        "last_50_mm": round(float(errors[-50:].mean()), 1),
+        "worst_frame_mm": round(float(errors.mean(1).max()), 1),
+        "steps_a_frame": round(float(np.mean([f.steps for f in found])), 2),
+    }
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Mean errors before and after solving, metres."""
+
+    before: float
+    after: float
+    visible: float  # of the joints that a view sees, after
+
+
 class Scene:
-    """Frames of a sequence, a body in their colours, detections of 2 pixels at 640 x 512."""
+    """Frames of a sequence, a body in its colours, detections of it.
+
+    Colours are learned in `LEARNED` frames spread over the sequence, at their true poses: the few
+    poses of a personalisation.
+    """
 
     def __init__(self, folder: Path) -> None:
-        from egocap.detect.simulated import parse_source, simulate_detections
-        from egocap.track.config import TrackerConfig
-        from egocap.track.observations import observe
-
         self.sequence = sequence = Sequence(folder)
+        self.name = folder.name
         truth = sequence.truth
         self.joints = truth.joints_head
         self.seen = (truth.visibility == VISIBLE).any(1)  # (T, 18)
         self.poses = [nearest_angles(sequence.proportions, joints) for joints in self.joints]
-        self.rays = image_rays(sequence.rig, 128, 128)
-        plain = GaussianBody.from_proportions(sequence.proportions)
-        first = sequence.frame(0).images
-        self.body = colour_body(plain, self.rays, first, self.poses[0])
-        self.model = ImageModel(self.body, self.rays)
-        self.colours = [self.model.colours(frame.images) for frame in sequence]
-        camera = sequence.rig.mounts[0].camera
-        found = simulate_detections(
-            truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
-            (camera.width, camera.height), parse_source("simulated:2"), np.random.default_rng(0),
-        )  # fmt: skip
-        self.observations = observe(found, sequence.rig, sequence.proportions, TrackerConfig())
+        rays = image_rays(sequence.rig, 128, 128)
+        body = GaussianBody.from_proportions(sequence.proportions)
+        spread = np.linspace(0, len(self.poses) - 1, LEARNED).round().astype(int)
+        shown = [(sequence.frame(int(t)).images, self.poses[t]) for t in spread]
+        self.palette = learn_palette(body, rays, shown)
+        self.body = colour_body(body, rays, *shown[0])
+        self.term = ColourTerm(self.body, sequence.rig, self.palette)
+        self.paper = ImageModel(self.body, rays, measure=PAPER)
+        self._observations: dict[float, Observations] = {}
 
-    def returns(self, size_deg, trials, rng, free, detected, colour=None) -> dict[str, float]:
-        """Perturb, solve, and compare with the truth."""
-        default = ImageSolverConfig()
-        weight = default.lambda_colour if colour is None else colour
-        solver = ImageSolver(
-            self.model, ImageSolverConfig(lambda_colour=weight, iterations=30, tolerance=1e-4),
-            free=free,
-        )  # fmt: skip
+    def observations(self, pixels: float) -> Observations:
+        """Simulated detections of an accuracy."""
+        if pixels not in self._observations:
+            truth, camera = self.sequence.truth, self.sequence.rig.mounts[0].camera
+            found = simulate_detections(
+                truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
+                (camera.width, camera.height), parse_source(f"simulated:{pixels}"),
+                np.random.default_rng(0),
+            )  # fmt: skip
+            self._observations[pixels] = observe(
+                found, self.sequence.rig, self.sequence.proportions, TrackerConfig()
+            )
+        return self._observations[pixels]
+
+    def solve(
+        self,
+        t: int,
+        start: Float[Array, "37"],
+        free: Bool[Array, "37"] | None = None,
+        pixels: float | None = None,
+        weight: float | None = None,
+        measure: ColourMeasure | None = None,
+    ) -> Float[Array, "37"]:
+        """The pose at a frame from a start; without `measure` by the palette."""
+        model = self.term.model if measure is None else self.paper
+        images = self.sequence.frame(t).images
+        if measure is None:
+            self.term.forget()
+            colours = self.term.see(images, start)
+        else:
+            colours = model.colours(images)
+        alone = ImageSolverConfig().lambda_colour
+        usual = alone if pixels is None else ColourTermConfig().weight
+        config = ImageSolverConfig(
+            lambda_colour=usual if weight is None else weight, iterations=30, tolerance=1e-4
+        )
+        known = None if pixels is None else self.observations(pixels)
+        return ImageSolver(model, config, free=free).solve(
+            colours, start, observations=known, frame=t
+        ).angles  # fmt: skip
+
+    def trial(
+        self,
+        size_deg: float,
+        rng: np.random.Generator,
+        free: Bool[Array, "37"] | None = None,
+        pixels: float | None = None,
+        weight: float | None = None,
+        measure: ColourMeasure | None = None,
+    ) -> Trial:
+        """Perturb a random frame's pose, solve, and compare with the truth."""
+        t = int(rng.integers(len(self.poses)))
+        shift = np.deg2rad(size_deg) * rng.uniform(-1.0, 1.0, DOF_COUNT)
+        start = self.poses[t] + (shift if free is None else np.where(free, shift, 0.0))
+        found = self.solve(t, start, free, pixels, weight, measure)
         judged = np.array(UPPER if free is not None else EVALUATED)
-        before, after, visible = [], [], []
-        for _ in range(trials):
-            t = int(rng.integers(len(self.poses)))
-            shift = np.deg2rad(size_deg) * rng.uniform(-1.0, 1.0, DOF_COUNT)
-            start = self.poses[t] + np.where(solver.free, shift, 0.0)
-            known = self.observations if detected else None
-            solved = solver.solve(self.colours[t], start, observations=known, frame=t)
-            wrong = [self._errors(angles, t) for angles in (start, solved.angles)]
-            before.append(wrong[0][judged].mean())
-            after.append(wrong[1][judged].mean())
-            visible.append(wrong[1][judged][self.seen[t][judged]].mean())
-        return {
-            "start_mm": round(1e3 * float(np.mean(before)), 1),
-            "median_mm": round(1e3 * float(np.median(after)), 1),
-            "median_visible_mm": round(1e3 * float(np.median(visible)), 1),
-            "share_under_30_mm": float(np.mean(np.array(after) < CLOSE_M)),
-            "share_visible_under_30_mm": float(np.mean(np.array(visible) < CLOSE_M)),
-        }
+        before, after = (self.errors(angles, t)[judged] for angles in (start, found))
+        visible = after[self.seen[t][judged]]
+        return Trial(float(before.mean()), float(after.mean()), float(visible.mean()))
 
-    def _errors(self, angles: Float[Array, "37"], t: int) -> Float[Array, "18"]:
+    def compare(
+        self, t: int, pixels: float, rng: np.random.Generator
+    ) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Error of all and of the visible joints, without and with colour beside detections."""
+        start = self.poses[t] + np.deg2rad(5.0) * rng.uniform(-1.0, 1.0, DOF_COUNT)
+        without = self.solve(t, start, pixels=pixels, weight=0.0)
+        with_ = self.solve(t, without, pixels=pixels)
+        judged, seen = np.array(EVALUATED), self.seen[t]
+        both = [self.errors(angles, t)[judged] for angles in (without, with_)]
+        first, second = ((float(e.mean()), float(e[seen[judged]].mean())) for e in both)
+        return first, second
+
+    def errors(self, angles: Float[Array, "37"], t: int) -> Float[Array, "18"]:
+        """Distance of every joint from the truth, metres."""
         joints = forward(self.sequence.proportions, angles)
         return np.linalg.norm(joints - self.joints[t], axis=-1)
+
+
+def _summary(trials: list[Trial]) -> dict[str, float]:
+    before, after, visible = (
+        np.array([getattr(t, n) for t in trials]) for n in ("before", "after", "visible")
+    )
+    return {
+        "start_mm": round(1e3 * float(before.mean()), 1),
+        "median_mm": round(1e3 * float(np.median(after)), 1),
+        "median_visible_mm": round(1e3 * float(np.median(visible)), 1),
+        "share_under_30_mm": float(np.mean(after < CLOSE_M)),
+        "share_visible_under_30_mm": float(np.mean(visible < CLOSE_M)),
+    }
 
 
 def _errors(found: Float[Array, "P G"], truth: Float[Array, "P G"]) -> dict[str, float]:
@@ -286,19 +431,25 @@ def _hard_cases(rng: np.random.Generator, count: int) -> dict[str, RayGaussians]
 def main() -> None:
     """Run all studies; print and write their numbers."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("sequence", type=Path)
+    parser.add_argument("sequences", type=Path, nargs="+")
+    parser.add_argument("--live", type=Path, nargs="*", default=[])
+    parser.add_argument("--live-frames", type=int, default=250)
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--trials", type=int, default=20)
+    parser.add_argument("--trials", type=int, default=8, help="of every kind, a sequence")
+    parser.add_argument("--frames", type=int, default=8, help="to compare, of every sequence")
     words = parser.parse_args()
     rng = np.random.default_rng(0)
-    rig = Sequence(words.sequence).rig
+    scenes = [Scene(folder) for folder in words.sequences]
+    rig = scenes[0].sequence.rig
     body = GaussianBody.from_proportions(Proportions.from_lengths())
     coloured = body.with_colour(rng.uniform(0.05, 0.95, (len(body.parts), 3)))
     result = {
         "quadrature": quadrature_study(rig, rng),
         "gradients": gradient_study(coloured, rig, rng),
         "occlusion": occlusion_study(body, rig),
-        "basin": basin_study(words.sequence, words.trials, rng),
+        "basin": basin_study(scenes, words.trials, rng),
+        "beside_detections": detection_study(scenes, words.frames, rng),
+        "live": {folder.name: live_study(folder, words.live_frames) for folder in words.live},
     }
     print(json.dumps({k: v for k, v in result.items() if k != "occlusion"}, indent=1))
     if words.out:

@@ -101,6 +101,10 @@ class ColourTerm:
         self._seen = self._background.against(self.palette, bins)
         return self._seen
 
+    def forget(self) -> None:
+        """Forget the background: the next frame does not follow the last."""
+        self._background, self._seen = Background(), None
+
     def add(
         self,
         angles: Float[Array, "37"],

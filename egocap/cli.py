@@ -503,9 +503,6 @@ def _print_calibration(path: Path, found: dict[str, Any], as_json: bool) -> None
     if as_json:
         print(json.dumps(found, indent=1))
         return
-    seen, hidden = (
-        math.exp(sum(found[f"log_sigma_{kind}"]) / len(found[f"log_sigma_{kind}"]))
-        for kind in ("seen", "hidden")
-    )
+    seen, hidden = (math.exp(found[f"log_sigma_{kind}"]) for kind in ("seen", "hidden"))
     print(f"{path}: spread times {seen:.2f} where joints are seen, {hidden:.2f} where hidden; "
           f"confidence from {found['scale']:.2f} x margin {found['offset']:+.2f}")  # fmt: skip

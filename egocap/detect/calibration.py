@@ -1,7 +1,8 @@
 """What turns the network's own doubts into probabilities and pixels: fitted once, on other footage.
 
 Confidence is a logistic function of the network's margin for "visible"; sigma is the network's own
-times a factor of each label, one for joints that are seen and one for those that are hidden.
+times one factor for joints that are seen and another for those that are hidden. What differs from
+label to label the network says itself.
 Source: Platt 1999 (logistic scaling); Guo et al. 2017 (temperature).
 """
 
@@ -15,11 +16,9 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.errors import InputError
-from egocap.labels import LABELS, MIRROR
 
-ZEROS = (0.0,) * len(LABELS)
 LIMIT = 4.0  # of every |coefficient|: e^4 = 55 times off is no calibration
-FEWEST = 50  # joints of a label and kind; fewer say nothing
+FEWEST = 50  # joints of a kind; fewer say nothing
 
 
 @dataclass(frozen=True)
@@ -28,19 +27,15 @@ class Calibration:
 
     scale: float = 1.0  # of the margin for "visible"
     offset: float = 0.0
-    log_sigma_seen: tuple[float, ...] = ZEROS  # added to log sigma, one a label
-    log_sigma_hidden: tuple[float, ...] = ZEROS
+    log_sigma_seen: float = 0.0  # added to log sigma
+    log_sigma_hidden: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("log_sigma_seen", "log_sigma_hidden"):
-            object.__setattr__(self, name, tuple(float(x) for x in getattr(self, name)))
-        both = self.log_sigma_seen, self.log_sigma_hidden
-        if any(len(values) != len(LABELS) for values in both):
-            raise InputError("a calibration of another number of labels", valid=str(len(LABELS)))
-        values = np.array([self.scale, self.offset / 4.0, *both[0], *both[1]], float)
-        if not (np.abs(values) <= LIMIT).all():
-            raise InputError(f"a calibration with {values[np.abs(values).argmax()]:g}",
-                             valid=f"factors of at most e^{LIMIT:g}")  # fmt: skip
+        for name, value in asdict(self).items():
+            if not abs(value) <= (4 * LIMIT if name == "offset" else LIMIT):
+                raise InputError(
+                    f"a calibration with {name} {value:g}", valid=f"at most {LIMIT:g} either way"
+                )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready form: the fields."""
@@ -53,7 +48,7 @@ class Calibration:
     def sigma(self, info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
         """Standard deviation along each axis, canonical pixels."""
         seen = self.confidence(info)
-        factor = seen * self.log_sigma_seen + (1.0 - seen) * np.asarray(self.log_sigma_hidden)
+        factor = seen * self.log_sigma_seen + (1.0 - seen) * self.log_sigma_hidden
         return np.exp(np.clip(np.asarray(info[..., 3], float) + factor, -8.0, 8.0))
 
 
@@ -78,7 +73,7 @@ def fit_calibration(
     """The calibration that fits what a network said of N views to what was true of them.
 
     Confidence by maximum likelihood over joints in view; each factor of sigma so that the root mean
-    square of error / sigma along an axis is 1, left and right sharing one.
+    square of error / sigma along an axis is 1 over the joints it is for.
 
     Args:
         info: what the network said, labels in the network's own (mirrored) order or the body's.
@@ -93,20 +88,16 @@ def fit_calibration(
         raise InputError(f"{int(in_view.sum())} joints to calibrate on", valid=f"{FEWEST} or more")
     scale, offset = _fit_logistic(margin(info)[in_view], seen[in_view])
     squared = 0.5 * np.square(errors / np.exp(np.clip(np.asarray(info[..., 3], float), -8.0, 8.0)))
-    factors = [_half_log_means(squared, where) for where in (seen & in_view, ~seen & in_view)]
-    return Calibration(scale, offset, *factors)
+    seen = seen & in_view
+    return Calibration(
+        scale, offset, _half_log_mean(squared[seen]), _half_log_mean(squared[in_view & ~seen])
+    )
 
 
-def _half_log_means(squared: Float[Array, "N 18"], where: Bool[Array, "N 18"]) -> tuple[float, ...]:
-    where = where & np.isfinite(squared)
-    found = []
-    for label, other in enumerate(MIRROR):
-        values = np.concatenate([squared[where[:, j], j] for j in {label, other}])
-        if len(values) < FEWEST:  # what holds of all labels is the best guess
-            values = squared[where]
-        enough = len(values) >= FEWEST
-        found.append(float(np.clip(0.5 * np.log(values.mean()), -LIMIT, LIMIT)) if enough else 0.0)
-    return tuple(found)
+def _half_log_mean(squared: Float[Array, "N"]) -> float:
+    """Half the logarithm of the mean, 0 where there are too few to say."""
+    enough = len(squared) >= FEWEST
+    return float(np.clip(0.5 * np.log(squared.mean()), -LIMIT, LIMIT)) if enough else 0.0
 
 
 def _fit_logistic(x: Float[Array, "N"], y: Bool[Array, "N"]) -> tuple[float, float]:

@@ -41,7 +41,7 @@ def test_weights_survive_in_half_precision(tmp_path):
     torch.manual_seed(0)
     network = build_network(CONFIGS["tiny"]).eval()
     path = tmp_path / "w.safetensors"
-    calibration = Calibration(1.5, -0.25, log_sigma_seen=(0.1,) * 18)
+    calibration = Calibration(1.5, -0.25, log_sigma_seen=0.1)
     save_weights(path, network, {"steps": 7}, calibration)
     assert [p.name for p in tmp_path.iterdir()] == ["w.safetensors"]
     opened = open_weights(path)
@@ -88,7 +88,7 @@ def test_names_follow_the_content(tiny_file, tmp_path):
         ({"config": "{"}, "config.*not JSON"),
         ({"config": "{}"}, "config"),
         ({"config": json.dumps(CONFIGS["tiny"].to_dict() | {"view": {"width": 1}})}, "view"),
-        ({"calibration": '{"scale": 99.0}'}, "calibration with 99"),
+        ({"calibration": '{"scale": 99.0}'}, "calibration with scale 99"),
         ({"calibration": '{"what": 1}'}, "what"),
     ],
 )

@@ -62,7 +62,9 @@ def track(
 
     opened = Sequence(sequence)
     found = detections_from(opened, detections, seed)
-    result = run_tracker(found, opened.rig, opened.proportions, config)
+    result = run_tracker(
+        found, opened.rig, opened.proportions, config, lambda i: opened.frame(i).images
+    )
     of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
     result = replace(result, config=result.config | of_sequence)
     if head_pose is not None:

@@ -52,6 +52,12 @@ class TrackerConfig:
     """Least standard deviation of a detection, in pixels at an image width of 640."""
     model_error_m: float = 0.004
     """Scatter of true joints about the tracker's skeleton, metres."""
+    colour: bool = False
+    """Refine every frame by the images' colours; needs the covariance."""
+    colour_size: int = 64
+    """Width and height in pixels to which every view is reduced for that."""
+    colour_weight: float = 0.005
+    """Weight of one pixel's colour."""
     covariance: bool = True
     """Work out how sure every joint is."""
     max_iterations: int = 20
@@ -76,6 +82,8 @@ class TrackerConfig:
             value = getattr(self, field.name)
             if not isinstance(value, bool | str) and not (0.0 <= value < float("inf")):
                 raise InputError(f"{field.name} = {value}", valid="a number from 0")
+        if self.colour and not self.covariance:
+            raise InputError("colour without covariance", valid="both or none")
         if self.guess_weight > 1.0:
             raise InputError(f"guess_weight = {self.guess_weight}", valid="0 to 1")
         for name in (

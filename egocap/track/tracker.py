@@ -20,6 +20,7 @@ from egocap.track.config import TrackerConfig
 from egocap.track.observations import Observations, observe
 
 if TYPE_CHECKING:
+    from egocap.track.colour_refinement import Images
     from egocap.track.kernel import Model
     from egocap.track.motion_prior import Guide
 
@@ -31,24 +32,29 @@ def track(
     rig: Rig,
     proportions: Proportions,
     config: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
+    images: Images | None = None,
 ) -> Track:
     """Track a person of known proportions from detections in all views of a rig.
 
     A causal pass predicts, solves and, where it is lost, searches every frame; then the chosen
     smoothing refines it. Frames without detections are carried by the motion around them.
-    `energy` is each frame's own: detections, limits and pose prior. Raises InputError when there
-    are no frames, the views do not match the rig, or the times do not increase.
+    `energy` is each frame's own: detections, limits and pose prior. `images` gives the pictures of
+    a frame by its number, for the colour term. Raises InputError when there are no frames, the
+    views do not match the rig, the times do not increase, or colour has no images.
     """
     times = np.asarray(detections.times, float)
     if len(times) == 0:
         raise InputError("no frames to track")
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise InputError("the detections' times do not increase from frame to frame")
+    if config.colour and images is None:
+        raise InputError("colour without images", valid="images of every frame")
     from threadpoolctl import threadpool_limits
 
     from egocap.track import kernel
     from egocap.track.causal import term_energies
-    from egocap.track.uncertainty import confidences
+    from egocap.track.colour_refinement import ColourRefinement
+    from egocap.track.uncertainty import confidences, joint_covariances
 
     model = kernel.make_model(proportions, config)
     _compile(observe(detections, rig, proportions, config), proportions, model, config)
@@ -60,18 +66,30 @@ def track(
         observations = observe(detections, rig, proportions, config)
         clock.lap("observe")
         solution = _solve(observations, proportions, model, config, clock)
-        joints = forward(proportions, solution.angles)
-        covariance = _covariance(solution, proportions, model, config)
+        angles, colour = solution.angles, np.zeros(len(times))
+        covariances = _covariances(solution, model, config)
         clock.lap("covariance")
+        if images is not None and config.colour and covariances is not None:
+            refinement = ColourRefinement(rig, proportions, config, images, angles, covariances)
+            clock.lap("palette")
+            seen = np.any(solution.taken.weights > 0.0, axis=1)
+            angles, covariances, colour = refinement.refine(angles, covariances, seen)
+            clock.lap("colour")
+        joints = forward(proportions, angles)
+        covariance = None
+        if covariances is not None:
+            covariance = joint_covariances(proportions, angles, covariances, config.model_error_m)
+        clock.lap("joints")
 
-    energies = term_energies(solution.angles, solution.taken, model, config)
+    energies = term_energies(angles, solution.taken, model, config)
+    energies[:, 3] = colour
     settings = {
         "tracker": asdict(config), "detections": detections.source, "rig": rig.name,
         "seconds": clock.seconds, "estimated": solution.estimated,
     }  # fmt: skip
     return Track(
         times=times,
-        angles=solution.angles,
+        angles=angles,
         joints_head=joints,
         energy=energies[:, :2].sum(1),
         converged=solution.converged,
@@ -159,23 +177,17 @@ def _solve_together(
     return _Solution(angles, converged, taken, estimated, guide)
 
 
-def _covariance(
-    solution: _Solution, proportions: Proportions, model: Model, config: TrackerConfig
-) -> Float[Array, "T 18 3 3"] | None:
+def _covariances(
+    solution: _Solution, model: Model, config: TrackerConfig
+) -> Float[Array, "T 37 37"] | None:
     if not config.covariance:
         return None
-    from egocap.track.uncertainty import (
-        causal_covariances,
-        interval_covariances,
-        joint_covariances,
-    )
+    from egocap.track.uncertainty import causal_covariances, interval_covariances
 
     known = solution.angles, solution.taken, model, config
     if config.smoothing == "interval":
-        covariances = interval_covariances(*known, solution.guide)
-    else:
-        covariances = causal_covariances(*known)
-    return joint_covariances(proportions, solution.angles, covariances, config.model_error_m)
+        return interval_covariances(*known, solution.guide)
+    return causal_covariances(*known)
 
 
 def _compile(
@@ -184,5 +196,5 @@ def _compile(
     """Compile the kernels, or load them from the cache, outside the clock."""
     started = time.perf_counter()
     solution = _solve(observations[:3], proportions, model, config, _Clock())
-    _covariance(solution, proportions, model, config)
+    _covariances(solution, model, config)
     log.debug("kernels ready after %.1f s", time.perf_counter() - started)

@@ -187,7 +187,7 @@ def test_one_black_camera(motion):
 def test_record_says_what_each_stage_cost(motion):
     result = run(motion, motion.detect("simulated:2"))
     seconds = result.config["seconds"]
-    assert set(seconds) == {"observe", "frames", "smoothing", "covariance"}
+    assert set(seconds) == {"observe", "frames", "smoothing", "covariance", "joints"}
     assert sum(seconds.values()) == pytest.approx(result.seconds_per_frame * len(result.times))
     assert result.energies.shape == (90, 4)
     assert np.allclose(result.energies[:, :2].sum(1), result.energy)

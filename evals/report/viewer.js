@@ -2,7 +2,7 @@
 "use strict";
 const $ = id => document.getElementById(id);
 const scene = $("scene"), strip = $("strip"), slider = $("frame"), pen = scene.getContext("2d");
-let motion, frame = 0, turn = 0.7, tilt = 0.25, zoom = 1.5, playing = null;
+let motion, frame = 0, turn = 0.7, tilt = 0.25, zoom = 1.35, playing = null;
 
 function decoded(text) {  // base64 of little-endian 16-bit millimetres
   const bytes = Uint8Array.from(atob(text), c => c.charCodeAt(0));

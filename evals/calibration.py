@@ -36,6 +36,7 @@ from egocap.results import Detections
 from egocap.rig import Rig
 from egocap.sequence import open_sequence
 from egocap.skeleton import DOFS
+from evals.study import Outcome
 
 LEVELS = (0.5, 0.8, 0.95)
 TOLERANCE = 0.03
@@ -143,7 +144,9 @@ class CalibrationReport:
     def missed(self) -> list[str]:
         """Levels at which the well-specified coverage is off, in words."""
         missed = []
-        for level in LEVELS if self.well_specified else ():
+        if self.well_specified is None:
+            return missed
+        for level in LEVELS:
             share, _ = self.well_specified.pooled(level)
             if abs(share - level) > TOLERANCE:
                 missed.append(f"coverage {100 * share:.1f} % at {100 * level:.0f} %")
@@ -386,3 +389,55 @@ def _mapped(
         os.environ[name] = "1"
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         yield from pool.map(function, jobs)
+
+
+def study(
+    sequences: tuple[Path, ...] = (),
+    /,
+    frames: int = 300,
+    detections: str = "learned",
+    sigma: float = 2.0,
+    missing: float = 0.3,
+    degrees: float = 5.0,
+    rig: Path | None = None,
+    seed: int = 0,
+    workers: int = 2,
+    only_detector: bool = False,
+    page: Path | None = None,
+) -> Outcome:
+    """Coverage and rank statistics of the posterior, well-specified and on sequences.
+
+    Args:
+        sequences: Sequences on which to score some detections, before and after a temperature.
+        frames: Frames of the well-specified study, and of each sequence.
+        detections: Detections of the sequences, as for `egocap track`.
+        sigma: Spread of well-specified detections, pixels at a width of 640.
+        missing: Chance that a view misses a joint.
+        degrees: Degrees of freedom of Student-t errors; inf: Gaussian.
+        rig: Rig file; EgoRig1 by default.
+        seed: Of poses, noise and chains.
+        workers: Processes.
+        only_detector: Leave the well-specified study out.
+        page: Reliability diagram to write, html.
+    """
+    from egocap.rig import load_rig
+    from egocap_sim.builtin import rig_file
+
+    if workers < 1:
+        raise InputError(f"{workers} workers", valid="1 or more")
+    if only_detector and not sequences:
+        raise InputError("--only-detector without sequences", valid="folders of sequences")
+    report = CalibrationReport(None)
+    if not only_detector:
+        camera = load_rig(rig or rig_file("egorig1")).resized(640, 512)
+        report = run_well_specified(
+            frames, camera, sigma=sigma, missing=missing, degrees=degrees, seed=seed,
+            workers=workers,
+        )  # fmt: skip
+    if sequences:
+        config = PosteriorConfig(degrees=degrees)
+        found = run_detector(sequences, detections, frames, config, workers)
+        report = replace(report, before=found[0], after=found[1], temperature=found[2])
+    if page is not None:
+        write_diagram(page, report)
+    return Outcome(report.to_dict(), (report.to_table(),), report.missed())

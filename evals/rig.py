@@ -5,13 +5,14 @@ skeleton fitted to them, occlusion by the volumetric body. A candidate's bound i
 of a frame alone: detections of one noise at one image size, wherever a joint is in view and not
 hidden, and the posture prior. For chosen candidates the tracker runs on detections simulated with
 that visibility, next to the bound given the whole motion and to what a Laplace posterior expects.
+A Bayesian bound holds on average over motions as lively as its prior allows; what no view sees may
+be guessed better in a calm motion, so errors of seen joints are given by themselves.
 
 Differences between rigs are paired by frame; their error bars take a second of motion as one draw.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -29,6 +30,7 @@ from egocap.evaluate.table import Table, number
 from egocap.labels import EVALUATED, LABELS
 from egocap.rig import Rig
 from egocap.rig_files import parse_rig
+from evals.study import Outcome
 
 DEFAULTS: dict[str, float] = {
     "baseline": 0.35, "forward": 0.37, "up": 0.14, "pitch": 90.0, "toe_out": 0.0, "fov": 180.0,
@@ -42,6 +44,9 @@ FPS = 30.0
 BLOCK_S = 1.0
 MODEL_ERROR_M = 0.004
 """Scatter of true joints about the skeleton in bound and posterior; the tracker's default."""
+_TRACKED_COLUMNS = (
+    "smoothed_mm", "posterior_mm", "tracked_mm", "smoothed_seen_mm", "tracked_seen_mm",
+)  # fmt: skip
 PAPERS = (0.30, 0.40)
 """Baselines in metres that the paper found to be best."""
 
@@ -178,20 +183,17 @@ class RigReport:
         return {"settings": self.settings, "recommendation": self.recommendation(),
                 "pareto": front, "candidates": rows}  # fmt: skip
 
-    def to_json(self) -> str:
-        """The same as text."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
-
     def to_table(self) -> Table:
         """The Pareto front and the tracked candidates."""
         names = [s.name for s in self.sweeps]
         shown = self.pareto() + [c for c in self.candidates if c.tracked and c not in self.pareto()]
         shown.sort(key=lambda c: [c.measures[n] for n in names])
-        header = (*names, "seen %", "both %", "bound mm", "motion bound", "posterior", "tracked")
+        header = (*names, "seen %", "both %", "bound mm", "motion bound", "posterior", "tracked",
+                  "bound seen", "tracked seen")  # fmt: skip
         rows = tuple(
             (*(f"{c.measures[n]:g}" for n in names), number(100 * c.seen_any),
              number(100 * c.seen_both), number(c.bound_mm),
-             *(number(c.tracked.get(k)) for k in ("smoothed_mm", "posterior_mm", "tracked_mm")))
+             *(number(c.tracked.get(k)) for k in _TRACKED_COLUMNS))
             for c in shown
         )  # fmt: skip
         return Table("Rigs that no narrower one beats, and tracked ones", header, rows)
@@ -339,8 +341,9 @@ def track_errors(rig: Rig, motions: Sequence[Motion], sigma: float, seed: int) -
 
     config, noise = TrackerConfig(), Noise(sigma, model_error_m=MODEL_ERROR_M)
     totals: dict[str, list[Array]] = {
-        k: [] for k in ("smoothed_mm", "posterior_mm", "mode_mm", "tracked_mm")
-    }
+        k: [] for k in ("smoothed_mm", "smoothed_seen_mm", "posterior_mm", "mode_mm", "tracked_mm",
+                        "tracked_seen_mm")
+    }  # fmt: skip
     rng = np.random.default_rng(seed)
     for motion in motions:
         seen = seen_by(rig, motion)
@@ -348,15 +351,22 @@ def track_errors(rig: Rig, motions: Sequence[Motion], sigma: float, seed: int) -
         source = SimulatedSource(sigma)
         found = simulate_detections(pixels, seen, seen, motion.times, SIZE, source, rng)
         result = track(found, rig, motion.proportions, config)
-        totals["tracked_mm"].append(_errors(result.joints_head, motion.joints))
+        errors, mine = (
+            _errors(result.joints_head, motion.joints),
+            np.any(seen, axis=1)[:, list(EVALUATED)],
+        )
+        totals["tracked_mm"].append(errors.ravel())
+        totals["tracked_seen_mm"].append(errors[mine])
         information = fisher_information(motion.angles, motion.proportions, rig, seen, noise)
         information = information + prior_information(motion.angles, config.lambda_posture)
         covariance = smoothed_covariance(information, motion.times, config.acceleration)
-        bounds = joint_covariance(motion.angles, motion.proportions, covariance)
-        totals["smoothed_mm"].append(rms_mm(bounds)[:, list(EVALUATED)])
+        bounds = rms_mm(joint_covariance(motion.angles, motion.proportions, covariance))
+        bounds = bounds[:, list(EVALUATED)]
+        totals["smoothed_mm"].append(bounds.ravel())
+        totals["smoothed_seen_mm"].append(bounds[mine])
         expected, error = _laplace(found, rig, motion, seed)
-        totals["posterior_mm"].append(expected)
-        totals["mode_mm"].append(error)
+        totals["posterior_mm"].append(expected.ravel())
+        totals["mode_mm"].append(error.ravel())
     return {
         name: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for name, parts in totals.items()
     }
@@ -448,3 +458,47 @@ def _words(candidate: Candidate, sweeps: Sequence[Sweep]) -> str:
         f"{names.get(s.name, s.name)} {candidate.measures[s.name]:g}{units.get(s.name, ' m')}"
         for s in sweeps
     )
+
+
+def study(
+    sweep: tuple[str, ...] = ("baseline=0.05:0.60:12", "fov=120:220:6"),
+    sigma: float = 2.0,
+    suite: tuple[str, ...] = SUITE,
+    frames: int = 300,
+    tracked: int = 0,
+    seed: int = 0,
+    check: tuple[Path, ...] = (),
+    page: Path | None = None,
+) -> Outcome:
+    """What stereo rigs can know of a suite of motions: visibility, bound, tracked error.
+
+    Args:
+        sweep: Measures to vary, NAME=LOW:HIGH:COUNT or NAME=VALUE: baseline, forward, up (metres),
+            pitch, toe_out, fov (degrees). What is not named is EgoRig1's.
+        sigma: Spread of the detections, pixels at a width of 640.
+        suite: Built-in scenes whose motions are simulated.
+        frames: Frames of each.
+        tracked: How many rigs along the first sweep to track, too.
+        seed: Of the tracked detections' noise.
+        check: Rendered sequences on which to compare the visibility with the renderer's.
+        page: Pictures and the recommendation, html.
+    """
+    sweeps = [parse_sweep(text) for text in sweep]
+    if not 0.0 < sigma < np.inf:
+        raise InputError(f"detections with sigma {sigma}", valid="above 0 px")
+    if frames < 3 or tracked < 0 or seed < 0:
+        raise InputError(f"frames {frames}, tracked {tracked}, seed {seed}",
+                         valid="3 frames or more, the others from 0")  # fmt: skip
+    report = run_rig(sweeps, sigma=sigma, suite=suite, frames=frames, tracked=tracked, seed=seed)
+    result = report.to_dict()
+    tables = [report.to_table(), Table("", ("recommendation",), ((result["recommendation"],),))]
+    if check:
+        agree = check_visibility(check)
+        result["visibility_agreement"] = {kind: round(share, 4) for kind, share in agree.items()}
+        rows = tuple((kind, number(100 * share)) for kind, share in agree.items())
+        tables.append(Table("Visibility as the renderer's, %", ("joint", "agree"), rows))
+    if page is not None:
+        from evals.rig_plots import write_rig_page
+
+        write_rig_page(page, report)
+    return Outcome(result, tables)

@@ -68,6 +68,8 @@ def draw_together(report: RigReport) -> Any:
         ("posterior_mm", "posterior's spread, a frame alone", "^--"),
         ("mode_mm", "posterior mode's error", "v--"),
         ("tracked_mm", "tracker's error", "D-"),
+        ("smoothed_seen_mm", "bound, the whole motion, seen joints", "s:"),
+        ("tracked_seen_mm", "tracker's error, seen joints", "D:"),
     ):
         axes.plot(x, [c.tracked[key] for c in shown], style, label=label)
     if sweep.name == "baseline":

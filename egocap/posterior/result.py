@@ -117,10 +117,12 @@ def to_arviz(posterior: Posterior) -> Any:
 
     Raises MachineError without the package.
     """
+    from importlib import import_module
+
     from egocap.errors import MachineError
 
     try:
-        import arviz
+        arviz = import_module("arviz")
     except ImportError:
         raise MachineError("arviz is not installed",
                            remedy="pip install 'egocap[posterior]'") from None  # fmt: skip

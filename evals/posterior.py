@@ -1,0 +1,172 @@
+"""How fast posteriors are sampled, and how far the tracker is from what can be known.
+
+The bound is the Bayesian one given the whole sequence: detections of the stated noise where the
+renderer says that a joint is seen, the tracker's posture prior and random accelerations. The
+tracker's skeleton is not the person's, so its errors hold a part that no bound speaks of; the
+distance of the nearest pose of that skeleton is given beside it. Joints count in the frames in
+which a view sees them: what none sees is guessed, better in a calm motion than the prior allows.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from egocap.cli import detections_from
+from egocap.commandline import progress
+from egocap.errors import InputError
+from egocap.evaluate.table import Table, number
+from egocap.labels import EVALUATED, LABELS
+from egocap.posterior.config import PosteriorConfig, SamplerConfig
+from egocap.sequence import VISIBLE, Sequence, open_sequence
+from egocap.skeleton import forward
+from evals.study import Outcome
+
+LEAST_RATE = 20_000.0
+"""Evaluations a second to reach."""
+LEAST_EFFECTIVE, MOST_SECONDS = 400.0, 60.0
+"""Effective draws of every angle to reach in so many seconds a frame."""
+
+
+def study(
+    sequences: tuple[Path, ...],
+    /,
+    sigma: float = 2.0,
+    seeds: int = 3,
+    sampled: int = 5,
+) -> Outcome:
+    """Speed of the posterior, and the tracker's error over the Cramer-Rao bound, per joint.
+
+    Args:
+        sequences: Folders of sequences.
+        sigma: Spread of simulated detections, pixels at a width of 640.
+        seeds: Draws of the detections' noise to track.
+        sampled: Frames of every sequence to sample.
+    """
+    if seeds < 1 or sampled < 1:
+        raise InputError(f"{seeds} seeds, {sampled} frames", valid="1 or more")
+    result: dict[str, Any] = {"evaluations_per_second": round(evaluation_rate())}
+    missed, tables = [], []
+    if result["evaluations_per_second"] < LEAST_RATE:
+        missed.append(f"{result['evaluations_per_second']} evaluations/s, not {LEAST_RATE:.0f}")
+    for folder in sequences:
+        sequence = open_sequence(folder)
+        told = over_bound(sequence, sigma, seeds)
+        told["sampling"] = sampling_speed(sequence, sigma, sampled)
+        result[sequence.manifest.name] = told
+        for row in told["sampling"]:
+            if (
+                not row["mixed"]
+                or row["effective"] < LEAST_EFFECTIVE
+                or (row["seconds"] > MOST_SECONDS)
+            ):
+                missed.append(f"{sequence.manifest.name}, frame {row['frame']}: {row['outcome']} "
+                              f"in {row['seconds']} s")  # fmt: skip
+        rows = tuple(
+            (name, number(v["bound_mm"]), number(v["tracked_mm"]), number(v["ratio"], 2),
+             number(v["skeleton_mm"]))
+            for name, v in told["joints"].items()
+        )  # fmt: skip
+        header = ("joint", "bound mm", "tracker mm", "ratio", "skeleton mm")
+        tables.append(Table(f"{sequence.manifest.name}: root mean square", header, rows))
+    return Outcome(result, tables, missed)
+
+
+def evaluation_rate(walkers: int = 96, rounds: int = 200) -> float:
+    """Log posteriors of 37 angles a second, two views of 18 detections, in batches of walkers."""
+    from egocap.body import Proportions
+    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.simulation import draw_detections, draw_poses
+    from egocap.rig import load_rig
+    from egocap_sim.builtin import rig_file
+
+    rng = np.random.default_rng(0)
+    config = PosteriorConfig(model_error_m=0.0)
+    rig, person = load_rig(rig_file("egorig1")).resized(640, 512), Proportions.from_lengths(1.75)
+    poses = draw_poses(walkers, config, rng)
+    seen = np.ones((1, 2, len(LABELS)), bool)
+    found = draw_detections(poses[:1], seen, rig, person, 2.0, config, rng)
+    density = log_posterior_of(found, 0, rig, person, config)
+    density(poses)  # compiles
+    started = time.perf_counter()
+    for _ in range(rounds):
+        density(poses)
+    return rounds * walkers / (time.perf_counter() - started)
+
+
+def over_bound(sequence: Sequence, sigma: float, seeds: int) -> dict[str, Any]:
+    """Root mean square of bound and of tracker errors per joint, mm."""
+    from egocap.posterior.information import (
+        Noise,
+        fisher_information,
+        joint_covariance,
+        prior_information,
+        rms_mm,
+        smoothed_covariance,
+    )
+    from egocap.track.config import TrackerConfig
+    from egocap.track.tracker import track
+    from evals.learn_posture import fit_angles
+
+    truth, rig, person = sequence.truth, sequence.rig, sequence.proportions
+    angles, config = fit_angles(truth.joints_head, person), TrackerConfig()
+    nearest = 1e3 * np.linalg.norm(forward(person, angles) - truth.joints_head, axis=-1)
+    seen = (truth.visibility == VISIBLE) & truth.in_view
+    noise = Noise(sigma, model_error_m=config.model_error_m)
+    information = fisher_information(angles, person, rig, seen, noise)
+    information = information + prior_information(angles, config.lambda_posture)
+    covariance = smoothed_covariance(information, sequence.times, config.acceleration)
+    bound = rms_mm(joint_covariance(angles, person, covariance))
+    errors = []
+    for seed in range(seeds):
+        found = detections_from(sequence, f"simulated:{sigma:g}", seed)
+        tracked = track(found, rig, person, config).joints_head
+        errors.append(1e3 * np.linalg.norm(tracked - truth.joints_head, axis=-1))
+    joints = {}
+    shown = seen.any(1)
+    for j in EVALUATED:
+        if not shown[:, j].any():
+            continue
+        low, got = _rms(bound[shown[:, j], j]), _rms(np.array(errors)[:, shown[:, j], j])
+        joints[LABELS[j]] = {"bound_mm": round(low, 2), "tracked_mm": round(got, 2),
+                             "ratio": round(got / low, 3),
+                             "seen": round(float(shown[:, j].mean()), 3),
+                             "skeleton_mm": round(_rms(nearest[shown[:, j], j]), 2)}  # fmt: skip
+    shown[:, [j for j in range(len(LABELS)) if j not in EVALUATED]] = False
+    low, got = _rms(bound[shown]), _rms(np.array(errors)[:, shown])
+    return {
+        "frames": len(sequence), "sigma_px": sigma, "seeds": seeds, "bound_mm": round(low, 2),
+        "tracked_mm": round(got, 2), "ratio": round(got / low, 3), "joints": joints,
+    }  # fmt: skip
+
+
+def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[str, Any]]:
+    """Sample some frames and say how long it took for how much."""
+    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.sampler import sample
+
+    found = detections_from(sequence, f"simulated:{sigma:g}", 0)
+    config = PosteriorConfig(degrees=np.inf)
+    rows = []
+    with progress("sampling", count) as advance:
+        for frame in np.linspace(0, len(sequence) - 1, count).astype(int):
+            density = log_posterior_of(
+                found, int(frame), sequence.rig, sequence.proportions, config
+            )
+            result = sample(density, SamplerConfig(effective=LEAST_EFFECTIVE), frame=int(frame))
+            rows.append({
+                "frame": int(frame), "mixed": result.mixed, "outcome": result.outcome,
+                "steps": result.steps, "seconds": round(result.seconds, 1),
+                "effective": round(float(result.effective.min())),
+                "longest_autocorrelation": round(float(result.autocorrelation.max()), 1),
+                "modes": len(result.modes),
+            })  # fmt: skip
+            advance()
+    return rows
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -54,6 +54,7 @@ def check_pixels(sequence: Sequence) -> PixelCheck:
                 continue
             j = np.flatnonzero(truth.visibility[index, v] == VISIBLE)
             column, row = np.rint(truth.joints_2d[index, v, j]).astype(int).T
+            column, row = column.clip(0, mask.shape[1] - 1), row.clip(0, mask.shape[0] - 1)
             own = parts_around()[j, mask[row, column]]
             counts[:2] += len(j), own.sum()
             depth = sequence.depth(index, view)
@@ -73,6 +74,7 @@ class ForceCheck:
     pushed: float  # mean of the ground's and the root's push
     needed: float  # weight, and what the change of the body's momentum asks for
     ground: float  # mean of the ground's push alone
+    error: float  # standard error of `pushed`: the forces are known at the frames alone
 
 
 def check_forces(sequence: Sequence) -> ForceCheck | None:
@@ -90,9 +92,12 @@ def check_forces(sequence: Sequence) -> ForceCheck | None:
     speed = np.diff(_mass_centre(truth.T_world_body)[:, 2]) * fps
     # The forces are those at the frames: all but the first and the last stand for a whole interval.
     gained = mass * (speed[-1] - speed[0]) / (seconds - 1.0 / fps)
-    ground = truth.ground_force[1:-1, :, 2].sum(1).mean()
-    pushed = ground + truth.root_wrench[1:-1, 2].mean()
-    return ForceCheck(seconds, pushed / weight, 1.0 + gained / weight, ground / weight)
+    ground = truth.ground_force[1:-1, :, 2].sum(1) / weight
+    push = ground + truth.root_wrench[1:-1, 2] / weight
+    error = float(push.std() / np.sqrt(len(push)))
+    return ForceCheck(
+        seconds, float(push.mean()), float(1.0 + gained / weight), float(ground.mean()), error
+    )
 
 
 @dataclass(frozen=True)

@@ -137,4 +137,4 @@ def _looked_up(path: Path, keys: str) -> tuple[float | None, str]:
             return None, f"{path.name} has no '{keys}'"
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None, f"{path.name}: '{keys}' is {json.dumps(value)[:40]}"
-    return float(value), record["command"]
+    return float(value), str(record["command"]).split(" --out ")[0]

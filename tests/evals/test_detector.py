@@ -1,14 +1,17 @@
 """The detector's study: what it counts, in which pixels, and what it calls missed."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from egocap.detect.view import CanonicalView
 from egocap.errors import FileError, InputError
 from egocap.labels import LABELS
 from egocap.results import Detections, save_detections
 from egocap.sequence import VISIBLE, Sequence
+from egocap_sim.stage import rig_of
 from evals.detector import CURVE, GROUPS, missed, score, study, summary, tables
 from evals.detector_plots import draw
 from evals.heldout import PARTS, heldout_scenes, make_heldout
@@ -145,3 +148,12 @@ pitch = 70.0
     assert {s.rig.file for s in scenes} == {str(path)} and {s.rig.name for s in scenes} == {None}
     with pytest.raises(FileError, match=r"none\.toml"):
         heldout_scenes(rig="none.toml")
+
+
+@pytest.mark.parametrize("name", ["ocam", "wide", "narrow"])
+def test_rigs_that_no_training_has_seen_can_be_rendered(name):
+    path = Path(__file__).parents[2] / "evals/rigs" / f"{name}.toml"
+    scene = heldout_scenes(rig=str(path))[0]
+    rig = rig_of(scene.rig)
+    assert rig.name == name and rig.cameras[0].width == 640
+    assert all(CanonicalView(mount).mask.mean() > 0.4 for mount in rig.mounts)

@@ -60,15 +60,18 @@ _BLIND = (
     *(label for label in LABELS if label.endswith(("knee", "ankle", "foot"))),
     *("right_elbow", "right_wrist", "right_hand"),
 )
+_FEW = ("mpjpe_mm", "p95_mm", "accel_error")
+_WITHOUT_MOTION = TrackerConfig(lambda_motion=0.0)  # its prior hides what the others do
 CONDITIONS: Mapping[str, Condition] = {
     "exact": Condition("simulated:0,occluded=keep", TrackerConfig(),
                        ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False),
     "exact-live": Condition("simulated:0,occluded=keep", TrackerConfig(smoothing="none"),
                             ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False),
-    "blind": Condition("simulated:0", TrackerConfig(), ("mpjpe_mm", "p95_mm", "accel_error"),
-                       noisy=False, blind=_BLIND),
-    "blind-plain": Condition("simulated:0", TrackerConfig(lambda_posture=0.0),
-                             ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False, blind=_BLIND),
+    "blind": Condition("simulated:0", TrackerConfig(), _FEW, noisy=False, blind=_BLIND),
+    "blind-posture": Condition("simulated:0", _WITHOUT_MOTION, _FEW, noisy=False, blind=_BLIND),
+    "blind-plain": Condition("simulated:0", replace(_WITHOUT_MOTION, lambda_posture=0.0), _FEW,
+                             noisy=False, blind=_BLIND),
+    "learned-plain": Condition(LEARNED_LIKE, _WITHOUT_MOTION, _ERRORS),
     "noisy": Condition("simulated:2.0", TrackerConfig(), _ERRORS),
     "learned-like": Condition(LEARNED_LIKE, TrackerConfig(), _ERRORS),
     "live": Condition("simulated:2.0", TrackerConfig(smoothing="none"), _ERRORS),

@@ -30,6 +30,7 @@ STUDIES = {
     "stress": ("evals.stress", "Track under one growing fault at a time, with error bars."),
     "stress-rendered": ("evals.stress_rendered", "The same for faults of the picture, rendered."),
     "check": ("evals.check", "Run the regression guard: a fixed small suite against a baseline."),
+    "ablation": ("evals.ablation", "Track with one part left out at a time, over people."),
 }
 """Studies, imported when called: a new one is one module and one line (see `evals.study`)."""
 

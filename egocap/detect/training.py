@@ -118,7 +118,8 @@ class Trainer:
                 terms = self._step(batch)
                 self.state.step += 1
                 self.state.views += len(batch[0]) * self.world
-                self.state.seconds += time.monotonic() - begun + self._waited
+                spent = time.monotonic() - begun + self._waited
+                self.state.seconds = self._agreed_seconds(self.state.seconds + spent)
                 done = self.progress() >= 1.0
                 if record is not None:
                     record.step(self.state, terms, self._rate(), self.progress(), self._left())
@@ -139,7 +140,7 @@ class Trainer:
         """From 0 to 1, by steps or by the clock."""
         if self.config.steps:
             return self.state.step / self.config.steps
-        return self._agreed_seconds() / (60.0 * self.config.minutes)
+        return self.state.seconds / (60.0 * self.config.minutes)
 
     def _step(self, batch: tuple[torch.Tensor, ...]) -> Losses:
         images, points, state = (t.to(self.device, non_blocking=True) for t in batch)
@@ -244,11 +245,11 @@ class Trainer:
     def _due(self, since: float, minutes: float) -> bool:
         return self.state.seconds - since >= 60.0 * minutes
 
-    def _agreed_seconds(self) -> float:
+    def _agreed_seconds(self, seconds: float) -> float:
         """The first process's clock, so that all stop at the same step."""
         if self.world == 1:
-            return self.state.seconds
-        clock = torch.tensor(self.state.seconds, device=self.device)
+            return seconds
+        clock = torch.tensor(seconds, device=self.device)
         torch.distributed.broadcast(clock, 0)
         return float(clock)
 

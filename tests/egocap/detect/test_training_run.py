@@ -1,6 +1,9 @@
 """Runs by command: from sequences to a file of weights, and what is refused."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -65,3 +68,14 @@ def test_missing_simulator_is_said(tmp_path, monkeypatch, capsys):
     words = ["train", "--rig", rig, "--scratch", "--out", tmp_path / "run", "--config", "tiny"]
     assert egocap(*words, monkeypatch=monkeypatch) == 1
     assert "egocap-sim is not installed" in capsys.readouterr().err
+
+
+def test_two_processes_train_one_network(tiny_sequence, tmp_path):
+    out = tmp_path / "run"
+    words = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    words += ["-m", "egocap", "train", str(tiny_sequence), "--out", str(out), "--config", "tiny"]
+    words += ["--steps", "2", "--batch", "2", "--held-out", "0", "--json"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert open_weights(out / "detector.safetensors").training["views_seen"] == 2 * 2 * 2

@@ -169,8 +169,8 @@ def run_sweep(sweep: Sweep, motions: Sequence[Performance], seeds: int) -> dict[
 
 
 def best_level(sweep: Mapping[str, Any], name: str = "mpjpe_mm") -> dict[str, Any]:
-    """The level of least error, and those that cannot be told from it: whose paired difference,
-    over motions and seeds, has an interval with 0 in it."""
+    """The level of least error; those that cannot be told from it, whose paired difference over
+    motions and seeds has an interval with 0 in it; and those that are worse by 5 % at most."""
     draws = np.array([level["draws"][name] for level in sweep["levels"]])  # (L, motions x seeds)
     best = int(draws.mean(1).argmin())
     difference = draws - draws[best]
@@ -178,7 +178,8 @@ def best_level(sweep: Mapping[str, Any], name: str = "mpjpe_mm") -> dict[str, An
     alike = difference.mean(1) <= 1.96 * error
     values = [level["value"] for level in sweep["levels"]]
     same = [v for v, a in zip(values, alike, strict=True) if a]
-    return {"best": values[best], "not_distinguishable": same}
+    near = [v for v, d in zip(values, draws, strict=True) if d.mean() <= 1.05 * draws[best].mean()]
+    return {"best": values[best], "not_distinguishable": same, "within_5_percent": near}
 
 
 def with_baseline(rig: Rig, metres: float) -> Rig:

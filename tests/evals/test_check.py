@@ -139,6 +139,11 @@ def test_the_command_exits_with_3_and_a_table(tmp_path, monkeypatch, capsys):
     assert captured.err == "missed: noisy/walk/mpjpe_mm: worse\n"
 
 
+def test_the_committed_baseline_knows_every_condition():
+    names = {name.split("/")[0] for name in load_baseline(check.COMMITTED)}
+    assert {*check.CONDITIONS, "physics", "rig", "rendered"} <= names
+
+
 def test_a_baseline_that_is_none(tmp_path, capsys):
     (tmp_path / "ci.json").write_text('{"schema": 1, "command": "x", "result": {"numbers": [1]}}')
     with pytest.raises(FileError, match="not a baseline"):

@@ -90,6 +90,7 @@ def test_the_best_level_and_those_like_it():
     ]
     found = best_level({"levels": levels})
     assert found["best"] in (0.3, 0.4) and found["not_distinguishable"] == [0.3, 0.4]
+    assert found["within_5_percent"] == [0.3, 0.4]
 
 
 def test_sweeps_have_levels_in_order():

@@ -175,13 +175,21 @@ def score_plugin(
 
 
 def find_detections(sequence: Sequence, source: str) -> Detections:
-    """Detections by the name of their source: a file, simulated:..., or detector:PLUG-IN."""
+    """Detections by the name of their source: a file, simulated:..., or detector:PLUG-IN.
+
+    Raises InputError where there is no such source, or it hands back something else.
+    """
     from egocap.cli import detections_from
 
     kind, _, name = source.partition(":")
     if kind != "detector":
         return detections_from(sequence, source, 0)
-    return find_plugin(DETECTORS, name)(Footage(sequence))
+    found = find_plugin(DETECTORS, name)(Footage(sequence))
+    if not isinstance(found, Detections):
+        raise InputError(f"detector '{name}' handed back a {type(found).__name__}",
+                         valid="egocap.results.Detections")  # fmt: skip
+    require_same_times(found.times, sequence.times, f"what detector '{name}' handed back")
+    return found
 
 
 def run_tracker(

@@ -329,3 +329,24 @@ def test_a_tracker_that_hands_back_something_else(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "odd_tracker", module)
     with pytest.raises(InputError, match=r"\(3, 18, 3\).*\(130, 18, 3\)"):
         run_tracker("odd_tracker:track", open_sequence(folder), None)
+
+
+def test_a_detector_plugs_in_and_meets_no_truth(folder, truth, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    module, given = types.ModuleType("odd_detector"), []
+
+    def detect(footage):
+        given.append(footage)
+        return make_detections(truth, source="mine")
+
+    module.detect, module.nothing = detect, lambda footage: None
+    monkeypatch.setitem(sys.modules, "odd_detector", module)
+    words = ["pose", str(folder), "--tracker", "your_tracker:track", "--detections"]
+    assert main([*words, "detector:odd_detector:detect", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["detections"]["source"] == "mine" and report["detections"]["pck20_seen"] == 100
+    (footage,) = given
+    assert len(footage) == FRAMES and footage.rig == make_rig()
+    assert not any("truth" in name for name in vars(footage))
+    assert main([*words, "detector:odd_detector:nothing"]) == 2
+    assert "handed back a NoneType" in capsys.readouterr().err

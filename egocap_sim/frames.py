@@ -26,6 +26,7 @@ from egocap_sim.sensor.shooting import See, Shooter, Shot
 from egocap_sim.visibility import JointVisibility
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+_FLAT = [*_PNG, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]  # labels, three times as fast
 
 
 class FrameMaker:
@@ -70,7 +71,7 @@ class FrameMaker:
             files[f"{view}.{self.record.image_format}"] = self._encode(image)
         if self.record.masks:
             for view, parts in zip(self.rig.views, shot.parts, strict=True):
-                files[f"{view}.mask.png"] = _png(parts)
+                files[f"{view}.mask.png"] = _png(parts, _FLAT)
         if self.record.depth:
             for view, depth in zip(self.rig.views, shot.depth, strict=True):
                 files[f"{view}.depth.png"] = _png(_millimetres(depth))
@@ -136,8 +137,8 @@ class FrameMaker:
         return json.dumps(content, separators=(",", ":")).encode()
 
 
-def _png(image: Array) -> bytes:
-    done, data = cv2.imencode(".png", image, _PNG)
+def _png(image: Array, how: Sequence[int] = _PNG) -> bytes:
+    done, data = cv2.imencode(".png", image, how)
     assert done, f"PNG encoding of {image.shape} {image.dtype} failed"
     return data.tobytes()
 

@@ -118,3 +118,24 @@ def test_clips_are_mixed_in_and_a_bad_one_is_left_out(tmp_path, caplog):
     share = sum(m.file is not None for m in motions) / len(motions)
     assert 0.2 < share < 0.8
     assert any(m.mirrored for m in motions) and any(m.then for m in motions)
+
+
+def test_a_cluster_makes_the_same_bytes(recording, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        generate(scene(), tmp_path / "r", cluster=cluster.scheduler_address)
+    assert files(tmp_path / "r") == files(recording)
+
+
+def test_a_sequence_is_made_longer_as_if_it_had_been_from_the_start(tmp_path):
+    def plain(frames: int) -> Scene:
+        data = scene(frames).model_dump(exclude_none=True, exclude={"episodes"})
+        return Scene.model_validate(data | {"record": {"shard_frames": 2}})
+
+    generate(plain(3), tmp_path / "grown")
+    generate(plain(5), tmp_path / "grown", append=True)
+    generate(plain(5), tmp_path / "whole")
+    assert verify(tmp_path / "grown").clean
+    assert files(tmp_path / "grown") == files(tmp_path / "whole")

@@ -27,10 +27,13 @@ STUDIES = {
     "dataset": ("evals.dataset_card", "Count what a data set holds: people, rigs, joints seen."),
     "run": ("evals.run", "Run a suite: sequences, predictions, scores and a report."),
     "compare": ("evals.compare", "Say what changed between two runs, and whether beyond noise."),
+    "ablation": ("evals.ablation", "Track with one part left out at a time, over people."),
     "stress": ("evals.stress", "Track under one growing fault at a time, with error bars."),
     "stress-rendered": ("evals.stress_rendered", "The same for faults of the picture, rendered."),
+    "calibration": ("evals.calibration", "Whether the posterior's regions hold what they claim."),
+    "posterior": ("evals.posterior", "Speed of sampling, and the tracker's error over the bound."),
+    "rig": ("evals.rig", "What stereo rigs can know: visibility, bounds, tracked error."),
     "check": ("evals.check", "Run the regression guard: a fixed small suite against a baseline."),
-    "ablation": ("evals.ablation", "Track with one part left out at a time, over people."),
 }
 """Studies, imported when called: a new one is one module and one line (see `evals.study`)."""
 

@@ -3,22 +3,17 @@
 #
 #     sh tools/release-detector.sh WEIGHTS.safetensors WORK MOTIONS
 #
-# WORK keeps footage between calls: WORK/calibration is made here, of people, places and rigs that no
-# training and no validation has seen (seeds 400100 to 400113), WORK/heldout is the held-out set.
-# MOTIONS is a folder with the validation clips (bvh/007_05.bvh, npz/basketball_signal_3.npz).
+# WORK keeps footage between calls: WORK/calibration is made here of evals/calibration.toml, 60 people
+# that no training and no validation has seen; WORK/heldout is the held-out set. MOTIONS is a folder
+# with the validation clips (bvh/007_05.bvh, npz/basketball_signal_3.npz).
 set -eu
 weights=$1 work=$2 motions=$3
 bin=${BIN:-.venv/bin} shipped=egocap/detect/shipped results=evals/results
 
-for i in $(seq 0 13); do
-    folder=$work/calibration/c$i
-    case $((i % 5)) in
-        3) rig=sampled ;;
-        4) rig=egorig2 ;;
-        *) rig=egorig1 ;;
-    esac
-    [ -f "$folder/truth.npz" ] || "$bin/egocap-sim" generate train-varied --out "$folder" \
-        --seed $((400100 + i)) --rig $rig --frames 40 --size 640 512 --sensor clean
+for rig in egorig1 egorig2 sampled; do
+    case $rig in egorig1) seed=400100 ;; egorig2) seed=400200 ;; *) seed=400300 ;; esac
+    "$bin/egocap-sim" generate evals/calibration.toml --out "$work/calibration/$rig" \
+        --seed $seed --rig $rig
 done
 
 mkdir -p $shipped

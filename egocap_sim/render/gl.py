@@ -35,7 +35,7 @@ try:
     OpenGL.ERROR_CHECKING = False
     _egl_errors.__dict__.setdefault("_error_checker", None)
     import OpenGL.GL as GL
-    import OpenGL.GL.shaders  # noqa: F401  (before OpenGL.EGL, or PyOpenGL 3.1.0 fails)
+    import OpenGL.GL.shaders  # before OpenGL.EGL, or PyOpenGL 3.1.0 fails
     import OpenGL.EGL as EGL
     # isort: on
 

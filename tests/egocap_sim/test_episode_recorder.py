@@ -89,7 +89,7 @@ def test_what_is_lost_or_damaged_is_made_again(recording, tmp_path):
 def test_more_frames_need_append_and_leave_the_others(recording, tmp_path):
     out = tmp_path / "r"
     shutil.copytree(recording, out)
-    with pytest.raises(InputError, match="7 frames, not 9.*--append"):
+    with pytest.raises(InputError, match=r"7 frames, not 9.*--append"):
         generate(scene(9), out)
     before = files(out)
     assert generate(scene(9), out, append=True).rendered == 2

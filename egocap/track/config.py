@@ -52,6 +52,10 @@ class TrackerConfig:
     """Least standard deviation of a detection, in pixels at an image width of 640."""
     model_error_m: float = 0.004
     """Scatter of true joints about the tracker's skeleton, metres."""
+    synchronise: bool = False
+    """Estimate how much later every view's pictures are than the first view's (interval only)."""
+    align_cameras: bool = False
+    """Estimate a small rotation of every view against the first one (interval only)."""
     colour: bool = False
     """Refine every frame by the images' colours; needs the covariance."""
     colour_size: int = 64

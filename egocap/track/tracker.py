@@ -20,6 +20,7 @@ from egocap.track.config import TrackerConfig
 from egocap.track.observations import Observations, observe
 
 if TYPE_CHECKING:
+    from egocap.track.alignment import Alignment
     from egocap.track.colour_refinement import Images
     from egocap.track.kernel import Model
     from egocap.track.motion_prior import Guide
@@ -163,6 +164,11 @@ def _solve_together(
     angles, converged = smooth_interval(angles, taken, model, config)
     changed = choosing and choose(angles, observations, taken, model, config) > 0
     estimated: dict[str, object] = {}
+    if (config.synchronise or config.align_cameras) and taken.weights.shape[1] > 1:
+        angles, taken, alignment = _align(angles, taken, proportions, model, config)
+        estimated["lag_s"] = alignment.lag_s.round(5).tolist()
+        estimated["rotation_deg"] = np.rad2deg(alignment.rotation).round(4).tolist()
+        changed = True
     if config.recalibrate:
         accuracy = measure_accuracy(angles, taken, proportions)
         estimated["widening"] = accuracy.widening.round(3).tolist()
@@ -175,6 +181,25 @@ def _solve_together(
         guide = guide_of(angles, taken, model, config)
         angles, converged = smooth_interval(angles, taken, model, config, guide)
     return _Solution(angles, converged, taken, estimated, guide)
+
+
+_ALIGNMENTS = 4  # steps
+
+
+def _align(
+    angles: Float[Array, "T 37"], taken: Observations, proportions: Proportions, model: Model,
+    config: TrackerConfig,
+) -> tuple[Float[Array, "T 37"], Observations, Alignment]:  # fmt: skip
+    """Views' lags and rotations and the motion, in turn; the observations without them."""
+    from egocap.track.alignment import Alignment, improve
+    from egocap.track.smoothing import smooth_interval
+
+    alignment, seen = Alignment.none(taken.weights.shape[1]), taken
+    for _ in range(_ALIGNMENTS):
+        alignment = improve(alignment, angles, taken, proportions, model, config)
+        seen = alignment.aligned(taken, forward(proportions, angles))
+        angles, _ = smooth_interval(angles, seen, model, config)
+    return angles, seen, alignment
 
 
 def _covariances(

@@ -30,7 +30,7 @@ from egocap.posterior.backend import NpzBackend
 from egocap.posterior.config import FIRST_CHECK, SamplerConfig
 from egocap.posterior.laplace import Mode, find_modes
 from egocap.posterior.log_prob import LogPosterior
-from egocap.posterior.moves import Crank, Hop, Mixture
+from egocap.posterior.moves import Crank, Hop, Mixture, Snooker
 from egocap.posterior.result import Posterior
 
 THIN = 5
@@ -200,7 +200,7 @@ def _moves(mixture: Mixture) -> list[tuple[Any, float]]:
     moves: list[tuple[Any, float]] = [
         (Crank(mixture, _CRANKS), 0.5),
         (emcee.moves.DEMove(gamma0=2.38 / np.sqrt(2 * dimensions)), 0.3),
-        (emcee.moves.DESnookerMove(), 0.1),
+        (Snooker(), 0.1),
         (emcee.moves.StretchMove(), 0.1),
     ]
     return [*moves, (Hop(mixture), 0.2)] if len(mixture) > 1 else moves

@@ -9,7 +9,7 @@ import pytest
 from egocap.errors import FileError, InputError
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.posterior.log_prob import log_posterior_of
-from egocap.posterior.moves import Crank, Hop, Mixture
+from egocap.posterior.moves import Crank, Hop, Mixture, Snooker
 from egocap.posterior.result import load_posterior, save_posterior
 from egocap.posterior.sampler import examine, sample, split_rhat
 from egocap.posterior.simulation import draw_detections, draw_poses
@@ -67,6 +67,22 @@ def test_crank_never_rejects_its_own_gaussian():
         50,
     )
     assert np.all(sampler.acceptance_fraction == 1.0)
+
+
+@pytest.mark.parametrize("name", ["crank", "evolution", "snooker", "stretch"])
+def test_every_move_leaves_a_gaussian_of_37_dimensions_as_wide_as_it_is(name):
+    """Walkers start in equilibrium and must stay there: the mean squared length is 37."""
+    rough = Mixture(np.full((1, 37), 0.1), 0.8 * np.eye(37)[None], np.ones(1))
+    moves = {
+        "crank": Crank(rough, (0.3,)), "evolution": emcee.moves.DEMove(),
+        "snooker": Snooker(), "stretch": emcee.moves.StretchMove(),
+    }  # fmt: skip
+    start = np.random.default_rng(3).standard_normal((400, 37))
+    sampler = run(lambda x: -0.5 * np.sum(x * x, axis=1), [(moves[name], 1.0)], start, 300)
+    assert sampler.acceptance_fraction.mean() > 0.1
+    squared = -2.0 * sampler.get_log_prob(discard=100)
+    # 400 walkers of which each has about one independent value: sqrt(2 37 / 400) = 0.43.
+    assert squared.mean() == pytest.approx(37.0, abs=1.5)
 
 
 def test_arm_of_three_joints_agrees_with_quadrature(rig, person):

@@ -32,7 +32,7 @@ LIMITS = (
 
 def card(weights: Weights, record: Mapping[str, Any]) -> str:
     """The card as Markdown. FileError when the result is of other weights."""
-    config = record.get("config") or record.get("configuration") or {}
+    config = record.get("config", {})
     scored = config.get("weights")
     if scored != weights.sha256:
         raise FileError(weights.path, "the result is of other weights", valid=str(scored))

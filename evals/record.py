@@ -20,7 +20,7 @@ from egocap.sequence_writer import disk_errors, write_atomically
 SCHEMA = 1
 PACKAGES = (
     "egocap", "numpy", "scipy", "torch", "mujoco", "pyrender", "anny", "numba",
-    "opencv-contrib-python-headless",
+    "opencv-contrib-python-headless", "onnxruntime", "openvino",
 )  # fmt: skip
 
 

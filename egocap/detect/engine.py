@@ -140,7 +140,7 @@ def _onnxruntime(path: Path, threads: int) -> Callable[[Array], Outputs]:
 
 def _openvino(path: Path, threads: int) -> Callable[[Array], Outputs]:
     try:
-        import openvino
+        import openvino  # pyright: ignore[reportMissingImports] (an extra)
     except ImportError:
         raise MachineError("openvino is missing", remedy="pip install 'egocap[openvino]'") from None
     core = openvino.Core()
@@ -161,7 +161,7 @@ def _torch(weights: Weights, device: str, threads: int) -> Callable[[Array], Out
 
     if device == "cuda" and not torch.cuda.is_available():
         raise MachineError("no CUDA GPU that torch can use", remedy="use the engine onnxruntime")
-    network = weights.network().to(device, memory_format=torch.channels_last)
+    network = weights.network().to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     if device == "cpu":
         torch.set_num_threads(threads)
 

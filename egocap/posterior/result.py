@@ -127,4 +127,4 @@ def to_arviz(posterior: Posterior) -> Any:
         raise MachineError("arviz is not installed",
                            remedy="pip install 'egocap[posterior]'") from None  # fmt: skip
     variables = {name: posterior.draws[..., i] for i, name in enumerate(posterior.names)}
-    return arviz.from_dict({"posterior": variables, "sample_stats": {"lp": posterior.log_prob}})
+    return arviz.from_dict(posterior=variables, sample_stats={"lp": posterior.log_prob})

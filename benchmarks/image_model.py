@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 SIZE = (128, 128)
-LIVE_SIZE = (120, 100)
+LIVE_SIZE, LIVE_TERM = (120, 100), 96
 STOCHASTIC_RAYS, KEEP = 600, 0.5
 FIRST_CALL = """
 import time, numpy as np
@@ -143,23 +143,63 @@ class Bench:
         times = best(lambda: colour_gradient(self.body, batch, angles, model.measure), 2)
         return {**times, "times_slower": times["ms"] / kernel_ms}
 
+    def term(self, size: int = SIZE[0]):
+        """The body's colours against the background's, learned in five frames."""
+        from egocap.track.colour_term import ColourTerm, ColourTermConfig
+        from egocap.track.image_rays import image_rays
+        from egocap.track.inverse import nearest_angles
+        from egocap.track.palette import learn_palette
+
+        sequence = self.sequence
+        truth = sequence.truth.joints_head
+        shown = []
+        for t in np.linspace(0, len(sequence) - 1, 5).round().astype(int):
+            angles = nearest_angles(sequence.proportions, truth[t])
+            shown.append((sequence.frame(int(t)).images, angles))
+        palette = learn_palette(self.body, image_rays(sequence.rig, *SIZE), shown)
+        return ColourTerm(self.body, sequence.rig, palette, ColourTermConfig(size, weight=0.03))
+
+    def palette(self) -> dict[str, Any]:
+        """The kernel with colours by bins, and what a frame costs besides."""
+        term = self.term()
+        colours = term.see(self.images, self.angles)
+        H, g = np.zeros((37, 37)), np.zeros(37)
+        return {
+            "energy_and_gradient": best(lambda: term.model.evaluate(self.angles, colours)),
+            "with_gauss_newton": best(lambda: term.add(self.angles, H, g)),
+            "a_frame": best(lambda: term.see(self.images)),
+        }
+
     def live(self) -> dict[str, Any]:
         """Colour-only tracking of the upper body over the sequence, images in memory."""
         from egocap.labels import UPPER
         from egocap.skeleton import forward
-        from egocap.track.image_solver import UPPER_BODY, ImageSolver, track_colours
+        from egocap.track.config import TrackerConfig
+        from egocap.track.image_solver import (
+            UPPER_BODY,
+            ImageSolver,
+            ImageSolverConfig,
+            track_colours,
+        )
 
-        model, _ = self.model(LIVE_SIZE)
-        solver = ImageSolver(model, free=UPPER_BODY)
+        term = self.term(LIVE_TERM)
+        solver = ImageSolver(
+            term.model, ImageSolverConfig(lambda_colour=term.config.weight),
+            TrackerConfig(zeta=0.7, speed=8.0), UPPER_BODY,
+        )  # fmt: skip
         images = [frame.images for frame in self.sequence]
         fps = self.sequence.manifest.fps
         found = {}
-        for name, rng in (("gauss_newton", None), ("stochastic", np.random.default_rng(0))):
-            rates = []
+        for name, seed in (("gauss_newton", None), ("stochastic", 0)):
+            rates, poses = [], []
             for _ in range(3):
+                term.forget()
+                rng = None if seed is None else np.random.default_rng(seed)
                 started = time.perf_counter()
-                frames = (model.colours(pair) for pair in images)
-                poses = track_colours(solver, frames, self.angles, fps, rng)
+                first = (
+                    term.see(pair, None if t else self.angles) for t, pair in enumerate(images)
+                )
+                poses = track_colours(solver, seen, self.angles, fps, rng)
                 rates.append(len(images) / (time.perf_counter() - started))
             joints = forward(self.sequence.proportions, np.array([p.angles for p in poses]))
             errors = np.linalg.norm(joints - self.sequence.truth.joints_head, axis=-1)
@@ -215,6 +255,7 @@ def main() -> None:
     kernel = bench.kernel()
     result = {
         "kernel": kernel,
+        "palette": bench.palette(),
         "stochastic": bench.stochastic(),
         "reference": bench.reference(kernel["energy_and_gradient"]["ms"]),
         "live": bench.live(),

@@ -280,7 +280,7 @@ def fit_body(
 def export(
     track: Positional[Path],
     out: Path,
-    format: Literal["bvh", "npz"] = "bvh",  # noqa: A002 (the option's name)
+    format: Literal["bvh", "npz"] = "bvh",
 ) -> int:
     """Write a track for other programs.
 
@@ -348,6 +348,66 @@ def posterior(
     print(f"{out}: {told['outcome']}; {told['steps']} steps in {told['seconds']} s; spread {hands}")
     for note in told["notes"]:
         print(note)
+    return DONE
+
+
+@app.command
+def live(
+    sources: Positional[tuple[str, ...]],
+    rig: Path,
+    body: Path,
+    out: Path | None = None,
+    weights: Path | None = None,
+    seconds: float = float("inf"),
+    config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(smoothing="none"),  # noqa: B008
+    json: bool = False,
+) -> int:
+    """Track from cameras or video files as they run, one a view, in the rig's order.
+
+    The newest pictures are taken and older ones skipped, so that the tracker never falls behind. A
+    video file runs at its own rate.
+
+    Args:
+        sources: cameras' numbers or video files, one a view.
+        rig: rig file of the cameras.
+        body: body file of the wearer.
+        out: track to write when all is over, npz.
+        weights: weights of the learned detector; the shipped ones by default.
+        seconds: stop after so long.
+        config: the tracker's settings; past frames alone count.
+        json: print the summary as JSON.
+    """
+    import json as jsons
+
+    from egocap.body import Proportions
+    from egocap.detect.detector import Detector
+    from egocap.detect.weights import open_weights
+    from egocap.live import Source, follow_live
+    from egocap.results import save_track
+    from egocap.rig import load_rig
+    from egocap.track.live import LiveTracker
+
+    loaded = load_rig(rig)
+    if len(sources) != len(loaded.mounts):
+        raise InputError(f"{len(sources)} sources", valid=f"{len(loaded.mounts)}, one a view")
+    detector = Detector(loaded, open_weights(weights) if weights else None)
+    tracker = LiveTracker(loaded, Proportions.load(body), config)
+    opened = [Source(name) for name in sources]
+    try:
+        report = follow_live(opened, detector, tracker, seconds)
+    finally:
+        for source in opened:
+            source.close()
+    if out is not None:
+        save_track(out, report.track(tracker, detector.source))
+    middle, late = report.latency_ms
+    summary = {"poses": len(report.poses), "skipped_pictures": report.skipped,
+               "latency_ms": middle, "latency_95_ms": late}  # fmt: skip
+    if json:
+        print(jsons.dumps(summary, indent=1))
+    else:
+        print(f"{len(report.poses)} poses, latency {middle:.0f} ms (95 %: {late:.0f}), "
+              f"{report.skipped} pictures skipped")  # fmt: skip
     return DONE
 
 

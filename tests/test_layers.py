@@ -18,7 +18,7 @@ LAYERS = (
     {"plugins"},  # what detectors and trackers from elsewhere are given
     {"detect", "track", "evaluate", "io"},  # these do not import each other
     {"posterior"},  # of a pose: the tracker's kinematics, prior and starts, sampled and bounded
-    {"view"},  # pictures of all of the above
+    {"view", "live"},  # pictures of all of the above; all of it at once
     {"cli", "__main__"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

@@ -27,6 +27,7 @@ COMMANDS = {
         "calibrate-detector",
         "detect",
         "export",
+        "live",
         "fit-body",
         "posterior",
         "track",

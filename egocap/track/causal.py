@@ -31,31 +31,53 @@ def follow(
     observations: Observations, model: Model, config: TrackerConfig
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"], Observations]:
     """Angles and convergence as `track_causally`, and the places that were taken."""
-    proposed, observations = observations, observations[:]
-    choosing = can_choose(proposed, config)
-    times = observations.times
-    angles = np.zeros((len(times), DOF_COUNT))
-    converged = np.zeros(len(times), bool)
-    retry = -np.inf
-    for t in range(len(times)):
-        frame = _Frame(observations, t, model, config)
-        if t > 0:
-            step = times[t] - times[t - 1]
-            # After a pause (dropped frames) the last velocity says nothing.
-            fresh = t < 2 or step > 2.0 * (times[t - 1] - times[t - 2])
-            predicted = predict(angles[t - 1], angles[t - 1 if fresh else t - 2], config.zeta)
-            scatter = config.speed * step * SPREAD
+    follower, taken = Follower(model, config), observations[:]
+    angles = np.zeros((len(observations.times), DOF_COUNT))
+    converged = np.zeros(len(angles), bool)
+    for t in range(len(angles)):
+        angles[t], converged[t], frame = follower.step(observations[t : t + 1])
+        taken.rays[t], taken.whiten[t] = frame.rays[0], frame.whiten[0]
+        taken.weights[t] = frame.weights[0]
+    return angles, converged, taken
+
+
+class Follower:
+    """Follows a person one frame at a time, and searches afresh when the track is lost."""
+
+    def __init__(self, model: Model, config: TrackerConfig) -> None:
+        self.model, self.config = model, config
+        self._past: list[tuple[float, Float[Array, "37"]]] = []  # the last two times and poses
+        self._retry = -np.inf
+
+    def step(self, proposed: Observations) -> tuple[Float[Array, "37"], bool, Observations]:
+        """Angles of the next frame (T = 1), convergence, and the places that were taken."""
+        time, taken = float(proposed.times[0]), proposed[:]
+        choosing = can_choose(proposed, self.config)
+        angles, converged = np.zeros(DOF_COUNT), False
+        frame = _Frame(taken, 0, self.model, self.config)
+        if self._past:
+            predicted, scatter = self._predict(time)
             if choosing:
-                choose(predicted[None], proposed, observations, model, config, t)
-            angles[t], converged[t] = frame.solve(predicted, scatter)
-        if times[t] >= retry and (t == 0 or not frame.agrees(angles[t])):
-            cost = jump_cost(config) if t > 0 else -np.inf
-            angles[t], converged[t] = frame.search(angles[t], cost)
-            if choosing and choose(angles[t : t + 1], proposed, observations, model, config, t):
-                angles[t], converged[t] = frame.refine(angles[t])
-            if not frame.agrees(angles[t]):
-                retry = times[t] + config.retry_s
-    return angles, converged, observations
+                choose(predicted[None], proposed, taken, self.model, self.config)
+            angles, converged = frame.solve(predicted, scatter)
+        if time >= self._retry and not (self._past and frame.agrees(angles)):
+            cost = jump_cost(self.config) if self._past else -np.inf
+            angles, converged = frame.search(angles, cost)
+            if choosing and choose(angles[None], proposed, taken, self.model, self.config):
+                angles, converged = frame.refine(angles)
+            if not frame.agrees(angles):
+                self._retry = time + self.config.retry_s
+        self._past = [*self._past[-1:], (time, angles)]
+        return angles, converged, taken
+
+    def _predict(self, time: float) -> tuple[Float[Array, "37"], Float[Array, "37"]]:
+        """The pose expected now, and its scatter."""
+        (before_time, before), (last_time, last) = self._past[0], self._past[-1]
+        step = time - last_time
+        # After a pause (dropped frames) the last velocity says nothing.
+        fresh = len(self._past) < 2 or step > 2.0 * (last_time - before_time)
+        predicted = predict(last, last if fresh else before, self.config.zeta)
+        return predicted, self.config.speed * step * SPREAD
 
 
 class _Frame:

@@ -39,7 +39,10 @@ class Engine:
 
 
 def open_engine(
-    weights: Weights, name: EngineName = "onnxruntime", threads: int | None = None
+    weights: Weights,
+    name: EngineName = "onnxruntime",
+    threads: int | None = None,
+    spin: bool = False,
 ) -> Engine:
     """Make a network ready to run.
 
@@ -47,6 +50,8 @@ def open_engine(
         weights: of which network.
         name: one of `EngineName`.
         threads: how many the network may use; all cores when None. Does not bind a GPU.
+        spin: let onnxruntime's threads wait busily within a call: sooner done on a quiet machine,
+            work wasted on a busy one.
 
     Raises:
         InputError: no such engine, or an impossible number of threads.
@@ -58,7 +63,7 @@ def open_engine(
     if not 1 <= threads <= 256:
         raise InputError(f"{threads} threads", valid="1 to 256")
     if name == "onnxruntime":
-        return Engine(name, _onnxruntime(exported(weights), threads))
+        return Engine(name, _onnxruntime(exported(weights), threads, spin))
     if name == "openvino":
         return Engine(name, _openvino(exported(weights), threads))
     return Engine(name, _torch(weights, "cuda" if name == "cuda" else "cpu", threads))
@@ -118,7 +123,7 @@ def cache_folder() -> Path:
     return (Path(root) if root else Path.home() / ".cache") / "egocap"
 
 
-def _onnxruntime(path: Path, threads: int) -> Callable[[Array], Outputs]:
+def _onnxruntime(path: Path, threads: int, spin: bool) -> Callable[[Array], Outputs]:
     try:
         import onnxruntime
     except ImportError:
@@ -126,8 +131,9 @@ def _onnxruntime(path: Path, threads: int) -> Callable[[Array], Outputs]:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spin)))
     # Threads that spin between two pictures take the core on which the next one is decoded.
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.add_session_config_entry("session.force_spinning_stop", "1")
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
 

@@ -30,6 +30,11 @@ def test_onnxruntime_equals_torch(weights, count):
         assert np.abs(a - b).max() < 1e-4 * max(1.0, np.abs(b).max())
 
 
+def test_spinning_changes_nothing_but_the_time(weights):
+    quiet, busy = (open_engine(weights, threads=2, spin=spin).run(images(2)) for spin in (0, 1))
+    assert all(np.array_equal(a, b) for a, b in zip(quiet, busy, strict=True))
+
+
 @pytest.mark.skipif(importlib.util.find_spec("openvino") is None, reason="openvino is an extra")
 def test_openvino_is_close_to_torch(weights):
     said = open_engine(weights, "openvino", threads=1).run(images(2))

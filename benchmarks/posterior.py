@@ -1,0 +1,103 @@
+"""Evaluations of the log posterior a second, and how long one frame's sampling takes.
+
+    python benchmarks/posterior.py
+    python benchmarks/posterior.py --json --frames 5
+
+Made-up poses of an average person are seen by EgoRig1 at 640 x 512 with 2 px noise; three joints of
+ten are missing in each view. Rates are by the wall and by processor time, which other work on the
+machine disturbs less. All cores are used; NUMBA_NUM_THREADS sets how many.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from egocap.body import Proportions
+from egocap.posterior.config import PosteriorConfig, SamplerConfig
+from egocap.posterior.information import (
+    Noise,
+    fisher_information,
+    joint_bound,
+    prior_information,
+)
+from egocap.posterior.log_prob import log_posterior_of
+from egocap.posterior.sampler import sample
+from egocap.posterior.simulation import draw_detections, draw_poses
+from egocap.rig import load_rig
+
+ROOT = Path(__file__).resolve().parents[1]
+WALKERS, ROUNDS, MISSING = 96, 300, 0.3
+
+
+def measure(frames: int) -> dict[str, Any]:
+    """Rates of evaluation, time of a bound, and the sampling of some frames."""
+    rng, config = np.random.default_rng(0), PosteriorConfig(model_error_m=0.0)
+    rig = load_rig(ROOT / "scenes/rigs/egorig1.toml").resized(640, 512)
+    person = Proportions.from_lengths(1.75)
+    poses = draw_poses(WALKERS, config, rng)
+    seen = rng.random((WALKERS, 2, 18)) >= MISSING
+    found = draw_detections(poses, seen, rig, person, 2.0, config, rng)
+    density = log_posterior_of(found, 0, rig, person, config)
+    wall, cpu = _timed(lambda: density(poses), ROUNDS)
+    bound = _timed(
+        lambda: joint_bound(
+            poses,
+            person,
+            fisher_information(poses, person, rig, seen, Noise()) + prior_information(poses),
+        ),
+        3,
+    )
+    rows = []
+    for frame in range(frames):
+        cpu_before = time.process_time()
+        result = sample(log_posterior_of(found, frame, rig, person, config), SamplerConfig())
+        rows.append({
+            "mixed": result.mixed, "steps": result.steps,
+            "seconds": round(result.seconds, 1),
+            "cpu_seconds": round(time.process_time() - cpu_before, 1),
+            "effective": round(float(result.effective.min())),
+            "longest_autocorrelation": round(float(result.autocorrelation.max()), 1),
+        })  # fmt: skip
+    return {
+        "evaluations_per_second": round(WALKERS / wall),
+        "evaluations_per_cpu_second": round(WALKERS / cpu),
+        "bound_ms_a_frame": round(1e3 * bound[1] / WALKERS, 2),
+        "sampled": rows,
+    }
+
+
+def _timed(work: Any, rounds: int) -> tuple[float, float]:
+    """Seconds by the wall and of the processors that one call takes, compiled before."""
+    work()
+    wall, cpu = time.perf_counter(), time.process_time()
+    for _ in range(rounds):
+        work()
+    return (time.perf_counter() - wall) / rounds, (time.process_time() - cpu) / rounds
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--frames", type=int, default=3)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    report = measure(options.frames)
+    if options.json:
+        print(json.dumps(report, indent=1))
+        return
+    print(f"{report['evaluations_per_second']} evaluations/s, "
+          f"{report['evaluations_per_cpu_second']} a processor second; "
+          f"bound {report['bound_ms_a_frame']} ms a frame")  # fmt: skip
+    for row in report["sampled"]:
+        print(row)
+
+
+if __name__ == "__main__":
+    main()

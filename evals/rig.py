@@ -42,8 +42,8 @@ FRAMES_A_MOTION = 50
 MOST_CANDIDATES = 2000
 FPS = 30.0
 BLOCK_S = 1.0
-MODEL_ERROR_M = 0.004
-"""Scatter of true joints about the skeleton in bound and posterior; the tracker's default."""
+MODEL_ERROR_M = 0.0
+"""Scatter of true joints about the skeleton: none, the tracker's fits these motions to 0.1 mm."""
 _TRACKED_COLUMNS = (
     "smoothed_mm", "posterior_mm", "tracked_mm", "smoothed_seen_mm", "tracked_seen_mm",
 )  # fmt: skip

@@ -196,9 +196,7 @@ class Bench:
                 term.forget()
                 rng = None if seed is None else np.random.default_rng(seed)
                 started = time.perf_counter()
-                first = (
-                    term.see(pair, None if t else self.angles) for t, pair in enumerate(images)
-                )
+                seen = (term.see(pair, None if t else self.angles) for t, pair in enumerate(images))
                 poses = track_colours(solver, seen, self.angles, fps, rng)
                 rates.append(len(images) / (time.perf_counter() - started))
             joints = forward(self.sequence.proportions, np.array([p.angles for p in poses]))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from egocap import cli
+from egocap.body import Proportions
 from egocap.results import load_detections, load_track, save_detections
 from egocap.sequence import Sequence, load_manifest
 
@@ -133,3 +134,15 @@ def test_a_track_of_another_sequence_is_not_scored(tracked, tiny_sequence, tmp_p
     assert json.loads(capsys.readouterr().out)["frames"] == 7
     assert main(["pose", str(tmp_path / "other"), *words]) == 2
     assert "track.npz: was made from another sequence" in capsys.readouterr().err
+
+
+def test_a_body_is_fitted_and_told_of(egocap, tracked, tiny_sequence):
+    found = ["--detections", tracked / "det.npz"]
+    code, out, err = egocap("fit-body", tiny_sequence, "--out", "body.json", *found, "--json")
+    assert code == 0, err
+    body, told = Proportions.load("body.json"), json.loads(out)
+    assert told["bones"]["left_elbow"]["length_m"] == pytest.approx(
+        body.bone_lengths["left_elbow"], abs=1e-4
+    )
+    wrong = ("fit-body", tiny_sequence, "--out", "b.json", *found, "--height", "178")
+    assert "height of 178" in complaint(egocap(*wrong))

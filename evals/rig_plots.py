@@ -77,7 +77,7 @@ def draw_together(report: RigReport) -> Any:
     axes.set_xlabel(_label(sweep.name))
     axes.set_ylabel("root mean square, mm")
     axes.set_ylim(0, None)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14))
     return figure
 
 

@@ -6,6 +6,7 @@ import pytest
 from egocap.errors import InputError
 from egocap.rig import load_rig
 from egocap_sim.builtin import rig_file
+from evals import calibration
 from evals.calibration import (
     Coverage,
     FrameScore,
@@ -50,7 +51,8 @@ def test_ranks_tell_a_narrow_sampler_from_a_right_one():
     assert told["smallest_p"] < 1e-6 and told["evenness_of_p"] < 1e-6
 
 
-def test_study_runs_and_refuses_too_few_frames():
+def test_study_runs_and_refuses_too_few_frames(monkeypatch):
+    monkeypatch.setattr(calibration, "STEPS", 1000)
     rig = load_rig(rig_file("egorig1")).resized(640, 512)
     settings = {"sigma": 2.0, "degrees": np.inf, "seed": 1, "workers": 1}
     with pytest.raises(InputError, match="1 frames"):

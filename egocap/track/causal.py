@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from egocap.labels import LABEL_INDEX
 from egocap.skeleton import AGILITY, DOF_COUNT, SPREAD
 from egocap.track.choice import can_choose, choose
 from egocap.track.config import TrackerConfig
@@ -18,6 +19,12 @@ from egocap.track.starts import start_poses
 _WIDENING = (10.0, 3.0)
 """Factors on the robust scale while a pose is sought: far residuals must pull at first."""
 _NO_SCATTER = np.zeros(0)
+_LIMBS = np.array([
+    [LABEL_INDEX[f"{side}_{part}"] for part in parts]
+    for side in ("left", "right")
+    for parts in (("elbow", "wrist", "hand"), ("knee", "ankle", "foot"))
+])  # fmt: skip
+_TELLING = 3  # detections of a limb from which its disagreement counts
 
 
 def track_causally(
@@ -120,13 +127,18 @@ class _Frame:
         return refined, converged
 
     def agrees(self, angles: Float[Array, "37"]) -> bool:
-        """Whether enough of the frame's detections agree with the pose."""
+        """Whether enough of the frame's detections agree with the pose, and half of every limb's.
+
+        A limb in a wrong pose is few among all detections, and nothing else would set it free.
+        """
         weights = self.data[3]
         squared = np.empty_like(weights)
         squared_residuals(self.model, angles, *self.data, squared)
-        count = np.count_nonzero(weights)
-        inliers = np.count_nonzero(squared < self.config.agreement**2)
-        return bool(inliers >= self.config.lost_share * count)
+        there, close = weights > 0.0, squared < self.config.agreement**2
+        if np.count_nonzero(close) < self.config.lost_share * np.count_nonzero(there):
+            return False
+        seen, agreeing = there[:, _LIMBS].sum((0, 2)), close[:, _LIMBS].sum((0, 2))
+        return not np.any((seen >= _TELLING) & (2 * agreeing < seen))
 
     def _minimise(
         self, start: Float[Array, "37"], widening: float, iterations: int | None = None

@@ -91,7 +91,7 @@ def test_guide_agrees_with_what_is_seen(motion):
     assert np.median(away) < 2 * 37
 
 
-@pytest.mark.parametrize("step", [1 / 10, 1 / 60, 0.7, 5.0])
+@pytest.mark.parametrize("step", [1 / 10, 1 / 60, 5.0])
 def test_any_frame_rate_and_gaps(motion, step):
     found = motion.detect("simulated:2", hidden=0.3)
     times = step * np.arange(len(found.times))

@@ -55,7 +55,7 @@ def test_it_pays_where_the_detector_boasts(long_motion):
     found = long_motion.detect("simulated:4,overconfidence=3,correlation=0.1", hidden=0.3)
     errors = [
         long_motion.errors(track(found, long_motion.rig, long_motion.person,
-                                 TrackerConfig(recalibrate=on))).mean()
+                                 TrackerConfig(recalibrate=on, lambda_motion=0.0))).mean()
         for on in (False, True)
     ]  # fmt: skip
     assert errors[1] < 0.95 * errors[0]

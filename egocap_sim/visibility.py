@@ -54,15 +54,15 @@ class JointVisibility:
         skin_world = transform(T_world_body[self._body], self._offset[..., None, :])[..., 0, :]
         T_head_world = inverse(T_world_body[INDEX["head"]])
         result = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
-        around = parts_around()
+        around, label = parts_around(), np.repeat(np.arange(len(LABELS)), SAMPLES)
         for v, mount in enumerate(self._rig.mounts):
             if only is not None and v not in only:
                 continue
             skin = transform(inverse(mount.T_head_camera) @ T_head_world, skin_world.reshape(-1, 3))
             pixels, valid = mount.camera.project(skin)
-            surface, part = views.surface_at(v, np.where(valid[:, None], pixels, -9.0))
+            at = np.where(valid[:, None], pixels, -9.0)
+            surface, part = views.surface_at(v, at, wanted=around[label])
             depth = np.linalg.norm(skin, axis=-1)
-            label = np.repeat(np.arange(len(LABELS)), SAMPLES)
             shows = valid & (depth <= surface + CLOTH_M) & (around[label, part] | (part == 0))
             mine = (part >= WEARER_FIRST) & (part <= WEARER_LAST) | (part == RIG)
             seen = shows.reshape(-1, SAMPLES).mean(1) >= SHARE

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import KDTree
 
 from egocap.errors import InputError
@@ -54,6 +55,7 @@ class Batch:
     faces: Int[Array, "F 3"]
     chunks: tuple[Chunk, ...]
     layers: UInt8[Array, "L S S 4"]
+    order: Int[Array, "N"]  # which of the stacked meshes' vertices each of these is
     n_bones: int
     blend: csr_array | None
     blend_normals: csr_array | None
@@ -99,22 +101,25 @@ def merge(meshes: Sequence[Mesh]) -> Batch:
     layers, layer_of_mesh = _layers(meshes)
     layer = np.repeat(layer_of_mesh + [_kind(m) for m in meshes], np.diff(offsets))
     faces, chunks = _chunks(meshes, faces, parts)
+    faces, order = _in_order_of_use(faces, chunks, len(positions))
+    positions, normals, parts, layer = (a[order] for a in (positions, normals, parts, layer))
     members = [
         np.unique(faces[c.first // 3 : (c.first + c.count) // 3]) for c in chunks
     ]  # fmt: skip
     blend = blend_normals = None
     if n_bones:
-        bones, weights = _skinning(meshes, n_bones)
+        bones, weights = (a[order] for a in _skinning(meshes, n_bones))
         blend = _blend(np.c_[positions, np.ones(len(positions))], bones, weights, n_bones + 1)
         blend_normals = _blend(normals, bones, weights, n_bones + 1)
     return Batch(
         positions=positions,
         normals=normals.astype(np.float32),
-        uv=np.concatenate([m.uv for m in meshes]).astype(np.float32),
+        uv=np.concatenate([m.uv for m in meshes]).astype(np.float32)[order],
         layer_part=np.stack([layer, parts / 255.0], -1).astype(np.float32),
         faces=faces,
         chunks=chunks,
         layers=layers,
+        order=order,
         n_bones=n_bones,
         blend=blend,
         blend_normals=blend_normals,
@@ -174,6 +179,24 @@ def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, 
     return faces, tuple(
         Chunk(3 * a, 3 * (b - a), not keys[a, 1], bool(keys[a, 0])) for a, b in pairwise(edges)
     )
+
+
+def _in_order_of_use(faces: Array, chunks: Sequence[Chunk], n: int) -> tuple[Array, Array]:
+    """Faces and vertices so that neighbours are drawn one after another; the vertices' old places.
+
+    A vertex that is still at hand is not shaded again, which spares a quarter of them.
+    """
+    along = csr_array((np.ones(faces.size), (faces.ravel(), faces[:, [1, 2, 0]].ravel())), (n, n))
+    rank = np.empty(n, int)
+    rank[reverse_cuthill_mckee(along + along.T, symmetric_mode=True)] = np.arange(n)
+    chunk = np.repeat(np.arange(len(chunks)), [c.count // 3 for c in chunks])
+    faces = faces[np.lexsort((rank[faces].min(axis=1), chunk))]
+    used, first = np.unique(faces, return_index=True)
+    unused = np.setdiff1d(np.arange(n), used)
+    order = np.concatenate([used[np.argsort(first)], unused])
+    new = np.empty(n, int)
+    new[order] = np.arange(n)
+    return new[faces], order
 
 
 def _inside_shows(mesh: Mesh) -> Bool[Array, "F"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ctypes import c_void_p
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
@@ -47,6 +48,11 @@ class AtlasBuffer:
     def begin_labels(self) -> None:
         """Draw labels and depth over the averaged colours, which have been read by now."""
         self._start(self._plain, np.zeros(3))
+
+    def take_labels(self) -> None:
+        """Take the labels out of the colours that have been read: unaveraged, they are whole."""
+        cv2.extractChannel(self.color, 3, self.labels)
+        self.has_labels = True
 
     def end_labels(self) -> None:
         """Stop drawing labels, and read them."""

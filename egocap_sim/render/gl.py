@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import ctypes
 import os
+import threading
+from importlib.resources import files
 
 import numpy as np
 
@@ -50,6 +52,8 @@ try:
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
 
+_spare = threading.local()  # a context belongs to one thread
+
 __all__ = ["GL", "Context", "check", "pyrender", "read_pixels"]
 
 
@@ -66,6 +70,26 @@ class Context:
         self._platform = _first_working()
         self.renderer = _text(GL.GL_RENDERER)
         self.version = _text(GL.GL_VERSION)
+        self.programs = pyrender.shader_program.ShaderProgramCache(
+            shader_dir=str(files("egocap_sim.render") / "shaders")
+        )
+        """Compiled shaders, by name."""
+
+    @classmethod
+    def lent(cls) -> Context:
+        """The context that this thread gave back last, its shaders compiled, or a new one."""
+        context: Context | None = _spare.__dict__.pop("context", None)
+        if context is None:
+            return cls()
+        context.make_current()
+        return context
+
+    def give_back(self) -> None:
+        """Keep it for the thread's next `lent`; what was put into it must have been freed."""
+        if "context" in _spare.__dict__ or GL.glGetError():
+            self.close()
+        else:
+            _spare.context = self
 
     def make_current(self) -> None:
         """Direct this thread's OpenGL calls here."""
@@ -77,6 +101,7 @@ class Context:
         if platform is None:
             return
         platform.make_current()
+        self.programs.clear()
         contextdata.cleanupContext()
         del self._platform
         EGL.eglMakeCurrent(

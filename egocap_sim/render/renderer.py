@@ -7,12 +7,13 @@ part labels back at once (labels travel in alpha), and look the fisheye pixels u
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from egocap.camera import Camera
 from egocap.errors import InputError
 from egocap_sim.fisheye import Atlas, build_atlas
 from egocap_sim.mesh import Actor
@@ -29,6 +30,13 @@ Window = tuple[int, int, int, int]  # column, row, width, height in the atlas
 _SCENE = 0  # pyrender.RenderFlags.NONE
 _LABELS = pyrender.RenderFlags.SEG
 _SHADOW = pyrender.RenderFlags.DEPTH_ONLY
+
+
+@lru_cache(maxsize=2)
+def _traced(cameras: tuple[Camera, ...], face_size: int | None) -> tuple[Atlas, Resampler]:
+    """The atlas of cameras and how their pixels are found in it; kept for the next episode."""
+    atlas = build_atlas(cameras, face_size)
+    return atlas, Resampler(atlas)
 
 
 class FisheyeRenderer(pyrender.Renderer):
@@ -52,12 +60,10 @@ class FisheyeRenderer(pyrender.Renderer):
         if len(set(names)) != len(names):
             raise InputError(f"actors need different names, got {', '.join(names)}")
         self.rig, self.place = rig, place
-        self.atlas: Atlas = build_atlas([m.camera for m in rig.mounts], face_size)
-        self.context = Context()
+        self.atlas, self._resampler = _traced(tuple(rig.cameras), face_size)
+        self.context = Context.lent()
         super().__init__(self.atlas.width, self.atlas.height)
-        self._program_cache = pyrender.shader_program.ShaderProgramCache(
-            shader_dir=str(files("egocap_sim.render") / "shaders")
-        )
+        self._program_cache = self.context.programs
         self._uniforms = Uniforms()
         self._batches: dict[str | None, Batch] = {a.name: merge(a.meshes) for a in actors}
         if place.meshes:
@@ -71,7 +77,6 @@ class FisheyeRenderer(pyrender.Renderer):
         finest = max(t.density for t in self.atlas.tiles)
         self._shadow = ShadowMap(1024 if finest > 250 else 640)
         self._buffer = AtlasBuffer(self.atlas.needed, samples)
-        self._resampler = Resampler(self.atlas)
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
         }
@@ -145,8 +150,9 @@ class FisheyeRenderer(pyrender.Renderer):
             gpu.free()
         self._shadow.free()
         self._buffer.free()
+        self._program_cache = pyrender.shader_program.ShaderProgramCache()  # theirs are kept
         self.delete()
-        self.context.close()
+        self.context.give_back()
         del self.context
 
     def __enter__(self) -> FisheyeRenderer:
@@ -175,10 +181,11 @@ class FisheyeRenderer(pyrender.Renderer):
     def read_labels(self) -> Array:
         """Part labels of the atlas (h, w) uint8, each of exactly one surface."""
         self.context.make_current()
-        if not self._buffer.samples:
-            return self._buffer.color[..., 3]
         if not self._buffer.has_labels:
-            self._draw_labels()
+            if self._buffer.samples:
+                self._draw_labels()
+            else:
+                self._buffer.take_labels()
         return self._buffer.labels
 
     def _prepare_depth(self) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.fisheye import Atlas
@@ -122,12 +122,16 @@ class Views:
         return self._resampler.nearest(view, self._distance, np.inf, rows)
 
     def surface_at(
-        self, view: int, pixels: Float[Array, "N 2"]
+        self,
+        view: int,
+        pixels: Float[Array, "N 2"],
+        wanted: Bool[Array, "N 256"] | None = None,
     ) -> tuple[Float[Array, "N"], Int[Array, "N"]]:
         """Distance along the ray (m) and part label of what is first hit at pixels of a view.
 
         Pixels outside the image or the lens give an infinite distance and label 0. Cheap for a few
-        dozen pixels; what counts is the nearest atlas pixel.
+        dozen pixels; what counts is the nearest atlas pixel. With `wanted`, only surfaces of the
+        labels wanted at a pixel have a distance, which takes time, and others an infinite one.
         """
         self._require_current()
         pixels = np.asarray(pixels, float)
@@ -140,9 +144,12 @@ class Views:
         column, row = np.round(xy[hit]).astype(int).T
         distance, part = np.full(len(pixels), np.inf), np.zeros(len(pixels), int)
         part[hit] = self._renderer.read_labels()[row, column]
+        measured = part[hit] > 0
+        if wanted is not None:
+            measured &= wanted[hit, part[hit]]
+        hit, column, row = hit[measured], column[measured], row[measured]
         z = self._renderer.read_depth_at(np.stack([column, row], -1))
         distance[hit] = z * self._resampler.ray_factor[row, column]
-        distance[part == 0] = np.inf
         return distance, part
 
     def _require_current(self) -> None:

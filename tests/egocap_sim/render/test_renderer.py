@@ -180,6 +180,25 @@ def test_two_actors_of_one_name_are_refused(gl):
         )
 
 
+def test_what_was_drawn_before_leaves_no_trace(gl):
+    """Contexts are kept for the next renderer: of another place, size and number of samples."""
+    from egocap_sim.place import make_place
+
+    def picture(kind: str, camera, samples: int = 0) -> bytes:
+        place = make_place(kind, np.random.default_rng(4))
+        still = {"wearer": np.tile(np.eye(4), (2, 1, 1))}
+        renderer, views = _draw(gl, place, [_skinned_ball()], still, camera, samples)
+        with renderer:
+            planes = (*views.images, *views.parts(), *views.depth())
+            return b"".join(plane.tobytes() for plane in planes)
+
+    alone = picture("room", equidistant(320, 256))
+    for kind, camera, samples in (("street", equidistant(200, 200, 150.0), 4),
+                                  ("chroma", equidistant(64, 64), 0)):  # fmt: skip
+        picture(kind, camera, samples)
+        assert picture("room", equidistant(320, 256)) == alone
+
+
 @pytest.mark.parametrize("samples", [0, 4])
 def test_the_same_inputs_give_the_same_bytes(gl, samples):
     from egocap_sim.place import make_place

@@ -50,7 +50,10 @@ def clips_of(folder: Path | None) -> Iterator[tuple[Clip, int]]:
         yield clip, int(seconds * FPS)
     for path in sorted([*folder.rglob("*.bvh"), *folder.rglob("*.npz")]) if folder else ():
         if not path.name.startswith(HELD_OUT + UNNATURAL):
-            yield load_clip(path), MOST_FRAMES
+            try:
+                yield load_clip(path), MOST_FRAMES
+            except EgocapError as error:
+                log.warning("%s left out: %s", path.name, error)
 
 
 def angles_of(clip: Clip, person: Person, most: int) -> Float[Array, "T 37"]:

@@ -110,13 +110,13 @@ def catalogue(folder: Path, *, strict: bool) -> tuple[Recorded, ...]:
     Raises FileError where there are none; a file that cannot be read is left out with a warning or,
     where `strict`, an error.
     """
-    from egocap_sim.motion.load import load_clip
+    from egocap_sim.motion.clip_store import stored_clip
 
     files = clip_files(folder)
     found: list[Recorded] = []
     for path in files:
         try:
-            clip = load_clip(path)
+            clip = stored_clip(path)
         except EgocapError as error:
             if strict:
                 raise

@@ -30,8 +30,11 @@ MARGIN = 2  # pixels drawn past a tile's edge, so that interpolation never cross
 class Lens(Protocol):
     """What is asked of a camera; `egocap.camera` has the real ones."""
 
-    width: int
-    height: int
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def height(self) -> int: ...
 
     @property
     def max_angle(self) -> float: ...

@@ -209,10 +209,10 @@ def clip_of(scene: Scene) -> Clip:
     """The reference motion, made or read."""
     motion: MotionTable = scene.motion
     if motion.file is not None:
-        from egocap_sim.motion.load import load_clip
+        from egocap_sim.motion.clip_store import stored_clip
 
         names = Path(motion.joint_names) if motion.joint_names else None
-        clip = load_clip(Path(motion.file), up=motion.up, unit=motion.unit, names=names)
+        clip = stored_clip(Path(motion.file), up=motion.up, unit=motion.unit, names=names)
         return _variant(motion, clip)
     from egocap_sim.motion.procedural import make_motion
 
@@ -224,13 +224,13 @@ def clip_of(scene: Scene) -> Clip:
 
 def _variant(motion: MotionTable, clip: Clip) -> Clip:
     """What the scene makes of a clip."""
-    from egocap_sim.motion.load import load_clip
+    from egocap_sim.motion.clip_store import stored_clip
     from egocap_sim.motion.variants import hurried, joined, mirrored, shortened
 
     if motion.then is not None:
         assert motion.length_s is not None
         half = 0.5 * motion.length_s * motion.speed
-        other = shortened(load_clip(Path(motion.then)), motion.then_start_s, half)
+        other = shortened(stored_clip(Path(motion.then)), motion.then_start_s, half)
         clip = joined(shortened(clip, motion.start_s, half), other)
     elif motion.length_s is not None:
         clip = shortened(clip, motion.start_s, motion.length_s * motion.speed)

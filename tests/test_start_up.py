@@ -35,7 +35,16 @@ COMMANDS = {
         "view",
     ),
     "egocap_sim.cli": ("generate", "preview", "verify"),
-    "evals.cli": ("pose", "augmentation", "run", "compare", "check", "stress"),
+    "evals.cli": (
+        "pose",
+        "augmentation",
+        "run",
+        "compare",
+        "check",
+        "stress",
+        "survival",
+        "dataset",
+    ),
 }
 
 

@@ -18,7 +18,7 @@ from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.score import DOWN, Hand, Score
 from egocap_sim.motion.stance import draw_style
 
-_ARM_M = (0.25, 0.535)  # of the wrist from the shoulder
+_ARM_M = (0.15, 0.535)  # of the wrist from the shoulder
 _TRIES = 20
 _HOLD_S = (0.0, 0.5)
 _TRUNK = (0.6, (-0.25, 0.9), 0.35)  # radians: yaw to either side, pitch, roll to either side
@@ -85,7 +85,7 @@ def _hand(rng: np.random.Generator) -> Hand:
         if not (behind or inward or (way[0] < 0.15 and way[1] < -0.1)):
             break
     low, high = _ARM_M
-    wrist = way * (low**3 + rng.random() * (high**3 - low**3)) ** (1 / 3)
+    wrist = way * rng.uniform(low, high)  # bent elbows as often as straight ones
     return Hand(
         (float(wrist[0]), float(wrist[1]), float(wrist[2])),
         pronation=float(rng.uniform(-0.9, 1.3)),

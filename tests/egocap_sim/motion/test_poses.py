@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from egocap_sim.bodies import INDEX
+from egocap_sim.bodies import INDEX, PARENTS
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.poses import clear
 from egocap_sim.motion.procedural import make_motion
@@ -33,3 +34,14 @@ def test_moves_are_smooth(clip):
     speed = np.linalg.norm(np.diff(clip.positions, axis=0), axis=-1) * clip.fps
     assert speed.max() < 6.0
     assert np.median(speed[:, INDEX["l_hand"]]) > 0.05
+
+
+def test_joints_turn_farther_than_in_walking_and_gestures():
+    def spread(name: str, body: str) -> float:
+        R = make_motion(name, 30.0, np.random.default_rng(400300)).rotations[::10]
+        i = INDEX[body]
+        turns = Rotation.from_matrix(np.swapaxes(R[:, PARENTS[i]], -1, -2) @ R[:, i])
+        return float(turns.as_rotvec().std(axis=0).max())
+
+    for body in ("chest", "head", "l_upperarm", "r_upperarm", "l_hand", "l_calf"):
+        assert spread("poses", body) > max(spread("gestures", body), spread("walk", body)), body

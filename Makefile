@@ -23,7 +23,7 @@ gl:
 demo: setup
 	$(BIN)/egocap-sim generate validation-walk --out $(OUT)/walk
 	$(BIN)/egocap-sim verify $(OUT)/walk
-	$(BIN)/egocap track $(OUT)/walk --detections simulated:2.0 --out $(OUT)/walk.track.npz
+	$(BIN)/egocap track $(OUT)/walk --out $(OUT)/walk.track.npz
 	$(BIN)/egocap-eval pose $(OUT)/walk --track $(OUT)/walk.track.npz
 	$(BIN)/egocap-sim preview $(OUT)/walk --out $(OUT)/walk.png
 

@@ -33,6 +33,7 @@ def track(
     detections: str = "learned",
     config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
     seed: int = 0,
+    body: Path | None = None,
     save_detections: Path | None = None,
     head_pose: Path | None = None,
     json: bool = False,
@@ -49,22 +50,23 @@ def track(
             truth, SIGMA in pixels at 640 x 512; or a file of detections.
         config: the tracker's settings.
         seed: seed of simulated detections.
+        body: the person's proportions, as fit-body writes them; by default the sequence's own.
         save_detections: also write the detections used, npz.
         head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
             `T_world_head` (4 x 4); the track then has its joints in that world, too.
         json: print the summary as JSON.
     """
     from egocap import results
+    from egocap.body import Proportions
     from egocap.io.head_pose import in_world
     from egocap.sequence import Sequence
     from egocap.sequence_writer import disk_errors
     from egocap.track.tracker import track as run_tracker
 
     opened = Sequence(sequence)
+    proportions = opened.proportions if body is None else Proportions.load(body)
     found = detections_from(opened, detections, seed)
-    result = run_tracker(
-        found, opened.rig, opened.proportions, config, lambda i: opened.frame(i).images
-    )
+    result = run_tracker(found, opened.rig, proportions, config, lambda i: opened.frame(i).images)
     of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
     result = replace(result, config=result.config | of_sequence)
     if head_pose is not None:
@@ -343,8 +345,8 @@ def posterior(
     if json:
         print(jsons.dumps(told, indent=1))
         return DONE
-    hands = ", ".join(f"{j.replace('_', ' ')} {told['spread_mm'][j]} mm"
-                      for j in ("left_wrist", "right_wrist", "left_ankle", "right_ankle"))  # fmt: skip
+    ends = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
+    hands = ", ".join(f"{j.replace('_', ' ')} {told['spread_mm'][j]} mm" for j in ends)
     print(f"{out}: {told['outcome']}; {told['steps']} steps in {told['seconds']} s; spread {hands}")
     for note in told["notes"]:
         print(note)

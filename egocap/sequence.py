@@ -196,7 +196,7 @@ class Sequence:
 
     @cached_property
     def others(self) -> OthersTruth | None:
-        """The other people's joints; None where there are none. As hidden from trackers as truth."""
+        """Other people's joints; None where there are none. As hidden from trackers as truth."""
         if OTHERS not in self.manifest.files:
             return None
         return OthersTruth.load(self.folder / OTHERS)
@@ -297,7 +297,9 @@ def load_manifest(folder: Path) -> Manifest:
     if not path.exists():
         if (folder / "episodes.json").exists():
             raise FileError(
-                folder, "holds many sequences, not one", valid=f"one of them: {folder}/episode-00000"
+                folder,
+                "holds many sequences, not one",
+                valid=f"one of them: {folder}/episode-00000",
             )
         raise FileError(folder, f"not a sequence: it has no {MANIFEST}")
     data = read_json(path)

@@ -11,6 +11,7 @@ import pytest
 
 from egocap import cli
 from egocap.body import Proportions
+from egocap.labels import LABELS
 from egocap.results import load_detections, load_track, save_detections
 from egocap.sequence import Sequence, load_manifest
 
@@ -146,3 +147,24 @@ def test_a_body_is_fitted_and_told_of(egocap, tracked, tiny_sequence):
     )
     wrong = ("fit-body", tiny_sequence, "--out", "b.json", *found, "--height", "178")
     assert "height of 178" in complaint(egocap(*wrong))
+
+
+def test_a_track_is_of_the_body_it_is_given(egocap, tracked, tiny_sequence, tmp_path):
+    own = Sequence(tiny_sequence).proportions
+    dataclasses.replace(own, offsets=1.1 * own.offsets).save(tmp_path / "taller.json")
+    for name, body in (("own", tiny_sequence / "body.json"), ("taller", tmp_path / "taller.json")):
+        code, _, err = egocap("track", tiny_sequence, "--detections", tracked / "det.npz",
+                              "--body", body, "--out", f"{name}.npz")  # fmt: skip
+        assert code == 0, err
+    arm = [LABELS.index(f"left_{part}") for part in ("elbow", "wrist")]
+
+    def forearm(path: Path) -> np.ndarray:
+        return np.linalg.norm(np.diff(load_track(path).joints_head[:, arm], axis=1), axis=-1)
+
+    np.testing.assert_allclose(forearm(tmp_path / "own.npz"), forearm(tracked / "track.npz"))
+    np.testing.assert_allclose(
+        forearm(tmp_path / "taller.npz"), 1.1 * forearm(tmp_path / "own.npz"), rtol=1e-5
+    )
+    said = complaint(egocap("track", tiny_sequence, "--detections", tracked / "det.npz",
+                            "--body", "none.json", "--out", "x.npz"))  # fmt: skip
+    assert "none.json" in said

@@ -103,7 +103,7 @@ def export_onnx(weights: Weights, path: Path) -> None:
 
     images = torch.zeros((2, weights.view.height, weights.view.width, 3), dtype=torch.uint8)
     with warnings.catch_warnings(), torch.inference_mode():
-        # The exporter by tracing needs no package beside torch; it is deprecated, not gone.
+        # The exporter by tracing needs no package beside onnx; it is deprecated, not gone.
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
             weights.network(),

@@ -36,7 +36,8 @@ _DEATHS = 3  # of workers one after another, without a shard done between them, 
 
 log = logging.getLogger(__name__)
 
-Job, Result = TypeVar("Job"), TypeVar("Result")
+Job = TypeVar("Job")
+Result = TypeVar("Result")
 
 
 def make_frames(scene: Scene, folder: Path) -> FrameMaker:
@@ -123,7 +124,7 @@ def _work_in_pool(
         workers,
         mp_context=mp.get_context("spawn"),
         initializer=_begin_worker,
-        initargs=(int(threads), *begin),
+        initargs=(int(threads), begin[0], *begin[1:]),
     )
     try:
         waiting: dict[Future[Result], int] = {

@@ -133,11 +133,14 @@ def study(
         record: Measure them, with their spread over seeds, and write them there instead.
         rendered: Also render a short clip, which needs OpenGL, and run the detector on it.
     """
-    baseline = COMMITTED if baseline is None else baseline
+    command = "egocap-eval check --record"
+    if baseline is None:
+        baseline = COMMITTED
+    else:
+        command += f" --baseline {baseline}"
     if record:
         numbers = measure_suite(seeds=SPREAD_SEEDS, rendered=rendered)
         content = {"numbers": {name: vars(n) for name, n in numbers.items()}}
-        command = f"egocap-eval check --record --baseline {baseline}"
         save_result(baseline, content, command, config=suite_config())
         return Outcome({"recorded": len(numbers)}, [numbers_table(numbers)])
     known = load_baseline(baseline)

@@ -65,7 +65,7 @@ def study(
     seconds = time.perf_counter() - begun
     if rest.returncode:
         raise MachineError(f"the last run ended with {rest.returncode}: {shlex.join(command)}")
-    result = killed | {"seconds": seconds} | judge(folder, frames, sample)
+    result: dict[str, Any] = {**killed, "seconds": seconds, **judge(folder, frames, sample)}
     missed = [*result["problems"]]
     if result["frames"] != frames:
         missed.append(f"{result['frames']} frames, not {frames}")

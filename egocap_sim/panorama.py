@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 from egocap.errors import FileError
 from egocap_sim import parts, surfaces
 from egocap_sim.mesh import Mesh
+from egocap_sim.pictures import decode_picture
 from egocap_sim.surroundings import Place
 
 WIDTH, HEIGHT = 2048, 1024  # pixels
@@ -50,16 +51,7 @@ def make_panorama(rng: np.random.Generator) -> Picture:
 
 def read_panorama(path: Path) -> Picture:
     """A user's panorama (RGB), brought to 2048 x 1024. Raises FileError where it cannot be read."""
-    try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if len(data) else None
-    except cv2.error:
-        image = None
-    if image is None:
-        raise FileError(path, "is not a readable picture", valid="an equirectangular JPEG or PNG")
+    image = decode_picture(path, "an equirectangular JPEG or PNG")
     if not 1.8 <= image.shape[1] / image.shape[0] <= 2.2:
         size = f"{image.shape[1]} x {image.shape[0]}"
         raise FileError(path, f"is {size} pixels", valid="a panorama twice as wide as high")

@@ -30,8 +30,8 @@ def picture_files(folder: Path) -> list[Path]:
     return found
 
 
-def read_picture(path: Path) -> UInt8[Array, "S S 3"]:
-    """A picture as a texture (RGB). Raises FileError for one that cannot be read."""
+def decode_picture(path: Path, valid: str) -> UInt8[Array, "H W 3"]:
+    """A picture as it is (RGB). Raises FileError, which names what is `valid`, if unreadable."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as error:
@@ -41,7 +41,13 @@ def read_picture(path: Path) -> UInt8[Array, "S S 3"]:
     except cv2.error:
         image = None
     if image is None:
-        raise FileError(path, "is not a readable picture", valid="JPEG, PNG, WebP or BMP")
+        raise FileError(path, "is not a readable picture", valid=valid)
+    return image
+
+
+def read_picture(path: Path) -> UInt8[Array, "S S 3"]:
+    """A picture as a texture (RGB). Raises FileError for one that cannot be read."""
+    image = decode_picture(path, "JPEG, PNG, WebP or BMP")
     return cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
 
 

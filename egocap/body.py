@@ -15,7 +15,7 @@ from pydantic import Field
 
 from egocap.errors import FileError, InputError
 from egocap.labels import LABELS
-from egocap.schema import Number, Strict, checked, read_json
+from egocap.schema import Number, Strict, checked, read_json, refuse_newer
 from egocap.skeleton import LABEL_POINTS, POINT_COUNT, POINT_INDEX, POINT_PARENTS, POINTS
 
 SCHEMA = 1
@@ -159,12 +159,7 @@ class Proportions:
         """Read body.json; FileError names the key that is missing, unknown or impossible."""
         path = Path(path)
         data = read_json(path)
-        version = data.get("schema_version")
-        if isinstance(version, int) and version > SCHEMA:
-            raise FileError(
-                path, f"written by a newer version (schema {version})", key="schema_version",
-                valid=f"up to {SCHEMA}",
-            )  # fmt: skip
+        refuse_newer(data, SCHEMA, path)
         offsets = checked(_BodyFile, data, path).offsets
         for name in POINTS:
             if name not in offsets:

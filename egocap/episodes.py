@@ -14,7 +14,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from egocap.errors import FileError, InputError
-from egocap.schema import Strict, checked, read_json
+from egocap.schema import Strict, checked, read_json, refuse_newer
 from egocap.sequence import MANIFEST
 
 SCHEMA = 1
@@ -68,14 +68,7 @@ def load_episodes(folder: Path) -> Episodes:
     if not path.exists():
         raise FileError(folder, f"not a recording in episodes: it has no {EPISODES}")
     data = read_json(path)
-    version = data.get("schema_version")
-    if isinstance(version, int) and version > SCHEMA:
-        raise FileError(
-            path,
-            f"written by a newer version (schema {version})",
-            key="schema_version",
-            valid=f"up to {SCHEMA}; upgrade egocap",
-        )
+    refuse_newer(data, SCHEMA, path)
     recording = checked(Episodes, data, path)
     indices = [entry.index for entry in recording.episodes]
     if len(set(indices)) < len(indices):

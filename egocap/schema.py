@@ -118,3 +118,18 @@ def _model_in(annotation: Any) -> Any:
         if found is not None:
             return found
     return None
+
+
+def refuse_newer(data: dict[str, Any], newest: int, path: Path) -> None:
+    """Raise FileError if a file's `schema_version` says that a later release wrote it.
+
+    To be asked before the contents are checked, which a later release may have changed.
+    """
+    version = data.get("schema_version")
+    if isinstance(version, int) and version > newest:
+        raise FileError(
+            path,
+            f"written by a newer version (schema {version})",
+            key="schema_version",
+            valid=f"up to {newest}; upgrade egocap",
+        )

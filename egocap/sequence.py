@@ -25,7 +25,7 @@ from egocap.arrays import FrameArrays
 from egocap.body import Proportions
 from egocap.errors import FileError, InputError
 from egocap.rig import Rig
-from egocap.schema import Strict, checked, read_json
+from egocap.schema import Strict, checked, read_json, refuse_newer
 
 SCHEMA = 1
 MANIFEST = "manifest.json"
@@ -303,14 +303,7 @@ def load_manifest(folder: Path) -> Manifest:
             )
         raise FileError(folder, f"not a sequence: it has no {MANIFEST}")
     data = read_json(path)
-    version = data.get("schema_version")
-    if isinstance(version, int) and version > SCHEMA:
-        raise FileError(
-            path,
-            f"written by a newer version (schema {version})",
-            key="schema_version",
-            valid=f"up to {SCHEMA}; upgrade egocap",
-        )
+    refuse_newer(data, SCHEMA, path)
     manifest = checked(Manifest, data, path)
     _check_index(manifest, path)
     return manifest

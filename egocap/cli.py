@@ -87,7 +87,7 @@ def detect(
     sequence: Positional[Path],
     out: Path,
     weights: Path | None = None,
-    engine: str = "onnxruntime",
+    engine: str = "auto",
     threads: int | None = None,
     frames: int | None = None,
     json: bool = False,
@@ -98,7 +98,7 @@ def detect(
         sequence: folder of a sequence.
         out: detections to write, npz.
         weights: detector weights, safetensors; those shipped by default.
-        engine: onnxruntime, openvino (an extra), torch, or cuda.
+        engine: auto (the fastest here), onnxruntime, openvino (an extra), torch, or cuda.
         threads: threads of the network; all cores by default.
         frames: only so many frames, from the first.
         json: print the summary as JSON.

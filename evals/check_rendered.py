@@ -54,7 +54,7 @@ def _detector_numbers(sequence: Sequence) -> dict[str, Number]:
     except EgocapError as error:
         log.info("the detector is left out: %s", error)
         return {}
-    found = detect(sequence, Detector(sequence.rig, weights))
+    found = detect(sequence, Detector(sequence.rig, weights, "onnxruntime"))  # alike everywhere
     truth = sequence.truth
     seen = truth.visibility == VISIBLE
     widths = np.array([mount.camera.width for mount in sequence.rig.mounts], float)

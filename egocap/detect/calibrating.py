@@ -37,7 +37,7 @@ def calibrate(
     paths: Several[Path],
     store: Path,
     out: Path,
-    engine: EngineName = "onnxruntime",
+    engine: EngineName = "auto",
     threads: int | None = None,
 ) -> Calibration:
     """Fit the calibration of `weights` on annotated sequences and write them with it to `out`.

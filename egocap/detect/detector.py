@@ -46,7 +46,7 @@ class Detector:
         self,
         rig: Rig,
         weights: Weights | None = None,
-        engine: EngineName | Engine = "onnxruntime",
+        engine: EngineName | Engine = "auto",
         threads: int | None = None,
     ) -> None:
         self.rig = rig

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egocap.detect import engine as engines
-from egocap.detect.engine import exported, open_engine
+from egocap.detect.engine import exported, fastest_engine, open_engine
 from egocap.detect.weights import open_weights
 from egocap.errors import InputError, MachineError
 
@@ -22,7 +22,7 @@ def images(count):
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_onnxruntime_equals_torch(weights, count):
-    said = open_engine(weights, threads=1).run(images(count))
+    said = open_engine(weights, "onnxruntime", threads=1).run(images(count))
     expected = open_engine(weights, "torch", threads=1).run(images(count))
     for a, b, shape in zip(said, expected, ((count, 18, 16, 16), (count, 18, 4)), strict=True):
         assert a.shape == b.shape == shape
@@ -31,7 +31,9 @@ def test_onnxruntime_equals_torch(weights, count):
 
 
 def test_spinning_changes_nothing_but_the_time(weights):
-    quiet, busy = (open_engine(weights, threads=2, spin=spin).run(images(2)) for spin in (0, 1))
+    quiet, busy = (
+        open_engine(weights, "onnxruntime", threads=2, spin=spin).run(images(2)) for spin in (0, 1)
+    )
     assert all(np.array_equal(a, b) for a, b in zip(quiet, busy, strict=True))
 
 
@@ -40,6 +42,18 @@ def test_openvino_is_close_to_torch(weights):
     said = open_engine(weights, "openvino", threads=1).run(images(2))
     for a, b in zip(said, open_engine(weights, "torch", threads=1).run(images(2)), strict=True):
         assert np.abs(a - b).max() < 0.03 * max(1.0, np.abs(b).max())  # bfloat16
+
+
+@pytest.mark.parametrize(
+    ("found", "engine"), [(object(), "openvino"), (None, "onnxruntime")], ids=["with", "without"]
+)
+def test_auto_takes_openvino_where_it_is(monkeypatch, found, engine):
+    monkeypatch.setattr(engines, "find_spec", lambda name: found)
+    assert fastest_engine() == engine
+
+
+def test_auto_says_which_engine_it_took(weights):
+    assert open_engine(weights, threads=1).name == fastest_engine()
 
 
 def test_exported_once(weights, monkeypatch):
@@ -58,7 +72,7 @@ def test_cache_that_cannot_be_written_says_so(weights, monkeypatch, tmp_path):
 
 
 def test_impossible_wishes(weights):
-    with pytest.raises(InputError, match="onnxruntime, openvino, torch, cuda"):
+    with pytest.raises(InputError, match="auto, onnxruntime, openvino, torch, cuda"):
         open_engine(weights, "tflite")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="0 threads"):
         open_engine(weights, threads=0)

@@ -170,6 +170,7 @@ def train(
     held_out: float = 0.08,
     store: Path | None = None,
     backgrounds: tuple[Path, ...] = (),
+    shares: tuple[float, ...] = (),
     json: bool = False,
 ) -> int:
     """Train a detector, from footage with annotations or from nothing but a rig.
@@ -190,6 +191,7 @@ def train(
         held_out: share of the sequences to validate on and never train on.
         store: folder of the canonical views made from the data; by default in --out.
         backgrounds: sequences whose images replace backgrounds; by default those of the data.
+        shares: how much of the training is on each DATA; by default as many views as it has.
         json: print the summary as JSON.
     """
     import subprocess
@@ -208,7 +210,8 @@ def train(
         raise InputError("--scratch and --start exclude each other", valid="one of them")
     if start is None and rig is not None and config == SHIPPED and not scratch:
         start = shipped_file()
-    request = Request(out, tuple(data), rig, config, held_out, start, resume, store, backgrounds)
+    request = Request(out, tuple(data), rig, config, held_out, start, resume, store, backgrounds,
+                      shares)  # fmt: skip
     command = command_for_devices(sys.argv[1:])
     if command is not None:
         return subprocess.call(command)

@@ -15,6 +15,7 @@ import os
 import shutil
 from collections.abc import Sequence as Several
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -71,10 +72,13 @@ class ViewStore:
 
     sequences: tuple[Views, ...]
     skipped: int = 0  # views left out because they could not be read
+    odds: tuple[float, ...] | None = None  # of drawing a view of each sequence; None: all alike
 
     def __post_init__(self) -> None:
-        ends = np.cumsum([len(views) for views in self.sequences])
-        object.__setattr__(self, "_ends", ends)
+        counts = np.array([len(views) for views in self.sequences])
+        odds = np.ones(len(counts)) if self.odds is None else np.array(self.odds)
+        object.__setattr__(self, "_ends", np.cumsum(counts))
+        object.__setattr__(self, "_mass", np.cumsum(counts * odds))
 
     def __len__(self) -> int:
         return int(self._ends[-1]) if len(self.sequences) else 0  # type: ignore[attr-defined]
@@ -84,6 +88,26 @@ class ViewStore:
         which = int(np.searchsorted(self._ends, index, side="right"))  # type: ignore[attr-defined]
         views = self.sequences[which]
         return views, index - (int(self._ends[which]) - len(views))  # type: ignore[attr-defined]
+
+    def draw(self, rng: np.random.Generator) -> tuple[Views, int]:
+        """A view at random, by the odds: its sequence's views, and its row there."""
+        mass: Array = self._mass  # type: ignore[attr-defined]
+        which = int(np.searchsorted(mass, rng.random() * mass[-1], side="right"))
+        views = self.sequences[min(which, len(mass) - 1)]
+        return views, int(rng.integers(len(views)))
+
+
+def mixed(stores: Several[ViewStore], shares: Several[float]) -> ViewStore:
+    """Several stores as one, which is drawn from by their shares."""
+    odds = (
+        (share / len(store),) * len(store.sequences)
+        for share, store in zip(shares, stores, strict=True)
+    )
+    return ViewStore(
+        tuple(chain.from_iterable(store.sequences for store in stores)),
+        sum(store.skipped for store in stores),
+        tuple(chain.from_iterable(odds)),
+    )
 
 
 def build_store(folders: Several[Path], spec: ViewSpec, store: Path) -> ViewStore:

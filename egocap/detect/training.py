@@ -190,14 +190,9 @@ class Trainer:
         rng = np.random.default_rng([self.config.seed, self.rank, step])
         made = []
         for _ in range(self.config.batch):
-            index = rng.integers(0, len(self.training))
-            other = rng.integers(0, len(self.backgrounds))
-            made.append(
-                augment(
-                    example(*self.training.locate(int(index))), self.config.augmentation, rng,
-                    example(*self.backgrounds.locate(int(other))),
-                )
-            )  # fmt: skip
+            view, other = self.training.draw(rng), self.backgrounds.draw(rng)
+            changes = self.config.augmentation
+            made.append(augment(example(*view), changes, rng, example(*other)))
         return (
             torch.from_numpy(np.stack([e.image for e in made])),
             torch.from_numpy(np.stack([e.points for e in made]).astype(np.float32)),

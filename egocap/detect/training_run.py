@@ -8,11 +8,12 @@ import os
 import shlex
 import sys
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from egocap.detect.checkpoint import CHECKPOINT, FINAL, load_run_weights
-from egocap.detect.data import ViewStore, build_store
+from egocap.detect.data import ViewStore, build_store, mixed
 from egocap.detect.network import NetworkConfig, config_named
 from egocap.detect.simulation import simulate_for_rig
 from egocap.detect.training import Outcome, Trainer, TrainingConfig
@@ -42,12 +43,20 @@ class Request:
     resume: bool = False
     store: Path | None = None
     backgrounds: tuple[Path, ...] = ()  # whose images may replace backgrounds; the data's if none
+    shares: tuple[float, ...] = ()  # of each of `data` in the training; if none: by its views
 
     def __post_init__(self) -> None:
         if not self.data and self.rig is None:
             raise InputError("nothing to train on", valid="folders of sequences, or --rig FILE")
         if not 0.0 <= self.held_out <= 0.5:
             raise InputError(f"held-out share {self.held_out}", valid="0 to 0.5")
+        if self.shares and (len(self.shares) != len(self.data) or min(self.shares) <= 0):
+            raise InputError(
+                f"shares {', '.join(map(str, self.shares))} for {len(self.data)} folders of data",
+                valid="one above 0 for each",
+            )
+        if self.shares and self.rig is not None:
+            raise InputError("shares do not cover what is simulated for a rig", valid="one of both")
 
 
 def train_detector(request: Request, training: TrainingConfig) -> Outcome:
@@ -169,13 +178,17 @@ def _stores(request: Request, network: NetworkConfig) -> tuple[ViewStore, ViewSt
     import torch
 
     store = request.store or request.out / "views"
-    folders = find_sequences(request.data)
-    kept, held_out = split(folders, request.held_out)
     several = torch.distributed.is_available() and torch.distributed.is_initialized()
     if several and torch.distributed.get_rank() != 0:
         torch.distributed.barrier()  # the first process fills the store
+    if request.shares:  # each part of the data is split by itself, so that none is all held out
+        parts = [split(find_sequences([data]), request.held_out) for data in request.data]
+    else:
+        parts = [split(find_sequences(request.data), request.held_out)]
+    trained = [build_store(kept, network.view, store) for kept, _ in parts]
+    held_out = list(chain.from_iterable(checked for _, checked in parts))
     stores = (
-        build_store(kept, network.view, store),
+        mixed(trained, request.shares or (1.0,)),
         build_store(held_out, network.view, store) if held_out else None,
     )
     if several and torch.distributed.get_rank() == 0:
@@ -197,6 +210,7 @@ def _account(
     return {
         "command": shlex.join(["egocap", *sys.argv[1:]]),
         "data": [path.name for path in request.data],
+        "shares": list(request.shares),
         "sequences": len(kept.sequences), "views": len(kept), "views_left_out": kept.skipped,
         "steps": outcome.state.step, "views_seen": outcome.state.views,
         "seconds": round(outcome.state.seconds, 1),

@@ -10,6 +10,7 @@ from egocap.detect.data import (
     OUTSIDE,
     SEEN,
     build_store,
+    mixed,
     sequence_views,
 )
 from egocap.detect.view import CanonicalView, ViewSpec
@@ -73,6 +74,19 @@ def test_store_finds_views_by_number(tiny_sequence, tmp_path):
     half = len(store) // 2
     assert store.locate(half - 1) == (store.sequences[0], half - 1)
     assert store.locate(half) == (store.sequences[1], 0)
+
+
+def test_draws_follow_the_shares(tiny_sequence, tmp_path):
+    one = build_store([tiny_sequence], SPEC, tmp_path)
+    three = build_store([tiny_sequence] * 3, SPEC, tmp_path)
+    store = mixed([one, three], [1.0, 1.0])
+    rng = np.random.default_rng(7)
+    drawn = [store.draw(rng) for _ in range(2000)]
+    from_one = np.mean([views is store.sequences[0] for views, _ in drawn])
+    assert abs(from_one - 0.5) < 0.05  # a quarter without shares
+    assert {row for _, row in drawn} == set(range(len(one)))
+    alone = np.mean([three.draw(rng)[0] is three.sequences[0] for _ in range(2000)])
+    assert abs(alone - 1 / 3) < 0.05
 
 
 def test_nothing_readable_is_an_error(tmp_path):

@@ -51,6 +51,12 @@ def test_nothing_to_train_on():
         Request(Path("out"), (Path("data"),), held_out=0.9)
 
 
+@pytest.mark.parametrize("shares", [(1.0,), (1.0, 0.0), (1.0, 2.0, 3.0)])
+def test_a_share_above_zero_for_each_folder(shares):
+    with pytest.raises(InputError, match="one above 0 for each"):
+        Request(Path("out"), (Path("a"), Path("b")), shares=shares)
+
+
 def test_split_shares_no_sequence():
     folders = [Path(f"s{i}") for i in range(25)]
     kept, held_out = split(folders, 0.08)

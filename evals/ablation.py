@@ -2,13 +2,14 @@
 
 The paper leaves out smoothness, colour and detections: 30 mm and 5 mm worse, and a lost track. Here
 every improvement of ours is left out in turn, too. Each scene is acted by its own person and by
-others; every sequence is tracked from several draws of the detections.
+others; every sequence is tracked from several draws of the detections. Changes are taken in pairs,
+sequence by sequence, and their error bars are over the sequences.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,53 +22,59 @@ from egocap.detect.simulated import LEARNED_LIKE
 from egocap.errors import InputError
 from egocap.evaluate.table import Table, number
 from egocap.labels import EVALUATED, LOWER, UPPER
-from egocap.results import Detections
-from egocap.sequence import VISIBLE, Sequence, open_sequence
+from egocap.results import Detections, Track
+from egocap.sequence import VISIBLE, open_sequence
+from egocap.sequence import Sequence as Footage
 from egocap.track.config import TrackerConfig
 from egocap.track.tracker import track
 from egocap_sim.builtin import builtin_file
 from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene
+from evals.intervals import mean_and_interval, share_and_interval, shown
+from evals.recovery import FOUND_MM, LOST_MM, ColourFollower, by_colours, by_detections, draw_trials
 from evals.study import Outcome
 
 SCENES = ("validation-walk", "validation-gesture")
 OTHER_PEOPLE = 401_000
 """Seed of the second person of the first scene; further ones count up from it."""
 WHOLE, BLIND, COLOUR = "whole", "without detections", "with colour"
+PAST, SINGLE = "past only", "without smoothness"
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     WHOLE: {},
+    COLOUR: {"colour": True},
     "without motion prior": {"lambda_motion": 0.0},
     "without posture prior": {"lambda_posture": 0.0},
-    "past only": {"smoothing": "none"},
-    "without smoothness": {"smoothing": "none", "lambda_smooth": 0.0},
+    PAST: {"smoothing": "none"},
+    "past only, low-pass as the paper's": {"smoothing": "gaussian"},
+    SINGLE: {"smoothing": "none", "lambda_smooth": 0.0},
     "without other modes": {"modes": False},
     "without undoing swaps": {"swaps": False},
     "without recalibration": {"recalibrate": False},
-    "without any of these": {
-        "lambda_motion": 0.0, "modes": False, "swaps": False, "recalibrate": False,
+    "without any of ours": {
+        "smoothing": "gaussian", "lambda_motion": 0.0, "lambda_posture": 0.0, "modes": False,
+        "swaps": False, "recalibrate": False,
     },
     BLIND: {},
-    COLOUR: {"colour": True},
 }  # fmt: skip
-"""Settings by what they leave out or add."""
-LOST_MM = 150.0
-"""A frame whose joints are off by more on average is lost."""
+"""Settings by what they leave out or add. `without any of ours`: what is left is near the paper's
+method, solved by our solver."""
+MEASURES = ("mpjpe_mm", "upper_mm", "lower_mm", "seen_mm", "hidden_mm", "lost_percent")
+SETTLE_S = 1.0
+"""Time that a tracker has to recover."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One variant: means over scenes, people and draws; `scatter_mm` over people and draws."""
+    """One variant: means over scenes, people and draws, with 95 % intervals."""
 
     variant: str
-    mpjpe_mm: float
-    scatter_mm: float
-    change_mm: float  # against the whole
+    mpjpe_mm: dict[str, float] | None  # over the sequences
+    change_mm: dict[str, float] | None  # against the whole, in pairs over the sequences
     upper_mm: float
     lower_mm: float
     seen_mm: float
-    hidden_mm: float
-    lost_share: float
-    frames_per_second: float
+    hidden_mm: float | None
+    lost_percent: float  # frames that are off by more than LOST_MM
 
 
 def study(
@@ -78,7 +85,8 @@ def study(
     frames: int = 250,
     size: tuple[int, int] = (640, 512),
     workers: int = 2,
-    colour: bool = False,
+    colour: bool = True,
+    trials: int = 8,
 ) -> Outcome:
     """Track with one part left out at a time (paper, section 5.5).
 
@@ -90,30 +98,31 @@ def study(
         frames: Frames of each scene.
         size: Image width and height, pixels.
         workers: Rendering processes.
-        colour: Also track with the colour term, which takes minutes a scene.
+        colour: Also track with the colour term, and by colours alone.
+        trials: Failures in each sequence to recover from; 0 for none.
     """
-    if people < 1 or seeds < 1 or frames < 1:
-        raise InputError(f"{people} people, {seeds} seeds, {frames} frames", valid="1 or more each")
-    sequences = [_made(scene, work, workers) for scene in _scenes(people, frames, size)]
+    for count, name in ((people, "people"), (seeds, "seeds"), (frames, "frames")):
+        if count < 1:
+            raise InputError(f"{count} {name}", valid="1 or more")
+    if trials < 0:
+        raise InputError(f"{trials} trials", valid="0 or more")
+    footage = [made(scene, work, workers) for scene in scenes_of(people, frames, size)]
     names = [name for name in VARIANTS if colour or name != COLOUR]
-    measured = {name: _measure(name, sequences, detections, seeds) for name in names}
-    whole = float(np.mean([m["mpjpe"] for m in measured[WHOLE]]))
-    rows = [_row(name, found, whole) for name, found in measured.items()]
-    result = {"protocol": "egocap-17", "detections": detections, "people": people, "seeds": seeds,
-              "rows": [{k: round(v, 3) if isinstance(v, float) else v for k, v in vars(r).items()}
-                       for r in rows]}  # fmt: skip
-    header = ("variant", "MPJPE mm", "+-", "change", "upper", "lower", "seen", "hidden", "lost %",
-              "frames/s")  # fmt: skip
-    table = Table("Tracking with one part left out", header, tuple(
-        (r.variant, number(r.mpjpe_mm), number(r.scatter_mm), number(r.change_mm),
-         number(r.upper_mm), number(r.lower_mm), number(r.seen_mm), number(r.hidden_mm),
-         number(100 * r.lost_share), number(r.frames_per_second, 0))
-        for r in rows
-    ))  # fmt: skip
-    return Outcome(result, [table])
+    measured = {name: measure_variant(name, footage, detections, seeds) for name in names}
+    rows = [row_of(name, found, measured[WHOLE]) for name, found in measured.items()]
+    recovery = measure_recovery(footage, detections, trials, colour) if trials else {}
+    result = {
+        "protocol": "egocap-17", "detections": detections, "people": people, "seeds": seeds,
+        "sequences": [f.manifest.name for f in footage], "rows": [asdict(r) for r in rows],
+        "statements": statements(measured) | recovery,
+    }  # fmt: skip
+    content = {f.manifest.name: f.manifest.config_sha256 for f in footage}
+    tables = [_variants_table(rows), *_statement_tables(result["statements"])]
+    return Outcome(result, tables, config={"sequences": content})
 
 
-def _scenes(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
+def scenes_of(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
+    """The scenes, each acted by so many people."""
     scenes = []
     for i, name in enumerate(SCENES):
         scene = load_scene(builtin_file("scene", name))
@@ -125,37 +134,118 @@ def _scenes(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
     return scenes
 
 
-def _made(scene: Scene, work: Path, workers: int) -> Sequence:
+def made(scene: Scene, work: Path, workers: int) -> Footage:
+    """The scene's sequence, generated where it is missing."""
     with progress(scene.name, scene.frames) as advance:
         generate(scene, work / scene.name, workers=workers, on_frames=advance)
     return open_sequence(work / scene.name)
 
 
-def _measure(
-    variant: str, sequences: list[Sequence], source: str, seeds: int
-) -> list[dict[str, float]]:
-    config = TrackerConfig(**VARIANTS[variant])
-    found = []
-    for sequence in sequences:
-        for seed in range(seeds):
-            detections = detections_from(sequence, source, seed)
-            if variant == BLIND:
-                detections = _blind(detections)
-            images = lambda t, s=sequence: s.frame(t).images  # noqa: E731
-            result = track(detections, sequence.rig, sequence.proportions, config, images)
-            truth = sequence.truth
-            error = 1e3 * np.linalg.norm(result.joints_head - truth.joints_head, axis=-1)
-            seen = np.any(truth.visibility == VISIBLE, axis=1)
-            counted = np.isin(np.arange(18), EVALUATED)
-            found.append({
-                "mpjpe": float(error[:, counted].mean()),
-                "upper": float(error[:, UPPER].mean()), "lower": float(error[:, LOWER].mean()),
-                "seen": float(error[seen & counted].mean()),
-                "hidden": float(error[~seen & counted].mean()),
-                "lost": float((error[:, counted].mean(1) > LOST_MM).mean()),
-                "rate": 1.0 / result.seconds_per_frame,
-            })  # fmt: skip
+def measure_variant(
+    variant: str, footage: Sequence[Footage], source: str, seeds: int
+) -> dict[str, list[float | None]]:
+    """Each measure of every sequence, a mean over the draws of the detections."""
+    found: dict[str, list[float | None]] = {name: [] for name in MEASURES}
+    with progress(variant, len(footage), unit="sequences") as advance:
+        for sequence in footage:
+            draws = [errors_of(sequence, tracked(variant, sequence, source, seed))
+                     for seed in range(seeds)]  # fmt: skip
+            for name in MEASURES:
+                values = [draw[name] for draw in draws]
+                known = [v for v in values if v is not None]
+                found[name].append(float(np.mean(known)) if known else None)
+            advance()
     return found
+
+
+def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
+    """A sequence tracked by a variant from one draw of its detections."""
+    detections = detections_from(footage, source, seed)
+    if variant == BLIND:
+        detections = _blind(detections)
+    config = TrackerConfig(**VARIANTS[variant])
+    return track(detections, footage.rig, footage.proportions, config,
+                 lambda t: footage.frame(t).images)  # fmt: skip
+
+
+def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:
+    """Each of `MEASURES`, of one track."""
+    truth = footage.truth
+    error = 1e3 * np.linalg.norm(track.joints_head - truth.joints_head, axis=-1)
+    seen = np.any(truth.visibility == VISIBLE, axis=1)
+    counted = np.isin(np.arange(18), EVALUATED)
+    hidden = error[~seen & counted]
+    return {
+        "mpjpe_mm": float(error[:, counted].mean()),
+        "upper_mm": float(error[:, UPPER].mean()),
+        "lower_mm": float(error[:, LOWER].mean()),
+        "seen_mm": float(error[seen & counted].mean()),
+        "hidden_mm": float(hidden.mean()) if hidden.size else None,
+        "lost_percent": 100.0 * float((error[:, counted].mean(1) > LOST_MM).mean()),
+    }
+
+
+def row_of(
+    name: str, found: Mapping[str, Sequence[float | None]], whole: Mapping[str, Sequence[Any]]
+) -> Row:
+    """A variant beside the whole."""
+    rest = {key: _mean(found[key]) for key in MEASURES if key != "mpjpe_mm"}
+    return Row(name, mean_and_interval(found["mpjpe_mm"]), _change(whole, found), **rest)
+
+
+def statements(measured: Mapping[str, Mapping[str, Sequence[Any]]]) -> dict[str, Any]:
+    """Section 5.5's numbers: what leaving a term out adds to the mean error, mm."""
+    added = {
+        # all smoothing, of past and future; and Equation 3's alone
+        "without_smoothness_mm": _change(measured[WHOLE], measured[SINGLE]),
+        "without_smoothness_live_mm": _change(measured[PAST], measured[SINGLE]),
+    }
+    if COLOUR in measured:
+        added["without_colour_mm"] = _change(measured[COLOUR], measured[WHOLE])
+    return added
+
+
+def measure_recovery(
+    footage: Sequence[Footage], source: str, trials: int, colour: bool
+) -> dict[str, Any]:
+    """The share of failures that trackers recover from within a second, and what error is left."""
+    ends: dict[str, list[float]] = {"with_detection": []}
+    if colour:
+        ends["without_detection"] = []
+    begins = []
+    with progress("recovery", len(footage), unit="sequences") as advance:
+        for i, sequence in enumerate(footage):
+            count = round(SETTLE_S * sequence.manifest.fps)
+            detections = detections_from(sequence, source, 0)
+            drawn = list(draw_trials(sequence, trials, count, np.random.default_rng([i, 5])))
+            begins += [trial.error_mm for trial in drawn]
+            ends["with_detection"] += [
+                by_detections(sequence, detections, trial, count) for trial in drawn
+            ]
+            if colour:
+                follow = ColourFollower(sequence, tracked(WHOLE, sequence, source, 0).angles)
+                ends["without_detection"] += [
+                    by_colours(sequence, follow, trial, count) for trial in drawn
+                ]
+            advance()
+    found: dict[str, Any] = {"failure_mm": float(np.mean(begins)), "found_below_mm": FOUND_MM}
+    for name, errors in ends.items():
+        recovered = sum(error < FOUND_MM for error in errors)
+        found[f"recovered_{name}"] = share_and_interval(recovered, len(errors))
+        found[f"recovered_{name}"]["median_end_mm"] = float(np.median(errors))
+    return found
+
+
+def _change(
+    before: Mapping[str, Sequence[Any]], after: Mapping[str, Sequence[Any]]
+) -> dict[str, float] | None:
+    pairs = zip(before["mpjpe_mm"], after["mpjpe_mm"], strict=True)
+    return mean_and_interval([b - a for a, b in pairs])
+
+
+def _mean(values: Sequence[float | None]) -> Any:
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _blind(detections: Detections) -> Detections:
@@ -163,10 +253,28 @@ def _blind(detections: Detections) -> Detections:
     return replace(detections, valid=np.zeros_like(detections.valid))
 
 
-def _row(name: str, found: list[dict[str, float]], whole: float) -> Row:
-    mean = {key: float(np.mean([m[key] for m in found])) for key in found[0]}
-    return Row(
-        name, mean["mpjpe"], float(np.std([m["mpjpe"] for m in found])), mean["mpjpe"] - whole,
-        mean["upper"], mean["lower"], mean["seen"], mean["hidden"], mean["lost"],
-        min(m["rate"] for m in found),
+def _variants_table(rows: Sequence[Row]) -> Table:
+    header = ("variant", "MPJPE mm", "change", "upper", "lower", "seen", "hidden", "lost %")
+    return Table("Tracking with one part left out (95 % intervals over sequences)", header, tuple(
+        (r.variant, shown(r.mpjpe_mm), shown(r.change_mm), number(r.upper_mm), number(r.lower_mm),
+         number(r.seen_mm), number(r.hidden_mm), number(r.lost_percent))
+        for r in rows
+    ))  # fmt: skip
+
+
+def _statement_tables(found: Mapping[str, Any]) -> list[Table]:
+    paper = {"without_smoothness_mm": "30", "without_smoothness_live_mm": "30",
+             "without_colour_mm": "5"}  # fmt: skip
+    added = tuple((name.removesuffix("_mm").replace("_", " "), value, shown(found[name]))
+                  for name, value in paper.items() if name in found)  # fmt: skip
+    shares = tuple(
+        (name.removeprefix("recovered_").replace("_", " "), str(entry["trials"]),
+         f"{number(entry['percent'], 0)} ({number(entry['low'], 0)} to {number(entry['high'], 0)})",
+         number(entry["median_end_mm"]))
+        for name, entry in found.items() if name.startswith("recovered_")
     )  # fmt: skip
+    tables = [Table("Error added, mm (section 5.5)", ("", "paper", "ours"), added)]
+    if shares:
+        title = f"Failures of {found['failure_mm']:.0f} mm, a second later"
+        tables.append(Table(title, ("", "failures", "recovered %", "median mm"), shares))
+    return tables

@@ -9,22 +9,19 @@ Source: EgoCap paper, section 5.3 and Table 1.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from tyro.conf import Positional, arg
 
 from egocap.commandline import progress
-from egocap.detect.training_config import AugmentationConfig, TrainingConfig
+from egocap.detect.training_config import AugmentationConfig
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
 from evals.study import Outcome
+from evals.trained import configured, summary, table, trained_scores
 
 if TYPE_CHECKING:
-    from egocap.detect.data import ViewStore
-    from egocap.detect.network import NetworkConfig
     from egocap.detect.validation import Scores
 
 _PLAIN = AugmentationConfig(
@@ -38,8 +35,6 @@ ROWS: Mapping[str, AugmentationConfig] = {
     "+ recolouring": AugmentationConfig(**{**vars(_PLAIN), "background": 1.0, "recolour": 0.7}),
 }
 """Rows of the table, each with all of the one before."""
-
-COLUMNS = ("pck", "auc", "pck_in_view", "pck_wrist", "pck_ankle", "pck_foot")
 
 
 def study(
@@ -88,55 +83,14 @@ def study(
         with progress("training", seeds * len(ROWS), unit="detectors") as advance:
             for seed in range(seeds):
                 for name, augmentation in ROWS.items():
-                    training = TrainingConfig(
-                        steps=steps, batch=batch, seed=seed, average=0.99, validate_minutes=1e6,
-                        checkpoint_minutes=1e6, augmentation=augmentation,
-                    )  # fmt: skip
-                    found[name].append(_trained(config, training, stores, views, place))
+                    training = configured(steps, batch, seed, augmentation)
+                    found[name].append(trained_scores(
+                        config, training, stores[0], stores[1], views, place, stores[2]
+                    ))  # fmt: skip
                     advance()
-    result = {name: _summary(scores) for name, scores in found.items()}
+    result = {name: summary(scores) for name, scores in found.items()}
     sizes = {"training_views": len(stores[0]), "held_out_views": min(views, len(stores[1]))}
     return Outcome({"rows": result, **sizes}, [table(result)], missed(result))
-
-
-def _trained(
-    network: NetworkConfig,
-    training: TrainingConfig,
-    stores: Sequence[ViewStore],
-    views: int,
-    place: Path,
-) -> Scores:
-    """Scores, on the held-out store, of a detector trained on the first one."""
-    from egocap.detect.training import Trainer
-    from egocap.detect.validation import predict, score
-
-    chroma, held_out, backgrounds = stores
-    with tempfile.TemporaryDirectory(dir=place) as folder:
-        trainer = Trainer(network, training, chroma, None, Path(folder), backgrounds=backgrounds)
-        trainer.run()
-    count = min(views, len(held_out))
-    indices = np.unique(np.linspace(0, len(held_out) - 1, count).astype(int))
-    return score(predict(trainer.average, held_out, indices))
-
-
-def _summary(scores: Sequence[Scores]) -> dict[str, Any]:
-    """Mean and standard error over the seeds of each column."""
-    columns = {c: np.array([getattr(s, c) for s in scores]) for c in COLUMNS}
-    several = len(scores) > 1
-    return {
-        c: {
-            "mean": float(v.mean()),
-            "error": float(v.std(ddof=1) / np.sqrt(len(v))) if several else None,
-        }
-        for c, v in columns.items()
-    }
-
-
-def table(result: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> Table:
-    """Rows of augmentation, columns of scores with their standard errors."""
-    rows = [(name, *(_with_error(row[c]) for c in COLUMNS)) for name, row in result.items()]
-    head = ("PCK@20", "AUC", "in view", "wrists", "ankles", "feet")
-    return Table("visible labels, % (standard error)", ("training", *head), tuple(rows))
 
 
 def missed(result: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> list[str]:
@@ -148,8 +102,3 @@ def missed(result: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> li
     if recolour - background <= 0.0:
         said.append(f"recolouring: {recolour - background:+.1f} points of PCK, not above 0")
     return said
-
-
-def _with_error(cell: Mapping[str, float | None]) -> str:
-    error = cell["error"]
-    return number(cell["mean"]) + ("" if error is None else f" ({error:.1f})")

@@ -22,6 +22,7 @@ STUDIES = {
     # command: (module with a function `study`, what `egocap-eval --help` says of it)
     "detector": ("evals.detector", "Score the learned detector: PCK, calibration, speed."),
     "augmentation": ("evals.augmentation", "What augmentation of green-screen footage is worth."),
+    "training-set": ("evals.training_set", "What fewer people or frames cost the detector."),
     "visibility": ("evals.visibility", "Share of the time each joint is seen, by field of view."),
     "survival": ("evals.survival", "Kill a generation again and again; it must come out whole."),
     "dataset": ("evals.dataset_card", "Count what a data set holds: people, rigs, joints seen."),

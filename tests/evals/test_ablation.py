@@ -1,6 +1,5 @@
 """The ablation's rows: the variants are settings, and leaving things out costs something."""
 
-import numpy as np
 import pytest
 
 from egocap.sequence import open_sequence
@@ -15,15 +14,33 @@ def test_every_variant_is_a_setting():
 
 
 def test_people_and_scenes_differ():
-    scenes = ablation._scenes(3, 40, (64, 64))
+    scenes = ablation.scenes_of(3, 40, (64, 64))
     assert len({scene.seed for scene in scenes}) == len({scene.name for scene in scenes}) == 6
     assert all(scene.frames == 40 for scene in scenes)
 
 
 def test_without_detections_the_track_is_worse(tiny_sequence):
-    sequences = [open_sequence(tiny_sequence)]
-    whole = ablation._measure(ablation.WHOLE, sequences, "simulated:1.0", 1)
-    blind = ablation._measure(ablation.BLIND, sequences, "simulated:1.0", 1)
-    row = ablation._row(ablation.BLIND, blind, whole[0]["mpjpe"])
-    assert row.change_mm == pytest.approx(blind[0]["mpjpe"] - whole[0]["mpjpe"])
-    assert row.change_mm > 10 and np.isfinite(row.mpjpe_mm)
+    footage = [open_sequence(tiny_sequence)]
+    whole = ablation.measure_variant(ablation.WHOLE, footage, "simulated:1.0", 2)
+    blind = ablation.measure_variant(ablation.BLIND, footage, "simulated:1.0", 1)
+    assert blind["mpjpe_mm"][0] > whole["mpjpe_mm"][0] + 10
+    row = ablation.row_of(ablation.BLIND, blind, whole)
+    assert row.upper_mm == blind["upper_mm"][0]
+    assert row.change_mm is None  # one sequence has no interval
+
+
+def test_changes_are_paired_over_sequences():
+    def measured(*errors):
+        return {name: list(errors) for name in ablation.MEASURES}
+
+    parts = {
+        ablation.WHOLE: measured(10.0, 50.0),
+        ablation.PAST: measured(12.0, 51.0),
+        ablation.SINGLE: measured(15.0, 55.0),
+        ablation.COLOUR: measured(9.0, 49.0),
+    }
+    found = ablation.statements(parts)
+    # people differ by 40 mm, the change between them by nothing
+    assert found["without_smoothness_mm"] == pytest.approx({"mean": 5.0, "half_interval": 0.0})
+    assert found["without_colour_mm"] == pytest.approx({"mean": 1.0, "half_interval": 0.0})
+    assert found["without_smoothness_live_mm"]["mean"] == pytest.approx(3.5)

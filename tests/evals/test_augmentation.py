@@ -6,7 +6,8 @@ import pytest
 
 from egocap.errors import InputError
 from egocap.sequence import Sequence
-from evals.augmentation import COLUMNS, ROWS, missed, study, table
+from evals.augmentation import ROWS, missed, study
+from evals.trained import COLUMNS, table
 
 
 def rows(*pck):

@@ -1,0 +1,136 @@
+"""What the training set's size is worth: fewer people, fewer frames, for as many steps.
+
+The paper leaves three of its six people out (2.5 points of PCK lost), nine tenths of the frames (2
+lost) and half of them (none lost). Here the same is done with six people before a green screen,
+with all of the paper's augmentation; detectors are scored on other people in real places.
+Source: EgoCap paper, section 5.3.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from egocap.commandline import progress
+from egocap.errors import InputError
+from egocap.evaluate.table import Table
+from evals.augmentation import ROWS as AUGMENTATIONS
+from evals.study import Outcome
+from evals.trained import configured, difference, summary, table, trained_scores, with_error
+
+if TYPE_CHECKING:
+    from egocap.detect.data import Views, ViewStore
+    from egocap.detect.validation import Scores
+
+ALL = "all"
+Subset = Callable[["ViewStore", Sequence[int]], "ViewStore"]
+SUBSETS: Mapping[str, tuple[str, Subset]] = {
+    "half of the people": ("half_subjects_loss", lambda store, who: half_of_people(store, who)),
+    "half of the frames": ("half_of_frames_loss", lambda store, who: every_nth(store, 2)),
+    "a tenth of the frames": ("tenth_of_frames_loss", lambda store, who: every_nth(store, 10)),
+}
+"""What is left of the training set, and the name of what that costs."""
+
+
+def study(
+    footage: Positional[Annotated[tuple[Path, ...], arg(metavar="DIR")]],
+    /,
+    held_out: Annotated[tuple[Path, ...], arg(metavar="DIR")],
+    backgrounds: Annotated[tuple[Path, ...], arg(metavar="DIR")],
+    steps: int = 800,
+    batch: int = 32,
+    seeds: int = 3,
+    network: str = "small",
+    views: int = 1000,
+    store: Annotated[Path | None, arg(metavar="DIR")] = None,
+) -> Outcome:
+    """Train detectors on ever less of the same footage, for as many steps, and compare them.
+
+    Args:
+        footage: Sequences of several people before a green screen with part labels (scene
+            train-chroma).
+        held_out: Sequences of other people in real places, to score on.
+        backgrounds: Sequences whose images stand in for the green screen.
+        steps: Training steps of each detector.
+        batch: Views a step.
+        seeds: Detectors trained for each row; error bars are over them.
+        network: Configuration to train.
+        views: How many held-out views to score.
+        store: Folder for canonical views and runs; a temporary one when not given.
+    """
+    from egocap.detect.data import build_store
+    from egocap.detect.network import config_named
+    from egocap.episodes import find_sequences
+
+    if seeds < 1 or steps < 1 or views < 1:
+        raise InputError(f"{seeds} seeds, {steps} steps, {views} views", valid="1 or more of each")
+    config = config_named(network)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) if store is None else store
+        stores = [
+            build_store(find_sequences(paths), config.view, place / "views")
+            for paths in (footage, held_out, backgrounds)
+        ]
+        people = people_of(find_sequences(footage))
+        if len(set(people)) < 2:
+            raise InputError("footage of one person cannot be halved", valid="two or more people")
+        if len(people) != len(stores[0].sequences):
+            raise InputError("some of the footage cannot be read", valid="whole sequences")
+        subsets = {ALL: stores[0]} | {
+            name: subset(stores[0], people) for name, (_, subset) in SUBSETS.items()
+        }
+        found: dict[str, list[Scores]] = {name: [] for name in subsets}
+        with progress("training", seeds * len(subsets), unit="detectors") as advance:
+            for seed in range(seeds):
+                for name, part in subsets.items():
+                    training = configured(steps, batch, seed, AUGMENTATIONS["+ recolouring"])
+                    found[name].append(trained_scores(
+                        config, training, part, stores[1], views, place, stores[2]
+                    ))  # fmt: skip
+                    advance()
+    rows = {name: summary(scores) for name, scores in found.items()}
+    losses = {key: difference(found[ALL], found[name]) for name, (key, _) in SUBSETS.items()}
+    sizes = {name: len(part) for name, part in subsets.items()}
+    result = {"rows": rows, "people": len(set(people)), "views": sizes, **losses}
+    lost = tuple((name, with_error(losses[key])) for name, (key, _) in SUBSETS.items())
+    tables = [table(rows), Table("points of PCK lost (standard error)", ("left", "lost"), lost)]
+    return Outcome(result, tables)
+
+
+def people_of(folders: Sequence[Path]) -> list[int]:
+    """A number for each sequence that says who is in it: the same for the same person."""
+    from egocap.sequence import open_sequence
+
+    who = [open_sequence(folder).proportions.rest_joints.tobytes() for folder in folders]
+    first = list(dict.fromkeys(who))
+    return [first.index(person) for person in who]
+
+
+def half_of_people(store: ViewStore, people: Sequence[int]) -> ViewStore:
+    """Every second person's sequences."""
+    from egocap.detect.data import ViewStore
+
+    pairs = zip(store.sequences, people, strict=True)
+    return ViewStore(tuple(views for views, person in pairs if person % 2 == 0))
+
+
+def every_nth(store: ViewStore, n: int) -> ViewStore:
+    """Every n-th frame of both views, without reading any."""
+    from egocap.detect.data import ViewStore
+
+    # a frame's two views follow each other, so that one slice would take one camera alone
+    parts = (_sliced(views, slice(v, None, 2 * n)) for views in store.sequences for v in range(2))
+    return ViewStore(tuple(views for views in parts if len(views)))
+
+
+def _sliced(views: Views, rows: slice) -> Views:
+    from egocap.detect.data import Views
+
+    parts = None if views.parts is None else views.parts[rows]
+    arrays = (np.asarray(a)[rows] for a in (views.points, views.state, views.magnification))
+    return Views(views.images[rows], parts, *arrays)

@@ -211,12 +211,24 @@ def _account(
         "command": shlex.join(["egocap", *sys.argv[1:]]),
         "data": [path.name for path in request.data],
         "shares": list(request.shares),
+        "start": _origin(request.start),
         "sequences": len(kept.sequences), "views": len(kept), "views_left_out": kept.skipped,
         "steps": outcome.state.step, "views_seen": outcome.state.views,
         "seconds": round(outcome.state.seconds, 1),
         "training": asdict(training),
         "scores": None if outcome.scores is None else outcome.scores.to_dict(),
     }  # fmt: skip
+
+
+def _origin(start: Path | None) -> dict[str, Any] | None:
+    """What a run began from, with that one's own account where it has one."""
+    if start is None:
+        return None
+    if start.suffix != ".safetensors" or start.name == FINAL:
+        return {"name": start.name}
+    weights = open_weights(start)
+    training = {k: v for k, v in weights.training.items() if k != "scores"}
+    return {"name": weights.name, "sha256": weights.sha256, "training": training}
 
 
 def _shortened(training: TrainingConfig, share: float) -> TrainingConfig:

@@ -36,6 +36,15 @@ def test_command_trains_and_writes_weights(tiny_sequence, tmp_path, monkeypatch,
     assert "another network, seed or batch" in capsys.readouterr().err
 
 
+def test_weights_tell_what_they_began_from(tiny_sequence, tiny_file, tmp_path, monkeypatch):
+    words = ["train", tiny_sequence, tiny_sequence, "--shares", 1, 3, "--start", tiny_file]
+    words += ["--out", tmp_path, "--config", "tiny", "--steps", 1, "--batch", 2, "--held-out", 0]
+    assert egocap(*words, monkeypatch=monkeypatch) == 0
+    training = open_weights(tmp_path / "detector.safetensors").training
+    assert training["shares"] == [1, 3]
+    assert training["start"]["sha256"] == open_weights(tiny_file).sha256
+
+
 def test_start_of_another_network_is_refused(
     tiny_sequence, tiny_file, tmp_path, monkeypatch, capsys
 ):

@@ -34,7 +34,7 @@ class JointVisibility:
 
     def __init__(self, person: Person, rig: Rig) -> None:
         self._rig = rig
-        chosen = np.array([_skin_around(person, label) for label in LABELS])  # (18, S)
+        chosen = np.array([skin_around(person, label) for label in LABELS])  # (18, S)
         self._body = person.body_owner[chosen].astype(int)
         self._offset = person.body_vertices[chosen] - person.joints[self._body]
 
@@ -83,7 +83,7 @@ def patch_around(person: Person, label: str) -> Int[Array, "P"]:
     return candidates[np.argsort(np.linalg.norm(vertices - at, axis=1), kind="stable")[:PATCH]]
 
 
-def _skin_around(person: Person, label: str) -> Int[Array, "S"]:
+def skin_around(person: Person, label: str) -> Int[Array, "S"]:
     """Skin vertices spread over the patch nearest to a joint, by farthest-point sampling."""
     patch = patch_around(person, label)
     points = person.body_vertices[patch]

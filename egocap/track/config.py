@@ -12,8 +12,12 @@ from egocap.errors import InputError
 class TrackerConfig:
     """Weights are those of a negative log-posterior: residuals are in standard deviations."""
 
+    solver: Literal["fast", "reference", "stochastic"] = "fast"
+    """fast: second order, all below; reference: the paper's 200 gradient steps over all pixels;
+    stochastic: its 50 over random ones. Of what is below, these two know the smoothing alone."""
     smoothing: Literal["interval", "gaussian", "none"] = "interval"
-    """interval: all frames together, past and future; gaussian: low-pass; none: causal, live."""
+    """interval: all frames together, past and future, with a paper's solver like gaussian;
+    gaussian: low-pass; none: causal, live."""
     lambda_detection: float = 1.0
     """Weight of the detections."""
     guess_weight: float = 0.1
@@ -78,6 +82,8 @@ class TrackerConfig:
     """Standard deviation of the Gaussian low-pass, frames (5 frames wide)."""
 
     def __post_init__(self) -> None:
+        if self.solver not in ("fast", "reference", "stochastic"):
+            raise InputError(f"solver '{self.solver}'", valid=("fast", "reference", "stochastic"))
         if self.smoothing not in ("interval", "gaussian", "none"):
             raise InputError(
                 f"smoothing '{self.smoothing}'", valid=("interval", "gaussian", "none")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,7 +40,8 @@ def track(
     A causal pass predicts, solves and, where it is lost, searches every frame; then the chosen
     smoothing refines it. Frames without detections are carried by the motion around them.
     `energy` is each frame's own: detections, limits and pose prior. `images` gives the pictures of
-    a frame by its number, for the colour term. Raises InputError when there are no frames, the
+    a frame by its number, for the colour term and for the paper's solvers, which have their own way
+    (`paper_tracker`). Raises InputError when there are no frames, the
     views do not match the rig, the times do not increase, or colour has no images.
     """
     times = np.asarray(detections.times, float)
@@ -48,8 +49,10 @@ def track(
         raise InputError("no frames to track")
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise InputError("the detections' times do not increase from frame to frame")
-    if config.colour and images is None:
+    if (config.colour or config.solver != "fast") and images is None:
         raise InputError("colour without images", valid="images of every frame")
+    if config.solver != "fast":
+        return _track_as_paper(detections, rig, proportions, config, images)
     from threadpoolctl import threadpool_limits
 
     from egocap.track import kernel
@@ -102,6 +105,21 @@ def track(
         confidence=None if covariance is None else confidences(covariance),
         energies=energies,
     )
+
+
+def _track_as_paper(
+    detections: Detections, rig: Rig, proportions: Proportions, config: TrackerConfig,
+    images: Images | None,
+) -> Track:  # fmt: skip
+    from egocap.track.paper_config import PAPER_SOLVERS
+    from egocap.track.paper_tracker import refuse_unused, track_as_paper
+
+    assert images is not None
+    refuse_unused(config)
+    low_pass = 0.0 if config.smoothing == "none" else config.gaussian_frames
+    solver = PAPER_SOLVERS[config.solver]
+    found = track_as_paper(detections, rig, proportions, images, solver, low_pass)
+    return replace(found, config=found.config | {"tracker": asdict(config)})
 
 
 @dataclass

@@ -168,3 +168,15 @@ def test_a_track_is_of_the_body_it_is_given(egocap, tracked, tiny_sequence, tmp_
     said = complaint(egocap("track", tiny_sequence, "--detections", tracked / "det.npz",
                             "--body", "none.json", "--out", "x.npz"))  # fmt: skip
     assert "none.json" in said
+
+
+def test_the_solver_of_the_paper_is_a_word(egocap, tracked, tiny_sequence):
+    words = ("track", tiny_sequence, "--detections", tracked / "det.npz", "--out", "paper.npz")
+    code, out, err = egocap(*words, "--solver", "stochastic", "--json")
+    assert code == 0, err
+    found = load_track("paper.npz")
+    assert found.config["paper"]["iterations"] == 50
+    assert found.config["tracker"]["solver"] == "stochastic"
+    assert json.loads(out)["frames_per_second"] == pytest.approx(1 / found.seconds_per_frame)
+    wrong = egocap(*words, "--solver", "reference", "--lambda-motion", "0.5")
+    assert "lambda_motion = 0.5 with solver 'reference'" in complaint(wrong)

@@ -1,0 +1,206 @@
+"""Commands of the detector: detect, calibrate-detector, train."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+from tyro.conf import Positional
+
+from egocap.cli.registry import app
+from egocap.commandline import DONE, INTERRUPTED
+from egocap.detect.training_config import TrainingConfig
+from egocap.errors import InputError
+
+if TYPE_CHECKING:
+    from egocap.results import Detections
+
+
+@app.command
+def detect(
+    sequence: Positional[Path],
+    out: Path,
+    weights: Path | None = None,
+    engine: str = "auto",
+    threads: int | None = None,
+    frames: int | None = None,
+    json: bool = False,
+) -> int:
+    """Find the body's 18 parts in every view of a sequence.
+
+    Args:
+        sequence: folder of a sequence.
+        out: detections to write, npz.
+        weights: detector weights, safetensors; those shipped by default.
+        engine: auto (the fastest here), onnxruntime, openvino (an extra), torch, or cuda.
+        threads: threads of the network; all cores by default.
+        frames: only so many frames, from the first.
+        json: print the summary as JSON.
+    """
+    import time
+
+    from egocap.commandline import progress
+    from egocap.detect import detector as learned
+    from egocap.detect.weights import open_weights
+    from egocap.results import save_detections
+    from egocap.sequence import Sequence
+    from egocap.sequence_writer import disk_errors
+
+    opened = Sequence(sequence)
+    made = learned.Detector(opened.rig, open_weights(weights), engine, threads)  # type: ignore[arg-type]
+    started = time.perf_counter()
+    with progress("detect", frames or len(opened)) as advance:
+        found = learned.detect(opened, made, frames=frames, on_frames=advance)
+    seconds = time.perf_counter() - started
+    with disk_errors(out.parent):
+        out.parent.mkdir(parents=True, exist_ok=True)
+    save_detections(out, found)
+    _print_detections(out, found, opened.rig.views, seconds, json)
+    return DONE
+
+
+@app.command
+def calibrate_detector(
+    data: Positional[tuple[Path, ...]],
+    /,
+    weights: Path,
+    out: Path,
+    store: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Fit a detector's confidence and spread to footage that it was not trained on.
+
+    Writes the same weights with the calibration that was found.
+
+    Args:
+        data: sequences, or folders of sequences.
+        weights: detector weights to calibrate, safetensors.
+        out: weights to write, safetensors; may be the same file.
+        store: folder to keep the canonical views made from the data; a temporary one by default.
+        json: print the calibration as JSON.
+    """
+    import tempfile
+
+    from egocap.detect.calibrating import calibrate
+    from egocap.detect.weights import open_weights
+
+    with tempfile.TemporaryDirectory() as temporary:
+        found = calibrate(open_weights(weights), data, store or Path(temporary), out)
+    _print_calibration(out, found.to_dict(), json)
+    return DONE
+
+
+@app.command
+def train(
+    data: Positional[tuple[Path, ...]],
+    /,
+    out: Path,
+    config: str = "default",
+    training: Annotated[TrainingConfig, tyro.conf.OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
+    rig: Path | None = None,
+    resume: bool = False,
+    start: Path | None = None,
+    scratch: bool = False,
+    held_out: float = 0.08,
+    store: Path | None = None,
+    backgrounds: tuple[Path, ...] = (),
+    shares: tuple[float, ...] = (),
+    json: bool = False,
+) -> int:
+    """Train a detector, from footage with annotations or from nothing but a rig.
+
+    Writes detector.safetensors, curves.png, log.csv and validation.csv into the folder of the run.
+    SIGTERM and Ctrl-C stop it at the next step, to go on with --resume.
+
+    Args:
+        data: sequences, or folders of sequences.
+        out: folder of the run.
+        config: network to train: default, small, paper (ResNet-101) or tiny.
+        training: how to train.
+        rig: simulate footage for this rig for a third of the minutes, and train on it too.
+        resume: go on with the run in --out, if there is one.
+        start: weights to begin from: detector weights, or the folder of a run. With a rig and the
+            default network, those that are shipped.
+        scratch: begin from random weights, also with a rig.
+        held_out: share of the sequences to validate on and never train on.
+        store: folder of the canonical views made from the data; by default in --out.
+        backgrounds: sequences whose images replace backgrounds; by default those of the data.
+        shares: how much of the training is on each DATA; by default as many views as it has.
+        json: print the summary as JSON.
+    """
+    import subprocess
+    import sys
+
+    from egocap.detect.training_run import (
+        Request,
+        command_for_devices,
+        join_processes,
+        train_detector,
+        weights_path,
+    )
+    from egocap.detect.weights import SHIPPED, shipped_file
+
+    if scratch and start is not None:
+        raise InputError("--scratch and --start exclude each other", valid="one of them")
+    if start is None and rig is not None and config == SHIPPED and not scratch:
+        start = shipped_file()
+    request = Request(out, tuple(data), rig, config, held_out, start, resume, store, backgrounds,
+                      shares)  # fmt: skip
+    command = command_for_devices(sys.argv[1:])
+    if command is not None:
+        return subprocess.call(command)
+    join_processes()
+    outcome = train_detector(request, training)
+    summary = {
+        "finished": outcome.finished, "steps": outcome.state.step, "views": outcome.state.views,
+        "seconds": round(outcome.state.seconds, 1),
+        "weights": str(weights_path(out)) if outcome.weights else None,
+        "scores": None if outcome.scores is None else outcome.scores.to_dict(),
+    }  # fmt: skip
+    _print_training(out, summary, json)
+    return DONE if outcome.finished else INTERRUPTED
+
+
+def _print_training(out: Path, summary: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(summary, indent=1))
+        return
+    if not summary["finished"]:
+        print(f"{out}: interrupted after {summary['steps']} steps; go on with --resume")
+        return
+    print(f"{summary['weights']}: {summary['steps']} steps, {summary['views']} views")
+    if summary["scores"]:
+        print(", ".join(f"{name} {value:.2f}" for name, value in summary["scores"].items()))
+
+
+def _print_detections(
+    path: Path, found: Detections, views: tuple[str, ...], seconds: float, as_json: bool
+) -> None:
+    from egocap.detect.detector import missing_pictures
+
+    frames = len(found.times)
+    summary = {
+        "detections": str(path), "source": found.source, "frames": frames,
+        "frames_per_second": frames / seconds,
+        "detections_per_frame": float(found.valid.sum()) / frames,
+        "frames_without": dict(zip(views, missing_pictures(found), strict=True)),
+    }  # fmt: skip
+    if as_json:
+        print(json.dumps(summary, indent=1))
+        return
+    print(f"{path}: {frames} frames at {summary['frames_per_second']:.1f} frames/s, "
+          f"{summary['detections_per_frame']:.1f} detections a frame of {len(views)} x 18, by "
+          f"{found.source}")  # fmt: skip
+
+
+def _print_calibration(path: Path, found: dict[str, Any], as_json: bool) -> None:
+    import math
+
+    if as_json:
+        print(json.dumps(found, indent=1))
+        return
+    seen, hidden = (math.exp(found[f"log_sigma_{kind}"]) for kind in ("seen", "hidden"))
+    print(f"{path}: spread times {seen:.2f} where joints are seen, {hidden:.2f} where hidden; "
+          f"confidence from {found['scale']:.2f} x margin {found['offset']:+.2f}")  # fmt: skip

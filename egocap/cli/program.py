@@ -1,0 +1,10 @@
+"""The program `egocap`."""
+
+from egocap.cli import detecting, showing, tracking  # noqa: F401 (each adds its commands)
+from egocap.cli.registry import app
+from egocap.commandline import run
+
+
+def main() -> int:
+    """Run `egocap` and return its exit code."""
+    return run(app, prog="egocap", description="Full-body motion from head-worn fisheye cameras.")

@@ -1,0 +1,231 @@
+"""Commands of the tracker: track, live, fit-body."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+from tyro.conf import Positional
+
+from egocap.cli.registry import app
+from egocap.cli.sources import detections_from
+from egocap.commandline import DONE
+from egocap.errors import InputError
+from egocap.track.config import TrackerConfig
+from egocap.track.fit_config import FitConfig
+
+if TYPE_CHECKING:
+    from egocap.results import Track
+    from egocap.track.fit_body import BodyFit
+
+
+@app.command
+def track(
+    sequence: Positional[Path],
+    out: Path,
+    detections: str = "learned",
+    config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
+    seed: int = 0,
+    body: Path | None = None,
+    save_detections: Path | None = None,
+    head_pose: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Recover 37 joint angles in every frame of a sequence from detections in both views.
+
+    The tracker is given detections, the rig and the person's proportions; never the truth.
+
+    Args:
+        sequence: folder of a sequence.
+        out: track to write, npz.
+        detections: where detections come from: the learned detector (learned:FILE for other weights
+            than the shipped); simulated:SIGMA[,outliers=P][,occluded=keep|drop] draws them from the
+            truth, SIGMA in pixels at 640 x 512; or a file of detections.
+        config: the tracker's settings.
+        seed: seed of simulated detections.
+        body: the person's proportions, as fit-body writes them; by default the sequence's own.
+        save_detections: also write the detections used, npz.
+        head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
+            `T_world_head` (4 x 4); the track then has its joints in that world, too.
+        json: print the summary as JSON.
+    """
+    from egocap import results
+    from egocap.body import Proportions
+    from egocap.io.head_pose import in_world
+    from egocap.sequence import Sequence
+    from egocap.sequence_writer import disk_errors
+    from egocap.track.tracker import track as run_tracker
+
+    opened = Sequence(sequence)
+    proportions = opened.proportions if body is None else Proportions.load(body)
+    found = detections_from(opened, detections, seed)
+    result = run_tracker(found, opened.rig, proportions, config, lambda i: opened.frame(i).images)
+    of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
+    result = replace(result, config=result.config | of_sequence)
+    if head_pose is not None:
+        result = in_world(result, head_pose)
+    for path in (out, save_detections):
+        if path is not None:
+            with disk_errors(path.parent):
+                path.parent.mkdir(parents=True, exist_ok=True)
+    if save_detections is not None:
+        results.save_detections(save_detections, found)
+    results.save_track(out, result)
+    _print_summary(out, result, json)
+    return DONE
+
+
+@app.command
+def fit_body(
+    sequence: Positional[Path],
+    out: Path,
+    detections: str = "learned",
+    height: float | None = None,
+    seconds: float = 20.0,
+    config: Annotated[FitConfig, tyro.conf.OmitArgPrefixes] = FitConfig(),  # noqa: B008
+    seed: int = 0,
+    shape: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Find a person's bone lengths from a few poses or the first seconds of any motion.
+
+    Bones that the motion does not show stay at what is usual, and the report says so.
+
+    Args:
+        sequence: folder of a sequence.
+        out: body to write, json.
+        detections: where they come from, as for track.
+        height: of the person in metres, where it is known.
+        seconds: how much of the sequence to look at, from its beginning.
+        config: the fit's settings.
+        seed: seed of simulated detections.
+        shape: also find sizes and colours of the Gaussians from the images; json to write.
+        json: print the report as JSON.
+    """
+    from egocap.sequence import Sequence
+    from egocap.sequence_writer import disk_errors
+    from egocap.track.fit_body import first_seconds
+    from egocap.track.fit_body import fit_body as fit
+
+    opened = Sequence(sequence)
+    found = first_seconds(detections_from(opened, detections, seed), seconds)
+    result = fit(found, opened.rig, height, config)
+    for path in (out, shape):
+        if path is not None:
+            with disk_errors(path.parent):
+                path.parent.mkdir(parents=True, exist_ok=True)
+    sizes = None
+    if shape is not None:
+        from egocap.track.body_shape import fit_shape
+
+        frames = [(opened.frame(int(t)).images, result.angles[i]) for i, t in result.spread(6)]
+        fitted = fit_shape(result.proportions, opened.rig, frames)
+        sizes = fitted.scales
+        with disk_errors(shape.parent):
+            fitted.body.save(shape)
+    with disk_errors(out.parent):
+        result.proportions.save(out)
+    _print_body(out, result, sizes, json)
+    return DONE
+
+
+@app.command
+def live(
+    sources: Positional[tuple[str, ...]],
+    rig: Path,
+    body: Path,
+    out: Path | None = None,
+    weights: Path | None = None,
+    seconds: float = float("inf"),
+    config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(smoothing="none"),  # noqa: B008
+    json: bool = False,
+) -> int:
+    """Track from cameras or video files as they run, one a view, in the rig's order.
+
+    The newest pictures are taken and older ones skipped, so that the tracker never falls behind. A
+    video file runs at its own rate.
+
+    Args:
+        sources: cameras' numbers or video files, one a view.
+        rig: rig file of the cameras.
+        body: body file of the wearer.
+        out: track to write when all is over, npz.
+        weights: weights of the learned detector; the shipped ones by default.
+        seconds: stop after so long.
+        config: the tracker's settings; past frames alone count.
+        json: print the summary as JSON.
+    """
+    import json as jsons
+
+    from egocap.body import Proportions
+    from egocap.detect.detector import Detector
+    from egocap.detect.weights import open_weights
+    from egocap.live import Source, follow_live
+    from egocap.results import save_track
+    from egocap.rig import load_rig
+    from egocap.track.live import LiveTracker
+
+    loaded = load_rig(rig)
+    if len(sources) != len(loaded.mounts):
+        raise InputError(f"{len(sources)} sources", valid=f"{len(loaded.mounts)}, one a view")
+    detector = Detector(loaded, open_weights(weights) if weights else None)
+    tracker = LiveTracker(loaded, Proportions.load(body), config)
+    opened = [Source(name) for name in sources]
+    try:
+        report = follow_live(opened, detector, tracker, seconds)
+    finally:
+        for source in opened:
+            source.close()
+    if out is not None:
+        save_track(out, report.track(tracker, detector.source))
+    middle, late = report.latency_ms
+    summary = {"poses": len(report.poses), "skipped_pictures": report.skipped,
+               "latency_ms": middle, "latency_95_ms": late}  # fmt: skip
+    if json:
+        print(jsons.dumps(summary, indent=1))
+    else:
+        print(f"{len(report.poses)} poses, latency {middle:.0f} ms (95 %: {late:.0f}), "
+              f"{report.skipped} pictures skipped")  # fmt: skip
+    return DONE
+
+
+def _print_summary(path: Path, result: Track, as_json: bool) -> None:
+    rate = 1.0 / result.seconds_per_frame
+    summary = {
+        "track": str(path), "frames": len(result.times), "frames_per_second": rate,
+        "converged": int(result.converged.sum()),
+        "detections_per_frame": float(result.detections_used.mean()),
+    }  # fmt: skip
+    if as_json:
+        print(json.dumps(summary, indent=1))
+        return
+    print(f"{path}: {summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
+          f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections a "
+          "frame of 2 x 18")  # fmt: skip
+
+
+def _print_body(path: Path, fit: BodyFit, sizes: dict[str, float] | None, as_json: bool) -> None:
+    report = fit.report()
+    if as_json:
+        summary: dict[str, Any] = {
+            "body": str(path), "frames": len(fit.frames), "detections": fit.detections,
+            "converged": fit.converged, "residual": round(fit.residual, 3), "bones": report,
+        }  # fmt: skip
+        print(json.dumps(summary if sizes is None else summary | {"sizes": sizes}, indent=1))
+        return
+    unfinished = "" if fit.converged else "; not converged"
+    print(f"{path}: from {fit.detections} detections in {len(fit.frames)} frames, which miss by "
+          f"{fit.residual:.2f} standard deviations{unfinished}")  # fmt: skip
+    verdicts = {"well": "well determined", "badly": "badly determined",
+                "prior": "not seen: what is usual"}  # fmt: skip
+    print(f"{'bone to':16s} {'length':>9s} {'std':>7s}")
+    for name, line in report.items():
+        if not name.startswith("right_"):
+            bone = name.replace("left_", "")
+            print(f"{bone:16s} {1e3 * float(line['length_m']):6.0f} mm {line['std_percent']:5.1f} %"
+                  f"  {verdicts[str(line['determined'])]}")  # fmt: skip
+    if sizes is not None:
+        print("sizes: " + ", ".join(f"{part} {100 * size:.0f} %" for part, size in sizes.items()))

@@ -6,22 +6,26 @@ import json
 import zipfile
 import zlib
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, MachineError
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of both files. 2: detections may have `modes` and `mode_weights`; tracks the skeleton's
-offsets, covariance, confidence, energies by term, and the world frame."""
+offsets, covariance, confidence, energies by term, and the world frame. 3: tracks may tell why a
+joint is hidden."""
 
 ENERGY_TERMS: tuple[str, ...] = ("detection", "prior", "smoothness", "colour")
 """What `Track.energies` holds of every frame: equation 1's terms; the limits count as prior."""
+
+HIDDEN: tuple[str, ...] = ("seen", "out of view", "own body", "object or unknown")
+"""What the codes of `Track.hidden` mean; the same as a simulated truth's visibility."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,11 @@ class Detections:
     source: str  # how they were made, e.g. "simulated:2.0"
     modes: Float[Array, "T V 18 K 2"] | None = None  # pixels, where else it may be; likeliest first
     mode_weights: Float[Array, "T V 18 K"] | None = None  # of each mode, 0 for none; sum up to 1
+
+    def __getitem__(self, rows: slice) -> Detections:
+        """Detections of some of the frames; arrays are views of these."""
+        arrays = {name: a[rows] for name, a in vars(self).items() if isinstance(a, np.ndarray)}
+        return replace(self, **arrays)
 
     @property
     def candidates(self) -> tuple[Float[Array, "T V 18 K 2"], Float[Array, "T V 18 K"]]:
@@ -67,6 +76,7 @@ class Track:
     energies: Float[Array, "T 4"] | None = None  # by term, `ENERGY_TERMS`
     T_world_head: Float[Array, "T 4 4"] | None = None  # where the head pose is known
     joints_world: Float[Array, "T 18 3"] | None = None  # metres, where the head pose is known
+    hidden: UInt8[Array, "T V 18"] | None = None  # why a view does not see a joint, `HIDDEN`
 
 
 _DETECTIONS = {
@@ -80,10 +90,10 @@ _TRACK = {
     "seconds_per_frame": ("f", ()), "config": ("U", ()), "offsets": ("f", (22, 3)),
     "covariance": ("f", ("T", 18, 3, 3)), "confidence": ("f", ("T", 18)),
     "energies": ("f", ("T", len(ENERGY_TERMS))), "T_world_head": ("f", ("T", 4, 4)),
-    "joints_world": ("f", ("T", 18, 3)),
+    "joints_world": ("f", ("T", 18, 3)), "hidden": ("u", ("T", "V", 18)),
 }  # fmt: skip
 _OPTIONAL = {"modes", "mode_weights", "offsets", "covariance", "confidence", "energies",
-             "T_world_head", "joints_world"}  # fmt: skip
+             "T_world_head", "joints_world", "hidden"}  # fmt: skip
 _FINITE = {"times", "angles", "joints_head", "offsets", "covariance", "confidence", "T_world_head",
            "joints_world"}  # fmt: skip
 _Layout = dict[str, tuple[str, tuple[str | int, ...]]]
@@ -126,7 +136,11 @@ def save_track(path: str | Path, track: Track) -> None:
 
 def load_track(path: str | Path) -> Track:
     """Read a track; FileError names the array that is missing, damaged or of a wrong shape."""
-    return _load(Path(path), "egocap-track", Track, _TRACK)
+    found = _load(Path(path), "egocap-track", Track, _TRACK)
+    if found.hidden is not None and found.hidden.max(initial=0) >= len(HIDDEN):
+        raise FileError(path, f"holds the cause {found.hidden.max()}", key="hidden",
+                        valid=f"0 to {len(HIDDEN) - 1}")  # fmt: skip
+    return found
 
 
 def _save(path: Path, kind: str, result: Detections | Track) -> None:
@@ -201,7 +215,12 @@ def _check(
         "(" + ", ".join(str(sizes.get(n, n) if isinstance(n, str) else n) for n in shape) + ")"
     )
     if array.dtype.kind != kind:
-        names = {"f": "floating-point numbers", "b": "booleans", "U": "text"}
+        names = {
+            "f": "floating-point numbers",
+            "b": "booleans",
+            "U": "text",
+            "u": "whole numbers from 0",
+        }
         raise FileError(path, f"has type {array.dtype}", key=name, valid=names[kind])
     if array.ndim != len(shape):
         raise FileError(path, f"has shape {array.shape}", key=name, valid=expected)

@@ -21,6 +21,7 @@ from tyro.conf import arg
 from egocap.detect.simulated import LEARNED_LIKE
 from egocap.evaluate.measures import find_measure, measure
 from egocap.evaluate.pose import beside_truth
+from egocap.evaluate.reference import Reference
 from egocap.evaluate.table import Table
 from egocap.labels import LABELS
 from egocap.results import Detections
@@ -257,11 +258,7 @@ def _tracked(
         found = pipeline.detections(_without(found, condition.blind))
         tracked = track(found, pipeline.rig(motion.rig), motion.proportions,
                         pipeline.config(condition.config))  # fmt: skip
-        scored = beside_truth(
-            pipeline.joints(tracked.joints_head), motion.truth.joints_head, motion.truth.time,
-            seen=np.asarray(motion.seen.any(1)), T_world_head=motion.truth.T_world_head,
-            contact=motion.truth.contact,
-        )  # fmt: skip
+        scored = beside_truth(pipeline.joints(tracked.joints_head), Reference.of(motion.truth))
         for name in condition.measures:
             value = measure(scored, name)
             assert value is not None, (motion.name, name)

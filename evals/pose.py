@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 from egocap.errors import FileError, InputError
 from egocap.evaluate import (
     DetectionScore,
+    Reference,
     Report,
     evaluate_detections,
     evaluate_pose,
@@ -132,16 +133,7 @@ def place_predictions(
     positions, valid = on_frames(predictions, truth.time, missing)
     require_a_person(positions, valid, truth.joints_head, predictions.unit)
     in_head = in_head_frame(positions, predictions.frame, sequence.rig, truth.T_world_head)
-    return beside_truth(
-        in_head,
-        truth.joints_head,
-        truth.time,
-        valid=valid,
-        seen=(truth.visibility == VISIBLE).any(1),
-        T_world_head=truth.T_world_head,
-        contact=truth.contact,
-        protocol=protocol,
-    )
+    return beside_truth(in_head, Reference.of(truth), valid=valid, protocol=protocol)
 
 
 def _doubts(sequence: Sequence, predictions: Predictions, missing: Missing) -> list[str]:
@@ -238,14 +230,7 @@ def score_track(sequence: Sequence, track: Track, *, protocol: str = "egocap-17"
     truth = sequence.truth
     seen = truth.visibility == VISIBLE  # (T, V, 18)
     report = evaluate_pose(
-        track.joints_head,
-        truth.joints_head,
-        truth.time,
-        predicted_times=track.times,
-        seen=seen.any(1),
-        T_world_head=truth.T_world_head,
-        contact=truth.contact,
-        protocol=protocol,
+        track.joints_head, Reference.of(truth), predicted_times=track.times, protocol=protocol
     )
     source = track.config.get("detections")
     return replace(

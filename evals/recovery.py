@@ -9,7 +9,7 @@ Source: EgoCap paper, section 5.5 ("disabling the detection term removes the abi
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -71,9 +71,9 @@ def by_detections(footage: Footage, detections: Detections, trial: Trial, frames
     """Error at the end of a trial, mm, of the live tracker once it sees true detections again."""
     tracker = LiveTracker(footage.rig, footage.proportions, TrackerConfig(smoothing="none"))
     start = trial.frame
-    astray = [_shown_at(_at(detections, t), footage, trial.angles)
-              for t in range(start - ASTRAY, start)]  # fmt: skip
-    true = [_at(detections, t) for t in range(start, start + frames)]
+    before, after = range(start - ASTRAY, start), range(start, start + frames)
+    astray = [_shown_at(detections[t : t + 1], footage, trial.angles) for t in before]
+    true = [detections[t : t + 1] for t in after]
     joints = [tracker.step(found).joints_head for found in [*astray, *true]]
     return _end_error(np.array(joints[ASTRAY:]), footage, start)
 
@@ -116,13 +116,6 @@ class ColourFollower:
         fps = self._footage.manifest.fps
         found = track_colours(self._solver, seen, start, fps)
         return forward(self._footage.proportions, np.array([s.angles for s in found]))
-
-
-def _at(found: Detections, frame: int) -> Detections:
-    """Detections of one frame."""
-    arrays = {f.name: getattr(found, f.name) for f in fields(found)}
-    return replace(found, **{name: value[frame : frame + 1] for name, value in arrays.items()
-                             if isinstance(value, np.ndarray)})  # fmt: skip
 
 
 def _shown_at(found: Detections, footage: Footage, angles: Float[Array, "37"]) -> Detections:

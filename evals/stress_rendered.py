@@ -6,20 +6,20 @@ bars are over the people, of whom there are few: read differences, not decimals.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from tyro.conf import arg
 
 from egocap.commandline import progress
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluate.table import Table
 from egocap.sequence import open_sequence
 from egocap_sim.scene import OthersTable, Scene
 from egocap_sim.sensor.settings import SensorTable
+from evals.intervals import mean_and_interval, shown
 from evals.pose import find_detections, score_track, with_detections
 from evals.study import Outcome
 
@@ -100,7 +100,8 @@ def study(
         for value, change in SWEEPS[name].levels.items():
             folder = work / name / f"{value:g}"
             draws = [_scored(change(s), folder / s.name, detections, workers) for s in scenes]
-            levels.append({"value": value, **_summary(draws), "draws": draws})
+            means = {m: mean_and_interval([draw[m] for draw in draws]) for m in MEASURES}
+            levels.append({"value": value, **means, "draws": draws})
         found[name] = {"unit": SWEEPS[name].unit, "words": SWEEPS[name].words, "levels": levels}
     result = {"sweeps": found, "detections": detections, "people": people, "frames": frames}
     return Outcome(result, [_table(name, found[name]) for name in names])
@@ -132,27 +133,9 @@ def _scored(scene: Scene, folder: Path, source: str, workers: int) -> dict[str, 
     return seen | {name: getattr(report, name) for name in MEASURES if name not in seen}
 
 
-def _summary(draws: Sequence[Mapping[str, float | None]]) -> dict[str, Any]:
-    summary: dict[str, Any] = {}
-    for name in MEASURES:
-        values = np.array([v for d in draws if (v := d[name]) is not None])
-        if len(values) < 2:
-            summary[name] = None
-            continue
-        half = 1.96 * float(values.std(ddof=1)) / np.sqrt(len(values))
-        summary[name] = {"mean": float(values.mean()), "half_interval": float(half)}
-    return summary
-
-
 def _table(name: str, sweep: Mapping[str, Any]) -> Table:
     rows = tuple(
-        (f"{level['value']:g}", *(_cell(level[m]) for m in MEASURES)) for level in sweep["levels"]
+        (f"{level['value']:g}", *(shown(level[m]) for m in MEASURES)) for level in sweep["levels"]
     )
     header = (f"{name}, {sweep['unit']}", *MEASURES)
     return Table(f"{sweep['words']} (mean +- 95 % interval over people)", header, rows)
-
-
-def _cell(entry: Mapping[str, float] | None) -> str:
-    if entry is None:
-        return "-"
-    return f"{number(entry['mean'])} +- {number(entry['half_interval'])}"

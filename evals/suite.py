@@ -83,8 +83,9 @@ class Threshold(Strict):
 class PaperRow(Strict):
     """A quantitative statement of the paper, and where ours is found.
 
-    `ours` is "method/sequence/measure" of this suite, or "STUDY.json:key.key" of a study's result;
-    `less`, of the same form, is subtracted from it.
+    `ours` is "method/sequence/measure" of this suite, or "STUDY.json:key.key" of a study's result,
+    which may be a word; `less`, of the same form, is subtracted from it, and `error` is the place
+    of its error bar. `command` measures it, for those that no result holds yet.
     """
 
     section: str
@@ -93,9 +94,11 @@ class PaperRow(Strict):
     unit: str = ""
     ours: str | None = None
     less: str | None = None
+    error: str | None = None
     scale: float = 1.0
     digits: int = 1
     conditions: str = ""
+    command: str = ""
 
 
 class Suite(Strict):
@@ -131,6 +134,24 @@ def load_suite(path: str | Path) -> Suite:
         suite = suite.model_copy(update={"rows": suite.rows + more})
     _check_names(suite, path)
     return suite
+
+
+def shortened(suite: Suite, frames: int) -> Suite:
+    """A suite to try: so many frames a sequence at most, one seed, no studies, another name.
+
+    Raises InputError for fewer than two frames.
+    """
+    if frames < 2:
+        raise InputError(f"--frames {frames}", valid="2 or more")
+    sequences = (
+        s.model_copy(update={"frames": min(frames, s.frames or frames)})
+        if s.folder is None else s for s in suite.sequences
+    )  # fmt: skip
+    methods = (m.model_copy(update={"seeds": 1}) for m in suite.methods)
+    return suite.model_copy(update={
+        "name": f"{suite.name}-{frames}", "sequences": tuple(sequences), "methods": tuple(methods),
+        "studies": (), "thresholds": (),
+    })  # fmt: skip
 
 
 def find_suite(name: str | Path) -> Path:

@@ -23,24 +23,27 @@ class Numbers:
     Args:
         scores: by method, sequence and measure.
         studies: folder of the run's own studies, looked in before the committed ones.
+        command: the command line of the run.
     """
 
-    def __init__(self, scores: Mapping[str, Any], studies: Path) -> None:
-        self.scores, self._folders = scores, (studies, COMMITTED)
+    def __init__(self, scores: Mapping[str, Any], studies: Path, command: str = "") -> None:
+        self.scores, self.command = scores, command
+        self._folders = (studies, COMMITTED)
 
     def of(self, method: str, sequence: str, measure: str) -> float | None:
         """One number of the suite; None where there is none."""
         return self.scores.get(method, {}).get(sequence, {}).get(measure)
 
-    def find(self, place: str) -> tuple[float | None, str]:
-        """A number by "method/sequence/measure" or "STUDY.json:key.key", and the command behind it.
+    def find(self, place: str) -> tuple[float | str | None, str]:
+        """What is at "method/sequence/measure" or "STUDY.json:key.key", and the command behind it.
 
         None, and why, where it is not there.
         """
         if ".json:" not in place:
-            method, sequence, measure = place.split("/")
+            method, _, rest = place.partition("/")
+            sequence, _, measure = rest.partition("/")
             value = self.of(method, sequence, measure)
-            return value, "" if value is not None else f"{place}: not in this run"
+            return value, self.command if value is not None else f"{place}: not in this run"
         name, _, keys = place.partition(":")
         for folder in self._folders:
             if (folder / name).is_file():
@@ -53,14 +56,17 @@ class Numbers:
 
     def _row(self, row: PaperRow) -> dict[str, Any]:
         value, note = (None, "") if row.ours is None else self.find(row.ours)
-        if value is not None and row.less is not None:
+        if isinstance(value, float) and row.less is not None:
             less, why = self.find(row.less)
-            value, note = (None, why) if less is None else (value - less, note)
+            value, note = (value - less, note) if isinstance(less, float) else (None, why)
+        if isinstance(value, float):
+            value *= row.scale
+        error = self.find(row.error)[0] if row.error and value is not None else None
         return {
             "section": row.section, "statement": row.statement, "paper": row.paper,
-            "unit": row.unit, "ours": None if value is None else row.scale * value,
-            "shown": "-" if value is None else number(row.scale * value, row.digits),
-            "command": note if value is not None else "",
+            "unit": row.unit, "ours": value, "error": error,
+            "shown": _with_error(value, error, row.digits),
+            "command": row.command if value is None else note or row.command,
             "note": "; ".join(x for x in (row.conditions, note if value is None else "") if x),
         }  # fmt: skip
 
@@ -106,9 +112,9 @@ def summary_tables(suite: Suite, numbers: Numbers) -> list[Table]:
 
 def paper_table(suite: Suite, numbers: Numbers) -> list[Table]:
     """The paper's statements beside our numbers."""
-    rows = tuple((r["section"], r["statement"], r["paper"], r["shown"], r["unit"], r["note"])
-                 for r in numbers.rows(suite.rows))  # fmt: skip
-    header = ("section", "statement", "paper", "ours", "unit", "conditions")
+    keys = ("section", "statement", "paper", "shown", "unit", "note", "command")
+    rows = tuple(tuple(r[k] for k in keys) for r in numbers.rows(suite.rows))
+    header = ("section", "statement", "paper", "ours", "unit", "conditions", "command")
     return [Table("The paper's section 5", header, rows)] if rows else []
 
 
@@ -122,7 +128,14 @@ def _unit(name: str) -> str:
     return "" if unit == "0 to 1" else unit
 
 
-def _looked_up(path: Path, keys: str) -> tuple[float | None, str]:
+def _with_error(value: float | str | None, error: float | str | None, digits: int) -> str:
+    if not isinstance(value, float):
+        return value or "-"
+    half = f" +- {number(error, digits)}" if isinstance(error, float) else ""
+    return number(value, digits) + half
+
+
+def _looked_up(path: Path, keys: str) -> tuple[float | str | None, str]:
     try:
         record = load_result(path)
     except EgocapError as error:
@@ -135,6 +148,9 @@ def _looked_up(path: Path, keys: str) -> tuple[float | None, str]:
             value = value[key]
         else:
             return None, f"{path.name} has no '{keys}'"
+    command = str(record["command"]).split(" --out ")[0]
+    if isinstance(value, str):
+        return value, command
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None, f"{path.name}: '{keys}' is {json.dumps(value)[:40]}"
-    return float(value), str(record["command"]).split(" --out ")[0]
+    return float(value), command

@@ -38,7 +38,10 @@ COMMANDS = {
     "evals.cli": (
         "pose",
         "augmentation",
+        "training-set",
         "run",
+        "runtime",
+        "ablation",
         "compare",
         "check",
         "stress",

@@ -4,6 +4,7 @@ from egocap.evaluate.detections import DetectionScore, evaluate_detections
 from egocap.evaluate.measures import MEASURES, find_measure
 from egocap.evaluate.pose import evaluate_pose
 from egocap.evaluate.protocol import PROTOCOLS, Protocol, find_protocol
+from egocap.evaluate.reference import Reference
 from egocap.evaluate.report import Report
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "PROTOCOLS",
     "DetectionScore",
     "Protocol",
+    "Reference",
     "Report",
     "evaluate_detections",
     "evaluate_pose",

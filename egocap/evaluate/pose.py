@@ -13,6 +13,7 @@ from egocap.evaluate import metrics
 from egocap.evaluate.checks import require_finite, require_same_times, require_shape
 from egocap.evaluate.measures import MEASURES, MM, Scored, measure
 from egocap.evaluate.protocol import HIPS, PROTOCOLS, find_protocol
+from egocap.evaluate.reference import Reference
 from egocap.evaluate.report import Report
 from egocap.labels import LABELS
 
@@ -23,14 +24,10 @@ MIN_BLOCKS = 4  # independent stretches of video below which an interval would b
 
 def evaluate_pose(
     predicted: Float[Array, "T 18 3"],
-    truth: Float[Array, "T 18 3"],
-    times: Float[Array, "T"],
+    reference: Reference,
     *,
     predicted_times: Float[Array, "T"] | None = None,
     valid: Bool[Array, "T 18"] | None = None,
-    seen: Bool[Array, "T 18"] | None = None,
-    T_world_head: Float[Array, "T 4 4"] | None = None,
-    contact: Bool[Array, "T 4"] | None = None,
     protocol: str = "egocap-17",
     rng: np.random.Generator | None = None,
 ) -> Report:
@@ -38,13 +35,9 @@ def evaluate_pose(
 
     Args:
         predicted: tracked joints in the head frame, metres; labels in `egocap.labels.LABELS` order.
-        truth: true joints, likewise.
-        times: times of the true frames, seconds.
+        reference: the true ones.
         predicted_times: times of the tracked frames, to check that they are the same ones.
         valid: predicted joints that exist; all, when None. What the others hold is not read.
-        seen: joints that at least one camera sees, for `visible_share` and the split by visibility.
-        T_world_head: true head poses, for the measures of the feet.
-        contact: true contacts of left foot, left toe, right foot and right toe, likewise.
         protocol: a name in `egocap.evaluate.protocol.PROTOCOLS`.
         rng: draws the bootstrap's samples; the same fixed stream each time when None.
 
@@ -53,22 +46,17 @@ def evaluate_pose(
             says in which frame and joint), nothing is left to score, or there is no such protocol.
     """
     scored = beside_truth(
-        predicted, truth, times, predicted_times=predicted_times, valid=valid, seen=seen,
-        T_world_head=T_world_head, contact=contact, protocol=protocol,
-    )  # fmt: skip
+        predicted, reference, predicted_times=predicted_times, valid=valid, protocol=protocol
+    )
     return report_of(scored, rng)
 
 
 def beside_truth(
     predicted: Float[Array, "T 18 3"],
-    truth: Float[Array, "T 18 3"],
-    times: Float[Array, "T"],
+    reference: Reference,
     *,
     predicted_times: Float[Array, "T"] | None = None,
     valid: Bool[Array, "T 18"] | None = None,
-    seen: Bool[Array, "T 18"] | None = None,
-    T_world_head: Float[Array, "T 4 4"] | None = None,
-    contact: Bool[Array, "T 4"] | None = None,
     protocol: str = "egocap-17",
 ) -> Scored:
     """A motion beside its truth, checked: what every measure is taken from.
@@ -76,26 +64,22 @@ def beside_truth(
     Arguments and errors as of `evaluate_pose`.
     """
     rules = find_protocol(protocol)
-    predicted, truth = np.asarray(predicted, np.float64), np.asarray(truth, np.float64)
-    times = np.asarray(times, np.float64)
-    require_shape(truth, ("T", len(LABELS), 3), "true joints")
+    predicted, truth = np.asarray(predicted, np.float64), reference.joints_head
     require_shape(predicted, ("T", len(LABELS), 3), "predicted joints")
-    if not len(truth):
-        raise InputError("there is no frame to score", valid="one frame or more")
     if predicted_times is not None:
-        require_same_times(predicted_times, times, "the track")
+        require_same_times(predicted_times, reference.times, "the track")
     if len(predicted) != len(truth):
         raise InputError(
             f"the track has {len(predicted)} frames, the truth {len(truth)}",
             valid="one pose for every frame",
         )
-    for what, mask in (("visibility", seen), ("predicted joints' mask", valid)):
-        if mask is not None and mask.shape != truth.shape[:2]:
-            raise InputError(f"{what} has shape {mask.shape}", valid=str(truth.shape[:2]))
     valid = np.ones(truth.shape[:2], bool) if valid is None else valid
+    if valid.shape != truth.shape[:2]:
+        raise InputError(f"predicted joints' mask has shape {valid.shape}",
+                         valid=str(truth.shape[:2]))  # fmt: skip
     require_finite(predicted, "predicted joints", valid)
-    require_finite(truth, "true joints")
-    scored = Scored(predicted, truth, times, rules, valid, seen, T_world_head, contact)
+    scored = Scored(predicted, truth, reference.times, rules, valid, reference.seen,
+                    reference.T_world_head, reference.contact)  # fmt: skip
     if not scored.counted.any():
         raise InputError(f"no joint of {rules.name} was predicted in any frame")
     _require_hips(scored)

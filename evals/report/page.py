@@ -37,13 +37,13 @@ def write_report(
     missed: Sequence[str],
     scored: Mapping[str, Sequence[Scored]],
     sequences: Mapping[str, Footage],
+    numbers: Numbers,
 ) -> None:
     """Write report.html and report.md into the folder of a run, each whole or not at all.
 
     `scored` holds the predictions of every seed by "method/sequence"; pictures and motions are of
     the first.
     """
-    numbers = Numbers(result["scores"], work / "studies")
     write_text(work / "report.html", render_page(suite, result, missed, scored, sequences, numbers))
     tables = [*summary_tables(suite, numbers), *paper_table(suite, numbers)]
     lines = [f"# {suite.name}", suite.description, *(f"- missed: {m}" for m in missed)]

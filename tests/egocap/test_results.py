@@ -54,7 +54,14 @@ def make_track(frames=4):
     )
 
 
+def make_explained(frames=4):
+    """A track that says why joints are hidden."""
+    causes = np.random.default_rng(3).integers(0, 4, (frames, 2, 18)).astype(np.uint8)
+    return dataclasses.replace(make_track(frames), hidden=causes)
+
+
 KINDS = [
+    (make_explained, save_track, load_track),
     (make_detections, save_detections, load_detections),
     (make_modes, save_detections, load_detections),
     (make_track, save_track, load_track),
@@ -83,6 +90,16 @@ def test_round_trip(tmp_path, make, save, load):
         else:
             assert a == b
     assert [p.name for p in tmp_path.iterdir()] == ["result.npz"]
+
+
+def test_causes_are_known_ones(tmp_path):
+    track = make_explained()
+    save_track(tmp_path / "t.npz", dataclasses.replace(track, hidden=track.hidden + 3))
+    with pytest.raises(FileError, match=r"key 'hidden'.*valid: 0 to 3"):
+        load_track(tmp_path / "t.npz")
+    rewritten(tmp_path / "t.npz", hidden=track.hidden.astype(float))
+    with pytest.raises(FileError, match="whole numbers"):
+        load_track(tmp_path / "t.npz")
 
 
 def test_one_kind_is_not_taken_for_the_other(tmp_path):
@@ -208,3 +225,16 @@ def test_any_damage_is_a_file_error_or_harmless(tmp_path_factory, cut, flips):
 def test_unwritable_place_is_a_machine_error(tmp_path):
     with pytest.raises(MachineError, match="cannot write"):
         save_track(tmp_path / "no" / "such" / "t.npz", make_track())
+
+
+def test_some_frames_of_detections():
+    shape = (5, 2, 18)
+    found = Detections(
+        np.arange(5.0), np.arange(360.0).reshape(*shape, 2), np.ones(shape), np.ones(shape),
+        np.ones(shape, bool), "made up", np.zeros((*shape, 3, 2)), np.zeros((*shape, 3)),
+    )  # fmt: skip
+    part = found[1:3]
+    assert part.times.tolist() == [1.0, 2.0] and part.source == "made up"
+    np.testing.assert_array_equal(part.points, found.points[1:3])
+    assert part.modes.shape == (2, 2, 18, 3, 2) and part.mode_weights.shape == (2, 2, 18, 3)
+    assert len(found[-1:].times) == 1 and found[:2].modes is not None

@@ -16,7 +16,7 @@ from evals import cli
 from evals.cli import main
 from evals.record import load_result, save_result
 from evals.study import Outcome
-from evals.suite import FOLDER, load_suite
+from evals.suite import FOLDER, PaperRow, load_suite
 from evals.verdicts import Numbers
 
 SUITE = """
@@ -235,10 +235,42 @@ def test_built_in_suites_are_sound(path):
                 assert method in methods | {"learned"} and sequence in sequences, place
 
 
+def test_rows_have_error_bars_words_and_a_way_to_measure_them(tmp_path):
+    found = {"lost": {"mean": 2.5, "error": 0.25}, "verdict": "refuted", "count": 3}
+    save_result(tmp_path / "study.json", found, "do it")
+    numbers = Numbers({"noisy": {"walk": {"mpjpe_mm": 20.0}}}, tmp_path, "egocap-eval run quick")
+
+    def row(**more):
+        [made] = numbers.rows([PaperRow(section="5", statement="x", paper="2", **more)])
+        return made
+
+    lost = row(ours="study.json:lost.mean", error="study.json:lost.error")
+    assert (lost["shown"], lost["ours"], lost["command"]) == ("2.5 +- 0.2", 2.5, "do it")
+    assert row(ours="study.json:verdict")["shown"] == "refuted"
+    assert row(ours="noisy/walk/mpjpe_mm")["command"] == "egocap-eval run quick"
+    later = row(ours="later.json:x", command="egocap-eval later")
+    assert (later["shown"], later["command"]) == ("-", "egocap-eval later")
+    assert row(ours="study.json:verdict", less="study.json:count")["shown"] == "refuted"
+
+
+def test_a_suite_can_be_tried(place, capsys):
+    folder, _ = place
+    text = (folder / "small.toml").read_text() + '[[studies]]\nname = "visibility"\n'
+    (folder / "tried.toml").write_text(text)
+    tried = ["run", str(folder / "tried.toml"), "--work", str(folder / "tried"), "--frames", "3"]
+    assert main(tried) == 0  # neither the study nor the threshold count
+    result = load_result(folder / "tried/scores.json")["result"]
+    assert result["suite"]["name"] == "small-3" and result["suite"]["studies"] == []
+    assert len(result["scores"]["noisy"]["walk"]["seeds"]) == 1
+    assert main([*tried[:-1], "1"]) == 2
+    assert "--frames 1" in capsys.readouterr().err
+
+
 def test_numbers_are_looked_up_in_results(tmp_path):
     save_result(tmp_path / "detector.json", {"rows": [{"pck20": 91.5}], "name": "x"}, "do it")
     numbers = Numbers({}, tmp_path)
     assert numbers.find("detector.json:rows.0.pck20") == (91.5, "do it")
     assert numbers.find("detector.json:rows.1.pck20")[0] is None
-    assert numbers.find("detector.json:name") == (None, "detector.json: 'name' is \"x\"")
+    assert numbers.find("detector.json:name") == ("x", "do it")
+    assert "detector.json: 'rows' is [" in numbers.find("detector.json:rows")[1]
     assert numbers.find("never.json:pck20") == (None, "not measured yet")

@@ -12,6 +12,7 @@ from evals.stress import (
     SWEEPS,
     best_level,
     calibration_sweep,
+    judge_baseline,
     run_sweep,
     turned_rig,
     with_baseline,
@@ -76,9 +77,11 @@ def test_a_late_camera_shows_the_next_frame_a_frame_later(motion):
 def test_errors_grow_with_the_fault(motion):
     sweep = calibration_sweep()
     ends = replace(sweep, levels=[sweep.levels[0], sweep.levels[-1]])
-    small, large = run_sweep(ends, [motion], 2)["levels"]
+    small, large = run_sweep(ends, [motion, motion], 2)["levels"]
     assert large["mpjpe_mm"]["mean"] > 2 * small["mpjpe_mm"]["mean"]
-    assert len(small["draws"]["mpjpe_mm"]) == 2 and small["mpjpe_mm"]["half_interval"] > 0
+    # the same motion twice: seeds do not make an interval, motions do
+    assert len(small["draws"]["mpjpe_mm"]) == 2
+    assert small["mpjpe_mm"]["half_interval"] == pytest.approx(0)
 
 
 def test_the_best_level_and_those_like_it():
@@ -93,12 +96,32 @@ def test_the_best_level_and_those_like_it():
     assert found["within_5_percent"] == [0.3, 0.4]
 
 
+@pytest.mark.parametrize(
+    ("shifts", "verdict", "words"),
+    [
+        ({0.1: 5.0, 0.35: 0.0, 0.6: 3.0}, "confirmed", "at 0.6 m"),
+        ({0.1: 5.0, 0.35: 2.0, 0.6: 0.0}, "refuted", "2.0 +- 0."),
+        ({0.1: 5.0, 0.35: 0.05, 0.6: 0.0}, "not settled", "less than at 0.35 m"),
+    ],
+)
+def test_the_papers_distance_is_judged_by_pairs(shifts, verdict, words):
+    rng = np.random.default_rng(0)
+    common = rng.normal(20, 5, 6)  # motions differ by much more than distances
+    levels = [
+        {"value": v, "draws": {"mpjpe_mm": list(common + shift + 0.2 * rng.normal(size=6))}}
+        for v, shift in shifts.items()
+    ]
+    found = judge_baseline({"levels": levels})
+    assert found["verdict"] == verdict and words in found["words"]
+    assert found["paper_best"] == 0.35
+
+
 def test_sweeps_have_levels_in_order():
     for name, make in SWEEPS.items():
         values = [level.value for level in make().levels]
         assert values == sorted(values) and len(set(values)) >= 5, name
 
 
-def test_one_seed_has_no_error_bars(capsys):
-    assert main(["stress", "--seeds", "1"]) == 2
-    assert "2 or more" in capsys.readouterr().err
+def test_no_seed_is_refused(capsys):
+    assert main(["stress", "--seeds", "0"]) == 2
+    assert "1 or more" in capsys.readouterr().err

@@ -2,14 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial import procrustes
+from scipy.spatial.transform import Rotation
+from scipy.stats import scoreatpercentile
 
 from egocap.errors import InputError
 from egocap.evaluate.alignment import align_sequence, resize_bones
+from egocap.evaluate.feet import estimate_planted
 from egocap.evaluate.measures import MEASURES, find_measure, measure
 from egocap.evaluate.metrics import bootstrap_interval, paired_interval
 from egocap.evaluate.pose import beside_truth, evaluate_pose, frame_errors
 from egocap.evaluate.protocol import BONES, TREE, find_protocol
+from egocap.evaluate.reference import Reference
 from egocap.labels import LABEL_INDEX, LABELS
 
 
@@ -23,7 +28,7 @@ def motion(frames=90, seed=0, noise=0.0):
 
 def scored(**more):
     predicted, truth, times = motion(noise=0.1)
-    return beside_truth(predicted, truth, times, **more)
+    return beside_truth(predicted, Reference(truth, times), **more)
 
 
 def test_against_loops():
@@ -56,6 +61,95 @@ def test_against_loops():
     assert measure(s, "accel_error") == pytest.approx(np.mean(second))
     lengths = np.array([[np.linalg.norm(p[a] - p[b]) for a, b in BONES] for p in predicted])
     assert measure(s, "bone_drift_mm") == pytest.approx(1000 * lengths.std(0).mean())
+
+
+def test_parts_percentiles_and_bones_against_loops():
+    predicted, truth, times = motion(noise=0.1)
+    seen = np.random.default_rng(2).random((90, 18)) < 0.6
+    s = beside_truth(predicted, Reference(truth, times, seen=seen))
+    off = 1000 * np.sqrt(((predicted - truth) ** 2).sum(-1))
+    names = {"upper_mm": ("shoulder", "elbow", "wrist", "hand"),
+             "lower_mm": ("hip", "knee", "ankle", "foot")}  # fmt: skip
+    for name, parts in names.items():
+        rows = [off[:, j] for j, label in enumerate(LABELS) if label.split("_")[-1] in parts]
+        assert measure(s, name) == pytest.approx(np.mean(rows))
+    pairs = [(t, j) for t in range(90) for j in range(1, 18)]
+    for name, wanted in (("visible_mm", True), ("hidden_mm", False)):
+        chosen = [off[t, j] for t, j in pairs if seen[t, j] == wanted]
+        assert measure(s, name) == pytest.approx(sum(chosen) / len(chosen))
+    flat = sorted(off[t, j] for t, j in pairs)
+    for name, percent in (("median_mm", 50), ("p95_mm", 95), ("p99_mm", 99)):
+        assert measure(s, name) == pytest.approx(scoreatpercentile(flat, percent))
+    bones = [abs(np.linalg.norm(p[a] - p[b]) - np.linalg.norm(t[a] - t[b]))
+             for p, t in zip(predicted, truth, strict=True) for a, b in BONES]  # fmt: skip
+    assert measure(s, "bone_error_mm") == pytest.approx(1000 * sum(bones) / len(bones))
+
+
+def test_feet_against_loops():
+    predicted, truth, times = motion(noise=0.01)
+    rng = np.random.default_rng(5)
+    turned = Rotation.from_euler("zyx", rng.normal(size=(90, 3))).as_matrix()
+    T = np.tile(np.eye(4), (90, 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = turned, rng.normal(size=(90, 3))
+    contact = np.repeat(rng.random((9, 4)) < 0.6, 10, axis=0)
+    s = beside_truth(predicted, Reference(truth, times, T_world_head=T, contact=contact))
+    speeds, planted, found = [], [], []
+    for foot, (toe, heel_column, toe_column) in enumerate(
+        ((LABEL_INDEX["left_foot"], 0, 1), (LABEL_INDEX["right_foot"], 2, 3))
+    ):
+        world = [turned[t] @ predicted[t, toe] + T[t, :3, 3] for t in range(90)]
+        for t in range(1, 89):
+            if all(contact[i, toe_column] for i in (t - 1, t, t + 1)):
+                moved = (world[t + 1] - world[t - 1]) / (times[t + 1] - times[t - 1])
+                speeds.append(np.hypot(*moved[:2]))
+        planted += [contact[t, heel_column] or contact[t, toe_column] for t in range(90)]
+        found += list(estimate_planted(s.feet_world, times)[:, foot])
+    assert measure(s, "foot_skate") == pytest.approx(np.mean(speeds))
+    both = sum(f and p for f, p in zip(found, planted, strict=True))
+    assert measure(s, "contact_f1") == pytest.approx(2 * both / (sum(found) + sum(planted)))
+
+
+@pytest.mark.parametrize("suffix", ["rigid", "pa", "sequence", "sequence-rigid", "mid-hip"])
+def test_alignments_against_a_search(suffix):
+    """The closed form against a numerical minimiser that knows nothing of it."""
+    predicted, truth, times = motion(4, noise=0.05)
+    predicted = predicted @ Rotation.from_rotvec([0.4, -0.2, 0.3]).as_matrix().T * 1.2 + 0.3
+    rules = find_protocol(f"egocap-17-{suffix}")
+    found = beside_truth(predicted, Reference(truth, times), protocol=rules.name)
+    joints = list(rules.joints)
+    whole = suffix.startswith("sequence")
+    for t in (slice(0, 4),) if whole else (slice(0, 1), slice(3, 4)):
+        p, q = predicted[t][:, joints].reshape(-1, 3), truth[t][:, joints].reshape(-1, 3)
+
+        def off(x, p=p, q=q):
+            scale = np.exp(x[6]) if suffix in ("pa", "sequence") else 1.0
+            return (q - scale * Rotation.from_rotvec(x[:3]).apply(p) - x[3:6]).ravel()
+
+        if suffix == "mid-hip":
+            hips = [joints.index(LABEL_INDEX[f"{side}_hip"]) for side in ("left", "right")]
+            errors = np.linalg.norm(p - p[hips].mean(0) - q + q[hips].mean(0), axis=-1)
+        else:
+            best = least_squares(off, np.zeros(7), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+            errors = np.linalg.norm(off(best).reshape(-1, 3), axis=-1)
+        np.testing.assert_allclose(found.errors[t][:, joints].ravel(), errors, atol=1e-6)
+
+
+OF_JOINTS = ("mpjpe_mm", "pa_mpjpe_mm", "upper_mm", "lower_mm", "visible_mm", "hidden_mm",
+             "pck3d_100", "pck3d_150", "auc3d_150", "bone_error_mm")  # fmt: skip
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+@pytest.mark.parametrize("name", OF_JOINTS)
+def test_measures_do_not_depend_on_how_many_frames_are_scored_together(name, size):
+    predicted, truth, times = motion(6, noise=0.1)
+    seen = np.broadcast_to(np.arange(18) % 3 > 0, (6, 18))
+
+    def scored_part(rows):
+        reference = Reference(truth[rows], times[rows], seen=seen[rows])
+        return measure(beside_truth(predicted[rows], reference), name)
+
+    parts = [scored_part(slice(i, i + size)) for i in range(0, 6, size)]
+    assert np.mean(parts) == pytest.approx(scored_part(slice(None)))
 
 
 def test_bone_adjusted_against_a_walk_along_the_tree():
@@ -95,13 +189,16 @@ def test_one_rigid_alignment_of_a_sequence_keeps_its_scale():
 )
 def test_errors_do_not_depend_on_the_batch(protocol):
     predicted, truth, times = motion(12, noise=0.1)
-    whole = beside_truth(predicted, truth, times, protocol=protocol).errors
+    whole = beside_truth(predicted, Reference(truth, times), protocol=protocol).errors
     for size in (1, 2, 3):
         parts = [
-            beside_truth(predicted[i : i + size], truth[i : i + size], times[i : i + size],
-                         protocol=protocol).errors
+            beside_truth(
+                predicted[i : i + size],
+                Reference(truth[i : i + size], times[i : i + size]),
+                protocol=protocol,
+            ).errors
             for i in range(0, 12, size)
-        ]  # fmt: skip
+        ]
         joints = list(find_protocol(protocol).joints)
         np.testing.assert_allclose(np.concatenate(parts)[:, joints], whole[:, joints], atol=1e-12)
 
@@ -115,8 +212,9 @@ def test_perfection_is_as_good_as_it_gets(name):
     more = {"T_world_head": eye, "contact": contact, "seen": seen}
     still = np.repeat(truth[:1], 90, axis=0)
     still[..., [LABEL_INDEX["left_foot"], LABEL_INDEX["right_foot"]], 2] = -1.6
-    perfect = measure(beside_truth(still, still, times, **more), name)
-    worse = measure(beside_truth(still + 0.01, still, times, **more), name)
+    reference = Reference(still, times, **more)
+    perfect = measure(beside_truth(still, reference), name)
+    worse = measure(beside_truth(still + 0.01, reference), name)
     assert perfect is not None and worse is not None
     if MEASURES[name].better == "lower":
         assert perfect == pytest.approx(0, abs=1e-6) and worse >= perfect - 1e-6
@@ -133,7 +231,7 @@ def test_missing_joints_are_misses_and_not_errors():
     valid[40:50] = False
     valid[:, LABEL_INDEX["left_hand"]] = False
     predicted[~valid] = np.nan
-    report = evaluate_pose(predicted, truth, times, valid=valid)
+    report = evaluate_pose(predicted, Reference(truth, times), valid=valid)
     assert report.mpjpe_mm == pytest.approx(50)
     assert report.per_joint_mm["left_hand"] is None
     assert report.coverage_share == pytest.approx(valid[:, 1:].mean())
@@ -141,7 +239,7 @@ def test_missing_joints_are_misses_and_not_errors():
     assert report.accel_error == pytest.approx(0, abs=1e-9)
     assert report.pa_mpjpe_mm == pytest.approx(0, abs=1e-6)
     assert "joints predicted" in report.to_text()
-    errors = frame_errors(beside_truth(predicted, truth, times, valid=valid))
+    errors = frame_errors(beside_truth(predicted, Reference(truth, times), valid=valid))
     assert np.isnan(errors[40:50]).all() and np.isfinite(errors[:40]).all()
 
 
@@ -149,11 +247,11 @@ def test_nothing_predicted_or_no_hips_is_refused():
     predicted, truth, times = motion()
     valid = np.zeros((90, 18), bool)
     with pytest.raises(InputError, match="no joint of egocap-17"):
-        evaluate_pose(predicted, truth, times, valid=valid)
+        evaluate_pose(predicted, Reference(truth, times), valid=valid)
     valid[:, : LABEL_INDEX["left_hip"]] = True
     with pytest.raises(InputError, match="both hips"):
-        evaluate_pose(predicted, truth, times, valid=valid, protocol="egocap-17-mid-hip")
-    assert evaluate_pose(predicted, truth, times, valid=valid).lower_mm is None
+        evaluate_pose(predicted, Reference(truth, times), valid=valid, protocol="egocap-17-mid-hip")
+    assert evaluate_pose(predicted, Reference(truth, times), valid=valid).lower_mm is None
 
 
 def test_unknown_measure_lists_the_known():

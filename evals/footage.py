@@ -1,0 +1,64 @@
+"""A suite's sequences: opened, or generated where they are missing."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from egocap.commandline import progress
+from egocap.errors import FileError
+from egocap.sequence import Sequence, open_sequence
+from evals.suite import SequenceEntry, Suite
+
+if TYPE_CHECKING:
+    from egocap_sim.scene import Scene
+
+log = logging.getLogger(__name__)
+
+
+def prepare_sequences(
+    suite: Suite, beside: Path, work: Path, motions: Path | None, workers: int
+) -> dict[str, Sequence]:
+    """Open every sequence, generated where it is missing. Those that need motions are left out
+    without them, with a warning."""
+    from egocap_sim.record import generate
+
+    found = {}
+    for entry in suite.sequences:
+        if entry.folder is not None:
+            found[entry.name] = open_sequence(beside / entry.folder)
+            continue
+        if entry.motion is not None and motions is None:
+            log.warning("%s is left out: it needs --motions", entry.name)
+            continue
+        scene = _scene(entry, beside, motions)
+        folder = work / "sequences" / entry.name
+        with progress(entry.name, scene.frames) as advance:
+            generate(scene, folder, workers=workers, on_frames=advance)
+        found[entry.name] = open_sequence(folder)
+    return found
+
+
+def _scene(entry: SequenceEntry, beside: Path, motions: Path | None) -> Scene:
+    from egocap_sim.builtin import builtin_file
+    from egocap_sim.scene import load_scene
+    from egocap_sim.stage import frames_of_clip
+
+    assert entry.scene is not None
+    own = entry.scene.endswith(".toml")
+    scene = load_scene(beside / entry.scene if own else builtin_file("scene", entry.scene))
+    if entry.motion is not None:
+        assert motions is not None
+        path = motions / entry.motion
+        if not path.is_file():
+            raise FileError(path, "no such clip", valid="the file under --motions")
+        scene = scene.model_copy(update={"motion": type(scene.motion)(file=str(path.resolve()))})
+        most = frames_of_clip(scene)
+        scene = scene.model_copy(update={"frames": min(entry.frames or most, most)})
+    elif entry.frames is not None:
+        scene = scene.model_copy(update={"frames": entry.frames})
+    if entry.size is not None:
+        rig = scene.rig.model_copy(update={"size": entry.size})
+        scene = scene.model_copy(update={"rig": rig})
+    return scene.model_copy(update={"name": entry.name})

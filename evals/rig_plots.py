@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 
 from egocap.posterior.page import write_pictures
-from evals.rig import PAPERS, RigReport
+from evals.rig_report import PAPERS, RigReport
 
 
 def write_rig_page(path: Path, report: RigReport) -> None:
     """All pictures of a study and its recommendation as one HTML file."""
     drawn = [("Pareto", draw_pareto(report))]
-    if len(report.sweeps) > 1:
+    if sum(len(s.values) > 1 for s in report.sweeps) > 1:
         drawn.insert(0, ("Heat map", draw_heat_map(report)))
-    if any(c.tracked for c in report.candidates):
+    if report.tracked:
         drawn.append(("Bound, posterior and error", draw_together(report)))
     write_pictures(path, "Rig design", drawn, facts=report.recommendation())
 
 
 def draw_heat_map(report: RigReport) -> Any:
-    """Bound over the first two sweeps; the least over the others."""
+    """Bound over the first two sweeps of several values; the least over the others."""
     figure, axes = _axes()
-    x, y = report.sweeps[:2]
+    x, y = [s for s in report.sweeps if len(s.values) > 1][:2]
     grid = np.full((len(y.values), len(x.values)), np.inf)
     for c in report.candidates:
         at = y.values.index(c.measures[y.name]), x.values.index(c.measures[x.name])
@@ -58,20 +58,18 @@ def draw_together(report: RigReport) -> Any:
     """Tracked candidates along the first sweep: both bounds, the posterior's spread, the errors."""
     figure, axes = _axes()
     sweep = report.sweeps[0]
-    shown = sorted(
-        (c for c in report.candidates if c.tracked), key=lambda c: c.measures[sweep.name]
-    )
-    x = [c.measures[sweep.name] for c in shown]
-    axes.plot(x, [c.bound_mm for c in shown], "o-", label="bound, a frame alone")
+    x = [c.measures[sweep.name] for c in report.tracked]
+    axes.plot(x, [c.bound_mm for c in report.tracked], "o-", label="bound, a frame alone")
     for key, label, style in (
         ("smoothed_mm", "bound, the whole motion", "s-"),
-        ("posterior_mm", "posterior's spread, a frame alone", "^--"),
+        ("posterior_mm", "posterior's spread (Laplace), a frame alone", "^--"),
         ("mode_mm", "posterior mode's error", "v--"),
         ("tracked_mm", "tracker's error", "D-"),
         ("smoothed_seen_mm", "bound, the whole motion, seen joints", "s:"),
         ("tracked_seen_mm", "tracker's error, seen joints", "D:"),
     ):
-        axes.plot(x, [c.tracked[key] for c in shown], style, label=label)
+        values = [c.tracked.rms_mm[key] for c in report.tracked if c.tracked]
+        axes.plot(x, values, style, label=label)
     if sweep.name == "baseline":
         axes.axvspan(*PAPERS, color="#9ca3af", alpha=0.3, label="the paper's choice")
     axes.set_xlabel(_label(sweep.name))

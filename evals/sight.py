@@ -85,9 +85,7 @@ def surface_of(person: Person, cell_m: float) -> Surface:
     order = np.argsort(cluster.reshape(-1), kind="stable")
     counts = np.bincount(cluster.reshape(-1))
     starts = np.concatenate([[0], np.cumsum(counts)])
-    return Surface(
-        vertices, bones, weights, faces[order].astype(np.int64), parts[order], starts
-    )
+    return Surface(vertices, bones, weights, faces[order].astype(np.int64), parts[order], starts)
 
 
 @njit(cache=True, parallel=True)

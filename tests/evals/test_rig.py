@@ -1,5 +1,7 @@
 """Sweeps of rigs: what they refuse, what they find, and what they say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,18 +10,14 @@ from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.simulation import draw_poses
 from egocap.skeleton import forward
-from evals.rig import (
-    DEFAULTS,
-    Candidate,
-    Motion,
-    RigReport,
-    Sweep,
-    bound,
-    make_rig,
-    parse_sweep,
-    run_rig,
-    seen_by,
-)
+from evals import rig as rig_study
+from evals.cli import main
+from evals.rig import run_rig, study
+from evals.rig_bounds import bound, track_errors
+from evals.rig_plots import write_rig_page
+from evals.rig_report import Candidate, RigReport, Tracked, difference_mm
+from evals.rig_suite import Motion, Sights
+from evals.rig_sweep import DEFAULTS, Sweep, make_rig, parse_sweep
 
 
 def test_sweeps_are_ranges():
@@ -61,43 +59,55 @@ def motion():
     return Motion("drawn", forward(person, angles), angles, person)
 
 
+class Wall:
+    """Hides every joint from places left of the head."""
+
+    def shown(self, bodies, places):
+        return np.broadcast_to((places[:, 1] <= 0.0)[None, :, None], (len(bodies), len(places), 18))
+
+
+def test_sights_are_by_place_and_by_lens(motion):
+    bodies = np.zeros((len(motion.joints), 21, 4, 4))
+    walled = replace(motion, bodies=bodies, onlooker=Wall())
+    wide, narrow = (make_rig(DEFAULTS | {"fov": fov}) for fov in (180.0, 60.0))
+    sights = Sights.of([walled], [wide, narrow, make_rig(DEFAULTS | {"baseline": 0.1})])
+    assert len(sights.places) == 4  # the lens makes no new place
+    seen, less = sights.seen(wide, 0), sights.seen(narrow, 0)
+    left = [mount.T_head_camera[1, 3] > 0.0 for mount in wide.mounts]
+    assert sum(left) == 1 and not seen[:, left].any()
+    right = np.logical_not(left)
+    in_view = np.moveaxis(wide.project(motion.joints)[1], 0, 1)
+    np.testing.assert_array_equal(seen[:, right], in_view[:, right])
+    assert 0 < less.sum() < seen.sum()
+
+
 def test_noise_widens_the_bound_and_blindness_more(motion):
-    sharp, blurred = (bound(DEFAULTS, make_rig(DEFAULTS), [motion], s) for s in (1.0, 4.0))
-    assert sharp.bound_mm < blurred.bound_mm
     upwards = DEFAULTS | {"pitch": -90.0, "fov": 120.0}
-    blind = bound(upwards, make_rig(upwards), [motion], 1.0)
+    sights = Sights.of([motion], [make_rig(DEFAULTS), make_rig(upwards)])
+    sharp, blurred = (bound(DEFAULTS, make_rig(DEFAULTS), sights, s) for s in (1.0, 4.0))
+    assert sharp.bound_mm < blurred.bound_mm
+    blind = bound(upwards, make_rig(upwards), sights, 1.0)
     assert blind.seen_any < 0.3 < sharp.seen_any
     assert blind.bound_mm > 1.5 * sharp.bound_mm
 
 
-def test_trunk_hides_what_is_behind_it(motion):
-    rest = Motion("rest", motion.joints[:1], 0.0 * motion.angles[:1], motion.proportions)
-    front = DEFAULTS | {"pitch": 0.0, "forward": 1.5, "up": -0.4, "fov": 300.0}
-    person = motion.proportions
-    behind = rest.angles.copy()
-    # Both arms swung straight back, then looked at from in front of the chest, turned round.
-    from egocap.skeleton import DOF_INDEX
-
-    for side in ("left", "right"):
-        behind[0, DOF_INDEX[f"{side}_shoulder_raise"]] = np.deg2rad(-50)
-        behind[0, DOF_INDEX[f"{side}_elbow_flexion"]] = np.deg2rad(100)
-    facing = make_rig(front | {"pitch": 180.0})
-    open_arms = Motion("open", forward(person, rest.angles), rest.angles, person)
-    hidden = Motion("hidden", forward(person, behind), behind, person)
-    assert seen_by(facing, open_arms)[0, :, [4, 8]].all()  # wrists beside the body
-    assert seen_by(facing, hidden)[0, :, [4, 8]].mean() < 1.0
+TRACK_KEYS = ("smoothed", "smoothed_seen", "posterior", "mode", "tracked", "tracked_seen")
 
 
-def report_of(bounds, baselines, noise=0.0):
+def report_of(bounds, baselines, noise=0.0, errors=()):
     rng = np.random.default_rng(1)
-    candidates = tuple(
+    candidates = [
         Candidate(
             DEFAULTS | {"baseline": b}, 0.8, 0.6, v**2 + noise * rng.normal(size=60), np.full(17, v)
         )
         for v, b in zip(bounds, baselines, strict=True)
-    )
+    ]
+    for i, error in enumerate(errors):
+        rms = {f"{key}_mm": error for key in TRACK_KEYS}
+        candidates[i] = replace(candidates[i], tracked=Tracked(rms, np.full(30, error**2)))
     blocks = np.repeat(np.arange(10), 6)
-    return RigReport(candidates, (Sweep("baseline", tuple(baselines)),), blocks, {})
+    sweep = Sweep("baseline", tuple(baselines))
+    return RigReport(tuple(candidates), (sweep,), blocks, {}, np.repeat(np.arange(5), 6))
 
 
 def test_verdict_on_the_papers_baseline_follows_the_error_bars():
@@ -116,3 +126,56 @@ def test_pareto_keeps_what_no_narrower_rig_beats():
     difference, error = report.above(report.candidates[0], report.best)
     assert difference == pytest.approx(8.0) and error == pytest.approx(0.0, abs=1e-9)
     assert "0.5 m" in report.recommendation()
+
+
+def test_words_and_pictures_speak_of_tracked_rigs(tmp_path):
+    report = report_of((30, 25, 20, 22), (0.1, 0.2, 0.35, 0.5), errors=(35.0, 31.0, 28.0, 27.9))
+    words = report.recommendation()
+    assert "Tracked: the lowest error is 27.9 mm with baseline 0.5 m" in words
+    assert "the narrowest with baseline 0.35 m (28.0 mm)" in words
+    assert "is refuted by the tracker's error: 28.0 mm at 0.35 m" in words
+    assert len(report.to_table().rows) == 4
+    write_rig_page(tmp_path / "rigs.html", report)
+    html = (tmp_path / "rigs.html").read_text()
+    assert html.count("data:image/png") == 2 and "is refuted" in html
+
+
+def test_difference_of_root_mean_squares_knows_its_error():
+    rng = np.random.default_rng(0)
+    blocks = np.repeat(np.arange(400), 5)
+    steady = np.full(2000, 100.0)
+    shaken = 144.0 + np.repeat(rng.normal(0.0, 10.0, 400), 5)
+    difference, error = difference_mm(shaken, steady, blocks)
+    assert difference == pytest.approx(2.0, abs=0.1)
+    # d(sqrt m) = dm / (a + b): 10 / sqrt(400) / 22.
+    assert error == pytest.approx(0.5 / 22.0, rel=0.1)
+
+
+def test_tracker_stays_near_the_bound_of_a_still_pose(motion):
+    still = replace(
+        motion, joints=np.repeat(motion.joints[:1], 12, 0),
+        angles=np.repeat(motion.angles[:1], 12, 0),
+    )  # fmt: skip
+    told = track_errors(make_rig(DEFAULTS), Sights.of([still], [make_rig(DEFAULTS)]), 1.0, 0)
+    assert set(told.rms_mm) == {f"{key}_mm" for key in TRACK_KEYS}
+    assert len(told.squared_mm2) == 12
+    assert told.error_mm == pytest.approx(told.rms_mm["tracked_mm"])
+    assert 0.0 < told.rms_mm["smoothed_mm"] < told.rms_mm["posterior_mm"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--sweep", "baseline=0.1:0.4:2", "fov=180"],
+        ["--sweep", "baseline=0.1:0.4:2", "--sweep", "fov=180"],
+    ],
+)
+def test_sweeps_come_after_one_flag_or_several(words, motion, monkeypatch, capsys):
+    monkeypatch.setattr(rig_study, "load_suite", lambda names, frames: [motion])
+    assert main(["rig", *words]) == 0
+    assert "baseline" in (told := capsys.readouterr().out) and "180" in told
+
+
+def test_a_sweep_without_measures_is_refused():
+    with pytest.raises(InputError, match="--sweep without a measure"):
+        study(sweep=((),))

@@ -1,7 +1,8 @@
 """What each part of the tracker is worth (paper, section 5.5): the whole without it, over people.
 
-The paper leaves out smoothness, colour and detections: 30 mm and 5 mm worse, and a lost track. Here
-every improvement of ours is left out in turn, too. Each scene is acted by its own person and by
+The paper leaves out smoothness, colour and detections: 30 mm and 5 mm worse, and a lost track. The
+same is done here to its energy, with its own stochastic solver, and to our tracker, from which
+every improvement is left out in turn, too. Each scene is acted by its own person and by
 others; every sequence is tracked from several draws of the detections. Changes are taken in pairs,
 sequence by sequence, and their error bars are over the sequences.
 """
@@ -56,8 +57,17 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     },
     BLIND: {},
 }  # fmt: skip
-"""Settings by what they leave out or add. `without any of ours`: what is left is near the paper's
-method, solved by our solver."""
+"""Settings by what they leave out or add."""
+PAPER = "the paper's"
+PAPERS: Mapping[str, Mapping[str, float]] = {
+    PAPER: {},
+    f"{PAPER}, without smoothness": {"lambda_smooth": 0.0},
+    f"{PAPER}, without colour": {"lambda_colour": 0.0},
+    f"{PAPER}, without detections": {"lambda_detection": 0.0},
+}
+"""Weights of the paper's energy that are not the paper's."""
+PAPER_FRAMES = 125
+"""Frames of each sequence that the paper's solver tracks: it is slow."""
 MEASURES = ("mpjpe_mm", "upper_mm", "lower_mm", "seen_mm", "hidden_mm", "lost_percent")
 SETTLE_S = 1.0
 """Time that a tracker has to recover."""
@@ -69,7 +79,7 @@ class Row:
 
     variant: str
     mpjpe_mm: dict[str, float] | None  # over the sequences
-    change_mm: dict[str, float] | None  # against the whole, in pairs over the sequences
+    change_mm: dict[str, float] | None  # against ours or the paper's, paired over the sequences
     upper_mm: float
     lower_mm: float
     seen_mm: float
@@ -98,7 +108,7 @@ def study(
         frames: Frames of each scene.
         size: Image width and height, pixels.
         workers: Rendering processes.
-        colour: Also track with the colour term, and by colours alone.
+        colour: Also track with colours: ours, the paper's energy, and by colours alone.
         trials: Failures in each sequence to recover from; 0 for none.
     """
     for count, name in ((people, "people"), (seeds, "seeds"), (frames, "frames")):
@@ -109,7 +119,10 @@ def study(
     footage = [made(scene, work, workers) for scene in scenes_of(people, frames, size)]
     names = [name for name in VARIANTS if colour or name != COLOUR]
     measured = {name: measure_variant(name, footage, detections, seeds) for name in names}
-    rows = [row_of(name, found, measured[WHOLE]) for name, found in measured.items()]
+    papers = PAPERS if colour else ()
+    measured |= {name: measure_variant(name, footage, detections, 1) for name in papers}
+    rows = [row_of(name, found, measured[PAPER if name in PAPERS else WHOLE])
+            for name, found in measured.items()]  # fmt: skip
     recovery = measure_recovery(footage, detections, trials, colour) if trials else {}
     result = {
         "protocol": "egocap-17", "detections": detections, "people": people, "seeds": seeds,
@@ -160,19 +173,24 @@ def measure_variant(
 
 def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
     """A sequence tracked by a variant from one draw of its detections."""
+    from egocap.track.paper_config import STOCHASTIC
+    from egocap.track.paper_tracker import track_as_paper
+
     detections = detections_from(footage, source, seed)
-    if variant == BLIND:
-        detections = _blind(detections)
-    config = TrackerConfig(**VARIANTS[variant])
-    return track(detections, footage.rig, footage.proportions, config,
-                 lambda t: footage.frame(t).images)  # fmt: skip
+    person = footage.rig, footage.proportions
+    images = lambda t: footage.frame(t).images  # noqa: E731
+    if variant in PAPERS:
+        config = replace(STOCHASTIC, **PAPERS[variant])
+        return track_as_paper(detections[:PAPER_FRAMES], *person, images, config)
+    found = _blind(detections) if variant == BLIND else detections
+    return track(found, *person, TrackerConfig(**VARIANTS[variant]), images)
 
 
 def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:
-    """Each of `MEASURES`, of one track."""
-    truth = footage.truth
-    error = 1e3 * np.linalg.norm(track.joints_head - truth.joints_head, axis=-1)
-    seen = np.any(truth.visibility == VISIBLE, axis=1)
+    """Each of `MEASURES`, of the track of a sequence's first frames."""
+    truth, rows = footage.truth, slice(0, len(track.times))
+    error = 1e3 * np.linalg.norm(track.joints_head - truth.joints_head[rows], axis=-1)
+    seen = np.any(truth.visibility[rows] == VISIBLE, axis=1)
     counted = np.isin(np.arange(18), EVALUATED)
     hidden = error[~seen & counted]
     return {
@@ -188,7 +206,7 @@ def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:
 def row_of(
     name: str, found: Mapping[str, Sequence[float | None]], whole: Mapping[str, Sequence[Any]]
 ) -> Row:
-    """A variant beside the whole."""
+    """A variant beside what it is a change of."""
     rest = {key: _mean(found[key]) for key in MEASURES if key != "mpjpe_mm"}
     return Row(name, mean_and_interval(found["mpjpe_mm"]), _change(whole, found), **rest)
 
@@ -202,6 +220,9 @@ def statements(measured: Mapping[str, Mapping[str, Sequence[Any]]]) -> dict[str,
     }
     if COLOUR in measured:
         added["without_colour_mm"] = _change(measured[COLOUR], measured[WHOLE])
+    for part in ("smoothness", "colour", "detections"):
+        if (name := f"{PAPER}, without {part}") in measured:
+            added[f"papers_without_{part}_mm"] = _change(measured[PAPER], measured[name])
     return added
 
 
@@ -264,7 +285,8 @@ def _variants_table(rows: Sequence[Row]) -> Table:
 
 def _statement_tables(found: Mapping[str, Any]) -> list[Table]:
     paper = {"without_smoothness_mm": "30", "without_smoothness_live_mm": "30",
-             "without_colour_mm": "5"}  # fmt: skip
+             "papers_without_smoothness_mm": "30", "without_colour_mm": "5",
+             "papers_without_colour_mm": "5", "papers_without_detections_mm": "-"}  # fmt: skip
     added = tuple((name.removesuffix("_mm").replace("_", " "), value, shown(found[name]))
                   for name, value in paper.items() if name in found)  # fmt: skip
     shares = tuple(

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from tyro.conf import Positional, arg
 
 from egocap.commandline import progress
@@ -132,5 +131,6 @@ def _sliced(views: Views, rows: slice) -> Views:
     from egocap.detect.data import Views
 
     parts = None if views.parts is None else views.parts[rows]
-    arrays = (np.asarray(a)[rows] for a in (views.points, views.state, views.magnification))
-    return Views(views.images[rows], parts, *arrays)
+    return Views(
+        views.images[rows], parts, views.points[rows], views.state[rows], views.magnification[rows]
+    )

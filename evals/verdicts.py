@@ -130,7 +130,7 @@ def _unit(name: str) -> str:
 
 def _with_error(value: float | str | None, error: float | str | None, digits: int) -> str:
     if not isinstance(value, float):
-        return value or "-"
+        return "-" if value is None else str(value)
     half = f" +- {number(error, digits)}" if isinstance(error, float) else ""
     return number(value, digits) + half
 

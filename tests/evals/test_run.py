@@ -17,7 +17,7 @@ from evals.cli import main
 from evals.record import load_result, save_result
 from evals.study import Outcome
 from evals.suite import FOLDER, PaperRow, load_suite
-from evals.verdicts import Numbers
+from evals.verdicts import COMMITTED, Numbers
 
 SUITE = """
 name = "small"
@@ -231,8 +231,17 @@ def test_built_in_suites_are_sound(path):
     for row in suite.rows:
         for place in (row.ours, row.less):
             if place and ".json:" not in place:
-                method, sequence, _ = place.split("/")
+                method, sequence, _ = place.split("/", 2)
                 assert method in methods | {"learned"} and sequence in sequences, place
+        assert row.command if row.ours else row.conditions, row.statement
+
+
+def test_every_place_in_a_committed_result_is_there(tmp_path):
+    numbers = Numbers({}, tmp_path)
+    for row in load_suite(FOLDER / "quick.toml").rows:
+        for place in (row.ours, row.less, row.error):
+            if place and (COMMITTED / place.partition(":")[0]).is_file():
+                assert numbers.find(place)[0] is not None, place
 
 
 def test_rows_have_error_bars_words_and_a_way_to_measure_them(tmp_path):

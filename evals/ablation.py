@@ -24,13 +24,13 @@ from egocap.errors import InputError
 from egocap.evaluate.table import Table, number
 from egocap.labels import EVALUATED, LOWER, UPPER
 from egocap.results import Detections, Track
-from egocap.sequence import VISIBLE, open_sequence
+from egocap.sequence import VISIBLE
 from egocap.sequence import Sequence as Footage
 from egocap.track.config import TrackerConfig
 from egocap.track.tracker import track
 from egocap_sim.builtin import builtin_file
-from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene
+from evals.footage import footage_of
 from evals.intervals import mean_and_interval, share_and_interval, shown
 from evals.recovery import FOUND_MM, LOST_MM, ColourFollower, by_colours, by_detections, draw_trials
 from evals.study import Outcome
@@ -116,7 +116,8 @@ def study(
             raise InputError(f"{count} {name}", valid="1 or more")
     if trials < 0:
         raise InputError(f"{trials} trials", valid="0 or more")
-    footage = [made(scene, work, workers) for scene in scenes_of(people, frames, size)]
+    scenes = scenes_of(people, frames, size)
+    footage = [footage_of(scene, work / scene.name, workers) for scene in scenes]
     names = [name for name in VARIANTS if colour or name != COLOUR]
     measured = {name: measure_variant(name, footage, detections, seeds) for name in names}
     papers = PAPERS if colour else ()
@@ -145,13 +146,6 @@ def scenes_of(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
             seed = scene.seed if person == 0 else OTHER_PEOPLE + 100 * i + person
             scenes.append(scene.model_copy(update={"seed": seed, "name": f"{name}-{person}"}))
     return scenes
-
-
-def made(scene: Scene, work: Path, workers: int) -> Footage:
-    """The scene's sequence, generated where it is missing."""
-    with progress(scene.name, scene.frames) as advance:
-        generate(scene, work / scene.name, workers=workers, on_frames=advance)
-    return open_sequence(work / scene.name)
 
 
 def measure_variant(

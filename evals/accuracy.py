@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 
 from egocap.cli import detections_from
-from egocap.commandline import progress
 from egocap.detect.simulated import LEARNED_LIKE
 from egocap.errors import FileError
 from egocap.evaluate.table import Table, number
-from egocap.sequence import open_sequence
+from egocap.sequence import Sequence as Footage
 from egocap.track.tracker import track
 from egocap_sim.builtin import builtin_file
-from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene
 from egocap_sim.stage import frames_of_clip
+from evals.footage import footage_of
 from evals.pose import score_track
 
 SCENES = ("validation-walk", "validation-gesture")
@@ -103,10 +102,8 @@ def run_accuracy(
     """
     rows = []
     for scene in _scenes(motions, size):
-        folder = work / scene.name
-        with progress(scene.name, scene.frames) as advance:
-            generate(scene, folder, workers=workers, on_frames=advance)
-        rows += [_row(scene.name, folder, source, seeds) for source in SOURCES]
+        footage = footage_of(scene, work / scene.name, workers)
+        rows += [_row(scene.name, footage, source, seeds) for source in SOURCES]
     return AccuracyReport(tuple(rows), seeds, size)
 
 
@@ -128,8 +125,7 @@ def _scene_of_clip(like: Scene, path: Path) -> Scene:
     return scene.model_copy(update={"frames": min(frames_of_clip(scene), CLIP_FRAMES)})
 
 
-def _row(name: str, folder: Path, source: str, seeds: int) -> Row:
-    sequence = open_sequence(folder)
+def _row(name: str, sequence: Footage, source: str, seeds: int) -> Row:
     reports, rates = [], []
     for seed in range(seeds):
         found = detections_from(sequence, source, seed)

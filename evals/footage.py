@@ -1,4 +1,4 @@
-"""A suite's sequences: opened, or generated where they are missing."""
+"""Sequences that studies and suites work on: opened, or generated where they are missing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from egocap.commandline import progress
 from egocap.errors import FileError
-from egocap.sequence import Sequence, open_sequence
+from egocap.sequence import MANIFEST, Sequence, open_sequence
 from evals.suite import SequenceEntry, Suite
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ def prepare_sequences(
 ) -> dict[str, Sequence]:
     """Open every sequence, generated where it is missing. Those that need motions are left out
     without them, with a warning."""
-    from egocap_sim.record import generate
-
     found = {}
     for entry in suite.sequences:
         if entry.folder is not None:
@@ -33,10 +31,43 @@ def prepare_sequences(
             log.warning("%s is left out: it needs --motions", entry.name)
             continue
         scene = _scene(entry, beside, motions)
-        folder = work / "sequences" / entry.name
-        with progress(entry.name, scene.frames) as advance:
-            generate(scene, folder, workers=workers, on_frames=advance)
-        found[entry.name] = open_sequence(folder)
+        found[entry.name] = footage_of(scene, work / "sequences" / entry.name, workers)
+    return found
+
+
+def footage_of(scene: Scene, folder: Path, workers: int = 1) -> Sequence:
+    """The sequence of a scene in a folder, generated or completed where it is not there.
+
+    One that is finished is taken as it is, even of another version of the simulator: methods of
+    different versions are compared on the same footage. With one worker, frames are rendered in
+    this process, which is quickest for short sequences. Raises InputError for a folder of another
+    scene.
+    """
+    from egocap_sim.record import generate, record_here
+
+    if not (folder / MANIFEST).is_file() and workers == 1:
+        with progress(scene.name, scene.frames) as advance:
+            record_here(scene, folder)
+            advance(scene.frames)
+        return open_sequence(folder)
+    if (found := _finished(scene, folder)) is not None:
+        return found
+    with progress(scene.name, scene.frames) as advance:
+        generate(scene, folder, workers=workers, on_frames=advance)
+    return open_sequence(folder)
+
+
+def _finished(scene: Scene, folder: Path) -> Sequence | None:
+    from egocap.sequence_writer import digest
+    from egocap_sim.stage import config_of
+
+    try:
+        found = open_sequence(folder)
+    except FileError:
+        return None
+    manifest = found.manifest
+    if not manifest.complete or manifest.config_sha256 != digest(config_of(scene)):
+        return None
     return found
 
 

@@ -27,9 +27,9 @@ from egocap.sequence import Sequence as Footage
 from egocap.sequence import open_sequence
 from egocap.track.config import TrackerConfig
 from egocap_sim.builtin import builtin_file
-from egocap_sim.record import generate
 from egocap_sim.scene import load_scene
 from evals.detector_speed import measure_speed
+from evals.footage import footage_of
 from evals.study import Outcome
 
 if TYPE_CHECKING:
@@ -239,6 +239,4 @@ def _made(work: Path, frames: int, size: tuple[int, int]) -> Footage:
     scene = load_scene(builtin_file("scene", SCENE))
     rig = scene.rig.model_copy(update={"size": size})
     scene = scene.model_copy(update={"rig": rig, "frames": frames})
-    with progress(SCENE, frames) as advance:
-        generate(scene, work / f"{SCENE}-{frames}", on_frames=advance)
-    return open_sequence(work / f"{SCENE}-{frames}")
+    return footage_of(scene, work / f"{SCENE}-{frames}")

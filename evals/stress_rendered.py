@@ -13,12 +13,11 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
-from egocap.commandline import progress
 from egocap.errors import InputError
 from egocap.evaluate.table import Table
-from egocap.sequence import open_sequence
 from egocap_sim.scene import OthersTable, Scene
 from egocap_sim.sensor.settings import SensorTable
+from evals.footage import footage_of
 from evals.intervals import mean_and_interval, shown
 from evals.pose import find_detections, score_track, with_detections
 from evals.study import Outcome
@@ -77,7 +76,7 @@ def study(
     people: int = 4,
     frames: int = 45,
     size: tuple[int, int] = (640, 512),
-    workers: int = 2,
+    workers: int = 1,
 ) -> Outcome:
     """Render, detect and track under one growing fault of the picture at a time.
 
@@ -88,7 +87,7 @@ def study(
         people: How many people to render at each level, motions in turn.
         frames: Length of each sequence.
         size: Image width and height, where it is not what is swept.
-        workers: Rendering processes.
+        workers: Rendering processes; one is quickest for short sequences.
     """
     if people < 2:
         raise InputError(f"{people} people", valid="2 or more, for error bars")
@@ -119,12 +118,8 @@ def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
 
 def _scored(scene: Scene, folder: Path, source: str, workers: int) -> dict[str, float | None]:
     from egocap.track.tracker import track
-    from egocap_sim.record import generate
 
-    with progress(f"{folder.parent.parent.name} {folder.parent.name}, {scene.name}",
-                  scene.frames) as advance:  # fmt: skip
-        generate(scene, folder, workers=workers, on_frames=advance)
-    sequence = open_sequence(folder)
+    sequence = footage_of(scene, folder, workers)
     found = find_detections(sequence, source)
     report = score_track(sequence, track(found, sequence.rig, sequence.proportions))
     report = with_detections(report, sequence, found)

@@ -110,11 +110,11 @@ def summary_tables(suite: Suite, numbers: Numbers) -> list[Table]:
     return [table for table in tables if table.rows]
 
 
-def paper_table(suite: Suite, numbers: Numbers) -> list[Table]:
-    """The paper's statements beside our numbers."""
-    keys = ("section", "statement", "paper", "shown", "unit", "note", "command")
+def paper_table(suite: Suite, numbers: Numbers, *, commands: bool = False) -> list[Table]:
+    """The paper's statements beside our numbers; with commands too wide for a terminal."""
+    keys = ("section", "statement", "paper", "shown", "unit", "note", "command")[: 6 + commands]
     rows = tuple(tuple(r[k] for k in keys) for r in numbers.rows(suite.rows))
-    header = ("section", "statement", "paper", "ours", "unit", "conditions", "command")
+    header = tuple("ours" if k == "shown" else "conditions" if k == "note" else k for k in keys)
     return [Table("The paper's section 5", header, rows)] if rows else []
 
 

@@ -45,7 +45,7 @@ def write_report(
     the first.
     """
     write_text(work / "report.html", render_page(suite, result, missed, scored, sequences, numbers))
-    tables = [*summary_tables(suite, numbers), *paper_table(suite, numbers)]
+    tables = [*summary_tables(suite, numbers), *paper_table(suite, numbers, commands=True)]
     lines = [f"# {suite.name}", suite.description, *(f"- missed: {m}" for m in missed)]
     lines += [table.markdown() for table in tables]
     write_text(work / "report.md", "\n\n".join(line for line in lines if line) + "\n")

@@ -42,14 +42,19 @@ def centre_of_mass(clip: Clip) -> Float[Array, "T 3"]:
     return total / mass
 
 
-def balanced(controls: Controls, pose: Callable[[Controls], Clip]) -> Clip:
-    """Pose the controls, shifting the pelvis where the centre of mass leaves the feet."""
+def balanced(
+    controls: Controls,
+    pose: Callable[[Controls], Clip],
+    over: Float[Array, "T 2"] | None = None,
+) -> Clip:
+    """Pose the controls, shifting the pelvis where the centre of mass leaves the feet, or where it
+    is not `over` given points of the ground."""
     from scipy.ndimage import gaussian_filter1d
 
     clip = pose(controls)
     ahead = controls.foot_R[:, :, :2, 0].mean(1)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    target = controls.ankle[:, :, :2].mean(1) + OVER * ahead
+    target = controls.ankle[:, :, :2].mean(1) + OVER * ahead if over is None else over
     for _ in range(3):
         off = centre_of_mass(clip)[:, :2] - target
         far = np.linalg.norm(off, axis=1, keepdims=True)

@@ -13,6 +13,7 @@ from egocap_sim.bodies import BODIES, INDEX
 from egocap_sim.motion import figure
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.curves import turn
+from egocap_sim.motion.legs import shortest_arc
 from egocap_sim.motion.limbs import two_bones
 
 SIDES = (("l_", 1.0), ("r_", -1.0))
@@ -36,6 +37,11 @@ class Controls:
     wrist_bend: Float[Array, "T 2"]  # radians; positive towards the palm's back (extension)
     swivel: Float[Array, "T 2"] = field(default_factory=lambda: np.zeros((1, 2)))
     """Radians the elbow is raised about the line shoulder to wrist from where it would hang."""
+    splay: Float[Array, "T 2"] | None = None
+    """Radians each knee points outward from the way the hips face; None: it goes with the foot.
+
+    Given, elbows too turn smoothly wherever the hands go; else they hang as in ordinary motions.
+    """
 
 
 def pose_figure(name: str, fps: float, controls: Controls) -> Clip:
@@ -48,7 +54,7 @@ def pose_figure(name: str, fps: float, controls: Controls) -> Clip:
     pelvis = _within_reach(controls, R)
     p = figure.positions(R, pelvis)
     for i, (side, sign) in enumerate(SIDES):
-        _leg(controls, R, p, side, i)
+        _leg(controls, R, p, side, sign, i)
         _arm(controls, R, p, side, sign, i)
     return Clip(name, fps, figure.positions(R, pelvis), R, canonical=True)
 
@@ -98,12 +104,18 @@ def _within_reach(c: Controls, R: Float[Array, "T 21 3 3"]) -> Float[Array, "T 3
 
 
 def _leg(
-    c: Controls, R: Float[Array, "T 21 3 3"], p: Float[Array, "T 21 3"], side: str, i: int
-) -> None:
+    c: Controls, R: Float[Array, "T 21 3 3"], p: Float[Array, "T 21 3"], side: str, sign: float,
+    i: int,
+) -> None:  # fmt: skip
     foot = c.foot_R[:, i]
-    level = foot[:, :, 0] * [1.0, 1.0, 0.0]
-    towards = unit(0.65 * unit(level) + 0.35 * R[:, INDEX["pelvis"], :, 0])
-    towards = towards + 0.3 * foot[:, :, 2]  # keeps a side when the shank lies level
+    if c.splay is None:
+        level = foot[:, :, 0] * [1.0, 1.0, 0.0]
+        towards = unit(0.65 * unit(level) + 0.35 * R[:, INDEX["pelvis"], :, 0])
+        towards = towards + 0.3 * foot[:, :, 2]  # keeps a side when the shank lies level
+    else:
+        hip = unit(c.ankle[:, i] - p[:, INDEX[side + "thigh"]])
+        swing = shortest_arc(-R[:, INDEX["pelvis"], :, 2], hip) @ R[:, INDEX["pelvis"]]
+        towards = (swing @ turn(yaw=sign * c.splay[:, i]))[:, :, 0]
     thigh, calf = two_bones(
         p[:, INDEX[side + "thigh"]], c.ankle[:, i], towards, figure.THIGH, figure.CALF, knee=True
     )
@@ -123,7 +135,8 @@ def _arm(
     length = np.linalg.norm(w, axis=1, keepdims=True)
     w = w * np.minimum(1.0, FULL_ARM * (figure.UPPERARM + figure.FOREARM) / length)
     end = rest + np.einsum("tij,tj->ti", chest, w)
-    towards = np.einsum("tij,tj->ti", chest, _elbow_side(w, sign))
+    side_of = _elbow_side if c.splay is None else _elbow_anywhere
+    towards = np.einsum("tij,tj->ti", chest, side_of(w, sign))
     axis = unit(end - shoulder)
     swivel = axis_angle(axis, -sign * np.broadcast_to(c.swivel[:, i], len(w)))
     towards = np.einsum("tij,tj->ti", swivel, towards)
@@ -140,3 +153,18 @@ def _elbow_side(w: Float[Array, "T 3"], sign: float) -> Float[Array, "T 3"]:
     high = np.clip(unit(w)[:, 2], 0.0, 1.0)
     side = np.stack([-0.5 + 0.9 * high, sign * (0.35 + 0.6 * high), np.full(len(w), -0.8)], axis=-1)
     return unit(side)
+
+
+def _elbow_anywhere(w: Float[Array, "T 3"], sign: float) -> Float[Array, "T 3"]:
+    """Where an elbow points, in the chest's frame: smooth for all but a hand straight behind and
+    across, where none goes.
+
+    Down with the hand before or beside the body, back with the arm hanging, ahead and out with it
+    raised.
+    """
+    mirror = np.array([1.0, sign, 1.0])
+    axis = unit(w * mirror)
+    ahead = np.broadcast_to(unit(np.array([0.8, 0.6, 0.0])), axis.shape)
+    down = shortest_arc(ahead, axis) @ np.array([0.0, 0.0, -1.0])
+    outward = axis_angle(axis, 1.1 * np.maximum(-axis[:, 2], 0.0) ** 2)
+    return np.einsum("tij,tj->ti", outward, down) * mirror

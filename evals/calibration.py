@@ -3,65 +3,53 @@
 Well-specified: poses from the prior, detections from the likelihood, so that any failure is the
 sampler's. Then detections from elsewhere against the truth of their sequences: there the likelihood
 is wrong by an unknown amount, and one number, the temperature, is fitted to frames that are not
-scored.
-
-A joint's region of level p is the ellipsoid about the mean of one half of the walkers, in the
-metric of their covariance, that holds a share p of the other half's draws.
+scored. What is counted is in `evals.coverage`.
 
 Source: Talts et al. 2018 (simulation-based calibration); Guo et al. 2017 (temperature).
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body import Proportions
 from egocap.cli import detections_from
 from egocap.commandline import progress
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
 from egocap.labels import EVALUATED, LABELS
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.results import Detections
 from egocap.rig import Rig
 from egocap.sequence import open_sequence
 from egocap.skeleton import DOFS
+from evals.coverage import (
+    LEVELS,
+    CalibrationReport,
+    Coverage,
+    FrameScore,
+    gaussian_share,
+    region_share,
+)
+from evals.score_log import ScoreLog
 from evals.study import Outcome
 
-LEVELS = (0.5, 0.8, 0.95)
-TOLERANCE = 0.03
-"""How far coverage may be from nominal in the well-specified study."""
 STEPS = 2000
-"""Of every frame's chain: about twenty autocorrelation times, a third of them burn-in."""
-RANK_BINS = 12
+"""Of every frame's chain, a third of them burn-in at most."""
 TEMPERATURES = tuple(float(t) for t in np.geomspace(0.25, 64.0, 25))
-CURVE = tuple(float(p) for p in np.linspace(0.05, 0.95, 19))
 
 
 @dataclass(frozen=True, eq=False)
-class FrameScore:
-    """Where the truth of one frame lies in its posterior."""
-
-    inside: Float[Array, "18"]  # share of draws nearer to the centre than the true joint
-    laplace: Float[Array, "18"]  # the same by the Gaussian about the mode
-    ranks: Float[Array, "37"] | None  # share of independent draws below the true angle
-    error_mm: Float[Array, "18"]  # posterior mean from the truth
-    spread_mm: Float[Array, "18"]  # root mean square the posterior expects
-    effective: float  # least effective number of draws
-    rhat: float
-
-
-@dataclass(frozen=True)
 class Job:
     """One frame to sample."""
 
@@ -73,115 +61,28 @@ class Job:
     config: PosteriorConfig
     seed: int
 
-
-@dataclass(frozen=True, eq=False)
-class Coverage:
-    """Scores of many frames under one name."""
-
-    name: str
-    scores: tuple[FrameScore, ...]
-
-    def inside(self, laplace: bool = False) -> Float[Array, "B 17"]:
-        """Of every frame and evaluated joint."""
-        rows = [score.laplace if laplace else score.inside for score in self.scores]
-        return np.array(rows)[:, list(EVALUATED)]
-
-    def pooled(self, level: float, laplace: bool = False) -> tuple[float, float]:
-        """Coverage over joints and frames, and its standard error: frames are independent, the
-        joints of a frame are not."""
-        hits = (self.inside(laplace) <= level).mean(axis=1)
-        return float(hits.mean()), float(hits.std(ddof=1) / np.sqrt(len(hits)))
-
-    def per_joint(self, level: float) -> Float[Array, "17"]:
-        """Coverage of every evaluated joint; the binomial error is `binomial_error`."""
-        return (self.inside() <= level).mean(axis=0)
-
-    def binomial_error(self, level: float) -> float:
-        """Standard error of one joint's coverage."""
-        return float(np.sqrt(level * (1.0 - level) / len(self.scores)))
-
-    def curve(self) -> tuple[Float[Array, "L"], Float[Array, "L"], Float[Array, "L"]]:
-        """Nominal levels, coverages, and 95 % error bars, for the reliability diagram."""
-        found = np.array([self.pooled(level) for level in CURVE])
-        return np.array(CURVE), found[:, 0], 1.96 * found[:, 1]
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        told: dict[str, Any] = {"frames": len(self.scores), "levels": {}}
-        for level in LEVELS:
-            share, error = self.pooled(level)
-            joints = zip(EVALUATED, self.per_joint(level), strict=True)
-            told["levels"][f"{level:g}"] = {
-                "coverage": round(share, 4),
-                "standard_error": round(error, 4),
-                "laplace_coverage": round(self.pooled(level, laplace=True)[0], 4),
-                "per_joint": {LABELS[j]: round(float(c), 4) for j, c in joints},
-                "binomial_error": round(self.binomial_error(level), 4),
-            }
-        joints_only = list(EVALUATED)
-        told["rms_error_mm"] = round(
-            float(np.sqrt(np.mean([s.error_mm[joints_only] ** 2 for s in self.scores]))), 2
-        )
-        told["rms_expected_mm"] = round(
-            float(np.sqrt(np.mean([s.spread_mm[joints_only] ** 2 for s in self.scores]))), 2
-        )
-        told["median_effective"] = round(float(np.median([s.effective for s in self.scores])))
-        told["least_effective"] = round(min(s.effective for s in self.scores))
-        told["largest_rhat"] = round(max(s.rhat for s in self.scores), 3)
-        return told
-
-
-@dataclass(frozen=True, eq=False)
-class CalibrationReport:
-    """The well-specified study, and, where there are detections, before and after temperature."""
-
-    well_specified: Coverage | None
-    before: Coverage | None = None
-    after: Coverage | None = None
-    temperature: float | None = None
-    settings: dict[str, Any] | None = None
-
-    def missed(self) -> list[str]:
-        """Levels at which the well-specified coverage is off, in words."""
-        missed = []
-        if self.well_specified is None:
-            return missed
-        for level in LEVELS:
-            share, _ = self.well_specified.pooled(level)
-            if abs(share - level) > TOLERANCE:
-                missed.append(f"coverage {100 * share:.1f} % at {100 * level:.0f} %")
-        return missed
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        told: dict[str, Any] = {"settings": self.settings, "missed": self.missed()}
-        if self.well_specified is not None:
-            told["well_specified"] = self.well_specified.to_dict() | {
-                "ranks": rank_statistics(self.well_specified.scores)
-            }
-        if self.before is not None and self.after is not None:
-            told["temperature"] = self.temperature
-            told["before"], told["after"] = self.before.to_dict(), self.after.to_dict()
-        return told
-
-    def to_table(self) -> Table:
-        """Coverage at every level, in percent."""
-        rows = []
-        for coverage in (self.well_specified, self.before, self.after):
-            if coverage is None:
-                continue
-            cells = []
-            for level in LEVELS:
-                share, error = coverage.pooled(level)
-                cells.append(f"{100 * share:.1f} +- {100 * error:.1f}")
-            laplace = [number(100 * coverage.pooled(level, laplace=True)[0]) for level in LEVELS]
-            rows.append((coverage.name, str(len(coverage.scores)), *cells, " ".join(laplace)))
-        header = ("study", "frames", "50 %", "80 %", "95 %", "Laplace")
-        return Table("Share of true joints in the posterior's regions, %", header, tuple(rows))
+    @property
+    def key(self) -> str:
+        """A name for everything that the score depends on."""
+        found, digest = self.detections, hashlib.sha256()
+        for array in (found.points, found.sigma, found.confidence, found.valid, self.joints,
+                      self.angles, self.proportions.offsets):  # fmt: skip
+            digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
+        text = [asdict(self.config), self.rig.to_dict(), self.seed, STEPS]
+        digest.update(json.dumps(text, sort_keys=True).encode())
+        return digest.hexdigest()[:32]
 
 
 def run_well_specified(
-    frames: int, rig: Rig, *, sigma: float, missing: float, degrees: float, seed: int, workers: int
+    frames: int,
+    rig: Rig,
+    *,
+    sigma: float,
+    missing: float,
+    degrees: float,
+    seed: int,
+    workers: int,
+    log: ScoreLog | None = None,
 ) -> CalibrationReport:
     """Draw a pose and its detections `frames` times, sample each, see where the truth lies.
 
@@ -205,14 +106,19 @@ def run_well_specified(
         Job(one_frame(found, i), joints[i], poses[i], rig, person, config, seed + i)
         for i in range(frames)
     ]
-    scores = score_all(jobs, workers, "well-specified")
+    scores = score_all(jobs, workers, "well-specified", log)
     settings = {"rig": rig.name, "sigma_px": sigma, "missing": missing, "steps": STEPS,
                 "degrees": degrees if np.isfinite(degrees) else "inf", "seed": seed}  # fmt: skip
     return CalibrationReport(Coverage("well-specified", scores), settings=settings)
 
 
 def run_detector(
-    folders: Sequence[Path], source: str, frames: int, config: PosteriorConfig, workers: int
+    folders: Sequence[Path],
+    source: str,
+    frames: int,
+    config: PosteriorConfig,
+    workers: int,
+    log: ScoreLog | None = None,
 ) -> tuple[Coverage, Coverage, float]:
     """Coverage on sequences with some detections, before and after a held-out temperature.
 
@@ -229,9 +135,9 @@ def run_detector(
     if min(len(fitting), len(scored)) < 2:
         raise InputError(f"{frames} frames a sequence are too few to hold some out", valid="4 up")
     temperature = fit_temperature(fitting)
-    before = score_all(scored, workers, "before")
+    before = score_all(scored, workers, "before", log)
     warm = [replace(j, config=replace(j.config, temperature=temperature)) for j in scored]
-    after = score_all(warm, workers, "after")
+    after = score_all(warm, workers, "after", log)
     return Coverage("as stated", before), Coverage("recalibrated", after), temperature
 
 
@@ -248,84 +154,60 @@ def fit_temperature(jobs: Sequence[Job]) -> float:
     return min(TEMPERATURES, key=off)
 
 
-def score_all(jobs: Sequence[Job], workers: int, what: str) -> tuple[FrameScore, ...]:
-    """Sample every job's frame, in processes of their own when there is more than one worker."""
+def score_all(
+    jobs: Sequence[Job], workers: int, what: str, log: ScoreLog | None = None
+) -> tuple[FrameScore, ...]:
+    """Sample every job's frame, in processes of their own when there is more than one worker.
+
+    Frames that the log holds are not done again.
+    """
+    log = log or ScoreLog()
+    keys = [job.key for job in jobs]
+    left = [(key, job) for key, job in zip(keys, jobs, strict=True) if key not in log]
     with progress(what, len(jobs)) as advance:
-        return tuple(_counted(_mapped(score_frame, jobs, workers), advance))
+        for _ in range(len(jobs) - len(left)):
+            advance()
+        found = _mapped(score_frame, [job for _, job in left], workers)
+        for (key, _), score in zip(left, found, strict=True):
+            log.add(key, score)
+            advance()
+    return tuple(log[key] for key in keys)
 
 
 def score_frame(job: Job) -> FrameScore:
     """Sample one frame and place the truth in its posterior."""
-    from egocap.posterior.laplace import find_modes
     from egocap.posterior.log_prob import log_posterior_of
     from egocap.posterior.sampler import sample
 
     density = log_posterior_of(job.detections, 0, job.rig, job.proportions, job.config)
     result = sample(density, SamplerConfig(most_steps=STEPS, seed=job.seed))
-    inside = region_share(result.joints, job.joints)
-    mode = find_modes(density, np.random.default_rng(job.seed))[0]
-    away = job.joints - density.joints(mode.mean[None])[0]
+    away = job.joints - density.joints(result.modes[:1])[0]
     ranks = None
     if job.angles is not None:
         last = result.draws[:, -1, : len(DOFS)]  # walkers are independent of each other
         ranks = (last < job.angles).mean(0)
-    centre = result.joint_mean
     return FrameScore(
-        inside=inside,
-        laplace=_gaussian_share(away, result.laplace_joints),
+        inside=region_share(result.joints, job.joints),
+        laplace=gaussian_share(away, result.laplace_joints),
         ranks=ranks,
-        error_mm=1e3 * np.linalg.norm(centre - job.joints, axis=-1),
+        error_mm=1e3 * np.linalg.norm(result.joint_mean - job.joints, axis=-1),
         spread_mm=1e3 * np.sqrt(np.trace(result.joint_covariance, axis1=1, axis2=2)),
         effective=float(result.effective.min()),
         rhat=float(result.rhat.max()),
     )
 
 
-def region_share(
-    joints: Float[Array, "W S 18 3"], truth: Float[Array, "18 3"]
-) -> Float[Array, "18"]:
-    """Share of one half of the walkers' draws that lie nearer to the other half's mean, in its
-    metric, than the truth does. Uniform on [0, 1] when the draws and the truth are alike."""
-    half = len(joints) // 2
-    shape, judged = joints[:half].reshape(-1, 18, 3), joints[half:].reshape(-1, 18, 3)
-    centre = shape.mean(0)
-    away = shape - centre
-    covariance = np.einsum("bji,bjk->jik", away, away) / len(away) + 1e-14 * np.eye(3)
-    metric = np.linalg.inv(covariance)
-    distance = np.einsum("bji,jik,bjk->bj", judged - centre, metric, judged - centre)
-    true = np.einsum("ji,jik,jk->j", truth - centre, metric, truth - centre)
-    return (distance < true).mean(0)
-
-
-def rank_statistics(scores: Iterable[FrameScore]) -> dict[str, Any]:
-    """Chi-squared of every angle's ranks in bins; p values are even when the sampler is right."""
-    from scipy.stats import chi2, kstest
-
-    ranks = np.array([score.ranks for score in scores if score.ranks is not None])
-    counts = _bin_counts(ranks)
-    expected = len(ranks) / RANK_BINS
-    statistic = np.sum((counts - expected) ** 2 / expected, axis=1)
-    p = chi2.sf(statistic, RANK_BINS - 1)
-    return {
-        "bins": RANK_BINS,
-        "p_values": {name: round(float(v), 4) for name, v in zip(DOFS, p, strict=True)},
-        "smallest_p": round(float(p.min()), 5),
-        "smallest_p_of_as_many": round(float(1.0 - (1.0 - p.min()) ** len(p)), 4),
-        "evenness_of_p": round(float(kstest(p, "uniform").pvalue), 4),
-        "mean_rank": round(float(ranks.mean()), 4),
-        "histogram": counts.sum(0).tolist(),
-    }
-
-
 def write_diagram(path: Path, report: CalibrationReport) -> None:
-    """The reliability diagram and the rank histogram as an HTML page."""
-    from egocap.posterior.page import write_pictures
-    from egocap.posterior.pictures import draw_reliability
+    """Reliability, every joint's coverage and the ranks as an HTML page."""
+    from evals.calibration_plots import write_diagrams
 
     studies = [c for c in (report.well_specified, report.before, report.after) if c is not None]
-    figure = draw_reliability({c.name: c.curve() for c in studies})
-    facts = "; ".join(report.missed()) or "well-specified coverage is within tolerance"
-    write_pictures(path, "Calibration of the posterior", [("Reliability", figure)], facts=facts)
+    facts = list(report.missed())
+    if report.well_specified is not None and not facts:
+        facts.append("Well-specified coverage is within tolerance.")
+    if report.temperature is not None:
+        facts.append(f"Temperature fitted to frames held out: {report.temperature:.2f}.")
+    write_diagrams(path, studies, " ".join(facts))
 
 
 def one_frame(detections: Detections, frame: int) -> Detections:
@@ -354,28 +236,7 @@ def _laplace_inside(job: Job) -> Float[Array, "18"]:
     density = log_posterior_of(job.detections, 0, job.rig, job.proportions, job.config)
     mode = find_modes(density, np.random.default_rng(job.seed))[0]
     away = job.joints - density.joints(mode.mean[None])[0]
-    return _gaussian_share(away, laplace_joints(density, mode))
-
-
-def _gaussian_share(
-    away: Float[Array, "18 3"], covariance: Float[Array, "18 3 3"]
-) -> Float[Array, "18"]:
-    from scipy.stats import chi2
-
-    metric = np.linalg.inv(covariance + 1e-14 * np.eye(3))
-    return chi2.cdf(np.einsum("ji,jik,jk->j", away, metric, away), 3)
-
-
-def _bin_counts(ranks: Float[Array, "B 37"]) -> Int[Array, "37 K"]:
-    # A rank is k / W: a hair to the right puts the W + 1 values evenly into the bins.
-    binned = np.minimum((ranks * RANK_BINS + 1e-9).astype(int), RANK_BINS - 1)
-    return np.array([np.bincount(column, minlength=RANK_BINS) for column in binned.T])
-
-
-def _counted(results: Iterable[FrameScore], advance: Callable[..., None]) -> Iterable[FrameScore]:
-    for result in results:
-        advance()
-        yield result
+    return gaussian_share(away, laplace_joints(density, mode))
 
 
 def _mapped(
@@ -403,6 +264,7 @@ def study(
     seed: int = 0,
     workers: int = 2,
     only_detector: bool = False,
+    keep: Path | None = None,
     page: Path | None = None,
 ) -> Outcome:
     """Coverage and rank statistics of the posterior, well-specified and on sequences.
@@ -418,7 +280,8 @@ def study(
         seed: Of poses, noise and chains.
         workers: Processes.
         only_detector: Leave the well-specified study out.
-        page: Reliability diagram to write, html.
+        keep: File of finished frames, which the same command, stopped, takes up again.
+        page: Pictures to write, html.
     """
     from egocap.rig import load_rig
     from egocap_sim.builtin import rig_file
@@ -427,16 +290,16 @@ def study(
         raise InputError(f"{workers} workers", valid="1 or more")
     if only_detector and not sequences:
         raise InputError("--only-detector without sequences", valid="folders of sequences")
-    report = CalibrationReport(None)
+    log, report = ScoreLog(keep), CalibrationReport(None)
     if not only_detector:
         camera = load_rig(rig or rig_file("egorig1")).resized(640, 512)
         report = run_well_specified(
             frames, camera, sigma=sigma, missing=missing, degrees=degrees, seed=seed,
-            workers=workers,
+            workers=workers, log=log,
         )  # fmt: skip
     if sequences:
         config = PosteriorConfig(degrees=degrees)
-        found = run_detector(sequences, detections, frames, config, workers)
+        found = run_detector(sequences, detections, frames, config, workers, log)
         report = replace(report, before=found[0], after=found[1], temperature=found[2])
     if page is not None:
         write_diagram(page, report)

@@ -18,7 +18,8 @@ from numpy import ndarray as Array
 
 from egocap.posterior.log_prob import LogPosterior
 from egocap.posterior.simulation import draw_poses
-from egocap.skeleton import DOF_COUNT, DOFS
+from egocap.posterior.walls import between_walls
+from egocap.skeleton import DOF_COUNT, DOFS, LIMITS
 from egocap.track.posture import load_posture
 from egocap.track.starts import start_poses
 
@@ -38,10 +39,12 @@ _LIMBS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A local maximum and the Gaussian that shares its curvature."""
+    """A local maximum, the Gaussian that shares its curvature, and one to draw proposals from."""
 
     mean: Float[Array, "N"]
     covariance: Float[Array, "N N"]
+    centre: Float[Array, "N"]  # of the Gaussian that allows for the limits (`walls`)
+    spread: Float[Array, "N N"]  # its covariance
     log_prob: float
     converged: bool
 
@@ -83,9 +86,10 @@ def _same(mode: Mode, theta: Float[Array, "N"]) -> bool:
 
 def _mode(density: LogPosterior, theta: Float[Array, "N"]) -> Mode:
     theta, value, converged = _climb(density, theta, _FINE)
-    _, _, H = density.derivatives(theta, expected=True)
+    _, g, H = density.derivatives(theta, expected=True)
     covariance = np.linalg.inv(H)
-    return Mode(theta, 0.5 * (covariance + covariance.T), value, converged)
+    centre, spread = between_walls(theta, g, H, LIMITS, density.config.limit_weight)
+    return Mode(theta, 0.5 * (covariance + covariance.T), centre, spread, value, converged)
 
 
 def _padded(density: LogPosterior, angles: Float[Array, "37"]) -> Float[Array, "N"]:

@@ -1,11 +1,11 @@
 """emcee on one frame's posterior: started from its modes, as long as its autocorrelation asks for.
 
-Moves, drawn at random at every step: Crank and (between modes) Hop of `moves`, which follow the
-shape about the modes, and differential evolution with and without snooker and the stretch move,
-which need no idea of it. The chain
-grows until it is `LENGTHS` integrated autocorrelation times long beyond a burn-in of `BURN_IN` of
-them, has the effective draws asked for, and the walkers agree with each other; or until it may grow
-no more, and then the result says that it has not mixed, and by which number.
+Moves, drawn at random at every step: Crank, LimbCrank and (between modes) Hop of `moves`, which
+follow the shape about the modes, and differential evolution with and without snooker and the
+stretch move, which need no idea of it. The chain grows until it is `LENGTHS` integrated
+autocorrelation times long beyond a burn-in of `BURN_IN` of them, has the effective draws asked for,
+and the walkers agree with each other; or until it may grow no more, and then the result says that
+it has not mixed, and by which number.
 
 Source: Foreman-Mackey et al. 2013 (emcee); Goodman & Weare 2010; ter Braak & Vrugt 2008; Sokal 1996
 (autocorrelation time); Vehtari et al. 2021 (split R-hat).
@@ -30,7 +30,8 @@ from egocap.posterior.backend import NpzBackend
 from egocap.posterior.config import FIRST_CHECK, SamplerConfig
 from egocap.posterior.laplace import Mode, find_modes
 from egocap.posterior.log_prob import LogPosterior
-from egocap.posterior.moves import Crank, Hop, Mixture, Snooker
+from egocap.posterior.moves import Crank, Hop, LimbCrank, Mixture, Snooker
+from egocap.posterior.parameters import limb_groups
 from egocap.posterior.result import Posterior
 
 THIN = 5
@@ -43,7 +44,8 @@ RHAT = 1.05
 """Most that walkers may disagree."""
 KEPT_DRAWS = 6000
 """Draws handed on, at most about, evenly from the chain."""
-_CRANKS = (0.1, 0.25, 0.5)
+_CRANKS = (0.15, 0.3, 0.6)
+_LIMB_CRANKS = (0.4, 0.7, 1.0)
 
 
 @dataclass(frozen=True)
@@ -191,17 +193,18 @@ def _mixture(modes: list[Mode]) -> Mixture:
     # find it.
     weights = np.maximum(np.exp(mass - mass.max()), 0.05)
     return Mixture(
-        np.array([m.mean for m in modes]), np.array([m.covariance for m in modes]), weights
+        np.array([m.centre for m in modes]), np.array([m.spread for m in modes]), weights
     )
 
 
 def _moves(mixture: Mixture) -> list[tuple[Any, float]]:
     dimensions = mixture.means.shape[1]
     moves: list[tuple[Any, float]] = [
-        (Crank(mixture, _CRANKS), 0.5),
-        (emcee.moves.DEMove(gamma0=2.38 / np.sqrt(2 * dimensions)), 0.3),
+        (Crank(mixture, _CRANKS), 0.3),
+        (LimbCrank(mixture, _LIMB_CRANKS, limb_groups()), 0.4),
+        (emcee.moves.DEMove(gamma0=2.38 / np.sqrt(2 * dimensions)), 0.15),
         (Snooker(), 0.1),
-        (emcee.moves.StretchMove(), 0.1),
+        (emcee.moves.StretchMove(), 0.05),
     ]
     return [*moves, (Hop(mixture), 0.2)] if len(mixture) > 1 else moves
 

@@ -3,17 +3,13 @@
 import numpy as np
 import pytest
 
-from egocap.errors import InputError
+from egocap.errors import FileError, InputError
 from egocap.rig import load_rig
 from egocap_sim.builtin import rig_file
 from evals import calibration
-from evals.calibration import (
-    Coverage,
-    FrameScore,
-    rank_statistics,
-    region_share,
-    run_well_specified,
-)
+from evals.calibration import run_well_specified, study, write_diagram
+from evals.coverage import Coverage, FrameScore, rank_statistics, region_share
+from evals.score_log import ScoreLog
 
 
 def score(inside, ranks=None):
@@ -51,7 +47,7 @@ def test_ranks_tell_a_narrow_sampler_from_a_right_one():
     assert told["smallest_p"] < 1e-6 and told["evenness_of_p"] < 1e-6
 
 
-def test_study_runs_and_refuses_too_few_frames(monkeypatch):
+def test_study_runs_goes_on_and_draws(monkeypatch, tmp_path):
     monkeypatch.setattr(calibration, "STEPS", 1000)
     rig = load_rig(rig_file("egorig1")).resized(640, 512)
     settings = {"sigma": 2.0, "degrees": np.inf, "seed": 1, "workers": 1}
@@ -61,3 +57,31 @@ def test_study_runs_and_refuses_too_few_frames(monkeypatch):
     told = report.to_dict()["well_specified"]
     assert told["frames"] == 2 and 0.0 <= told["levels"]["0.8"]["coverage"] <= 1.0
     assert sum(told["ranks"]["histogram"]) == 2 * 37
+
+    kept = tmp_path / "frames.jsonl"
+    log = ScoreLog(kept)
+    first = run_well_specified(2, rig, missing=0.0, **settings, log=log)
+    np.testing.assert_array_equal(
+        first.well_specified.scores[1].inside, report.well_specified.scores[1].inside
+    )
+    kept.write_text(kept.read_text()[:-30])  # a kill in the middle of the last line
+    monkeypatch.setattr(calibration, "score_frame", lambda job: pytest.fail("done before"))
+    with pytest.raises(pytest.fail.Exception, match="done before"):
+        run_well_specified(2, rig, missing=0.0, **settings, log=ScoreLog(kept))
+    last = list(log._scores)[-1]
+    ScoreLog(kept).add(last, log[last])
+    again = run_well_specified(2, rig, missing=0.0, **settings, log=ScoreLog(kept))
+    assert again.to_dict() == first.to_dict()
+    write_diagram(tmp_path / "page.html", again)
+    assert (tmp_path / "page.html").read_text().count("data:image/png") == 3
+
+
+def test_other_files_are_no_score_logs(tmp_path):
+    (tmp_path / "a.jsonl").write_text('{"frame": "x"}\n{"frame": "y"}\n')
+    with pytest.raises(FileError, match="holds no scores of frames"):
+        ScoreLog(tmp_path / "a.jsonl")
+
+
+def test_only_detector_needs_sequences():
+    with pytest.raises(InputError, match="--only-detector without sequences"):
+        study(only_detector=True)

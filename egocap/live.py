@@ -16,11 +16,18 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
+from egocap.body import Proportions
 from egocap.errors import InputError, MachineError
 from egocap.results import Detections, Track
 from egocap.track.live import LivePose, LiveTracker
 
 _PATIENCE_S = 5.0  # without a picture of some view before it counts as gone
+
+
+class KnowsPerson(Protocol):
+    """What `LiveTracker` and `ColourTracker` have in common here."""
+
+    proportions: Proportions
 
 
 class DetectsOne(Protocol):
@@ -103,6 +110,22 @@ class Source:
             self._fresh.notify_all()
 
 
+def first_pictures(names: Sequence[str]) -> list[UInt8[Array, "H W 3"]]:
+    """What cameras or the beginnings of video files show now, RGB.
+
+    Raises InputError for one that cannot be opened or has no picture.
+    """
+    found = []
+    for name in names:
+        source = Source(name)
+        picture = source.newest(_PATIENCE_S)
+        source.close()
+        if picture is None:
+            raise InputError(f"no picture in '{name}'", valid="a video file or a camera's number")
+        found.append(picture.image)
+    return found
+
+
 @dataclass
 class LiveReport:
     """What a live run did."""
@@ -120,7 +143,7 @@ class LiveReport:
         low, high = np.percentile(self.latencies, [50, 95])
         return 1e3 * float(low), 1e3 * float(high)
 
-    def track(self, tracker: LiveTracker, source: str) -> Track:
+    def track(self, tracker: KnowsPerson, source: str) -> Track:
         """The poses as a track. Raises MachineError when there are none."""
         if not self.poses:
             raise MachineError("no pictures came, so that there is nothing to write")
@@ -139,25 +162,41 @@ class LiveReport:
         )  # fmt: skip
 
 
+Images = Sequence[UInt8[Array, "H W 3"] | None]
+"""RGB pictures, one a view; None where one is missing."""
+
+
 def follow_live(
     sources: Sequence[Source], detector: DetectsOne, tracker: LiveTracker,
-    seconds: float = float("inf"), on_pose: Callable[[LivePose], None] = lambda pose: None,
+    seconds: float = float("inf"),
+    on_pose: Callable[[LivePose, Images], None] = lambda pose, images: None,
 ) -> LiveReport:  # fmt: skip
-    """Track from sources until all have ended, or for so many seconds.
+    """Track by detections from sources until all have ended, or for so many seconds.
 
     A view whose picture does not come in time is missing for that frame.
     """
+    return follow_pictures(
+        sources, lambda images, time: tracker.step(detector.detect(images, time)), seconds, on_pose
+    )
+
+
+def follow_pictures(
+    sources: Sequence[Source], pose_in: Callable[[Images, float], LivePose],
+    seconds: float = float("inf"),
+    on_pose: Callable[[LivePose, Images], None] = lambda pose, images: None,
+) -> LiveReport:  # fmt: skip
+    """As `follow_live`, with whatever makes a pose of pictures and their time."""
     report = LiveReport()
     for pictures in _together(sources, seconds):
         taken = [p.taken for p in pictures if p is not None]
         if report.poses and max(taken) <= report.poses[-1].time:
             continue  # a straggler: the other view is already further on
-        found = detector.detect([None if p is None else p.image for p in pictures], max(taken))
-        pose = tracker.step(found)
+        images = [None if p is None else p.image for p in pictures]
+        pose = pose_in(images, max(taken))
         report.poses.append(pose)
         report.latencies.append(time.monotonic() - min(taken))
         report.skews.append(max(taken) - min(taken))
-        on_pose(pose)
+        on_pose(pose, images)
     report.skipped = sum(source.skipped for source in sources)
     return report
 

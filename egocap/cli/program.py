@@ -1,6 +1,6 @@
 """The program `egocap`."""
 
-from egocap.cli import detecting, showing, tracking  # noqa: F401 (each adds its commands)
+from egocap.cli import detecting, live, showing, tracking  # noqa: F401 (each adds its commands)
 from egocap.cli.registry import app
 from egocap.commandline import run
 

@@ -1,4 +1,4 @@
-"""Commands of the tracker: track, live, fit-body."""
+"""Commands of the tracker: track, fit-body."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.cli.sources import detections_from
 from egocap.commandline import DONE
-from egocap.errors import InputError
 from egocap.track.config import TrackerConfig
 from egocap.track.fit_config import FitConfig
 
@@ -132,73 +131,18 @@ def fit_body(
     return DONE
 
 
-@app.command
-def live(
-    sources: Positional[tuple[str, ...]],
-    rig: Path,
-    body: Path,
-    out: Path | None = None,
-    weights: Path | None = None,
-    seconds: float = float("inf"),
-    config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(smoothing="none"),  # noqa: B008
-    json: bool = False,
-) -> int:
-    """Track from cameras or video files as they run, one a view, in the rig's order.
-
-    The newest pictures are taken and older ones skipped, so that the tracker never falls behind. A
-    video file runs at its own rate.
-
-    Args:
-        sources: cameras' numbers or video files, one a view.
-        rig: rig file of the cameras.
-        body: body file of the wearer.
-        out: track to write when all is over, npz.
-        weights: weights of the learned detector; the shipped ones by default.
-        seconds: stop after so long.
-        config: the tracker's settings; past frames alone count.
-        json: print the summary as JSON.
-    """
-    import json as jsons
-
-    from egocap.body import Proportions
-    from egocap.detect.detector import Detector
-    from egocap.detect.weights import open_weights
-    from egocap.live import Source, follow_live
-    from egocap.results import save_track
-    from egocap.rig import load_rig
-    from egocap.track.live import LiveTracker
-
-    loaded = load_rig(rig)
-    if len(sources) != len(loaded.mounts):
-        raise InputError(f"{len(sources)} sources", valid=f"{len(loaded.mounts)}, one a view")
-    detector = Detector(loaded, open_weights(weights) if weights else None)
-    tracker = LiveTracker(loaded, Proportions.load(body), config)
-    opened = [Source(name) for name in sources]
-    try:
-        report = follow_live(opened, detector, tracker, seconds)
-    finally:
-        for source in opened:
-            source.close()
-    if out is not None:
-        save_track(out, report.track(tracker, detector.source))
-    middle, late = report.latency_ms
-    summary = {"poses": len(report.poses), "skipped_pictures": report.skipped,
-               "latency_ms": middle, "latency_95_ms": late}  # fmt: skip
-    if json:
-        print(jsons.dumps(summary, indent=1))
-    else:
-        print(f"{len(report.poses)} poses, latency {middle:.0f} ms (95 %: {late:.0f}), "
-              f"{report.skipped} pictures skipped")  # fmt: skip
-    return DONE
-
-
 def _print_summary(path: Path, result: Track, as_json: bool) -> None:
     rate = 1.0 / result.seconds_per_frame
-    summary = {
+    summary: dict[str, Any] = {
         "track": str(path), "frames": len(result.times), "frames_per_second": rate,
         "converged": int(result.converged.sum()),
         "detections_per_frame": float(result.detections_used.mean()),
     }  # fmt: skip
+    if result.hidden is not None:
+        from egocap.results import HIDDEN
+
+        shares = {name: float((result.hidden == code).mean()) for code, name in enumerate(HIDDEN)}
+        summary["shares_of_joints"] = shares
     if as_json:
         print(json.dumps(summary, indent=1))
         return

@@ -8,15 +8,16 @@ import numpy as np
 
 from egocap.errors import FileError, MachineError
 from egocap.labels import LABELS
-from egocap.results import Track
+from egocap.results import HIDDEN, Track
 from egocap.skeleton import DOFS
 
 
 def write_arrays(path: str | Path, track: Track) -> None:
     """Write times, joints, angles and their names as npz, whole or not at all.
 
-    Joints are in metres, in the world where that is known (`frame` says which), angles in radians.
-    Raises FileError or MachineError where the file cannot be written.
+    Joints are in metres, in the world where that is known (`frame` says which), angles in radians;
+    `hidden` says for every view why it does not see a joint, by `hidden_names`. Raises FileError or
+    MachineError where the file cannot be written.
     """
     path = Path(path)
     if path.is_dir():
@@ -27,7 +28,10 @@ def write_arrays(path: str | Path, track: Track) -> None:
         "joint_names": np.array(LABELS), "angles": track.angles, "angle_names": np.array(DOFS),
         "frame": np.array("world" if world else "head"),
     }  # fmt: skip
-    optional = {"confidence": track.confidence, "T_world_head": track.T_world_head}
+    optional = {
+        "confidence": track.confidence, "T_world_head": track.T_world_head, "hidden": track.hidden,
+        "hidden_names": None if track.hidden is None else np.array(HIDDEN),
+    }  # fmt: skip
     arrays |= {name: value for name, value in optional.items() if value is not None}
     part = path.with_name(path.name + ".part")
     try:

@@ -20,7 +20,8 @@ from egocap.gaussians import GaussianBody
 from egocap.rig import Rig
 from egocap.track.colour_term import ColourTerm, ColourTermConfig, felt_angles
 from egocap.track.config import TrackerConfig
-from egocap.track.image_rays import image_rays
+from egocap.track.illumination import learn_in_light
+from egocap.track.image_rays import image_rays, require_pictures
 from egocap.track.palette import learn_palette
 
 Images = Callable[[int], Sequence[UInt8[Array, "H W 3"]]]
@@ -40,9 +41,15 @@ class ColourRefinement:
         body = GaussianBody.from_proportions(proportions)
         rays = image_rays(rig, config.colour_size, config.colour_size)
         chosen = surest_frames(covariances, PALETTE_FRAMES)
-        palette = learn_palette(body, rays, [(images(t), angles[t]) for t in chosen])
+        frames = [(images(t), angles[t]) for t in chosen]
+        require_pictures(rig, frames[0][0])
+        light = None
+        if config.follow_light:
+            palette, light = learn_in_light(body, rig, rays, frames)
+        else:
+            palette = learn_palette(body, rays, frames)
         settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)
-        self._term, self._images = ColourTerm(body, rig, palette, settings), images
+        self._term, self._images = ColourTerm(body, rig, palette, settings, light=light), images
 
     def refine(
         self, angles: Float[Array, "T 37"], covariances: Float[Array, "T 37 37"],
@@ -59,6 +66,7 @@ class ColourRefinement:
             held = np.linalg.inv(covariances[t])
             refined[t], H, energies[t] = self._frame(start, held, felt_angles(seen[t]))
             narrowed[t] = np.linalg.inv(H)
+            self._term.settle(refined[t])
         return refined, narrowed, energies
 
     def _frame(

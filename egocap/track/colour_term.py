@@ -3,6 +3,7 @@
     term = ColourTerm(body, rig, palette)
     term.see(frame.images, predicted)       # once a frame
     energy += term.add(angles, H, g)        # once a step
+    term.settle(angles)                     # once a frame, to follow the light
 
 The term is a negative log-likelihood times `weight`. Neighbouring pixels err together, as the body
 is not made of spheres and cloth folds, so that a pixel counts far less than a measurement of its
@@ -15,13 +16,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.gaussians import GaussianBody
 from egocap.rig import Rig
 from egocap.skeleton import LABEL_POINTS, MOVES
+from egocap.track.illumination import Illumination
 from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays, ray_colours
@@ -75,12 +77,14 @@ class ColourTerm:
         palette: Palette,
         config: ColourTermConfig = ColourTermConfig(),
         threads: int | None = None,
+        light: Illumination | None = None,
     ) -> None:
-        self.config, self.palette = config, palette
+        self.config, self.palette, self.light = config, palette, light
         self.model = ImageModel(body, image_rays(rig, config.size, config.size), threads=threads)
         self.weight = config.weight * config.reference_rays / len(self.model.rays)
         self._background = Background()
         self._seen: Palettes | None = None
+        self._hsv: Float32[Array, "P 3"] | None = None
         self._blank = np.zeros((len(self.model.rays), 3), np.float32)
 
     def see(
@@ -96,10 +100,22 @@ class ColourTerm:
             self.model.evaluate(pose, self._blank)
         elif self._seen is None:
             raise InputError("the first frame's colours need a pose to tell body from background")
-        bins = colour_bins(ray_colours(self.model.rays, images))
-        self._background.see(bins, self.model.opacity)
+        opacity = self.model.opacity
+        if self.light is not None and self._seen is None and pose is not None:
+            self.light.meet(self._colours(images), pose)
+        self._hsv = self._colours(images)
+        bins = colour_bins(self._hsv)
+        self._background.see(bins, opacity)
         self._seen = self._background.against(self.palette, bins)
         return self._seen
+
+    def settle(self, angles: Float[Array, "37"]) -> None:
+        """Tell the pose that the last frame came to: the light is followed by it."""
+        if self.light is not None and self._hsv is not None:
+            self.light.follow(self._hsv, angles)
+
+    def _colours(self, images: Sequence[UInt8[Array, "H W 3"]]) -> Float32[Array, "P 3"]:
+        return ray_colours(self.model.rays, images, None if self.light is None else self.light.gain)
 
     def forget(self) -> None:
         """Forget the background: the next frame does not follow the last."""

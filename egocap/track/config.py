@@ -22,6 +22,8 @@ class TrackerConfig:
     """Weight of the detections."""
     guess_weight: float = 0.1
     """Share of its weight that a guess (confidence 0) keeps; its sigma counts beside it."""
+    spread: bool = True
+    """Weigh every detection by the accuracy that its detector states; without, all alike."""
     modes: bool = True
     """Let a joint take another of its detector's places where the body fits it better."""
     swaps: bool = True
@@ -66,6 +68,8 @@ class TrackerConfig:
     """Width and height in pixels to which every view is reduced for that."""
     colour_weight: float = 0.005
     """Weight of one pixel's colour."""
+    follow_light: bool = True
+    """Let the person's colours follow slow changes of the light."""
     covariance: bool = True
     """Work out how sure every joint is."""
     max_iterations: int = 20

@@ -76,10 +76,26 @@ def image_rays(rig: Rig, width: int | None = None, height: int | None = None) ->
     )  # fmt: skip
 
 
-def ray_colours(rays: ImageRays, images: Sequence[UInt8[Array, "H W 3"]]) -> Float32[Array, "P 3"]:
+def require_pictures(rig: Rig, images: Sequence[UInt8[Array, "H W 3"]]) -> None:
+    """Raise InputError unless there is one picture a view, of the aspect of the rig's."""
+    if len(images) != len(rig.mounts):
+        raise InputError(f"{len(images)} images", valid=f"{len(rig.mounts)}, one a view")
+    for mount, image in zip(rig.mounts, images, strict=True):
+        camera, (height, width) = mount.camera, image.shape[:2]
+        if abs(width * camera.height - height * camera.width) > max(camera.width, camera.height):
+            raise InputError(
+                f"a picture of {width} x {height} in view '{mount.name}'",
+                valid=f"the aspect of the rig's, {camera.width} x {camera.height}",
+            )
+
+
+def ray_colours(
+    rays: ImageRays, images: Sequence[UInt8[Array, "H W 3"]], gain: Float[Array, "3"] | None = None
+) -> Float32[Array, "P 3"]:
     """Hue, saturation, value in [0, 1] along every ray, from RGB images of any size.
 
-    Larger images are averaged over the pixels they are scaled to. Raises InputError when there is
+    Larger images are averaged over the pixels they are scaled to. Channels are divided by a `gain`
+    where it is given, which can bring values above 1. Raises InputError when there is
     not one image a view.
     """
     import cv2
@@ -91,6 +107,8 @@ def ray_colours(rays: ImageRays, images: Sequence[UInt8[Array, "H W 3"]]) -> Flo
         if image.shape[1::-1] != rays.size:
             image = cv2.resize(image, rays.size, interpolation=cv2.INTER_AREA)
         scaled = np.asarray(image, np.float32) / np.float32(255.0)
+        if gain is not None:
+            scaled = scaled / np.asarray(gain, np.float32)
         planes.append(cv2.cvtColor(scaled, cv2.COLOR_RGB2HSV))
     hsv = np.stack(planes)[rays.view, rays.pixel[:, 1], rays.pixel[:, 0]]
     hsv[:, 0] /= 360.0

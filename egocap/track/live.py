@@ -33,12 +33,20 @@ class LivePose:
 
 
 class LiveTracker:
-    """Follows a person of known proportions frame by frame. Not to be shared between threads."""
+    """Follows a person of known proportions frame by frame. Not to be shared between threads.
+
+    Raises InputError for settings that need more than the past, or images.
+    """
 
     def __init__(
         self, rig: Rig, proportions: Proportions,
         config: TrackerConfig = TrackerConfig(smoothing="none"),  # noqa: B008 (frozen)
     ) -> None:  # fmt: skip
+        if (config.smoothing, config.solver, config.colour) != ("none", "fast", False):
+            raise InputError(
+                f"smoothing '{config.smoothing}', solver '{config.solver}', colour {config.colour}",
+                valid="live: none, fast, False",
+            )
         self.rig, self.proportions, self.config = rig, proportions, config
         self._model = make_model(proportions, config)
         self._follower = Follower(self._model, config)

@@ -21,6 +21,9 @@ from egocap.track.config import TrackerConfig
 
 REFERENCE_WIDTH = 640
 """Image width in pixels to which `TrackerConfig.pixel_floor` refers."""
+EVEN_SIGMA = 4.0
+"""Standard deviation of every detection, pixels at that width, where `TrackerConfig.spread` is off:
+about what the shipped detector's are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +128,9 @@ class _Caster:
             ray, seen = camera.ray(pixels)
             _, J, _ = camera.project_jacobian(ray)
             floor = config.pixel_floor * camera.width / REFERENCE_WIDTH
-            sigma = np.where(usable[:, v], np.maximum(found.sigma[:, v], floor), floor)
+            even = EVEN_SIGMA * camera.width / REFERENCE_WIDTH
+            stated = found.sigma[:, v] if config.spread else np.full_like(found.sigma[:, v], even)
+            sigma = np.where(usable[:, v], np.maximum(stated, floor), floor)
             centre = mount.T_head_camera[:3, 3]
             distance = np.linalg.norm(self.proportions.rest_joints - centre, axis=-1)
             model = config.model_error_m / np.maximum(distance, 0.05)

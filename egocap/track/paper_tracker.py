@@ -26,8 +26,9 @@ from egocap.track.colour_refinement import surest_frames
 from egocap.track.colouring import colour_body
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import predict
+from egocap.track.hiding import why_hidden
 from egocap.track.image_model import ImageModel
-from egocap.track.image_rays import image_rays
+from egocap.track.image_rays import image_rays, require_pictures
 from egocap.track.kernel import make_model
 from egocap.track.observations import observe
 from egocap.track.paper_config import PAPER_SOLVERS, PaperConfig
@@ -51,6 +52,7 @@ def track_as_paper(
     leaves it out. `seed` is of the random pixels. `energies` are those before the filter. The time
     is that of preparing and solving frames on the threads that numba has; `config["seconds"]` has
     it by stage, beside that of reading images, finding colours, and working out the energies.
+    Raises InputError for pictures of another aspect than the rig's.
     """
     times, views = np.asarray(detections.times, float), len(rig.mounts)
     plain = TrackerConfig()
@@ -58,6 +60,7 @@ def track_as_paper(
     there = seen.weights > 0.0
     confidence = np.where(there, np.nan_to_num(detections.confidence), 0.0)
     seconds: dict[str, float] = {}
+    require_pictures(rig, images(0))
     started = time.perf_counter()
     body, start = _personalised(detections, rig, proportions, images)
     seconds["personalise"] = time.perf_counter() - started
@@ -92,6 +95,7 @@ def track_as_paper(
         config={"paper": asdict(config), "detections": detections.source, "rig": rig.name,
                 "seconds": seconds},
         offsets=np.array(proportions.offsets), energies=energies,
+        hidden=why_hidden(angles, detections, rig, proportions),
     )  # fmt: skip
 
 

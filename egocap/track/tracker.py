@@ -58,6 +58,7 @@ def track(
     from egocap.track import kernel
     from egocap.track.causal import term_energies
     from egocap.track.colour_refinement import ColourRefinement
+    from egocap.track.hiding import why_hidden
     from egocap.track.uncertainty import confidences, joint_covariances
 
     model = kernel.make_model(proportions, config)
@@ -104,6 +105,7 @@ def track(
         covariance=covariance,
         confidence=None if covariance is None else confidences(covariance),
         energies=energies,
+        hidden=why_hidden(angles, detections, rig, proportions),
     )
 
 

@@ -180,3 +180,40 @@ def test_the_solver_of_the_paper_is_a_word(egocap, tracked, tiny_sequence):
     assert json.loads(out)["frames_per_second"] == pytest.approx(1 / found.seconds_per_frame)
     wrong = egocap(*words, "--solver", "reference", "--lambda-motion", "0.5")
     assert "lambda_motion = 0.5 with solver 'reference'" in complaint(wrong)
+
+
+@pytest.fixture
+def films(tiny_sequence, tmp_path):
+    """The small sequence as one video a view, its rig and body, in the folder of the test."""
+    import cv2
+
+    sequence = Sequence(tiny_sequence)
+    for v, view in enumerate(sequence.rig.views):
+        fourcc = cv2.VideoWriter.fourcc(*"MJPG")
+        writer = cv2.VideoWriter(str(tmp_path / f"{view}.avi"), fourcc, 5.0, (160, 128))
+        if not writer.isOpened():
+            pytest.skip("no video writer here")
+        for t in range(len(sequence)):
+            writer.write(sequence.frame(t).images[v][..., ::-1])
+        writer.release()
+    return tuple(f"{view}.avi" for view in sequence.rig.views)
+
+
+def test_live_by_colour_writes_a_track_and_a_film(egocap, films, tracked, tiny_sequence):
+    files = ("--rig", tiny_sequence / "rig.json", "--body", tiny_sequence / "body.json")
+    words = ("live", *films, *files, "--colour-only")
+    made = ("--start", tracked / "track.npz", "--out", "live.npz", "--record", "live.mp4")
+    code, out, err = egocap(*words, *made, "--view", "--port", 0, "--json")
+    assert code == 0, err
+    assert "http://127.0.0.1:" in err
+    found = load_track("live.npz")
+    assert json.loads(out)["poses"] == len(found.times) >= 1
+    assert Path("live.mp4").stat().st_size > 5_000
+    for wrong, says in (
+        (("--start", "upside down"), "no starting pose 'upside down' (valid: rest"),
+        (("--weights", "w.safetensors"), "--colour-only with weights"),
+        (("--record", "live.gif"), "ends in .mp4"),
+    ):
+        assert says in complaint(egocap(*words, *wrong))
+    assert "--start" in complaint(egocap("live", *films, *files, "--start", "sitting"))
+    assert "1 sources" in complaint(egocap("live", films[0], *files))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from egocap.errors import InputError, MachineError
-from egocap.live import LiveReport, Source, follow_live
+from egocap.live import LiveReport, Source, first_pictures, follow_live
 from egocap.track.config import TrackerConfig
 from egocap.track.live import LiveTracker
 from egocap.track.tracker import track
@@ -74,6 +74,33 @@ def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
     assert max(report.latencies) < 5.0
     result = report.track(LiveTracker(made.rig, made.person, LIVE), "test")
     assert result.times[0] == 0.0 and (np.diff(result.times) > 0).all()
+
+
+def test_every_pose_is_shown_with_its_pictures(tmp_path):
+    made = make_motion(frames=60)
+    sources = [Source(video(tmp_path / f"{side}.avi", 5)) for side in ("left", "right")]
+    shown = []
+    report = follow_live(
+        sources, Slow(made, 0.0), LiveTracker(made.rig, made.person, LIVE),
+        on_pose=lambda pose, images: shown.append((pose, [i is not None for i in images])),
+    )  # fmt: skip
+    assert [pose for pose, _ in shown] == report.poses
+    assert [True, True] in [there for _, there in shown]
+
+
+def test_the_first_pictures_are_the_beginning(tmp_path):
+    names = [video(tmp_path / "a.avi", 3), video(tmp_path / "b.avi", 30)]
+    assert all(picture.mean() < 5 for picture in first_pictures(names))
+    (tmp_path / "empty.avi").write_bytes(b"")
+    with pytest.raises(InputError, match="empty"):
+        first_pictures([str(tmp_path / "empty.avi")])
+
+
+def test_settings_that_need_the_future_are_refused():
+    made = make_motion(frames=2)
+    for wrong in ({"smoothing": "interval"}, {"solver": "reference"}, {"colour": True}):
+        with pytest.raises(InputError, match="live"):
+            LiveTracker(made.rig, made.person, replace(LIVE, **wrong))
 
 
 def test_a_view_that_ends_early_is_missing(tmp_path):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from egocap.errors import FileError, MachineError
 from egocap.results import (
+    SCHEMA,
     Detections,
     Track,
     load_detections,
@@ -121,7 +122,7 @@ def test_one_kind_is_not_taken_for_the_other(tmp_path):
         ({"config": np.array("{")}, "config.*JSON"),
         ({"config": np.array("[1]")}, "config.*object"),
         ({"extra": np.zeros(1)}, "extra.*unknown"),
-        ({"schema_version": np.array(3)}, "newer"),
+        ({"schema_version": np.array(SCHEMA + 1)}, "newer"),
         ({"schema_version": np.array("one")}, "schema_version"),
         ({"kind": None}, "kind"),
     ],

@@ -17,8 +17,9 @@ from egocap.track.body_prior import (
     offsets_of,
     proportions_of,
 )
-from egocap.track.fit_body import first_seconds, fit_body, joint_derivatives
+from egocap.track.fit_body import first_seconds, fit_body
 from egocap.track.fit_config import FitConfig
+from egocap.track.fit_problem import joint_derivatives
 
 FEW = FitConfig(frames=30)
 LIMBS = ("left_elbow", "left_wrist", "left_knee", "left_ankle")

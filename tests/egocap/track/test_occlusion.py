@@ -3,12 +3,18 @@
 import numpy as np
 import pytest
 
+from egocap.body import Proportions
 from egocap.gaussians import GaussianBody
 from egocap.labels import LABEL_INDEX, LABELS
-from egocap.posterior.occlusion import MARGINS, joints_seen, optical_depths, others, posed_gaussians
 from egocap.rig import Mount, Rig, load_rig
 from egocap.skeleton import forward
+from egocap.track.occlusion import MARGINS, joints_seen, optical_depths, others, posed_gaussians
 from egocap_sim.builtin import rig_file
+
+
+@pytest.fixture(scope="module")
+def person():
+    return Proportions.from_lengths(1.75)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,107 @@
+"""A pose drawn over the pictures it was found in, and in three dimensions beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.geometry import unit
+from egocap.labels import LABELS, LIMBS
+from egocap.rig import Rig
+
+LEFT, RIGHT, MIDDLE = (80, 190, 255), (255, 150, 60), (235, 235, 235)  # RGB
+UNSURE = (120, 120, 120)
+SURE = 0.5
+"""Confidence under which a joint is drawn grey."""
+EYE = np.array([2.6, 1.5, 0.4])
+"""From where the three-dimensional view looks, head frame, metres: before, left, above."""
+MIDST = np.array([0.1, 0.0, -0.75])
+"""What it looks at: the middle of the body."""
+FIELD = 2.0
+"""Height of what it shows, metres at the distance of the body."""
+_FLOOR_M = 0.5  # spacing of the floor's lines
+
+
+def side_by_side(
+    images: Sequence[UInt8[Array, "H W 3"] | None], joints_head: Float[Array, "18 3"],
+    confidence: Float[Array, "18"], rig: Rig, height: int = 360,
+) -> UInt8[Array, "h w 3"]:  # fmt: skip
+    """All views with the pose over them and the pose in 3-D, RGB; a missing picture is black.
+
+    Both sides are even, as films want them.
+    """
+    pixels, inside = rig.project(joints_head)
+    panels = []
+    for v, (image, camera) in enumerate(zip(images, rig.cameras, strict=True)):
+        width = round(camera.width * height / camera.height / 2) * 2
+        panel = _scaled(image, width, height)
+        scale = np.array([width / camera.width, height / camera.height])
+        at = (np.where(inside[v][:, None], pixels[v], 0.0) + 0.5) * scale - 0.5
+        panels.append(draw_pose(panel, at, inside[v], confidence))
+    panels.append(draw_in_space(joints_head, confidence, height))
+    return np.concatenate(panels, axis=1)
+
+
+def draw_pose(
+    image: UInt8[Array, "H W 3"], points: Float[Array, "18 2"], shown: Array,
+    confidence: Float[Array, "18"],
+) -> UInt8[Array, "H W 3"]:  # fmt: skip
+    """An image with limbs and joints over it: left blue, right orange, unsure ones grey."""
+    import cv2
+
+    canvas = np.ascontiguousarray(image).copy()
+    thick = max(1, canvas.shape[0] // 150)
+    at = np.rint(16.0 * points).astype(int)
+    for a, b in LIMBS:
+        if shown[a] and shown[b]:
+            colour = _colour(b) if min(confidence[a], confidence[b]) >= SURE else UNSURE
+            cv2.line(canvas, at[a].tolist(), at[b].tolist(), colour, thick, cv2.LINE_AA, 4)
+    for j in np.flatnonzero(shown).tolist():
+        colour = _colour(j) if confidence[j] >= SURE else UNSURE
+        cv2.circle(canvas, at[j].tolist(), 24 * thick, colour, -1, cv2.LINE_AA, 4)
+    return canvas
+
+
+def draw_in_space(
+    joints_head: Float[Array, "18 3"], confidence: Float[Array, "18"], size: int
+) -> UInt8[Array, "h w 3"]:
+    """The pose seen from before and the left, over a floor at its lowest foot."""
+    import cv2
+
+    canvas = np.full((size // 2 * 2, size // 2 * 2, 3), 24, np.uint8)
+    floor = float(joints_head[:, 2].min())
+    reach = np.arange(-1.0, 1.0 + 1e-6, _FLOOR_M)
+    for near in reach:
+        for ends in ([[near, -1.0], [near, 1.0]], [[-1.0, near], [1.0, near]]):
+            line = _seen(np.array([[x, y, floor] for x, y in ends]), size)
+            first, last = np.rint(16.0 * line).astype(int).tolist()
+            cv2.line(canvas, first, last, (58, 58, 58), 1, cv2.LINE_AA, 4)
+    everything = np.ones(len(LABELS), bool)
+    return draw_pose(canvas, _seen(joints_head, size), everything, confidence)
+
+
+def _seen(points: Float[Array, "N 3"], size: int) -> Float[Array, "N 2"]:
+    """Pixels of points in the head frame, by a camera at `EYE`."""
+    forward = unit(MIDST - EYE)
+    right = unit(np.cross(forward, [0.0, 0.0, 1.0]))
+    down = np.cross(forward, right)
+    away = points - EYE
+    depth = away @ forward
+    focal = size / FIELD * np.linalg.norm(MIDST - EYE)
+    return np.stack([away @ right, away @ down], -1) / depth[:, None] * focal + size / 2
+
+
+def _scaled(image: UInt8[Array, "H W 3"] | None, width: int, height: int) -> UInt8[Array, "h w 3"]:
+    import cv2
+
+    if image is None:
+        return np.zeros((height, width, 3), np.uint8)
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]
+
+
+def _colour(label: int) -> tuple[int, int, int]:
+    side = LABELS[label].partition("_")[0]
+    return {"left": LEFT, "right": RIGHT}.get(side, MIDDLE)

@@ -29,6 +29,7 @@ STUDIES = {
     "run": ("evals.run", "Run a suite: sequences, predictions, scores and a report."),
     "compare": ("evals.compare", "Say what changed between two runs, and whether beyond noise."),
     "ablation": ("evals.ablation", "Track with one part left out at a time, over people."),
+    "personalised": ("evals.personalised", "Fit bodies to a clip of their own, track others."),
     "runtime": ("evals.runtime", "How long detector, solvers and the whole way take."),
     "stress": ("evals.stress", "Track under one growing fault at a time, with error bars."),
     "stress-rendered": ("evals.stress_rendered", "The same for faults of the picture, rendered."),

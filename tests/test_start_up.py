@@ -43,6 +43,7 @@ COMMANDS = {
         "runtime",
         "ablation",
         "compare",
+        "personalised",
         "check",
         "stress",
         "survival",

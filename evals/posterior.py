@@ -48,8 +48,8 @@ def study(
         seeds: Draws of the detections' noise to track.
         sampled: Frames of every sequence to sample.
     """
-    if seeds < 1 or sampled < 1:
-        raise InputError(f"{seeds} seeds, {sampled} frames", valid="1 or more")
+    if seeds < 1 or sampled < 0:
+        raise InputError(f"{seeds} seeds, {sampled} frames", valid="a seed or more, frames from 0")
     result: dict[str, Any] = {"evaluations_per_second": round(evaluation_rate())}
     missed, tables = [], []
     if result["evaluations_per_second"] < LEAST_RATE:
@@ -155,6 +155,7 @@ def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[st
     rows = []
     with progress("sampling", count) as advance:
         for frame in np.linspace(0, len(sequence) - 1, count).astype(int):
+            cpu = time.process_time()
             density = log_posterior_of(
                 found, int(frame), sequence.rig, sequence.proportions, config
             )
@@ -162,7 +163,10 @@ def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[st
             rows.append({
                 "frame": int(frame), "mixed": result.mixed, "outcome": result.outcome,
                 "steps": result.steps, "seconds": round(result.seconds, 1),
+                "cpu_seconds": round(time.process_time() - cpu, 1),
                 "effective": round(float(result.effective.min())),
+                "of_angle": result.names[int(result.effective.argmin())],
+                "largest_rhat": round(float(result.rhat.max()), 4),
                 "longest_autocorrelation": round(float(result.autocorrelation.max()), 1),
                 "modes": len(result.modes),
             })  # fmt: skip

@@ -126,6 +126,7 @@ def study(
     seed: int = 0,
     check: tuple[Path, ...] = (),
     page: Path | None = None,
+    figure: Path | None = None,
 ) -> Outcome:
     """What stereo rigs can know of a suite of motions: visibility, bound, tracked error.
 
@@ -140,6 +141,7 @@ def study(
         seed: Of the tracked detections' noise.
         check: Rendered sequences on which to compare the visibility with the renderer's.
         page: Pictures and the recommendation, html.
+        figure: Bound, posterior and error of the tracked rigs in one picture, png.
     """
     given = [text for group in sweep for text in group]
     if sweep and not given:
@@ -152,6 +154,8 @@ def study(
             f"frames {frames}, tracked {tracked}, seed {seed}, {len(suite)} motions",
             valid="3 frames or more, a motion or more, the others from 0",
         )
+    if figure is not None and (not tracked or figure.suffix != ".png"):
+        raise InputError(f"--figure {figure}", valid="a .png file, with --tracked N")
     report = run_rig(sweeps, sigma=sigma, suite=suite, frames=frames, tracked=tracked, seed=seed)
     result = report.to_dict()
     tables = [report.to_table(), Table("", ("recommendation",), ((result["recommendation"],),))]
@@ -164,4 +168,8 @@ def study(
         from evals.rig_plots import write_rig_page
 
         write_rig_page(page, report)
+    if figure is not None:
+        from evals.rig_plots import save_together
+
+        save_together(figure, report)
     return Outcome(result, tables)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from egocap.posterior.page import write_pictures
+from egocap.sequence_writer import disk_errors, write_atomically
 from evals.rig_report import PAPERS, RigReport
 
 
@@ -19,6 +21,15 @@ def write_rig_page(path: Path, report: RigReport) -> None:
     if report.tracked:
         drawn.append(("Bound, posterior and error", draw_together(report)))
     write_pictures(path, "Rig design", drawn, facts=report.recommendation())
+
+
+def save_together(path: Path, report: RigReport) -> None:
+    """Bound, posterior and error as a PNG file, whole or not at all."""
+    file = io.BytesIO()
+    draw_together(report).savefig(file, format="png", dpi=110)
+    with disk_errors(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, file.getvalue())
 
 
 def draw_heat_map(report: RigReport) -> Any:

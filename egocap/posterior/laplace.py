@@ -18,8 +18,7 @@ from numpy import ndarray as Array
 
 from egocap.posterior.log_prob import LogPosterior
 from egocap.posterior.simulation import draw_poses
-from egocap.posterior.walls import between_walls
-from egocap.skeleton import DOF_COUNT, DOFS, LIMITS
+from egocap.skeleton import DOF_COUNT, DOFS
 from egocap.track.posture import load_posture
 from egocap.track.starts import start_poses
 
@@ -39,12 +38,10 @@ _LIMBS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A local maximum, the Gaussian that shares its curvature, and one to draw proposals from."""
+    """A local maximum and the Gaussian that shares its curvature."""
 
     mean: Float[Array, "N"]
     covariance: Float[Array, "N N"]
-    centre: Float[Array, "N"]  # of the Gaussian that allows for the limits (`walls`)
-    spread: Float[Array, "N N"]  # its covariance
     log_prob: float
     converged: bool
 
@@ -86,10 +83,9 @@ def _same(mode: Mode, theta: Float[Array, "N"]) -> bool:
 
 def _mode(density: LogPosterior, theta: Float[Array, "N"]) -> Mode:
     theta, value, converged = _climb(density, theta, _FINE)
-    _, g, H = density.derivatives(theta, expected=True)
+    _, _, H = density.derivatives(theta, expected=True)
     covariance = np.linalg.inv(H)
-    centre, spread = between_walls(theta, g, H, LIMITS, density.config.limit_weight)
-    return Mode(theta, 0.5 * (covariance + covariance.T), centre, spread, value, converged)
+    return Mode(theta, 0.5 * (covariance + covariance.T), value, converged)
 
 
 def _padded(density: LogPosterior, angles: Float[Array, "37"]) -> Float[Array, "N"]:

@@ -20,22 +20,19 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body import Proportions
-from egocap.posterior import kernel, parameters
+from egocap.posterior import curvature, kernel, parameters
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.measurement import Measurement, measure
 from egocap.results import Detections
 from egocap.rig import Rig
 from egocap.skeleton import (
-    AXES,
     DOF_COUNT,
-    DOF_JOINT,
-    JOINTS,
     LABEL_POINTS,
     LIMITS,
-    MOVES,
-    POINT_PARENTS,
     forward,
 )
+from egocap.track.config import TrackerConfig
+from egocap.track.kernel import make_model
 from egocap.track.posture import load_posture
 
 Extra = Callable[[Float[Array, "W 37"]], Float[Array, "W"]]
@@ -86,7 +83,7 @@ class LogPosterior:
         With `expected`, Student-t errors count in the Hessian by their mean information at most.
         """
         g, H = np.empty(self.size), np.empty((self.size, self.size))
-        value = kernel.derivatives(
+        value = curvature.derivatives(
             self.body, self.prior, self.optics, self.data, np.asarray(theta, float), expected,
             H, g,
         )  # fmt: skip
@@ -136,15 +133,9 @@ def readable_log_posterior(
 
 def make_body(proportions: Proportions) -> kernel.Body:
     """The skeleton's tables and a person's bones as the kernels take them."""
-    moves = [np.flatnonzero(MOVES[i]) for i in LABEL_POINTS]
-    chains = np.full((len(moves), max(map(len, moves))), -1)
-    for row, chain in zip(chains, moves, strict=True):
-        row[: len(chain)] = chain
-    return kernel.Body(
-        np.array(proportions.offsets), np.array(POINT_PARENTS), np.array(AXES),
-        np.searchsorted(DOF_JOINT, np.arange(len(JOINTS) + 1)), np.array(DOF_JOINT),
-        np.array(LABEL_POINTS), chains, np.array(parameters.scale_of_point()),
-    )  # fmt: skip
+    model = make_model(proportions, TrackerConfig())
+    tables = {name: getattr(model, name) for name in kernel.Body._fields if name in model._fields}
+    return kernel.Body(**tables, scale_group=np.array(parameters.scale_of_point()))
 
 
 def make_prior(config: PosteriorConfig, views: int) -> kernel.Prior:

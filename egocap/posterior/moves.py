@@ -3,10 +3,8 @@
 `Crank` turns a walker about the mean of the Gaussian it belongs to, in that Gaussian's own metric.
 The Gaussian itself would be sampled without a single rejection, in any number of dimensions, where
 a stretch move's steps shrink; what is rejected is the difference between it and the posterior.
-`LimbCrank` turns a few parameters, such as a limb's, and leaves the others: it may take long steps
-where a limb alone is far from Gaussian.
 `Hop` carries a walker from one Gaussian to the same place in another, so that modes get their
-share. All draw the Gaussian by its responsibility for the walker, and the chance of drawing it
+share. Both draw the Gaussian by its responsibility for the walker, and the chance of drawing it
 again from the other end enters the acceptance.
 
 Source: Neal 1999, "Regression and classification using Gaussian process priors"; Cotter et al.
@@ -87,70 +85,32 @@ class Mixture:
 
 
 class Crank(MHMove):
-    """x' = mean + sqrt(1 - b^2) (x - mean) + b L xi, with b drawn from `steps` at every step."""
+    """x' = mean + L z', z' = sqrt(1 - b^2) z + b xi, with b drawn from `steps` at every step.
 
-    def __init__(self, mixture: Mixture, steps: Sequence[float]) -> None:
+    With `few`, that many of z's numbers, about, move and the others stay: the steps may be longer.
+    """
+
+    def __init__(
+        self, mixture: Mixture, steps: Sequence[float], few: Sequence[int] | None = None
+    ) -> None:
         super().__init__(self._propose, ndim=mixture.means.shape[1])
         self._mixture, self._steps = mixture, tuple(steps)
+        self._few = (mixture.means.shape[1],) if few is None else tuple(few)
 
     def _propose(
         self, x: Float[Array, "W N"], rng: Random
     ) -> tuple[Float[Array, "W N"], Float[Array, "W"]]:
         mixture, rows = self._mixture, np.arange(len(x))
         b = np.asarray(self._steps)[rng.randint(len(self._steps), size=len(x))][:, None]
+        few = np.asarray(self._few)[rng.randint(len(self._few), size=len(x))][:, None]
         before = mixture.log_share(x)
         which = mixture.draw_component(before, rng)
         z = mixture.white(x, which)
         new_z = np.sqrt(1.0 - b * b) * z + b * rng.standard_normal(z.shape)
+        new_z = np.where(rng.rand(*z.shape) * z.shape[1] < few, new_z, z)
         new = mixture.coloured(new_z, which)
         # Reversible for the Gaussian: q(x | x') / q(x' | x) = N(x) / N(x').
         factor = 0.5 * np.sum(new_z * new_z - z * z, axis=1)
-        return new, factor + mixture.log_share(new)[rows, which] - before[rows, which]
-
-
-class LimbCrank(MHMove):
-    """`Crank` within one group of parameters at a time, about their mean given all the others.
-
-    For the Gaussian N(mean, P^-1) it is x_g given the rest: mean_g - P_gg^-1 P_gr (x_r - mean_r)
-    with covariance P_gg^-1. `groups` hold indices of parameters; one is drawn at every step.
-    """
-
-    def __init__(
-        self, mixture: Mixture, steps: Sequence[float], groups: Sequence[Sequence[int]]
-    ) -> None:
-        super().__init__(self._propose, ndim=mixture.means.shape[1])
-        self._mixture, self._steps = mixture, tuple(steps)
-        self._groups = [np.asarray(group) for group in groups]
-        precisions = np.swapaxes(mixture.inverse_roots, -1, -2) @ mixture.inverse_roots
-        # Of every group and Gaussian: how the rest pulls, and the root of what is left open.
-        self._pulls, self._roots = [], []
-        for group in self._groups:
-            rows = precisions[:, group]
-            own = np.linalg.inv(rows[:, :, group])
-            rows = rows.copy()
-            rows[:, :, group] = 0.0
-            self._pulls.append(-own @ rows)  # (K, g, N), nothing from the group itself
-            self._roots.append(np.linalg.cholesky(0.5 * (own + np.swapaxes(own, -1, -2))))
-
-    def _propose(
-        self, x: Float[Array, "W N"], rng: Random
-    ) -> tuple[Float[Array, "W N"], Float[Array, "W"]]:
-        mixture, rows = self._mixture, np.arange(len(x))
-        b = np.asarray(self._steps)[rng.randint(len(self._steps), size=len(x))][:, None]
-        chosen = int(rng.randint(len(self._groups)))
-        group, pulls, roots = self._groups[chosen], self._pulls[chosen], self._roots[chosen]
-        before = mixture.log_share(x)
-        which = mixture.draw_component(before, rng)
-        new, factor = x.copy(), np.empty(len(x))
-        noise = rng.standard_normal((len(x), len(group)))
-        for k in range(len(mixture)):
-            mine = which == k
-            away = x[mine] - mixture.means[k]
-            middle = mixture.means[k, group] + away @ pulls[k].T
-            z = np.linalg.solve(roots[k], (x[np.ix_(mine, group)] - middle).T).T
-            new_z = np.sqrt(1.0 - b[mine] ** 2) * z + b[mine] * noise[mine]
-            new[np.ix_(mine, group)] = middle + new_z @ roots[k].T
-            factor[mine] = 0.5 * np.sum(new_z * new_z - z * z, axis=1)
         return new, factor + mixture.log_share(new)[rows, which] - before[rows, which]
 
 

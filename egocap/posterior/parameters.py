@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from egocap.posterior.config import PosteriorConfig
-from egocap.skeleton import DOF_JOINT, DOFS, JOINTS, POINTS
+from egocap.skeleton import DOFS, POINTS
 
 SCALES: dict[str, tuple[str, ...]] = {
     "trunk": ("neck", "upper_spine", "lower_spine"),
@@ -25,14 +25,6 @@ RIG_ERRORS = ("turn_x", "turn_y", "turn_z", "shift_x", "shift_y", "shift_z")
 
 UNSCALED = -1
 
-LIMBS: tuple[tuple[str, ...], ...] = (
-    ("neck", "upper_spine", "lower_spine"),
-    *(tuple(f"{side}_{j}" for j in ("clavicle", "shoulder", "elbow", "wrist"))
-      for side in ("left", "right")),
-    *(tuple(f"{side}_{j}" for j in ("hip", "knee", "ankle")) for side in ("left", "right")),
-)  # fmt: skip
-"""Joints that make a trunk, an arm, a leg."""
-
 
 def names(config: PosteriorConfig, views: Sequence[str]) -> tuple[str, ...]:
     """Names of all parameters in order: angles, scales (ln of the factor), rig errors."""
@@ -46,12 +38,4 @@ def scale_of_point() -> tuple[int, ...]:
     kinds = {point: i for i, group in enumerate(SCALES.values()) for point in group}
     return tuple(
         kinds.get(point.removeprefix("left_").removeprefix("right_"), UNSCALED) for point in POINTS
-    )
-
-
-def limb_groups() -> tuple[tuple[int, ...], ...]:
-    """Indices of the angles of every limb."""
-    return tuple(
-        tuple(i for i, joint in enumerate(DOF_JOINT) if JOINTS[joint].name in limb)
-        for limb in LIMBS
     )

@@ -1,6 +1,6 @@
 """emcee on one frame's posterior: started from its modes, as long as its autocorrelation asks for.
 
-Moves, drawn at random at every step: Crank, LimbCrank and (between modes) Hop of `moves`, which
+Moves, drawn at random at every step: Crank and (between modes) Hop of `moves`, which
 follow the shape about the modes, and differential evolution with and without snooker and the
 stretch move, which need no idea of it. The chain grows until it is `LENGTHS` integrated
 autocorrelation times long beyond a burn-in of `BURN_IN` of them, has the effective draws asked for,
@@ -30,8 +30,7 @@ from egocap.posterior.backend import NpzBackend
 from egocap.posterior.config import FIRST_CHECK, SamplerConfig
 from egocap.posterior.laplace import Mode, find_modes
 from egocap.posterior.log_prob import LogPosterior
-from egocap.posterior.moves import Crank, Hop, LimbCrank, Mixture, Snooker
-from egocap.posterior.parameters import limb_groups
+from egocap.posterior.moves import Crank, Hop, Mixture, Snooker
 from egocap.posterior.result import Posterior
 
 THIN = 5
@@ -45,7 +44,8 @@ RHAT = 1.05
 KEPT_DRAWS = 6000
 """Draws handed on, at most about, evenly from the chain."""
 _CRANKS = (0.15, 0.3, 0.6)
-_LIMB_CRANKS = (0.4, 0.7, 1.0)
+_FEW = (4, 8, 12)
+"""Directions that are redrawn together."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def _mixture(modes: list[Mode]) -> Mixture:
     # find it.
     weights = np.maximum(np.exp(mass - mass.max()), 0.05)
     return Mixture(
-        np.array([m.centre for m in modes]), np.array([m.spread for m in modes]), weights
+        np.array([m.mean for m in modes]), np.array([m.covariance for m in modes]), weights
     )
 
 
@@ -201,7 +201,7 @@ def _moves(mixture: Mixture) -> list[tuple[Any, float]]:
     dimensions = mixture.means.shape[1]
     moves: list[tuple[Any, float]] = [
         (Crank(mixture, _CRANKS), 0.3),
-        (LimbCrank(mixture, _LIMB_CRANKS, limb_groups()), 0.4),
+        (Crank(mixture, (1.0,), _FEW), 0.4),
         (emcee.moves.DEMove(gamma0=2.38 / np.sqrt(2 * dimensions)), 0.15),
         (Snooker(), 0.1),
         (emcee.moves.StretchMove(), 0.05),

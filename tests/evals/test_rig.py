@@ -1,6 +1,7 @@
 """Sweeps of rigs: what they refuse, what they find, and what they say."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from evals import rig as rig_study
 from evals.cli import main
 from evals.rig import run_rig, study
 from evals.rig_bounds import bound, track_errors
-from evals.rig_plots import write_rig_page
+from evals.rig_plots import save_together, write_rig_page
 from evals.rig_report import Candidate, RigReport, Tracked, difference_mm
 from evals.rig_suite import Motion, Sights
 from evals.rig_sweep import DEFAULTS, Sweep, make_rig, parse_sweep
@@ -136,6 +137,8 @@ def test_words_and_pictures_speak_of_tracked_rigs(tmp_path):
     assert "is refuted by the tracker's error: 28.0 mm at 0.35 m" in words
     assert len(report.to_table().rows) == 4
     write_rig_page(tmp_path / "rigs.html", report)
+    save_together(tmp_path / "new" / "rigs.png", report)
+    assert (tmp_path / "new" / "rigs.png").read_bytes().startswith(b"\x89PNG")
     html = (tmp_path / "rigs.html").read_text()
     assert html.count("data:image/png") == 2 and "is refuted" in html
 
@@ -179,3 +182,5 @@ def test_sweeps_come_after_one_flag_or_several(words, motion, monkeypatch, capsy
 def test_a_sweep_without_measures_is_refused():
     with pytest.raises(InputError, match="--sweep without a measure"):
         study(sweep=((),))
+    with pytest.raises(InputError, match="with --tracked"):
+        study(figure=Path("rigs.png"))

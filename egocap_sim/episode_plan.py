@@ -126,6 +126,8 @@ def catalogue(folder: Path, *, strict: bool) -> tuple[Recorded, ...]:
         found.append(Recorded(str(path.absolute()), seconds, checksum(path)))
     if not found:
         raise FileError(folder, "none of its motion files can be used")
+    minutes = sum(clip.seconds for clip in found) / 60
+    log.info("%s: %d of %d motion files, %.1f minutes", folder, len(found), len(files), minutes)
     return tuple(found)
 
 

@@ -46,7 +46,7 @@ from egocap_sim.stage import (
 from egocap_sim.trajectory import PhysicsStats
 from egocap_sim.truth import others_truth, truth_before_rendering
 from egocap_sim.version import code_version
-from egocap_sim.workers import DRAFT, frame_maker, render_locally
+from egocap_sim.workers import DRAFT, files_of, frame_maker, render_locally
 
 if TYPE_CHECKING:
     from egocap_sim.human.person import Person
@@ -141,7 +141,7 @@ def record_here(scene: Scene, folder: Path) -> None:
         try:
             for index in writer.pending():
                 frames = writer.frames_of(index)
-                shard = write_shard(folder, index, frames.start, (maker.files(i) for i in frames))
+                shard = write_shard(folder, index, frames.start, files_of(maker, frames))
                 writer.enter_shard(shard)
         finally:
             maker.close()

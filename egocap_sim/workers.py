@@ -10,7 +10,7 @@ import logging
 import multiprocessing as mp
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -32,7 +32,8 @@ DRAFT = "truth.draft.tmp"
 
 _THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Thread counts of Mesa's software OpenGL and of the numeric libraries."""
-_DEATHS = 3  # of workers one after another, without a shard done between them, before giving up
+_DEATHS = 3  # of workers one after another, without a frame made between them, before giving up
+_DEATHS_OF_JOBS = 20  # the same without a job done: it is the same frame that kills them
 
 log = logging.getLogger(__name__)
 
@@ -90,17 +91,19 @@ def work_through(
 
     `begin` is a function and its arguments, called once in every worker. A worker that dies (out of
     memory, or killed) is replaced and its job begun again, after `tidy`. Raises MachineError when
-    they keep dying.
+    they keep dying without getting on.
     """
-    deaths = 0
+    made = mp.get_context("spawn").RawValue("Q", 0)  # no lock that a killed worker could keep
+    deaths = deaths_of_jobs = 0
     while left:
-        before = len(left)
+        jobs, frames = len(left), made.value
         try:
-            _work_in_pool(left, work, begin, workers, enter)
+            _work_in_pool(left, work, begin, workers, enter, made)
         except BrokenProcessPool:
             tidy()
-            deaths = deaths + 1 if len(left) == before else 1
-            if deaths == _DEATHS:
+            deaths_of_jobs = deaths_of_jobs + 1 if len(left) == jobs else 1
+            deaths = deaths + 1 if (len(left), made.value) == (jobs, frames) else 1
+            if deaths == _DEATHS or deaths_of_jobs == _DEATHS_OF_JOBS:
                 raise MachineError(
                     "rendering workers keep dying (out of memory, or killed)",
                     remedy="run the same command again to continue, with fewer --workers",
@@ -114,8 +117,9 @@ def _work_in_pool(
     begin: tuple[Any, ...],
     workers: int,
     enter: Callable[[Result], None],
+    made: Any,
 ) -> None:
-    """Do what is left, taking each job off as it is entered."""
+    """Do what is left, taking each job off as it is entered; workers count frames in `made`."""
     workers = max(1, min(workers, len(left)))
     threads = str(max(1, (os.cpu_count() or 1) // workers))
     before = dict(os.environ)
@@ -124,7 +128,7 @@ def _work_in_pool(
         workers,
         mp_context=mp.get_context("spawn"),
         initializer=_begin_worker,
-        initargs=(int(threads), begin[0], *begin[1:]),
+        initargs=(int(threads), made, begin[0], *begin[1:]),
     )
     try:
         waiting: dict[Future[Result], int] = {
@@ -144,10 +148,21 @@ def _work_in_pool(
 
 _maker: FrameMaker | None = None  # this worker process's own
 _task: tuple[Scene, Path]
+_made: Any = None  # a count of frames that the parent of worker processes looks at
 
 
-def _begin_worker(threads: int, begin: Callable[..., None], *arguments: Any) -> None:
+def files_of(maker: FrameMaker, frames: Iterable[int]) -> Iterator[dict[str, bytes]]:
+    """The files of frame after frame; a worker's parent sees that it gets on."""
+    for index in frames:
+        yield maker.files(index)
+        if _made is not None:
+            _made.value += 1  # two at once may count as one
+
+
+def _begin_worker(threads: int, made: Any, begin: Callable[..., None], *arguments: Any) -> None:
     """Set up one worker process; it ends by itself when its parent is gone."""
+    global _made
+    _made = made
     begin(*arguments)
     parent = mp.parent_process()
     if parent is not None:
@@ -174,5 +189,4 @@ def _render_shard(index: int, frames: range) -> ShardEntry:
     scene, out = _task
     if _maker is None:
         _maker = make_frames(scene, out)
-    maker = _maker
-    return write_shard(out, index, frames.start, (maker.files(i) for i in frames))
+    return write_shard(out, index, frames.start, files_of(_maker, frames))

@@ -11,6 +11,7 @@ import logging
 import os
 import tempfile
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,12 @@ import numpy as np
 from egocap_sim.human.anny_export import cache_folder
 from egocap_sim.motion import load
 from egocap_sim.motion.clip import Clip
-from egocap_sim.version import code_version
+
+READERS = (
+    "bodies.py", "motion/bvh.py", "motion/calibrate.py", "motion/cleaning.py", "motion/clip.py",
+    "motion/load.py", "motion/names.py", "motion/npz.py",
+)  # fmt: skip
+"""The sources that decide what a file is read as."""
 
 log = logging.getLogger(__name__)
 
@@ -47,10 +53,22 @@ def stored_clip(
 
 
 def _place(path: Path, up: str | None, unit: str | float | None, names: Path | None) -> Path:
-    digest = hashlib.sha256(f"{code_version()} {path.name} {up} {unit}".encode())
+    digest = hashlib.sha256(f"{_reader()} {path.name} {up} {unit}".encode())
     for file in (path,) if names is None else (path, names):
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return cache_folder() / "clips" / f"{digest.hexdigest()[:32]}.npz"
+
+
+@cache
+def _reader() -> str:
+    """Fingerprint of the code that reads and cleans."""
+    from egocap import geometry
+
+    folder = Path(__file__).parents[1]
+    digest = hashlib.sha256(Path(geometry.__file__).read_bytes())
+    for name in READERS:
+        digest.update((folder / name).read_bytes())
+    return digest.hexdigest()
 
 
 def _save(path: Path, clip: Clip) -> None:

@@ -73,7 +73,7 @@ def load_clip(
         clip, cleaning = clean(clip, hints)
     except InputError as e:
         raise FileError(path, str(e)) from e
-    log.info("%s: %d frames; %s", path, len(clip.positions), cleaning)
+    log.debug("%s: %d frames; %s", path, len(clip.positions), cleaning)
     return clip
 
 

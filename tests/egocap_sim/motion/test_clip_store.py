@@ -1,12 +1,15 @@
 """Cleaned motion files are found again by their content, never stale, never half."""
 
+import ast
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from egocap.errors import FileError
 from egocap.geometry import matrix_to_quaternion
 from egocap_sim.bodies import BODIES
-from egocap_sim.motion import load
+from egocap_sim.motion import clip_store, load
 from egocap_sim.motion.clip_store import stored_clip
 from egocap_sim.motion.load import load_clip
 from egocap_sim.motion.procedural import make_motion
@@ -52,3 +55,12 @@ def test_files_that_cannot_be_understood_stay_errors(file):
             stored_clip(file)
     with pytest.raises(FileError, match="missing"):
         stored_clip(file.with_name("missing.npz"))
+
+
+def test_all_that_decides_what_is_read_is_fingerprinted():
+    folder = Path(clip_store.__file__).parents[1]
+    for name in clip_store.READERS:
+        for node in ast.walk(ast.parse((folder / name).read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("egocap_sim."):
+                used = node.module.removeprefix("egocap_sim.").replace(".", "/") + ".py"
+                assert used in clip_store.READERS, f"{name} uses {used}"

@@ -93,6 +93,7 @@ def test_feet_against_loops():
     T[:, :3, :3], T[:, :3, 3] = turned, rng.normal(size=(90, 3))
     contact = np.repeat(rng.random((9, 4)) < 0.6, 10, axis=0)
     s = beside_truth(predicted, Reference(truth, times, T_world_head=T, contact=contact))
+    assert s.feet_world is not None
     speeds, planted, found = [], [], []
     for foot, (toe, heel_column, toe_column) in enumerate(
         ((LABEL_INDEX["left_foot"], 0, 1), (LABEL_INDEX["right_foot"], 2, 3))
@@ -146,7 +147,9 @@ def test_measures_do_not_depend_on_how_many_frames_are_scored_together(name, siz
 
     def scored_part(rows):
         reference = Reference(truth[rows], times[rows], seen=seen[rows])
-        return measure(beside_truth(predicted[rows], reference), name)
+        value = measure(beside_truth(predicted[rows], reference), name)
+        assert value is not None
+        return value
 
     parts = [scored_part(slice(i, i + size)) for i in range(0, 6, size)]
     assert np.mean(parts) == pytest.approx(scored_part(slice(None)))

@@ -129,10 +129,16 @@ def warn_of_mix_ups(
                     f"read in '{other}' they would be {1e3 * other_error:.0f}"
                 )
     mirror = list(MIRROR)
-    swapped = in_head_frame(positions, frame, rig, T_world_head)[:, mirror]
-    swapped_error = _mean_error(swapped, valid[:, mirror], truth)
-    if swapped_error < 0.5 * error and error > 0.05:
-        found.append(f"with left and right exchanged the joints would be {1e3 * swapped_error:.0f} "
+    in_head = in_head_frame(positions, frame, rig, T_world_head)
+    readings = {"left and right exchanged": (in_head[:, mirror], valid[:, mirror])}
+    for axis, name in enumerate("xyz"):
+        flipped = np.where(np.arange(3) == axis, -positions, positions)
+        turned = in_head_frame(flipped, frame, rig, T_world_head)
+        readings[f"the sign of {name} changed"] = (turned, valid)
+    errors = {words: _mean_error(*reading, truth) for words, reading in readings.items()}
+    best = min(errors, key=lambda words: errors[words])
+    if errors[best] < 0.5 * error and error > 0.05:
+        found.append(f"with {best} the joints would be {1e3 * errors[best]:.0f} "
                      f"mm off instead of {1e3 * error:.0f}")  # fmt: skip
     for warning in found:
         log.warning("%s", warning)

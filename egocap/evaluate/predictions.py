@@ -21,6 +21,7 @@ positions are refused: at 1.6 m they are off by up to 0.5 mm, which shows in acc
 from __future__ import annotations
 
 import json
+import logging
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -35,6 +36,8 @@ from numpy import ndarray as Array
 from egocap.errors import FileError, InputError
 from egocap.joint_names import DATASET_NAMES, label_of
 from egocap.labels import LABELS
+
+log = logging.getLogger(__name__)
 
 FORMAT, VERSION = "egocap-predictions", 1
 UNITS: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -222,6 +225,11 @@ def _checked(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array])
         found = label_of(names, header.get("names", "egocap"))
     except InputError as error:
         raise FileError(path, str(error), key="joints") from None
+    unused = [name for i, name in enumerate(names) if i not in found]
+    own = DATASET_NAMES[header.get("names", "egocap")].values()
+    absent = [label for label in own if LABELS.index(label) not in found.values()]
+    if unused and absent:  # either alone is another method's choice, both are a misspelling
+        log.warning("%s: without %s; not known: %s", path, ", ".join(absent), ", ".join(unused))
     placed, there = (
         np.zeros((len(positions), len(LABELS), 3)),
         np.zeros((len(positions), len(LABELS)), bool),

@@ -101,3 +101,7 @@ def test_another_reading_that_would_explain_the_error():
     assert "read in 'world' they would be 0" in world
     (mirrored,) = warn_of_mix_ups(TRUTH[:, list(MIRROR)], VALID, TRUTH, "head", RIG, HEADS)
     assert "left and right exchanged" in mirrored
+    for axis, name in enumerate("xyz"):
+        signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+        flipped = warn_of_mix_ups(signs * TRUTH, VALID, TRUTH, "head", RIG, HEADS)[-1]
+        assert f"the sign of {name} changed" in flipped and "would be 0 mm off" in flipped

@@ -66,6 +66,18 @@ def test_other_names_and_units(tmp_path):
     assert missing == ["left_hand", "right_hand"] and found.frames is None
 
 
+def test_joints_that_are_not_scored_are_said(tmp_path, caplog):
+    content = arrays()
+    np.savez(tmp_path / "poses.npz", **content)
+    load_predictions(tmp_path / "poses.npz")
+    assert not caplog.records  # a joint of theirs that is no label is no mistake
+    content["joints"] = ["Tail" if n == "hand_l" else n for n in content["joints"]]
+    np.savez(tmp_path / "poses.npz", **content)
+    load_predictions(tmp_path / "poses.npz")
+    (said,) = caplog.records
+    assert "without left_wrist; not known: Tail, pelvis" in said.message
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

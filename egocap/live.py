@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from jaxtyping import UInt8
@@ -20,6 +20,9 @@ from egocap.body import Proportions
 from egocap.errors import InputError, MachineError
 from egocap.results import Detections, Track
 from egocap.track.live import LivePose, LiveTracker
+
+if TYPE_CHECKING:
+    import cv2
 
 _PATIENCE_S = 5.0  # without a picture of some view before it counts as gone
 
@@ -53,9 +56,7 @@ class Source:
         import cv2
 
         self.name = name
-        self._video = cv2.VideoCapture(int(name) if name.isdigit() else name)
-        if not self._video.isOpened():
-            raise InputError(f"cannot open '{name}'", valid="a video file or a camera's number")
+        self._video = _opened(name)
         rate = float(self._video.get(cv2.CAP_PROP_FPS))
         # A camera keeps its own pace; a file has none but its rate.
         self._period = 0.0 if name.isdigit() else 1.0 / (rate if rate > 0.0 else 30.0)
@@ -115,15 +116,26 @@ def first_pictures(names: Sequence[str]) -> list[UInt8[Array, "H W 3"]]:
 
     Raises InputError for one that cannot be opened or has no picture.
     """
+    import cv2
+
     found = []
     for name in names:
-        source = Source(name)
-        picture = source.newest(_PATIENCE_S)
-        source.close()
-        if picture is None:
+        video = _opened(name)
+        there, image = video.read()
+        video.release()
+        if not there:
             raise InputError(f"no picture in '{name}'", valid="a video file or a camera's number")
-        found.append(picture.image)
+        found.append(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     return found
+
+
+def _opened(name: str) -> cv2.VideoCapture:
+    import cv2
+
+    video = cv2.VideoCapture(int(name) if name.isdigit() else name)
+    if not video.isOpened():
+        raise InputError(f"cannot open '{name}'", valid="a video file or a camera's number")
+    return video
 
 
 @dataclass

@@ -105,7 +105,7 @@ def test_settings_that_need_the_future_are_refused():
 
 def test_a_view_that_ends_early_is_missing(tmp_path):
     made = make_motion(frames=60)
-    sources = [Source(video(tmp_path / "a.avi", 3)), Source(video(tmp_path / "b.avi", 12))]
+    sources = [Source(video(tmp_path / "a.avi", 3)), Source(video(tmp_path / "b.avi", 12, 5.0))]
     detector = Slow(made, 0.02)
     follow_live(sources, detector, LiveTracker(made.rig, made.person, LIVE))
     assert [False, True] in detector.calls

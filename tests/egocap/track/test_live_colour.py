@@ -10,6 +10,7 @@ from egocap.track.image_solver import UPPER_BODY
 from egocap.track.live_colour import ColourTracker
 from tests.egocap.track.test_palette import GREY, PERSON, POSE, RIG, picture
 
+SMALL = RIG.resized(40, 40)
 TERM = ColourTermConfig(size=40, weight=0.03)
 ELBOWS = [DOF_INDEX["left_elbow_flexion"], DOF_INDEX["right_elbow_flexion"]]
 ARMS = [3, 4, 7, 8]  # elbows and wrists
@@ -31,7 +32,7 @@ def clip():
 @pytest.mark.parametrize("rng", [None, np.random.default_rng(0)])
 def test_arms_are_followed_and_legs_stay(clip, rng):
     poses, pictures = clip
-    tracker = ColourTracker(RIG, PERSON, POSE, TERM, rng)
+    tracker = ColourTracker(SMALL, PERSON, POSE, TERM, rng)
     found = [tracker.step(images, t / 30) for t, images in enumerate(pictures)]
     last = found[-1]
     error = np.linalg.norm(last.joints_head - forward(PERSON, poses[-1]), axis=-1)[ARMS]
@@ -45,10 +46,10 @@ def test_arms_are_followed_and_legs_stay(clip, rng):
 
 def test_a_missing_picture_leaves_the_pose(clip):
     _, pictures = clip
-    tracker = ColourTracker(RIG, PERSON, POSE, TERM)
+    tracker = ColourTracker(SMALL, PERSON, POSE, TERM)
     with pytest.raises(InputError, match="no first picture"):
         tracker.step([pictures[0][0], None], 0.0)
-    tracker = ColourTracker(RIG, PERSON, POSE, TERM)
+    tracker = ColourTracker(SMALL, PERSON, POSE, TERM)
     tracker.learn(pictures[0])
     first = tracker.step(pictures[1], 0.1)
     blind = tracker.step([None, pictures[2][1]], 0.2)

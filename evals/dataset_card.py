@@ -6,11 +6,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
 from tyro.conf import Positional, arg
 
 from egocap.errors import InputError
 from egocap.evaluate.table import Table
 from egocap.labels import LABELS
+from egocap.rig import Rig
 from evals.study import Outcome
 
 LEAST_SEEN = 35.0  # percent of the frames in which some camera of a rig sees a joint
@@ -40,16 +43,19 @@ def study(
         raise InputError(f"--page {page}: no format for '{page.suffix}'", valid=".html")
     found, statistics = find_sequences([folder]), Statistics()
     able, seen = np.zeros(len(LABELS)), np.zeros(len(LABELS))
-    lengths = []
+    lengths, reaches, lenses = [], [], []
     with progress("sequences", len(found), unit="sequences") as advance:
         for path in found:
             statistics.add(path)
-            truth = Sequence(path).truth
+            sequence = Sequence(path)
+            truth = sequence.truth
             reached = truth.in_view.any(1).mean(0) >= REACHED
             frames = len(truth.time)
             able += frames * reached
             seen += reached * (truth.visibility == VISIBLE).any(1).sum(0)
             lengths.append(frames)
+            reaches.append(reached)
+            lenses.append(_lenses(sequence.true_rig))
             advance(1)
     result = summary(statistics)
     result["episode_frames"] = [min(lengths), float(np.mean(lengths)), max(lengths)]
@@ -58,9 +64,50 @@ def study(
             "reached": float(100 * able[j] / statistics.frames),
             "seen_where_reached": float(100 * seen[j] / able[j]) if able[j] else None,
         }
+    result["seldom_seen"] = seldom_seen(result, np.array(reaches), np.array(lenses))
     if page is not None:
         write_text(page, render_page(statistics))
-    return Outcome(result, [_table(result), _joints(result)], missed(result))
+    tables = [_table(result), _joints(result)]
+    if result["seldom_seen"]:
+        rows = tuple(result["seldom_seen"].items())
+        tables.append(
+            Table(f"Seen in under {LEAST_SEEN:g} % of the frames", ("joint", "why"), rows)
+        )
+    return Outcome(result, tables, missed(result))
+
+
+def _lenses(rig: Rig) -> tuple[float, float]:
+    """How far a rig's lenses see, degrees across, and how far before the skull base they are, cm."""
+    across = min(2.0 * np.degrees(camera.max_angle) for camera in rig.cameras)
+    return across, 100 * float(np.mean([m.T_head_camera[0, 3] for m in rig.mounts]))
+
+
+def seldom_seen(
+    result: dict[str, Any], reached: Bool[Array, "S 18"], lenses: Float[Array, "S 2"]
+) -> dict[str, str]:
+    """Joints that no camera sees in `LEAST_SEEN` percent of the frames, and why in numbers.
+
+    `reached` says of each of S sequences which joints its rig holds in view, `lenses` how far
+    across they see (degrees) and how far before the head they are (cm).
+    """
+    found = {}
+    for j, label in enumerate(LABELS):
+        row = result["joints"][label]
+        if row["seen_by_any"] >= LEAST_SEEN:
+            continue
+        why = (
+            f"{row['seen_by_any']:.1f} % seen; of the images it is outside the lens in "
+            f"{row['out_of_view']:.1f} %, behind the wearer in {row['hidden_by_the_wearer']:.1f} %, "
+            f"behind others in {row['hidden_by_others']:.1f} %"
+        )
+        for which, those in (("reach it", reached[:, j]), ("do not", ~reached[:, j])):
+            if those.any():
+                across, ahead = np.median(lenses[those], axis=0)
+                why += f"; {those.sum()} rigs {which} (median {across:.0f} degrees, {ahead:.0f} cm)"
+        if row["seen_where_reached"] is not None:
+            why += f"; {row['seen_where_reached']:.1f} % seen with those that do"
+        found[label] = why
+    return found
 
 
 def missed(result: dict[str, Any]) -> list[str]:

@@ -69,15 +69,13 @@ def study(
         write_text(page, render_page(statistics))
     tables = [_table(result), _joints(result)]
     if result["seldom_seen"]:
-        rows = tuple(result["seldom_seen"].items())
-        tables.append(
-            Table(f"Seen in under {LEAST_SEEN:g} % of the frames", ("joint", "why"), rows)
-        )
+        title = f"Seen in under {LEAST_SEEN:g} % of the frames"
+        tables.append(Table(title, ("joint", "why"), tuple(result["seldom_seen"].items())))
     return Outcome(result, tables, missed(result))
 
 
 def _lenses(rig: Rig) -> tuple[float, float]:
-    """How far a rig's lenses see, degrees across, and how far before the skull base they are, cm."""
+    """How far a rig's lenses see, degrees across, and how far before the head they are, cm."""
     across = min(2.0 * np.degrees(camera.max_angle) for camera in rig.cameras)
     return across, 100 * float(np.mean([m.T_head_camera[0, 3] for m in rig.mounts]))
 
@@ -96,8 +94,9 @@ def seldom_seen(
         if row["seen_by_any"] >= LEAST_SEEN:
             continue
         why = (
-            f"{row['seen_by_any']:.1f} % seen; of the images it is outside the lens in "
-            f"{row['out_of_view']:.1f} %, behind the wearer in {row['hidden_by_the_wearer']:.1f} %, "
+            f"{row['seen_by_any']:.1f} % seen; "
+            f"of the images it is outside the lens in {row['out_of_view']:.1f} %, "
+            f"behind the wearer in {row['hidden_by_the_wearer']:.1f} %, "
             f"behind others in {row['hidden_by_others']:.1f} %"
         )
         for which, those in (("reach it", reached[:, j]), ("do not", ~reached[:, j])):

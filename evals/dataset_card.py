@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,8 +13,10 @@ from tyro.conf import Positional, arg
 from egocap.errors import InputError
 from egocap.evaluate.table import Table
 from egocap.labels import LABELS
-from egocap.rig import Rig
 from evals.study import Outcome
+
+if TYPE_CHECKING:
+    from egocap.rig import Rig
 
 LEAST_SEEN = 35.0  # percent of the frames in which some camera of a rig sees a joint
 LEAST_PEOPLE = 200

@@ -21,7 +21,6 @@ from egocap.results import Detections
 from egocap.sequence import Sequence as Footage
 from egocap.skeleton import LIMITS, forward
 from egocap.track.config import TrackerConfig
-from egocap.track.live import LiveTracker
 from egocap.track.posture import load_posture
 
 LOST_MM, WORST_MM = 150.0, 400.0
@@ -69,6 +68,8 @@ def draw_trials(
 
 def by_detections(footage: Footage, detections: Detections, trial: Trial, frames: int) -> float:
     """Error at the end of a trial, mm, of the live tracker once it sees true detections again."""
+    from egocap.track.live import LiveTracker
+
     tracker = LiveTracker(footage.rig, footage.proportions, TrackerConfig(smoothing="none"))
     start = trial.frame
     before, after = range(start - ASTRAY, start), range(start, start + frames)

@@ -125,6 +125,21 @@ class ImageSolver:
                 damping *= 10.0
         return Solution(angles, energy, done, steps)
 
+    def energy(
+        self,
+        colours: Float32[Array, "P 3"] | Palettes,
+        angles: Float[Array, "37"],
+        observations: Observations | None = None,
+        frame: int = 0,
+    ) -> float:
+        """What `solve` lowers, at a pose: colours, priors and, when given, detections."""
+        colour, seen = self.model.evaluate(angles, colours), _detected(observations, frame)
+        energy, gradient, H = self._with_priors(colour, angles, None, None)
+        if seen is None:
+            return energy
+        scale = float(self.priors_config.robust_scale)
+        return energy + detections(self._skeleton, angles, *seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
+
     def descend(
         self,
         colours: Float32[Array, "P 3"] | Palettes,

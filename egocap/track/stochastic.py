@@ -65,6 +65,24 @@ class PixelSampler:
         )
 
 
+def gradient_scatter(
+    sampler: PixelSampler,
+    colours: Float32[Array, "P 3"] | Palettes,
+    angles: Float[Array, "37"],
+    count: int,
+    keep: float,
+    draws: int,
+    rng: np.random.Generator,
+) -> float:
+    """Root mean square distance of estimated gradients from the full one, as a share of it."""
+    exact = sampler.model.evaluate(angles, colours).gradient
+    squared = [
+        np.sum((sampler.estimate(colours, angles, count, keep, rng).gradient - exact) ** 2)
+        for _ in range(draws)
+    ]
+    return float(np.sqrt(np.mean(squared)) / np.linalg.norm(exact))
+
+
 @njit(cache=True)
 def systematic(importance, count, start):
     """Picks (S,) and weights (S,) by a comb of `count` teeth that begins at `start` in [0, 1)."""

@@ -1,0 +1,124 @@
+"""What a user may hand over by mistake: one line that says what is wrong, or a sound result."""
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egocap.errors import InputError
+from egocap.results import load_detections, load_track, save_detections, save_track
+from egocap.rig import load_rig
+from egocap.sequence import Sequence
+from egocap.track.config import TrackerConfig
+from egocap.track.fit_body import fit_body
+from egocap.track.tracker import track
+from tests.egocap.test_cli import complaint, egocap, tracked
+from tests.egocap.track.conftest import make_motion
+
+__all__ = ["egocap", "tracked"]  # fixtures
+
+
+def rewritten(source: Path, target: str, **changes) -> str:
+    """A copy of a track with arrays replaced."""
+    with np.load(source / "track.npz") as archive:
+        np.savez(target, **(dict(archive) | changes))
+    return target
+
+
+@pytest.mark.parametrize("array", ["angles", "joints_head", "offsets"])
+def test_a_track_of_another_skeleton(egocap, tracked, tiny_sequence, array):
+    with np.load(tracked / "track.npz") as archive:
+        fewer = archive[array][..., :-4, :] if array != "angles" else archive[array][:, :30]
+    other = rewritten(tracked, "other.npz", **{array: fewer})
+    view = ("view", "model", tiny_sequence, "--track", other, "--out", "v.png")
+    for words in (("export", other, "--out", "o.bvh"), view):
+        assert array in complaint(egocap(*words))
+    assert not Path("o.bvh").exists() and not Path("v.png").exists()
+
+
+@pytest.mark.parametrize("array", ["angles", "joints_head", "confidence", "times"])
+def test_a_track_with_a_value_that_is_no_number(egocap, tracked, array):
+    with np.load(tracked / "track.npz") as archive:
+        values = archive[array].copy()
+    values.flat[-1] = np.nan
+    other = rewritten(tracked, "nan.npz", **{array: values})
+    line = complaint(egocap("export", other, "--out", "o.npz", "--format", "npz"))
+    assert f"key '{array}'" in line and "not finite" in line
+
+
+@pytest.mark.parametrize("solver", [("--solver", "stochastic"), ("--colour",)])
+def test_pictures_of_another_aspect_than_the_rig(egocap, tracked, tiny_sequence, solver):
+    shutil.copytree(tiny_sequence, "seq")
+    rig = load_rig("seq/rig.json").resized(160, 96)
+    Path("seq/rig.json").write_text(json.dumps(rig.to_dict()))
+    words = ("track", "seq", "--detections", tracked / "det.npz", "--out", "t.npz", *solver)
+    line = complaint(egocap(*words))
+    assert "a picture of 160 x 128" in line and "160 x 96" in line
+    assert not Path("t.npz").exists()
+
+
+@pytest.mark.parametrize(("file", "key"), [("body.json", "bones"), ("rig.json", "cameras")])
+def test_a_body_or_rig_with_a_value_that_is_no_number(egocap, tiny_sequence, tracked, file, key):
+    shutil.copytree(tiny_sequence, "seq")
+    text = (Path("seq") / file).read_text()
+    first = next(w for w in text.replace("[", " ").replace(",", " ").split() if "." in w
+                 and w.lstrip("-").replace(".", "").isdigit())  # fmt: skip
+    (Path("seq") / file).write_text(text.replace(first, "NaN", 1))
+    line = complaint(egocap("track", "seq", "--detections", tracked / "det.npz", "--out", "t.npz"))
+    assert file in line
+
+
+def nothing_found(found):
+    return dataclasses.replace(
+        found, valid=np.zeros_like(found.valid), points=np.full_like(found.points, np.nan)
+    )
+
+
+def test_no_detections_at_all(egocap, tracked, tiny_sequence):
+    save_detections("none.npz", nothing_found(load_detections(tracked / "det.npz")))
+    words = (tiny_sequence, "--detections", "none.npz", "--out")
+    code, _, err = egocap("track", *words, "t.npz")
+    assert code == 0, err
+    blind, seen = load_track("t.npz"), load_track(tracked / "track.npz")
+    assert np.isfinite(blind.joints_head).all() and np.isfinite(blind.covariance).all()
+    assert blind.confidence[:, 2:].mean() < 0.5 * seen.confidence[:, 2:].mean()
+    assert not (blind.hidden == 0).any()
+    assert "no detection" in complaint(egocap("fit-body", *words, "b.json"))
+    assert not Path("b.json").exists()
+
+
+def test_one_frame():
+    made = make_motion(frames=1)
+    found = made.detect("simulated:1")
+    for smoothing in ("interval", "gaussian", "none"):
+        one = track(found, made.rig, made.person, TrackerConfig(smoothing=smoothing))
+        assert np.median(made.errors(one)) < 0.03 and one.hidden.shape == (1, 2, 18)
+    fit = fit_body(found, made.rig)
+    assert np.isfinite(fit.std).all() and np.isfinite(fit.proportions.offsets).all()
+    assert np.mean([line["determined"] == "well" for line in fit.report().values()]) < 0.5
+
+
+def test_one_frame_is_exported(egocap):
+    made = make_motion(frames=1)
+    save_track("one.npz", track(made.detect("simulated:1"), made.rig, made.person))
+    for out in ("one.bvh", "arrays.npz"):
+        words = ("export", "one.npz", "--out", out, "--format", out[-3:])
+        code, said, err = egocap(*words)
+        assert code == 0 and "1 frames" in said, err
+
+
+def test_one_black_camera_with_the_solvers_of_the_paper(tiny_sequence, tracked):
+    sequence, found = Sequence(tiny_sequence), load_detections(tracked / "det.npz")
+    found.valid[:, 1] = False
+    black = np.zeros((128, 160, 3), np.uint8)
+    made = track(
+        found, sequence.rig, sequence.proportions, TrackerConfig(solver="stochastic"),
+        lambda t: (sequence.frame(t).images[0], black),
+    )  # fmt: skip
+    assert np.isfinite(made.joints_head).all()
+    with pytest.raises(InputError, match="1 images"):
+        track(found, sequence.rig, sequence.proportions, TrackerConfig(solver="stochastic"),
+              lambda t: (black,))  # fmt: skip

@@ -133,7 +133,8 @@ def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
     from egocap.geometry import rigid
     from egocap_sim.raycast import BORDER, RayWitness, Surfaces
     from egocap_sim.scene import load_scene
-    from egocap_sim.stage import extras_of, person_of, place_of, rig_of
+    from egocap_sim.setting import extras_of, place_of
+    from egocap_sim.stage import person_of, rig_of
     from egocap_sim.visibility import SHARE
 
     truth, scene = sequence.truth, load_scene(sequence.folder / "scene.toml")

@@ -30,7 +30,8 @@ from egocap_sim.episode_plan import (
     scene_of,
 )
 from egocap_sim.scene import Scene
-from egocap_sim.stage import SceneError, check_place, check_things, config_of
+from egocap_sim.setting import check_place, check_things
+from egocap_sim.stage import SceneError, config_of
 from egocap_sim.version import code_version
 from egocap_sim.workers import work_through
 

@@ -23,6 +23,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from egocap.camera import Camera
+from egocap_sim.pixel_rays import pixel_rays
+
 TILE_COST = 0.15  # drawing one more tile, in the area of a quarter face
 MARGIN = 2  # pixels drawn past a tile's edge, so that interpolation never crosses a seam
 
@@ -158,6 +161,9 @@ def build_atlas(cameras: Sequence[Lens], face_size: int | None = None) -> Atlas:
 
 
 def _rays(camera: Lens) -> tuple[Array, Array]:
+    if isinstance(camera, Camera):
+        rays, angle = pixel_rays(camera)
+        return rays, angle <= camera.max_angle
     x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays, valid = camera.ray(np.stack([x, y], -1).astype(float))
     angle = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])

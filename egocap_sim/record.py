@@ -31,11 +31,9 @@ from egocap.sequence import (
 from egocap.sequence_writer import SequenceWriter, digest, disk_errors, write_shard
 from egocap_sim.scene import Scene, to_toml
 from egocap_sim.sensor.film import Film, load_film
+from egocap_sim.setting import check_place, check_things, clear_radius_of
 from egocap_sim.stage import (
     calibrated_rig_of,
-    check_place,
-    check_things,
-    clear_radius_of,
     config_of,
     perform,
     perform_finely,

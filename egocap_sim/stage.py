@@ -1,4 +1,4 @@
-"""From a scene to everything that stands on the stage: wearer, place, rig and the motion played.
+"""From a scene to who acts in it: the wearer, the rig, and the motion played under physics.
 
 Each part draws from its own random stream, named by what it is for, so that changing one of them
 leaves the others as they were.
@@ -11,12 +11,9 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from jaxtyping import Float
-from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
 from egocap.rig import Rig, load_rig
@@ -26,12 +23,9 @@ from egocap_sim.scene import MotionTable, PersonTable, RigTable, Scene
 from egocap_sim.streams import stream
 
 if TYPE_CHECKING:
-    from egocap.sequence import Truth
-    from egocap_sim.extras import Extra
     from egocap_sim.human.person import Person
     from egocap_sim.motion.clip import Clip
     from egocap_sim.motion.retarget import Reference
-    from egocap_sim.place import Place
     from egocap_sim.poses import SampledPoses
     from egocap_sim.sensor.settings import SensorTable
     from egocap_sim.trajectory import Trajectory
@@ -40,8 +34,8 @@ DEFAULT_RIG = "egorig1"
 _RIG_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # what a built-in rig is worn on
 
 
-_ELBOW_ROOM_M = 0.3  # between the outermost joint of a recorded motion and furniture
 _RESAMPLING_S = 0.02  # retargeting may lose as much of a clip's end
+_LEAD_S = 0.5  # of an episode's motion before its first frame: for smoothing and standing feet
 _MOTION_S = 30.0
 """Procedural motions are made in multiples of this, so that fewer frames are the start of more."""
 
@@ -55,7 +49,7 @@ class SceneError(InputError):
 
 
 @contextmanager
-def _table(scene: Scene, key: str) -> Iterator[None]:
+def table_of(scene: Scene, key: str) -> Iterator[None]:
     """Put what is wrong on a table of the scene; errors that name a file say enough."""
     try:
         yield
@@ -67,10 +61,15 @@ def rig_of(table: RigTable, seed: int | None = None) -> Rig:
     """The scene's rig at the recorded image size; a sampled one needs the scene's seed."""
     if table.name == SAMPLED:
         assert seed is not None
-        rig = sample_rig(stream(seed, "rig"))
+        rig = _sampled_rig(seed)
     else:
         rig = load_rig(Path(table.file) if table.file else rig_file(table.name or DEFAULT_RIG))
     return rig.resized(*table.size) if table.size else rig
+
+
+@lru_cache(maxsize=4)
+def _sampled_rig(seed: int) -> Rig:
+    return sample_rig(stream(seed, "rig"))
 
 
 def sensor_of(scene: Scene) -> SensorTable | None:
@@ -102,107 +101,8 @@ def person_of(scene: Scene) -> Person:
             headgear = _RIG_HEADGEAR.get(rig.name, "helmet")
     asked = table.model_dump(exclude={"headgear"}, exclude_none=True)
     worn = None if headgear == "none" else headgear
-    with _table(scene, "person"):
+    with table_of(scene, "person"):
         return make_person(scene.seed, headgear=worn, name="wearer", **asked)
-
-
-def check_place(scene: Scene) -> None:
-    """Raise SceneError unless there is such a place, FileError for a broken picture of a user's.
-
-    Making the place, which workers do, takes longer.
-    """
-    from egocap_sim.place import PLACES
-
-    if scene.place.name not in PLACES:
-        problem = f"unknown place '{scene.place.name}' (valid: {', '.join(PLACES)})"
-        raise SceneError(scene, "place.name", problem)
-    if scene.place.textures is not None:
-        from egocap_sim.pictures import picture_files, read_picture
-
-        for path in picture_files(Path(scene.place.textures)):
-            read_picture(path)
-    if scene.place.panorama is not None:
-        from egocap_sim.panorama import read_panorama
-
-        read_panorama(Path(scene.place.panorama))
-
-
-def check_things(scene: Scene) -> None:
-    """Raise SceneError unless every thing is known and goes with the motion."""
-    if scene.things:
-        from egocap_sim.things.kinds import check_thing
-
-        for i, thing in enumerate(scene.things):
-            with _table(scene, f"things.{i}"):
-                check_thing(thing, scene.motion.name)
-
-
-def clear_radius_of(scene: Scene, truth: Truth) -> float:
-    """Metres kept free around the origin: the scene's, or as far as a motion file goes."""
-    from egocap_sim.place import LARGEST_RADIUS_M
-
-    if scene.motion.file is None:
-        return scene.place.clear_radius
-    reach = float(np.linalg.norm(truth.T_world_body[..., :2, 3], axis=-1).max()) + _ELBOW_ROOM_M
-    return max(scene.place.clear_radius, min(reach, LARGEST_RADIUS_M))
-
-
-def place_of(scene: Scene, truth: Truth) -> Place:
-    """The surroundings, large enough for the wearer's way."""
-    from egocap_sim.pictures import papered, picture_files
-    from egocap_sim.place import make_place
-    from egocap_sim.surroundings import at_dusk
-
-    table = scene.place
-    radius = clear_radius_of(scene, truth)
-    place = make_place(table.name, stream(scene.seed, "place"), clear_radius=radius)
-    if table.textures is not None:
-        files = picture_files(Path(table.textures))
-        place = papered(place, files, stream(scene.seed, "textures"))
-    if table.panorama is not None:
-        from egocap_sim.panorama import read_panorama, surrounded
-
-        place = surrounded(place, read_panorama(Path(table.panorama)))
-    return at_dusk(place) if table.light == "dusk" else place
-
-
-def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
-    """Everything else that moves, at the frame times of `truth`: the same in every process."""
-    extras = [extra for i in range(len(scene.things)) for extra in _thing(scene, i, truth)]
-    if scene.others.count:
-        from egocap_sim.others import make_others
-
-        with _table(scene, "others"):
-            extras += make_others(
-                scene.others,
-                stream(scene.seed, "others"),
-                truth.time,
-                truth.T_world_body,
-                clear_radius_of(scene, truth),
-                truth.T_world_head[:, None, :3, 3] + _camera_arms(scene, truth),
-                person=person_of(scene) if "shake_hands" in scene.others.behaviours else None,
-            )
-    return extras
-
-
-def _camera_arms(scene: Scene, truth: Truth) -> Float[Array, "T V 3"]:
-    """From the head to the cameras, world axes."""
-    arms = np.stack([m.T_head_camera[:3, 3] for m in rig_of(scene.rig, scene.seed).mounts])
-    return arms @ np.swapaxes(truth.T_world_head[:, :3, :3], -1, -2)
-
-
-def _thing(scene: Scene, index: int, truth: Truth) -> list[Extra]:
-    from egocap_sim.things.kinds import make_thing
-    from egocap_sim.things.performance import Performance
-
-    times = truth.time - truth.time[0]
-    performance = Performance(person_of(scene), scene.motion, scene.seed, times, truth.T_world_body)
-    rng = stream(scene.seed, f"thing {index}")
-    with _table(scene, f"things.{index}"):
-        extras = make_thing(scene.things[index], performance, rng)
-    return [
-        replace(e, actor=replace(e.actor, name=f"thing-{index + 1} {e.actor.name}")) for e in extras
-    ]
 
 
 def clip_of(scene: Scene) -> Clip:
@@ -215,11 +115,25 @@ def clip_of(scene: Scene) -> Clip:
         clip = stored_clip(Path(motion.file), up=motion.up, unit=motion.unit, names=names)
         return _variant(motion, clip)
     from egocap_sim.motion.procedural import make_motion
+    from egocap_sim.motion.variants import shortened
 
     assert motion.name is not None
     needed = motion.start_s + (scene.frames + 1) / scene.fps
     duration = motion.length_s or math.ceil(needed / _MOTION_S) * _MOTION_S
-    return make_motion(motion.name, duration, stream(scene.seed, "motion"), **motion.parameters)
+    rng = stream(scene.seed, "motion")
+    clip = make_motion(motion.name, duration, rng, **motion.parameters)
+    if skipped := _skipped_s(motion):
+        clip = shortened(clip, skipped, duration)
+    return clip
+
+
+def _skipped_s(motion: MotionTable) -> float:
+    """How much of the start of an episode's own motion nobody needs to play."""
+    from egocap_sim.motion.procedural import MOTIONS
+
+    if motion.name is None or motion.length_s is None or MOTIONS[motion.name].mounted:
+        return 0.0
+    return max(0.0, motion.start_s - _LEAD_S)
 
 
 def _variant(motion: MotionTable, clip: Clip) -> Clip:
@@ -241,12 +155,14 @@ def _variant(motion: MotionTable, clip: Clip) -> Clip:
 
 def _start_s(motion: MotionTable) -> float:
     """Where in the clip made of the scene's motion the recording begins."""
-    return 0.0 if motion.file is not None and motion.length_s is not None else motion.start_s
+    if motion.file is not None and motion.length_s is not None:
+        return 0.0
+    return motion.start_s - _skipped_s(motion)
 
 
 def frames_of_clip(scene: Scene) -> int:
     """How many frames the scene's motion file lasts from where the scene starts it."""
-    with _table(scene, "motion"):
+    with table_of(scene, "motion"):
         return _frames_in(clip_of(scene), scene)
 
 
@@ -269,7 +185,7 @@ def reference_of(scene: Scene, clip: Clip, person: Person) -> Reference:
     motion = scene.motion
     mounted = MOTIONS[motion.name].mounted if motion.name in MOTIONS else None
     if motion.name is None or mounted is None:
-        return retarget(clip, person)
+        return retarget(clip, person, from_origin=not _skipped_s(motion))
     reference = retarget(clip, person, from_origin=False, grounded=False)
     parameters = motion_parameters(motion.name, motion.parameters)
     return mounted(reference, person, stream(scene.seed, "motion"), parameters)
@@ -308,7 +224,7 @@ def perform_finely(scene: Scene, person: Person) -> tuple[Trajectory, SampledPos
 def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Trajectory:
     from egocap_sim.physics.simulate import simulate
 
-    with _table(scene, "motion"):
+    with table_of(scene, "motion"):
         clip = clip_of(scene)
         if scene.motion.file and scene.frames > (most := _frames_in(clip, scene)):
             raise InputError(
@@ -320,6 +236,7 @@ def _simulated(scene: Scene, person: Person, per_frame: int, samples: int) -> Tr
             fps=scene.fps * per_frame,
             n_frames=samples,
             start_s=_start_s(scene.motion),
+            force_every=per_frame,
         )
 
 

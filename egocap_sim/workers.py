@@ -21,7 +21,8 @@ from egocap.sequence import ShardEntry, Truth
 from egocap.sequence_writer import write_shard
 from egocap_sim.scene import Scene
 from egocap_sim.sensor.film import Film
-from egocap_sim.stage import extras_of, person_of, place_of, rig_of, sensor_of
+from egocap_sim.setting import extras_of, place_of
+from egocap_sim.stage import person_of, rig_of, sensor_of
 
 if TYPE_CHECKING:
     from egocap_sim.frames import FrameMaker

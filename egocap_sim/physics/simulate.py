@@ -37,12 +37,14 @@ def simulate(
     n_frames: int | None = None,
     start_s: float = 0.0,
     control: ControlConfig | None = None,
+    force_every: int = 1,
 ) -> Trajectory:
     """Simulate the person doing the reference; frame k is the state at k / fps seconds.
 
     The simulation begins in the reference's pose at `start_s` seconds of it. Without `n_frames` it
     runs to the reference's end; longer than that, the person holds the last pose. The result is the
-    same to the bit for the same inputs, but for `stats.ms_per_second`.
+    same to the bit for the same inputs, but for `stats.ms_per_second`. Contacts and forces are
+    recorded in every `force_every`-th frame; they are zero in the others.
 
     Raises InputError for impossible arguments and for a motion that the person cannot follow.
     """
@@ -60,7 +62,8 @@ def simulate(
             step = first + i
             sound = run.step(target, i, begin=step == 0)
             if step % substeps == 0:
-                run.record(step // substeps)
+                frame = step // substeps
+                run.record(frame, forces=frame % force_every == 0)
             witness.note(run.data, target, i)
             if not (sound and witness.lost_m < _LOST_M):
                 raise InputError(
@@ -129,11 +132,13 @@ class _Run:
         mujoco.mj_step2(self._model, self.data)
         return True
 
-    def record(self, frame: int) -> None:
-        """Store the bodies of a camera frame and the forces that act on them."""
+    def record(self, frame: int, forces: bool) -> None:
+        """Store the bodies of a frame and, if asked for, the forces that act on them."""
         data = self.data
         rotations = data.xmat[1:].reshape(-1, 3, 3)
         self.T_world_body[frame] = rigid(rotations, data.xpos[1:])
+        if not forces:
+            return
         self.root_wrench[frame, :3] = data.qfrc_applied[:3]
         self.root_wrench[frame, 3:] = rotations[0] @ data.qfrc_applied[3:6]
         for k in range(data.ncon):

@@ -12,6 +12,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.camera import Camera
+from egocap_sim.pixel_rays import pixel_rays
 
 DECODING = (np.arange(256, dtype=np.float32) / 255.0) ** 2
 """Linear light of the 256 displayed values, float32."""
@@ -38,9 +39,7 @@ def vignette(camera: Camera, strength: float) -> Float[Array, "H W"]:
 
     theta is the angle off the axis; at the rim of the lens `strength` of the light is lost.
     """
-    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
-    rays, _ = camera.ray(pixels.astype(float))
-    theta = np.arctan2(np.linalg.norm(rays[..., :2], axis=-1), rays[..., 2])
+    _, theta = pixel_rays(camera)
     ratio = np.minimum(theta / camera.max_angle, 1.0)
     return (1.0 - strength * ratio**2).astype(np.float32)
 

@@ -16,6 +16,7 @@ import pytest
 from egocap.sequence import Sequence, load_manifest
 from egocap_sim import cli
 from egocap_sim.builtin import builtin_file
+from egocap_sim.overrides import Overrides, as_long_as_its_clip, overridden
 from egocap_sim.scene import Scene, to_toml
 from egocap_sim.verify import verify
 
@@ -44,8 +45,8 @@ def complaint(result: tuple[int, str, str], code: int = 2) -> str:
     return lines[0]
 
 
-def overridden(**asked) -> Scene:
-    return cli._overridden(Scene.model_validate(tomllib.loads(GOOD)), cli.Overrides(**asked))
+def changed(**asked) -> Scene:
+    return overridden(Scene.model_validate(tomllib.loads(GOOD)), Overrides(**asked))
 
 
 def test_generate_verify_and_preview(sim, tiny_scene, tiny_sequence):
@@ -101,19 +102,19 @@ def test_verify_tells_what_is_missing_of_an_unfinished_sequence(sim, tiny_sequen
 
 
 def test_what_the_command_line_asks_for_wins():
-    scene = overridden(frames=9, seed=7, size=(320, 256), rig="egorig2", samples=4, masks=False,
+    scene = changed(frames=9, seed=7, size=(320, 256), rig="egorig2", samples=4, masks=False,
                        depth=True, image_format="png")  # fmt: skip
     assert (scene.frames, scene.seed, scene.rig.size) == (9, 7, (320, 256))
     assert (scene.rig.name, scene.rig.file) == ("egorig2", None)
     assert scene.record.model_dump(include={"samples", "masks", "depth", "image_format"}) == {
         "samples": 4, "masks": False, "depth": True, "image_format": "png"}  # fmt: skip
-    assert overridden(motion="sit").motion.name == "sit"
-    motion = overridden(motion="clip.bvh", up="z", unit="cm", start=1.5).motion
+    assert changed(motion="sit").motion.name == "sit"
+    motion = changed(motion="clip.bvh", up="z", unit="cm", start=1.5).motion
     assert (motion.name, motion.file) == (None, str(Path("clip.bvh").resolve()))
     assert (motion.up, motion.unit, motion.start_s) == ("z", "cm", 1.5)
-    rig = overridden(rig="mine/rig.toml").rig
+    rig = changed(rig="mine/rig.toml").rig
     assert (rig.name, rig.file) == (None, str(Path("mine/rig.toml").resolve()))
-    assert overridden() == overridden(frames=2)
+    assert changed() == changed(frames=2)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +255,6 @@ def test_a_motion_file_decides_how_long_a_sequence_is(monkeypatch):
     import numpy as np
 
     from egocap_sim.builtin import builtin_file
-    from egocap_sim.cli import Overrides, _as_long_as_its_clip, _overridden
     from egocap_sim.motion.clip import Clip
     from egocap_sim.scene import load_scene
 
@@ -267,4 +267,4 @@ def test_a_motion_file_decides_how_long_a_sequence_is(monkeypatch):
         (Overrides(motion="clip.bvh", frames=10), 10),
         (Overrides(), 750),
     ):
-        assert _as_long_as_its_clip(_overridden(scene, asked), asked).frames == frames
+        assert as_long_as_its_clip(overridden(scene, asked), asked).frames == frames

@@ -9,9 +9,9 @@ import pytest
 from egocap.errors import FileError
 from egocap_sim.builtin import builtin_file
 from egocap_sim.scene import Scene, load_scene
+from egocap_sim.setting import check_place
 from egocap_sim.stage import (
     SceneError,
-    check_place,
     clip_of,
     config_of,
     perform,
@@ -101,7 +101,7 @@ def test_an_unknown_place_is_refused_before_it_is_made():
 
 def test_a_place_is_as_large_as_a_recorded_motion():
     """Furniture and walls keep clear of where a clip goes; a scene's own radius is the least."""
-    from egocap_sim.stage import clear_radius_of
+    from egocap_sim.setting import clear_radius_of
 
     class Way:
         T_world_body = np.tile(np.eye(4), (3, 21, 1, 1))

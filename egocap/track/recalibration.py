@@ -2,8 +2,13 @@
 
 A learned detector states an accuracy that was true of the footage it was trained on, and its errors
 in one frame resemble those in the next. Both are seen in the residuals: their median against that
-of the stated Gaussian, and their correlation from frame to frame, by which a run of frames counts
-as fewer independent ones. Accuracy is only ever lowered.
+of the stated Gaussian, and their correlation from frame to frame. Accuracy is only ever lowered.
+
+The smoother takes the first alone. Errors that last are slow, and the slow part of a motion is not
+what smoothing takes away: at the few Hertz where random accelerations and detections meet, lasting
+errors have less power than independent ones, so frames that count for less would only let limbs go
+astray. How sure a track is, though, goes by the slow part, where a run of frames tells little more
+than one: its covariance takes both.
 """
 
 from __future__ import annotations
@@ -41,7 +46,7 @@ class Accuracy:
     @property
     def matters(self) -> bool:
         """Whether it differs from what was stated by enough to solve again."""
-        return bool(self.widening.max() > 1.05 or self.correlation > 0.05)
+        return bool(self.widening.max() > 1.05)
 
 
 def measure_accuracy(
@@ -64,15 +69,20 @@ def measure_accuracy(
 
 
 def recalibrated(observations: Observations, accuracy: Accuracy) -> Observations:
-    """The observations with that accuracy."""
+    """The observations with that accuracy, every frame by itself."""
     narrow = 1.0 / accuracy.widening[:, None, None]
     modes = observations.modes
     if modes is not None:
-        modes = replace(modes, whiten=modes.whiten * narrow, weights=modes.weights * accuracy.share)
-    return replace(
-        observations, whiten=observations.whiten * narrow,
-        weights=observations.weights * accuracy.share, modes=modes,
-    )  # fmt: skip
+        modes = replace(modes, whiten=modes.whiten * narrow)
+    return replace(observations, whiten=observations.whiten * narrow, modes=modes)
+
+
+def independent(observations: Observations, accuracy: Accuracy) -> Observations:
+    """The observations weighed as if frames were independent, none telling what the last one did.
+
+    For what all frames together tell; modes are left out.
+    """
+    return replace(observations, weights=observations.weights * accuracy.share, modes=None)
 
 
 def _widening(squared: Array, there: Bool[Array, "*same"]) -> float:

@@ -143,6 +143,7 @@ class _Solution:
     angles: Float[Array, "T 37"]
     converged: Bool[Array, "T"]
     taken: Observations  # the places chosen, as accurate as they proved
+    telling: Observations  # the same, weighed by how much all frames together tell
     estimated: dict[str, object]  # what was found out besides, JSON-ready
     guide: Guide  # what the motion prior made of it
 
@@ -165,7 +166,7 @@ def _solve(
     if config.smoothing == "gaussian":
         angles = smoothing.smooth_gaussian(angles, config.gaussian_frames)
         clock.lap("smoothing")
-    return _Solution(angles, converged, taken, {}, NO_GUIDE)
+    return _Solution(angles, converged, taken, taken, {}, NO_GUIDE)
 
 
 def _solve_together(
@@ -175,7 +176,7 @@ def _solve_together(
     """All frames at once; then once more with the places and accuracies that this brings out."""
     from egocap.track.choice import can_choose, choose
     from egocap.track.motion_prior import NO_GUIDE, guide_of
-    from egocap.track.recalibration import measure_accuracy, recalibrated
+    from egocap.track.recalibration import independent, measure_accuracy, recalibrated
     from egocap.track.smoothing import smooth_interval
 
     choosing, taken = can_choose(observations, config), observations[:]
@@ -189,6 +190,7 @@ def _solve_together(
         estimated["lag_s"] = alignment.lag_s.round(5).tolist()
         estimated["rotation_deg"] = np.rad2deg(alignment.rotation).round(4).tolist()
         changed = True
+    accuracy = None
     if config.recalibrate:
         accuracy = measure_accuracy(angles, taken, proportions)
         estimated["widening"] = accuracy.widening.round(3).tolist()
@@ -200,7 +202,8 @@ def _solve_together(
     if config.lambda_motion > 0.0:
         guide = guide_of(angles, taken, model, config)
         angles, converged = smooth_interval(angles, taken, model, config, guide)
-    return _Solution(angles, converged, taken, estimated, guide)
+    telling = taken if accuracy is None else independent(taken, accuracy)
+    return _Solution(angles, converged, taken, telling, estimated, guide)
 
 
 _ALIGNMENTS = 4  # steps
@@ -229,7 +232,7 @@ def _covariances(
         return None
     from egocap.track.uncertainty import causal_covariances, interval_covariances
 
-    known = solution.angles, solution.taken, model, config
+    known = solution.angles, solution.telling, model, config
     if config.smoothing == "interval":
         return interval_covariances(*known, solution.guide)
     return causal_covariances(*known)

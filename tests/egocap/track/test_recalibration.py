@@ -7,7 +7,7 @@ import pytest
 
 from egocap.track.config import TrackerConfig
 from egocap.track.observations import observe
-from egocap.track.recalibration import measure_accuracy, recalibrated
+from egocap.track.recalibration import independent, measure_accuracy, recalibrated
 from egocap.track.tracker import track
 from tests.egocap.track.conftest import make_motion
 
@@ -28,7 +28,7 @@ def test_honest_detections_are_left_alone(long_motion):
     accuracy, _ = measured(long_motion, "simulated:2")
     assert accuracy.widening.mean() < 1.05
     assert accuracy.correlation < 0.05
-    assert not replace(accuracy, widening=np.ones(18), correlation=0.0).matters
+    assert not replace(accuracy, widening=np.ones(18)).matters
 
 
 @pytest.mark.parametrize("factor", [2.0, 3.0])
@@ -49,6 +49,24 @@ def test_memory_is_found(long_motion):
     accuracy, _ = measured(long_motion, "simulated:2,correlation=0.1")
     assert accuracy.correlation == pytest.approx(np.exp(-1 / 3), abs=0.1)
     assert accuracy.share == pytest.approx((1 - accuracy.correlation) / (1 + accuracy.correlation))
+
+
+def test_memory_costs_certainty_and_no_detection_its_say(long_motion):
+    accuracy, seen = measured(long_motion, "simulated:2,correlation=0.3")
+    assert accuracy.share < 0.2
+    assert np.array_equal(recalibrated(seen, accuracy).weights, seen.weights)
+    assert np.allclose(independent(seen, accuracy).weights, accuracy.share * seen.weights)
+
+
+def test_lasting_errors_do_not_let_a_limb_go_astray(long_motion):
+    """One view takes a stranger's arm for the wearer's; the errors of all joints last for long."""
+    found = long_motion.detect("simulated:3,correlation=1.0,wrong=0.15", hidden=0.3)
+    errors = [
+        long_motion.errors(track(found, long_motion.rig, long_motion.person,
+                                 TrackerConfig(recalibrate=on, lambda_motion=0.0))).mean()
+        for on in (False, True)
+    ]  # fmt: skip
+    assert errors[1] < 1.1 * errors[0]
 
 
 def test_it_pays_where_the_detector_boasts(long_motion):

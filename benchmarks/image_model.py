@@ -4,10 +4,15 @@
     python benchmarks/image_model.py SEQ --out FILE.json     # and write the numbers
     python benchmarks/image_model.py SEQ --device cuda       # and many poses at once, on a GPU
 
-The pose is the one nearest to the truth of frame 0, the colours those of that frame. `ms` is the
-smallest of many calls; `cpu_ms` is the mean processor time of all threads, which other work on the
-machine disturbs less. The reference is `egocap.track.appearance` with autograd, single precision,
-on the rays that meet the body only: on all rays it would take several times longer.
+SEQ is the first live sequence of `evals.image_model`, whose docstring says how it is made. The pose
+is the one nearest to the truth of frame 0, the image that frame's. Colours are compared in three
+ways: `ratio`, the likelihood ratio of person and background (`egocap.track.palette`), which the
+tracker uses; `paper`, appendix A; `cone`, the distance in the HSV cone.
+
+`ms` is the smallest of many calls, `median_ms` their median, by the wall; `cpu_ms` is the mean
+processor time of all threads, which other work on the machine disturbs less. The reference is
+`egocap.track.appearance` with autograd, single precision, on the rays that meet the body only: on
+all rays it would take several times longer.
 """
 
 from __future__ import annotations
@@ -15,6 +20,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -26,8 +32,9 @@ from typing import Any
 import numpy as np
 
 SIZE = (128, 128)
-LIVE_SIZE, LIVE_TERM = (120, 100), 96
 STOCHASTIC_RAYS, KEEP = 600, 0.5
+DRAWS = 200
+MEASURES = ("ratio", "paper", "cone")
 FIRST_CALL = """
 import time, numpy as np
 started = time.perf_counter()
@@ -46,6 +53,7 @@ print(imported - started, time.perf_counter() - imported)
 
 def best(call: Callable[[], Any], repeats: int = 60) -> dict[str, float]:
     """Smallest and median wall time, and mean processor time, of a call in milliseconds."""
+    call()
     walls, busy = [], time.process_time()
     for _ in range(repeats):
         wall = time.perf_counter()
@@ -53,9 +61,9 @@ def best(call: Callable[[], Any], repeats: int = 60) -> dict[str, float]:
         walls.append(time.perf_counter() - wall)
     busy = time.process_time() - busy
     return {
-        "ms": 1e3 * min(walls),
-        "median_ms": 1e3 * float(np.median(walls)),
-        "cpu_ms": 1e3 * busy / repeats,
+        "ms": round(1e3 * min(walls), 4),
+        "median_ms": round(1e3 * float(np.median(walls)), 4),
+        "cpu_ms": round(1e3 * busy / repeats, 4),
     }
 
 
@@ -68,26 +76,46 @@ class Bench:
         from egocap.track.colouring import colour_body
         from egocap.track.image_rays import image_rays
         from egocap.track.inverse import nearest_angles
+        from egocap.track.palette import learn_palette
 
-        self.sequence = Sequence(folder)
-        self.angles = nearest_angles(self.sequence.proportions, self.sequence.truth.joints_head[0])
-        self.images = self.sequence.frame(0).images
-        rays = image_rays(self.sequence.rig, *SIZE)
-        plain = GaussianBody.from_proportions(self.sequence.proportions)
+        self.sequence = sequence = Sequence(folder)
+        truth = sequence.truth.joints_head
+        self.angles = nearest_angles(sequence.proportions, truth[0])
+        self.images = sequence.frame(0).images
+        rays = image_rays(sequence.rig, *SIZE)
+        plain = GaussianBody.from_proportions(sequence.proportions)
         self.body = colour_body(plain, rays, self.images, self.angles)
+        shown = []
+        for t in np.linspace(0, len(sequence) - 1, 5).round().astype(int):
+            angles = nearest_angles(sequence.proportions, truth[t])
+            shown.append((sequence.frame(int(t)).images, angles))
+        self.palette = learn_palette(self.body, rays, shown)
 
-    def model(self, size: tuple[int, int] = SIZE, threads: int | None = None):
-        """A model at a size, and the frame's colours along its rays."""
+    def term(self, size: int = SIZE[0], threads: int | None = None):
+        """The body's colours against the background's."""
+        from egocap.track.colour_term import ColourTerm, ColourTermConfig
+
+        config = ColourTermConfig(size, weight=0.03)
+        return ColourTerm(self.body, self.sequence.rig, self.palette, config, threads)
+
+    def model(self, measure: str, threads: int | None = None):
+        """A model and the frame's colours along its rays, as the measure has them."""
+        from egocap.track.colour import PAPER, ColourMeasure
         from egocap.track.image_model import ImageModel
         from egocap.track.image_rays import image_rays
 
-        model = ImageModel(self.body, image_rays(self.sequence.rig, *size), threads=threads)
+        if measure == "ratio":
+            term = self.term(threads=threads)
+            return term.model, term.see(self.images, self.angles)
+        kind = PAPER if measure == "paper" else ColourMeasure()
+        rays = image_rays(self.sequence.rig, *SIZE)
+        model = ImageModel(self.body, rays, measure=kind, threads=threads)
         return model, model.colours(self.images)
 
-    def kernel(self) -> dict[str, Any]:
+    def kernel(self, measure: str) -> dict[str, Any]:
         """The compiled model."""
-        model, colours = self.model()
-        alone, _ = self.model(threads=1)
+        model, colours = self.model(measure)
+        alone, _ = self.model(measure, threads=1)
         met = int((model.pixel_energies(self.angles, colours)[0] != 0).sum())
         return {
             "rays": len(model.rays), "rays_that_meet_the_body": met,
@@ -96,135 +124,105 @@ class Bench:
             "with_gauss_newton": best(
                 lambda: model.evaluate(self.angles, colours, curvature=True)
             ),
-            "colours_of_a_frame": best(lambda: model.colours(self.images)),
         }  # fmt: skip
+
+    def frame(self) -> dict[str, float]:
+        """What a new frame costs before the first step: its bins, and the background's colours."""
+        term = self.term()
+        term.see(self.images, self.angles)
+        return best(lambda: term.see(self.images))
 
     def stochastic(self) -> dict[str, Any]:
         """One step of the stochastic variant, and the scatter of its gradient."""
-        from egocap.track.stochastic import PixelSampler
+        from egocap.track.stochastic import PixelSampler, gradient_scatter
 
-        model, colours = self.model(LIVE_SIZE)
-        alone, _ = self.model(LIVE_SIZE, threads=1)
-        sampler, rng = PixelSampler(model), np.random.default_rng(0)
-        sampler.aim(colours, self.angles)
-        exact = model.evaluate(self.angles, colours).gradient
+        model, colours = self.model("ratio")
+        alone, _ = self.model("ratio", threads=1)
+        rng = np.random.default_rng(0)
+        aimed, evenly, single = PixelSampler(model), PixelSampler(model), PixelSampler(alone)
+        for sampler in (aimed, single):
+            sampler.aim(colours, self.angles)
 
-        def step() -> np.ndarray:
-            found = sampler.estimate(colours, self.angles, STOCHASTIC_RAYS, KEEP, rng)
-            return found.gradient
+        def step(sampler: PixelSampler) -> None:
+            sampler.estimate(colours, self.angles, STOCHASTIC_RAYS, KEEP, rng)
 
-        def evenly() -> np.ndarray:
-            even = PixelSampler(model)  # never aimed: all rays alike
-            return even.estimate(colours, self.angles, STOCHASTIC_RAYS, KEEP, rng).gradient
+        def scatter(sampler: PixelSampler) -> float:
+            draw = (colours, self.angles, STOCHASTIC_RAYS, KEEP, DRAWS)
+            return round(gradient_scatter(sampler, *draw, np.random.default_rng(0)), 4)
 
-        def scatter(draw: Callable[[], np.ndarray]) -> float:
-            squared = np.mean([np.sum((draw() - exact) ** 2) for _ in range(200)])
-            return float(np.sqrt(squared) / np.linalg.norm(exact))
-
-        times = best(step, 300)
-        one = PixelSampler(alone)
-        one.aim(colours, self.angles)
-        single = best(lambda: one.estimate(colours, self.angles, STOCHASTIC_RAYS, KEEP, rng), 300)
         return {
-            "rays": STOCHASTIC_RAYS, "keep": KEEP, "step": times, "one_thread": single,
-            "gradient_scatter": scatter(step), "gradient_scatter_even": scatter(evenly),
+            "rays": STOCHASTIC_RAYS, "keep": KEEP,
+            "step": best(lambda: step(aimed), 300), "one_thread": best(lambda: step(single), 300),
+            "gradient_scatter": scatter(aimed), "gradient_scatter_even": scatter(evenly),
         }  # fmt: skip
 
-    def reference(self, kernel_ms: float) -> dict[str, Any]:
+    def reference(self, measure: str, kernel_ms: float) -> dict[str, Any]:
         """The torch reference on the rays that meet the body."""
         import torch
 
-        from egocap.track.appearance import RayBatch, colour_gradient
+        from egocap.track.appearance import colour_gradient
+        from egocap.track.image_reference import ReferenceModel
 
-        model, colours = self.model()
-        met = torch.as_tensor(np.flatnonzero(model.pixel_energies(self.angles, colours)[0]))
-        batch = RayBatch.of(model.rays, colours, torch.float32)[met]
-        angles = torch.as_tensor(self.angles, dtype=torch.float32)
-        times = best(lambda: colour_gradient(self.body, batch, angles, model.measure), 2)
-        return {**times, "times_slower": times["ms"] / kernel_ms}
-
-    def term(self, size: int = SIZE[0]):
-        """The body's colours against the background's, learned in five frames."""
-        from egocap.track.colour_term import ColourTerm, ColourTermConfig
-        from egocap.track.image_rays import image_rays
-        from egocap.track.inverse import nearest_angles
-        from egocap.track.palette import learn_palette
-
-        sequence = self.sequence
-        truth = sequence.truth.joints_head
-        shown = []
-        for t in np.linspace(0, len(sequence) - 1, 5).round().astype(int):
-            angles = nearest_angles(sequence.proportions, truth[t])
-            shown.append((sequence.frame(int(t)).images, angles))
-        palette = learn_palette(self.body, image_rays(sequence.rig, *SIZE), shown)
-        return ColourTerm(self.body, sequence.rig, palette, ColourTermConfig(size, weight=0.03))
-
-    def palette(self) -> dict[str, Any]:
-        """The kernel with colours by bins, and what a frame costs besides."""
-        term = self.term()
-        colours = term.see(self.images, self.angles)
-        H, g = np.zeros((37, 37)), np.zeros(37)
-        return {
-            "energy_and_gradient": best(lambda: term.model.evaluate(self.angles, colours)),
-            "with_gauss_newton": best(lambda: term.add(self.angles, H, g)),
-            "a_frame": best(lambda: term.see(self.images)),
-        }
+        model, colours = self.model(measure)
+        reference = ReferenceModel(self.body, model.rays, model.measure, torch.float32)
+        batch, compare = reference.batch(colours)
+        hit = torch.as_tensor(np.flatnonzero(model.pixel_energies(self.angles, colours)[0]))
+        batch, angles = batch[hit], torch.as_tensor(self.angles, dtype=torch.float32)
+        times = best(lambda: colour_gradient(self.body, batch, angles, compare), 2)
+        return {**times, "times_slower": round(times["ms"] / kernel_ms, 1)}
 
     def live(self) -> dict[str, Any]:
-        """Colour-only tracking of the upper body over the sequence, images in memory."""
+        """Colour-only tracking of the upper body over the sequence, pictures in memory."""
         from egocap.labels import UPPER
-        from egocap.skeleton import forward
-        from egocap.track.config import TrackerConfig
-        from egocap.track.image_solver import (
-            UPPER_BODY,
-            ImageSolver,
-            ImageSolverConfig,
-            track_colours,
-        )
+        from egocap.track.live_colour import TERM, ColourTracker
 
-        term = self.term(LIVE_TERM)
-        solver = ImageSolver(
-            term.model, ImageSolverConfig(lambda_colour=term.config.weight),
-            TrackerConfig(zeta=0.7, speed=8.0), UPPER_BODY,
-        )  # fmt: skip
-        images = [frame.images for frame in self.sequence]
-        fps = self.sequence.manifest.fps
-        found = {}
+        frames = list(self.sequence)
+        truth = self.sequence.truth.joints_head
+        found: dict[str, Any] = {"size": TERM.size}
         for name, seed in (("gauss_newton", None), ("stochastic", 0)):
-            rates, poses = [], []
+            rates, busy, poses = [], [], []
             for _ in range(3):
-                term.forget()
                 rng = None if seed is None else np.random.default_rng(seed)
-                started = time.perf_counter()
-                seen = (term.see(pair, None if t else self.angles) for t, pair in enumerate(images))
-                poses = track_colours(solver, seen, self.angles, fps, rng)
-                rates.append(len(images) / (time.perf_counter() - started))
-            joints = forward(self.sequence.proportions, np.array([p.angles for p in poses]))
-            errors = np.linalg.norm(joints - self.sequence.truth.joints_head, axis=-1)
+                rig, proportions = self.sequence.rig, self.sequence.proportions
+                tracker = ColourTracker(rig, proportions, self.angles, rng=rng)
+                tracker.learn(frames[0].images)
+                started, spent = time.perf_counter(), time.process_time()
+                poses = [tracker.step(frame.images, frame.time) for frame in frames]
+                rates.append(len(frames) / (time.perf_counter() - started))
+                busy.append(1e3 * (time.process_time() - spent) / len(frames))
+            errors = np.linalg.norm(np.array([p.joints for p in poses]) - truth, axis=-1)
             found[name] = {
-                "frames_per_second": max(rates),
-                "upper_body_error_mm": float(1e3 * errors[:, UPPER].mean()),
-                "steps": float(np.mean([p.steps for p in poses])),
+                "frames_per_second": round(max(rates), 1),
+                "cpu_ms_a_frame": round(min(busy), 3),
+                "upper_body_error_mm": round(float(1e3 * errors[:, UPPER].mean()), 1),
             }
         return found
 
-    def batched(self, device: str, poses: int) -> dict[str, Any]:
-        """Many poses at once by the torch path; energy and gradient."""
+    def batched(self, device: str, poses: int, chunk: int) -> dict[str, Any]:
+        """Many poses at once by the torch path, energy and gradient; `chunk` rays at a time."""
         import torch
 
-        from egocap.track.appearance import RayBatch, colour_gradient
+        from egocap.track.appearance import colour_gradient
+        from egocap.track.image_reference import ReferenceModel
 
-        model, colours = self.model()
-        batch = RayBatch.of(model.rays, colours, torch.float32, device)
+        model, colours = self.model("ratio")
+        reference = ReferenceModel(self.body, model.rays, dtype=torch.float32, device=device)
+        batch, compare = reference.batch(colours)
         angles = torch.as_tensor(np.tile(self.angles, (poses, 1)), dtype=torch.float32).to(device)
 
         def call() -> None:
-            colour_gradient(self.body, batch, angles, model.measure, chunk=max(1, 2048 // poses))
-            if device == "cuda":
-                torch.cuda.synchronize()
+            colour_gradient(self.body, batch, angles, compare, chunk=chunk)
+            if batch.device.type == "cuda":
+                torch.cuda.synchronize(batch.device)
 
         times = best(call, 3)
-        return {"device": device, "poses": poses, **times, "ms_a_pose": times["ms"] / poses}
+        energy = colour_gradient(self.body, batch, angles[:1], compare, chunk=chunk)[0].item()
+        exact = model.evaluate(self.angles, colours).energy
+        name = torch.cuda.get_device_name(batch.device) if batch.device.type == "cuda" else "cpu"
+        return {
+            "device": name, "poses": poses, "rays_at_a_time": chunk, **times,
+            "ms_a_pose": round(times["ms"] / poses, 4), "energy": energy, "energy_by_kernel": exact,
+        }  # fmt: skip
 
 
 def first_call() -> dict[str, float]:
@@ -241,34 +239,54 @@ def first_call() -> dict[str, float]:
     return {"import_s": imported, "compile_s": compiled, "from_cache_s": loaded}
 
 
-def main() -> None:
-    """Measure, print, and write when asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("sequence")
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--device", choices=("cpu", "cuda"))
-    parser.add_argument("--poses", type=int, default=16)
-    words = parser.parse_args()
+def measured(words: argparse.Namespace) -> dict[str, Any]:
+    """All times. Raises MachineError before the first when the device asked for is not there."""
+    if words.device:
+        from egocap.track.appearance import torch_device
+
+        torch_device(words.device)
     bench = Bench(words.sequence)
-    kernel = bench.kernel()
+    kernel = {measure: bench.kernel(measure) for measure in MEASURES}
     result = {
         "kernel": kernel,
-        "palette": bench.palette(),
+        "a_frame": bench.frame(),
         "stochastic": bench.stochastic(),
-        "reference": bench.reference(kernel["energy_and_gradient"]["ms"]),
+        "reference": {
+            measure: bench.reference(measure, kernel[measure]["energy_and_gradient"]["ms"])
+            for measure in ("ratio", "paper")
+        },
         "live": bench.live(),
         "start": first_call(),
     }
     if words.device:
-        result["batched"] = bench.batched(words.device, words.poses)
+        result["batched"] = bench.batched(words.device, words.poses, words.chunk)
+    return result
+
+
+def main() -> int:
+    """Measure, print, and write when asked; the exit code."""
+    from egocap.errors import EgocapError
+
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("sequence")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--device", help="also many poses at once on cpu, cuda or cuda:N")
+    parser.add_argument("--poses", type=int, default=16, help="at once on the device")
+    parser.add_argument("--chunk", type=int, default=128, help="rays at a time on the device")
+    words = parser.parse_args()
+    try:
+        result = measured(words)
+    except EgocapError as error:
+        print(f"image_model: {error}", file=sys.stderr)
+        return error.exit_code
     print(json.dumps(result, indent=2))
     if words.out:
         from evals.record import save_result
 
         result["load"] = list(os.getloadavg())
-        command = f"python benchmarks/image_model.py SEQ --out {words.out}"
-        save_result(words.out, result, command)
+        save_result(words.out, result, f"python {shlex.join(sys.argv)}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

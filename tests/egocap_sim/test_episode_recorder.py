@@ -14,7 +14,6 @@ from egocap.geometry import matrix_to_quaternion
 from egocap.sequence import Sequence
 from egocap_sim.bodies import BODIES
 from egocap_sim.episode_plan import catalogue, plan, scene_of
-from egocap_sim.episode_recorder import make_episode
 from egocap_sim.motion.procedural import make_motion
 from egocap_sim.record import generate
 from egocap_sim.scene import Scene
@@ -27,7 +26,7 @@ def scene(frames: int = 7, **changes) -> Scene:
         "rig": {"name": "sampled", "size": (96, 80)},
         "motion": {"name": "sequence"}, "place": {"name": "chroma"},
         "sensor": {"preset": "webcam"},
-        "episodes": {"frames": (2, 4), "motions": ("gestures", "poses")},
+        "episodes": {"frames": (2, 2), "motions": ("gestures", "poses")},
     } | changes)  # fmt: skip
 
 
@@ -43,7 +42,8 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_plan_has_all_frames_and_grows_without_changing():
-    once, longer = plan(scene(50), [50]), plan(scene(50), [50, 30])
+    many = scene(50, episodes={"frames": (2, 4)})
+    once, longer = plan(many, [50]), plan(many, [50, 30])
     assert sum(e.frames for e in once) == 50 and sum(e.frames for e in longer) == 80
     assert longer[: len(once)] == once
     assert all(2 <= e.frames <= 4 for e in once[:-1])
@@ -63,11 +63,11 @@ def test_every_episode_is_a_sequence_of_another_person_and_rig(recording):
         Sequence(recording)
 
 
-def test_one_process_makes_the_same_bytes(recording, tmp_path):
-    for episode in plan(scene(), [7])[:2]:
-        folder = tmp_path / f"episode-{episode.index:05d}"
-        make_episode(scene(), episode, (), folder)
-        assert files(folder) == files(recording / folder.name)
+@pytest.mark.parametrize("workers", [1, 4])
+def test_any_number_of_workers_makes_the_same_bytes(recording, tmp_path, workers):
+    assert len(plan(scene(), [7])) == 4
+    generate(scene(), tmp_path / "r", workers=workers)
+    assert files(tmp_path / "r") == files(recording)
 
 
 def test_what_is_lost_or_damaged_is_made_again(recording, tmp_path):

@@ -84,8 +84,19 @@ class LiveTracker:
             float(self.config.robust_scale), H, g,
         )  # fmt: skip
         priors(self._model, angles, H, g)
-        information = H + np.tril(H, -1).T
-        if self._covariance is not None:
-            drift = np.diag(np.square(self.config.speed * (time - self._time) * SPREAD))
-            information = information + np.linalg.inv(self._covariance + drift)
+        return carried_on(
+            H + np.tril(H, -1).T, self._covariance, self.config.speed * (time - self._time)
+        )
+
+
+def carried_on(
+    information: Float[Array, "37 37"], last: Float[Array, "37 37"] | None, drift: float
+) -> Float[Array, "37 37"]:
+    """Covariance of the angles from a frame's own information and what was known at the last.
+
+    `drift` is by how many everyday spreads angles scatter in between.
+    """
+    if last is None:
         return np.linalg.inv(information)
+    grown = last + np.diag(np.square(drift * SPREAD))
+    return np.linalg.inv(information + np.linalg.inv(grown))

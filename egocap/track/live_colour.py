@@ -26,14 +26,18 @@ from egocap.track.illumination import learn_in_light
 from egocap.track.image_rays import image_rays, require_pictures
 from egocap.track.image_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
 from egocap.track.kernel import make_model, priors
-from egocap.track.live import LivePose
+from egocap.track.live import LivePose, carried_on
 from egocap.track.uncertainty import confidences, joint_covariances
 
 TERM = ColourTermConfig(size=64, weight=0.03)
 PRIORS = TrackerConfig(smoothing="none", zeta=0.7, speed=8.0)
 """Colour alone must follow fast hands from frame to frame: a wider prediction than detections'."""
-_STEPS = 5  # Gauss-Newton steps a frame
+_STEPS = 4  # Gauss-Newton steps a frame
 _USUAL_S = 1.0 / 30.0
+_KNOWN = 0.2
+"""How well the starting pose is known, in everyday spreads."""
+_DRIFT = TrackerConfig().speed
+"""By how many spreads a second angles may have moved, for how sure a pose is."""
 
 
 class ColourTracker:
@@ -52,6 +56,7 @@ class ColourTracker:
         self._model = make_model(proportions, PRIORS)
         self._time = -np.inf
         self._last = self._before = self._start
+        self._covariance = np.diag(np.square(_KNOWN * SPREAD))
         self._term: ColourTerm | None = None
         self._solver: ImageSolver | None = None
 
@@ -65,16 +70,16 @@ class ColourTracker:
             raise InputError(f"a frame of {time:g} s after one of {self._time:g} s",
                              valid="later ones")  # fmt: skip
         there = [image for image in images if image is not None]
-        elapsed, self._time = time - self._time, time
+        elapsed = time - self._time if np.isfinite(self._time) else _USUAL_S
+        self._time = time
         if self._term is None or self._solver is None:
             if len(there) < len(images):
                 raise InputError("no first picture of every view, to learn the colours from")
             self.learn(there)
         if len(there) < len(images):
             self._before = self._last
-            return self._pose(time, False)
-        converged = self._follow(there, elapsed if np.isfinite(elapsed) else _USUAL_S)
-        return self._pose(time, converged)
+            return self._pose(time, elapsed, None)
+        return self._pose(time, elapsed, self._follow(there, elapsed))
 
     def learn(self, images: Sequence[UInt8[Array, "H W 3"]]) -> None:
         """Learn the person's colours from pictures of all views in the starting pose.
@@ -106,15 +111,17 @@ class ColourTracker:
         self._term.settle(found.angles)
         return found.converged
 
-    def _pose(self, time: float, converged: bool) -> LivePose:
-        """The pose as it is, and how sure colours and everyday postures make it."""
-        assert self._term is not None
+    def _pose(self, time: float, elapsed: float, converged: bool | None) -> LivePose:
+        """The pose as it is, and how sure the past and, unless None converged, colours make it."""
         H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
         priors(self._model, self._last, H, g)
         H = H + np.tril(H, -1).T
-        self._term.add(self._last, H, g, UPPER_BODY)
+        if converged is not None:
+            assert self._term is not None
+            self._term.add(self._last, H, g, UPPER_BODY)
+        self._covariance = carried_on(H, self._covariance, _DRIFT * elapsed)
         covariance = joint_covariances(
-            self.proportions, self._last[None], np.linalg.inv(H)[None], PRIORS.model_error_m
+            self.proportions, self._last[None], self._covariance[None], PRIORS.model_error_m
         )
         joints = forward(self.proportions, self._last)
-        return LivePose(time, self._last, joints, confidences(covariance)[0], converged)
+        return LivePose(time, self._last, joints, confidences(covariance)[0], bool(converged))

@@ -40,6 +40,7 @@ def test_arms_are_followed_and_legs_stay(clip, rng):
     assert still.max() > 0.1
     assert error.mean() < 0.5 * still.mean()
     assert all(np.array_equal(p.angles[~UPPER_BODY], POSE[~UPPER_BODY]) for p in found)
+    assert last.confidence[ARMS].mean() > 0.5
     assert ((last.confidence >= 0.0) & (last.confidence <= 1.0)).all()
     assert [p.time for p in found] == [t / 30 for t in range(10)]
 
@@ -54,5 +55,6 @@ def test_a_missing_picture_leaves_the_pose(clip):
     first = tracker.step(pictures[1], 0.1)
     blind = tracker.step([None, pictures[2][1]], 0.2)
     assert np.array_equal(first.angles, blind.angles) and not blind.converged
+    assert (blind.confidence <= first.confidence + 1e-9).all()
     with pytest.raises(InputError, match=r"after one of 0\.2 s"):
         tracker.step(pictures[2], 0.2)

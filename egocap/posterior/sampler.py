@@ -44,7 +44,7 @@ RHAT = 1.05
 KEPT_DRAWS = 6000
 """Draws handed on, at most about, evenly from the chain."""
 _CRANKS = (0.15, 0.3, 0.6)
-_FEW = (4, 8, 12)
+_FEW = (4, 8, 16)
 """Directions that are redrawn together."""
 
 

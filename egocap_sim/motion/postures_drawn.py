@@ -19,6 +19,7 @@ from egocap_sim.motion import figure
 from egocap_sim.motion.curves import turn
 from egocap_sim.motion.stance import HIP_HEIGHT
 from egocap_sim.motion.whole_pose import (
+    TOE_HEIGHT,
     Foot,
     WholePose,
     centred,
@@ -70,8 +71,8 @@ def bend(rng: Rng, size: float) -> WholePose:
     feet = stood(
         float(rng.uniform(0.07, 0.3)), _normal(rng, 0.1, 0.3), float(rng.uniform(0.0, 0.3))
     )
-    down = 0.02 + float(rng.beta(1.0, 2.0)) * 0.3
-    pitch = float(rng.uniform(0.9, 2.25)) * (0.6 + 0.4 * size)
+    down = 0.02 + float(rng.beta(1.0, 1.5)) * 0.38
+    pitch = float(rng.triangular(0.9, 2.1, 2.3)) * (0.6 + 0.4 * size)
     yaw, roll = _normal(rng, 0.25, 0.6), _normal(rng, 0.15, 0.35)
     pose = WholePose(
         pelvis=(-0.08, 0.0, HIP_HEIGHT - down),
@@ -91,11 +92,11 @@ def crouch(rng: Rng, size: float) -> WholePose:
         for sign in (1.0, -1.0)
     )
     feet = left, right
-    pitch = float(rng.uniform(0.5, 1.75))
+    pitch = float(rng.uniform(0.6, 1.95))
     yaw, roll = _normal(rng, 0.25, 0.6), _normal(rng, 0.15, 0.35)
     middle = np.mean([f.ankle for f in feet], axis=0)
     pose = WholePose(
-        pelvis=(float(middle[0]) - 0.1, 0.0, float(middle[2]) + float(rng.uniform(0.24, 0.5))),
+        pelvis=(float(middle[0]) - 0.1, 0.0, float(middle[2]) + float(rng.uniform(0.22, 0.45))),
         hips=(0.4 * yaw, 0.4 * pitch, 0.3 * roll), chest=(yaw, pitch, roll), feet=feet,
         over=over_feet(feet),
     )  # fmt: skip
@@ -236,6 +237,7 @@ _KNEE = 2.65  # radians of flexion at most
 _HIP = 2.2
 _ANKLE_UP, _ANKLE_DOWN = 0.7, 1.0  # dorsal, under load, and plantar
 _OFF_M = 0.02  # a foot or a knee may be off its place
+_RAISED_M = 0.06  # a foot that does not stand is this high at least, toes and ankle
 
 
 def possible(pose: WholePose) -> bool:
@@ -249,6 +251,9 @@ def possible(pose: WholePose) -> bool:
         if np.linalg.norm(p[foot] - pose.feet[side].ankle) > _OFF_M:
             return False
         if p[calf, 2] < KNEE_HEIGHT - _OFF_M or p[foot, 2] < 0.05:
+            return False
+        toe = pose.feet[side].toe[2]
+        if abs(toe - TOE_HEIGHT) > 1e-6 and min(toe, p[foot, 2] - 0.04) < _RAISED_M:
             return False
         if _pitch(R[thigh].T @ R[calf]) > _KNEE or -_pitch(R[INDEX["pelvis"]].T @ R[thigh]) > _HIP:
             return False

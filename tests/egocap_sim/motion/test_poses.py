@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from egocap_sim.bodies import INDEX, PARENTS
-from egocap_sim.motion.clearance import clearance
+from egocap.errors import InputError
+from egocap_sim.bodies import BODIES, INDEX, PARENTS
+from egocap_sim.motion.clearance import clearance, palms
 from egocap_sim.motion.clip import Clip
+from egocap_sim.motion.poses import draw_pose
+from egocap_sim.motion.postures_drawn import LEGS
 from egocap_sim.motion.procedural import make_motion
+from egocap_sim.motion.whole_pose import TOE_HEIGHT, WholePose, figure_in
 
 
 @pytest.fixture(scope="module")
@@ -48,3 +52,42 @@ def test_joints_turn_farther_than_in_walking_and_gestures():
 
     for body in ("chest", "head", "l_upperarm", "r_upperarm", "l_hand", "l_calf"):
         assert spread("poses", body) > max(spread("gestures", body), spread("walk", body)), body
+
+
+@pytest.mark.parametrize("kind", list(LEGS))
+def test_every_kind_of_pose_is_what_it_is_called_and_stands_on_the_ground(kind):
+    rng = np.random.default_rng(400310)
+    poses = [draw_pose(rng, kinds=(kind,)) for _ in range(6)]
+    assert sum(pose != WholePose() for pose in poses) >= 5
+    for pose in (pose for pose in poses if pose != WholePose()):
+        clip = figure_in(pose)
+        height = dict(zip(BODIES, clip.positions[0, :, 2], strict=True))
+        toes = sorted((height["l_toe"], height["r_toe"]))
+        assert toes[0] == pytest.approx(TOE_HEIGHT, abs=0.01)
+        assert min(height["l_calf"], height["r_calf"]) > 0.05
+        assert clearance(clip)[0] > -0.01
+        assert (toes[1] > TOE_HEIGHT + 0.02) == (kind == "balance") == pose.on_one_foot
+        if kind == "kneel":
+            assert min(height["l_calf"], height["r_calf"]) < 0.1
+        if kind == "crouch":
+            assert height["pelvis"] < 0.7
+        if kind == "bend":
+            assert clip.rotations[0, INDEX["chest"], 2, 2] < 0.65  # leant by 50 degrees and more
+
+
+def test_hands_touch_feet_and_floor_from_low_poses_and_the_head_from_all():
+    rng = np.random.default_rng(400311)
+    low, head = [], []
+    for _ in range(40):
+        clip = figure_in(draw_pose(rng, kinds=("bend", "crouch", "kneel")))
+        hands, _ = palms(clip)
+        low.append(hands[0, :, 2].min())
+        middle = clip.positions[0, INDEX["head"]] + 0.12 * clip.rotations[0, INDEX["head"], :, 2]
+        head.append(np.linalg.norm(hands[0] - middle, axis=-1).min())
+    assert np.mean(np.array(low) < 0.3) > 0.15
+    assert np.mean(np.array(head) < 0.25) > 0.05
+
+
+def test_an_unknown_kind_is_refused():
+    with pytest.raises(InputError, match=r"handstand.*kneel"):
+        make_motion("poses", 1.0, np.random.default_rng(0), kinds=("handstand",))

@@ -4,10 +4,10 @@
     python benchmarks/image_model.py SEQ --out FILE.json     # and write the numbers
     python benchmarks/image_model.py SEQ --device cuda       # and many poses at once, on a GPU
 
-SEQ is the first live sequence of `evals.image_model`, whose docstring says how it is made. The pose
-is the one nearest to the truth of frame 0, the image that frame's. Colours are compared in three
-ways: `ratio`, the likelihood ratio of person and background (`egocap.track.palette`), which the
-tracker uses; `paper`, appendix A; `cone`, the distance in the HSV cone.
+SEQ is the first live sequence that `tools/measure-image-model.sh` makes. The pose is the one
+nearest to the truth of frame 0, the image that frame's. Colours are compared in three ways:
+`ratio`, the likelihood ratio of person and background (`egocap.track.palette`), which the tracker
+uses; `paper`, appendix A; `cone`, the distance in the HSV cone.
 
 `ms` is the smallest of many calls, `median_ms` their median, by the wall; `cpu_ms` is the mean
 processor time of all threads, which other work on the machine disturbs less. The reference is
@@ -20,7 +20,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -284,7 +283,8 @@ def main() -> int:
         from evals.record import save_result
 
         result["load"] = list(os.getloadavg())
-        save_result(words.out, result, f"python {shlex.join(sys.argv)}")
+        name = Path(words.sequence).name
+        save_result(words.out, result, f"python benchmarks/image_model.py {name} --out {words.out}")
     return 0
 
 

@@ -4,30 +4,15 @@
     python -m evals.image_model_plots evals/results/image_model.json evals/results/image_model.png
 
 SEQ are simulated sequences, of several people and motions; those of --live are followed by colour
-alone. Colours are learned in five frames of a sequence at the true pose, as personalisation would;
-poses are searched without the truth, which only judges them. The sequences of the committed result
-are of people and places that nothing is trained or validated on:
-
-    set -- --size 640 512 --masks True --sensor clean
-    G="egocap-sim generate"
-    $G validation-walk --motion walk --seed 400001 --frames 60 "$@" --out dev/walk
-    $G validation-walk --motion gestures --seed 400002 --frames 60 "$@" --out dev/gesture
-    $G validation-walk --motion squat --seed 400003 --frames 60 "$@" --out dev/squat
-    $G validation-walk --motion sequence --seed 400004 --frames 280 "$@" --out dev/sequence
-    $G validation-walk --motion reach_side --seed 400005 --frames 60 "$@" --out dev/reach
-    $G live --seed 400000 --frames 250 "$@" --out dev/live1
-    $G live --seed 400010 --frames 250 "$@" --out dev/live2
-    $G live --seed 400011 --frames 250 "$@" --out dev/live3
-    python -m evals.image_model dev/walk dev/gesture dev/squat dev/sequence dev/reach \\
-        --live dev/live1 dev/live2 dev/live3 --out evals/results/image_model.json
-    python benchmarks/image_model.py dev/live1 --out evals/results/image_model_times.json
+alone. Colours are learned in five frames of a sequence at the true pose, as personalisation would
+(live: in the first); poses are searched without the truth, which only judges them.
+`tools/measure-image-model.sh` makes the sequences of the committed result, and all of it.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -93,8 +78,10 @@ def main() -> int:
     if words.out:
         from evals.record import save_result
 
-        command = shlex.join(["python", "-m", "evals.image_model", *sys.argv[1:]])
-        save_result(words.out, result, command)
+        names, live = ([folder.name for folder in f] for f in (words.sequences, words.live))
+        counts = ["--trials", str(words.trials), "--frames", str(words.frames)]
+        command = ["python", "-m", "evals.image_model", *names, "--live", *live, *counts]
+        save_result(words.out, result, [*command, "--out", str(words.out)])
     return 0
 
 

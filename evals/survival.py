@@ -84,13 +84,15 @@ def kill_often(command: list[str], folder: Path, seconds: float, kills: int) -> 
     running = _start(command)
     try:
         for moment in moments:
-            while time.perf_counter() - start < moment:
-                if running.poll() is not None:
+            while True:
+                if running.poll() is not None:  # looked at even where two moments are close
                     if running.returncode == 0:
                         return counts  # done before the time was over
                     running = _start(command)
                     counts["restarts"] += 1
-                time.sleep(min(0.1, max(moment - (time.perf_counter() - start), 0.0)))
+                if (left := moment - (time.perf_counter() - start)) <= 0:
+                    break
+                time.sleep(min(0.1, left))
             kind = "workers" if rng.random() < 0.5 else "parents"
             victims = _workers(running.pid) if kind == "workers" else []
             if not victims:

@@ -20,8 +20,8 @@ episodes = { frames = [2, 2], motions = ["idle"] }
 BUSY = """
 import multiprocessing, time
 if __name__ == "__main__":
-    multiprocessing.get_context("spawn").Process(target=time.sleep, args=(30,)).start()
-    time.sleep(30)
+    multiprocessing.get_context("spawn").Process(target=time.sleep, args=(8,)).start()
+    time.sleep(8)
 """
 
 

@@ -14,10 +14,12 @@ from egocap.rig import load_rig
 from egocap.skeleton import LIMITS, SPREAD
 from egocap.track.appearance import RayBatch, colour_energy, colour_gradient, pixel_energy
 from egocap.track.colour import PAPER, ColourMeasure
+from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays
+from egocap.track.image_reference import ReferenceModel
 from egocap.track.ray_kernel import ERF_ERROR, MAX_EDGES, edge_values
-from egocap.track.stochastic import PixelSampler, systematic
+from egocap.track.stochastic import PixelSampler, gradient_scatter, systematic
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
 RAYS = image_rays(RIG, 20, 20)
@@ -26,6 +28,9 @@ PLAIN = GaussianBody.from_proportions(Proportions.from_lengths(1.75))
 BODY = PLAIN.with_colour(RNG.uniform(0.02, 0.98, (91, 3)))
 POSE = np.clip(0.5 * SPREAD * RNG.normal(size=37), LIMITS[:, 0], LIMITS[:, 1])
 HSV = RNG.uniform(size=(len(RAYS), 3))
+PALETTES = Palettes(
+    RNG.integers(0, 7, len(RAYS)).astype(np.int32), RNG.uniform(-1, 1, (91, 7)).astype(np.float32)
+)
 MEASURES = [PAPER, ColourMeasure("paper", 0.3), ColourMeasure()]
 
 
@@ -84,19 +89,34 @@ def test_reference_gradient_is_that_of_central_differences():
     torch.testing.assert_close(gradient, central, atol=1e-5, rtol=1e-5)
 
 
-def test_gauss_newton_is_that_of_the_rays_gradients():
+@pytest.mark.parametrize("binned", [False, True])
+def test_kernel_and_reference_are_called_alike(binned):
+    """All of it by one signature: energy, gradient and Gauss-Newton matrix."""
+    rays = image_rays(RIG, 10, 10)
+    model, slow = ImageModel(BODY, rays, cutoff=1e-5), ReferenceModel(BODY, rays)
+    colours = np.ascontiguousarray(model.measure.features(HSV[: len(rays)]), np.float32)
+    if binned:
+        colours = Palettes(PALETTES.bins[: len(rays)], PALETTES.unlike)
+    found = model.evaluate(POSE, colours, curvature=True)
+    expected = slow.evaluate(POSE, colours, curvature=True)
+    assert found.energy == pytest.approx(expected.energy, abs=2e-3)
+    for ours, theirs in (
+        (found.gradient, expected.gradient),
+        (found.curvature, expected.curvature),
+    ):
+        assert ours is not None and theirs is not None
+        np.testing.assert_allclose(ours, theirs, atol=2e-3 * np.abs(theirs).max())
+
+
+def test_selected_rays_count_by_their_weights():
     model, colours, batch = prepared(cutoff=1e-5)
     picked = hit_rays(model, colours, 12)
-    rays, weights = torch.as_tensor(picked), np.full(12, 2.0, np.float32)
-    found = model.evaluate(POSE, colours, curvature=True, selected=picked, weights=weights)
-    angles = torch.tensor(POSE)
-    J = torch.autograd.functional.jacobian(
-        lambda a: pixel_energy(BODY, batch[rays], a, model.measure), angles
-    ).numpy()
-    e = pixel_energy(BODY, batch[rays], angles, model.measure).numpy()
-    expected = (2.0 * J.T / (2.0 * np.maximum(1.0 + e, 0.05))) @ J
-    np.testing.assert_allclose(found.curvature, expected, atol=2e-3 * np.abs(expected).max())
-    np.testing.assert_allclose(found.gradient, 2.0 * J.sum(0), atol=1e-3 * np.abs(J.sum(0)).max())
+    found = model.evaluate(POSE, colours, selected=picked, weights=np.full(12, 2.0, np.float32))
+    some = batch[torch.as_tensor(picked)]
+    energy, gradient = colour_gradient(BODY, some, torch.tensor(POSE), model.measure)
+    assert found.energy == pytest.approx(2.0 * energy.item(), abs=1e-3)
+    scale = gradient.abs().max().item()
+    np.testing.assert_allclose(found.gradient, 2.0 * gradient, atol=2e-3 * scale)
 
 
 def test_many_poses_at_once_are_single_poses():
@@ -118,8 +138,11 @@ def test_results_repeat_whatever_the_threads():
     np.testing.assert_allclose(first.curvature, second.curvature, atol=1e-9)
 
 
-def test_random_pixels_and_gaussians_are_right_on_average():
+@pytest.mark.parametrize("binned", [False, True])
+def test_random_pixels_and_gaussians_are_right_on_average(binned):
     model, colours, _ = prepared(threads=1)
+    if binned:
+        colours = PALETTES
     sampler, rng = PixelSampler(model), np.random.default_rng(1)
     sampler.aim(colours, POSE)
     exact = model.evaluate(POSE, colours)
@@ -130,6 +153,17 @@ def test_random_pixels_and_gaussians_are_right_on_average():
     assert np.abs(error / np.maximum(scatter, 1e-9))[scatter > 1e-6].max() < 4.5
     energies = np.array([d.energy for d in draws])
     assert abs(energies.mean() - exact.energy) < 4 * energies.std() / np.sqrt(len(draws))
+
+
+def test_aiming_at_the_outline_lessens_the_scatter():
+    model, _, _ = prepared(threads=1)
+    aimed, evenly, rng = PixelSampler(model), PixelSampler(model), np.random.default_rng(0)
+    aimed.aim(PALETTES, POSE)
+    scatter, even = (
+        gradient_scatter(s, PALETTES, POSE, 80, 1.0, 200, rng) for s in (aimed, evenly)
+    )
+    assert scatter < 0.5 * even
+    assert gradient_scatter(aimed, PALETTES, POSE, 320, 1.0, 200, rng) < 0.6 * scatter
 
 
 def test_the_same_seed_drops_the_same_gaussians():

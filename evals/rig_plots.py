@@ -72,7 +72,7 @@ def draw_together(report: RigReport) -> Any:
     x = [c.measures[sweep.name] for c in report.tracked]
     axes.plot(x, [c.bound_mm for c in report.tracked], "o-", label="bound, a frame alone")
     for key, label, style in (
-        ("smoothed_mm", "bound, the whole motion", "s-"),
+        ("smoothed_mm", "bound, the whole motion (the tracker's weaker prior)", "s-"),
         ("posterior_mm", "posterior's spread (Laplace), a frame alone", "^--"),
         ("mode_mm", "posterior mode's error", "v--"),
         ("tracked_mm", "tracker's error", "D-"),

@@ -21,16 +21,20 @@ from egocap_sim.visibility import parts_around
 
 BEFORE_M = 0.30  # at most, from the surface at a joint's pixel to the joint: half a clothed chest
 BEHIND_M = 0.06  # a surface farther than the joint by more is not the joint's: a slim wrist's edge
+AROUND_M = 0.06  # of a joint: the skin there is what a joint is seen by (`egocap_sim.visibility`)
 MOST_FRAMES = 100  # whose planes are looked at
 
 
 @dataclass(frozen=True)
 class PixelCheck:
-    """Visible joints whose own pixels were looked at, and how many have their body there."""
+    """Visible joints whose own pixels were looked at, and how many have their body there.
+
+    A joint is visible when a quarter of the skin around it is, so its body may show beside it.
+    """
 
     joints: int
-    labelled: int  # of them: the part label is the joint's body or a neighbour's
-    measured: int  # of the labelled ones: their depth was recorded
+    labelled: int  # of them: within AROUND_M a part label is the joint's body or a neighbour's
+    measured: int  # their body is at their very pixel, and its depth was recorded
     in_depth: int  # of the measured: the surface lies between BEFORE_M before the joint and it
 
     @property
@@ -55,15 +59,26 @@ def check_pixels(sequence: Sequence) -> PixelCheck:
             j = np.flatnonzero(truth.visibility[index, v] == VISIBLE)
             column, row = np.rint(truth.joints_2d[index, v, j]).astype(int).T
             column, row = column.clip(0, mask.shape[1] - 1), row.clip(0, mask.shape[0] - 1)
-            own = parts_around()[j, mask[row, column]]
-            counts[:2] += len(j), own.sum()
+            away = np.linalg.norm(truth.joints_camera[index, v, j], axis=-1)
+            scale = np.sqrt(abs(np.linalg.det(sequence.rig.cameras[v].affine)))  # pixels a radian
+            reach = np.rint(scale * AROUND_M / away).astype(int)
+            counts[0] += len(j)
+            counts[1] += sum(
+                parts_around()[label, _window(mask, *at)].any()
+                for label, *at in zip(j, column, row, reach, strict=True)
+            )
             depth = sequence.depth(index, view)
             if depth is None:
                 continue
-            away = np.linalg.norm(truth.joints_camera[index, v, j], axis=-1)
+            own = parts_around()[j, mask[row, column]]
             before = (away - depth[row, column] / 1000.0)[own]
             counts[2:] += own.sum(), ((before > -BEHIND_M) & (before < BEFORE_M)).sum()
     return PixelCheck(*map(int, counts))
+
+
+def _window(mask: Array, column: int, row: int, reach: int) -> Array:
+    """The part labels at most `reach` pixels to each side."""
+    return mask[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from egocap_sim.episode_plan import (
     plan,
     scene_of,
 )
+from egocap_sim.memory import give_back
 from egocap_sim.scene import Scene
 from egocap_sim.setting import check_place, check_things
 from egocap_sim.stage import SceneError, config_of
@@ -101,6 +102,8 @@ def make_episode(scene: Scene, episode: Episode, clips: tuple[Recorded, ...], fo
             if attempt == ATTEMPTS - 1:
                 raise
             log.warning("episode %d is drawn again: %s", episode.index, error)
+        finally:
+            give_back()
 
 
 _task: tuple[Scene, Path, tuple[Recorded, ...]]

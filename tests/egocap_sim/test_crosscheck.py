@@ -32,7 +32,7 @@ def told(sequence: Sequence, **arrays) -> Sequence:
 
 def test_visible_joints_have_their_body_and_depth_at_their_pixel(sequence):
     found = check_pixels(sequence)
-    assert found.joints > 100 and found.measured == found.labelled
+    assert found.joints > 100 and found.measured > 0.9 * found.labelled
     assert found.labelled_share > 0.9 and found.depth_share > 0.95
 
 

@@ -189,7 +189,7 @@ class Bench:
                 poses = [tracker.step(frame.images, frame.time) for frame in frames]
                 rates.append(len(frames) / (time.perf_counter() - started))
                 busy.append(1e3 * (time.process_time() - spent) / len(frames))
-            errors = np.linalg.norm(np.array([p.joints for p in poses]) - truth, axis=-1)
+            errors = np.linalg.norm(np.array([p.joints_head for p in poses]) - truth, axis=-1)
             found[name] = {
                 "frames_per_second": round(max(rates), 1),
                 "cpu_ms_a_frame": round(min(busy), 3),

@@ -98,7 +98,7 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
     count = min(frames, len(sequence))
     shown = (sequence.frame(t) for t in range(count))
     poses = [tracker.step(frame.images, frame.time) for frame in shown]
-    found = np.array([pose.joints for pose in poses])
+    found = np.array([pose.joints_head for pose in poses])
     wrong = 1e3 * np.linalg.norm(found - truth.joints_head[:count], axis=-1)
     seen = (truth.visibility[:count] == VISIBLE).any(1)[:, UPPER]
     errors = wrong[:, UPPER]

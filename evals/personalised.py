@@ -26,7 +26,6 @@ from egocap.track.body_prior import BodyPrior, proportions_of
 from egocap.track.fit_body import BodyFit, fit_body
 from egocap.track.tracker import track
 from egocap_sim.builtin import builtin_file
-from egocap_sim.record import generate
 from egocap_sim.scene import Scene, load_scene
 from evals.fit_body import bone_errors, summary
 from evals.pose import score_track
@@ -133,6 +132,8 @@ def _changed(like: Scene, name: str, motion: str, changes: dict[str, Any]) -> Sc
 
 
 def _recorded(scene: Scene, folder: Path, workers: int) -> Sequence:
+    from egocap_sim.record import generate
+
     with progress(scene.name, scene.frames) as advance:
         generate(scene, folder / scene.name, workers=workers, on_frames=advance)
     return open_sequence(folder / scene.name)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,7 +18,9 @@ from egocap.body import Proportions
 from egocap.geometry import inverse, transform
 from egocap.labels import LABELS
 from egocap.rig import Rig
-from evals.sight import Onlooker
+
+if TYPE_CHECKING:
+    from evals.sight import Onlooker
 
 SUITE = ("walk", "bike", "basketball", "juggler", "vr", "live")
 FPS = 30.0
@@ -102,6 +105,7 @@ def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
     from egocap_sim.stage import perform, person_of
     from egocap_sim.truth import label_positions
     from evals.learn_posture import fit_angles
+    from evals.sight import Onlooker
 
     motions = []
     for name in names:

@@ -13,6 +13,7 @@ from egocap_sim.motion import figure
 from egocap_sim.parts import wearer_part
 from evals.sight import Onlooker, _meets, surface_of
 
+UPRIGHT = np.eye(3)
 LEFT_WRIST = LABEL_INDEX["left_wrist"]
 
 
@@ -53,7 +54,7 @@ def looking(person, *slabs):
     return Onlooker(replace(person, actor=Actor("person", slabs)), cell_m=0.001)
 
 
-def standing(person, turn=np.eye(3), shift=(0.0, 0.0, 0.0)):
+def standing(person, turn=UPRIGHT, shift=(0.0, 0.0, 0.0)):
     """Every body as at rest, then moved as a whole: (1, 21, 4, 4)."""
     T = np.tile(np.eye(4), (1, len(BODIES), 1, 1))
     T[0, :, :3, :3] = turn

@@ -208,7 +208,7 @@ def _account(
 ) -> dict[str, Any]:
     """How the weights were made, for their file."""
     return {
-        "command": shlex.join(["egocap", *sys.argv[1:]]),
+        "command": shlex.join(["egocap", *map(_without_folder, sys.argv[1:])]),
         "data": [path.name for path in request.data],
         "shares": list(request.shares),
         "start": _origin(request.start),
@@ -218,6 +218,11 @@ def _account(
         "training": asdict(training),
         "scores": None if outcome.scores is None else outcome.scores.to_dict(),
     }  # fmt: skip
+
+
+def _without_folder(word: str) -> str:
+    """A word of the command; of an absolute path the name, since weights are handed on."""
+    return Path(word).name if word.startswith("/") else word
 
 
 def _origin(start: Path | None) -> dict[str, Any] | None:

@@ -4,11 +4,11 @@ A learned detector states an accuracy that was true of the footage it was traine
 in one frame resemble those in the next. Both are seen in the residuals: their median against that
 of the stated Gaussian, and their correlation from frame to frame. Accuracy is only ever lowered.
 
-The smoother takes the first alone. Errors that last are slow, and the slow part of a motion is not
-what smoothing takes away: at the few Hertz where random accelerations and detections meet, lasting
-errors have less power than independent ones, so frames that count for less would only let limbs go
-astray. How sure a track is, though, goes by the slow part, where a run of frames tells little more
-than one: its covariance takes both.
+The smoother takes the second by half. Errors that last are slow, and the slow part of a motion is
+not what smoothing takes away: with the weight of the few independent frames alone, robust terms
+give whole limbs up and priors lead them astray; with the full weight, more of the detector's
+shaking comes through. How sure a track is goes by the slow part, where a run of frames tells little
+more than one: its covariance takes both.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _MEDIAN = 2.0 * np.log(2.0)
 _ENOUGH = 60
 """Detections of one joint from which its own accuracy is estimated."""
 _WIDEST = 5.0
+_MEMORY = 0.5
+"""Exponent of the share of independent frames, as a weight of detections while smoothing."""
 _CLIP = 3.0  # standard deviations; what lies farther says little of everyday errors
 
 
@@ -46,7 +48,7 @@ class Accuracy:
     @property
     def matters(self) -> bool:
         """Whether it differs from what was stated by enough to solve again."""
-        return bool(self.widening.max() > 1.05)
+        return bool(self.widening.max() > 1.05 or self.correlation > 0.05)
 
 
 def measure_accuracy(
@@ -69,20 +71,24 @@ def measure_accuracy(
 
 
 def recalibrated(observations: Observations, accuracy: Accuracy) -> Observations:
-    """The observations with that accuracy, every frame by itself."""
-    narrow = 1.0 / accuracy.widening[:, None, None]
+    """The observations with that accuracy, for smoothing."""
+    narrow, say = 1.0 / accuracy.widening[:, None, None], accuracy.share**_MEMORY
     modes = observations.modes
     if modes is not None:
-        modes = replace(modes, whiten=modes.whiten * narrow)
-    return replace(observations, whiten=observations.whiten * narrow, modes=modes)
+        modes = replace(modes, whiten=modes.whiten * narrow, weights=modes.weights * say)
+    return replace(
+        observations, whiten=observations.whiten * narrow, weights=observations.weights * say,
+        modes=modes,
+    )  # fmt: skip
 
 
 def independent(observations: Observations, accuracy: Accuracy) -> Observations:
-    """The observations weighed as if frames were independent, none telling what the last one did.
+    """What was `recalibrated`, weighed as if no frame told again what the last one did.
 
     For what all frames together tell; modes are left out.
     """
-    return replace(observations, weights=observations.weights * accuracy.share, modes=None)
+    left = accuracy.share ** (1.0 - _MEMORY)
+    return replace(observations, weights=observations.weights * left, modes=None)
 
 
 def _widening(squared: Array, there: Bool[Array, "*same"]) -> float:

@@ -51,11 +51,12 @@ def test_memory_is_found(long_motion):
     assert accuracy.share == pytest.approx((1 - accuracy.correlation) / (1 + accuracy.correlation))
 
 
-def test_memory_costs_certainty_and_no_detection_its_say(long_motion):
+def test_memory_costs_all_of_its_certainty_and_half_of_its_say(long_motion):
     accuracy, seen = measured(long_motion, "simulated:2,correlation=0.3")
     assert accuracy.share < 0.2
-    assert np.array_equal(recalibrated(seen, accuracy).weights, seen.weights)
-    assert np.allclose(independent(seen, accuracy).weights, accuracy.share * seen.weights)
+    smoothed = recalibrated(seen, accuracy)
+    assert np.allclose(smoothed.weights, np.sqrt(accuracy.share) * seen.weights)
+    assert np.allclose(independent(smoothed, accuracy).weights, accuracy.share * seen.weights)
 
 
 def test_lasting_errors_do_not_let_a_limb_go_astray(long_motion):

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from egocap_sim.frames import FrameMaker
 
 _PATIENCE_S = 10  # for the scheduler to answer
+_ATTEMPTS = (
+    8  # at sending what shards are rendered from: it is lost with the last worker that has it
+)
 
 Drafts = dict[str, bytes]
 
@@ -48,21 +51,29 @@ def render_on_cluster(
               if (out / name).exists()}  # fmt: skip
     task = hashlib.sha256(repr(scene).encode() + b"".join(drafts.values())).hexdigest()
 
+    left = {frames.start: (index, frames) for index, frames in pending}
+
     def place(result: tuple[ShardEntry, bytes]) -> None:
         entry, content = result
         write_atomically(out / entry.name, content)
         enter(entry)
+        del left[entry.first]
 
     with _client(address) as client:
-        sent = client.scatter(drafts, broadcast=True, hash=False) if pending else {}
-        futures = [
-            client.submit(
-                render_remotely, task, code_version(), scene, sent, index, frames,
-                key=f"egocap-{task[:16]}-{index}", pure=False,
-            )
-            for index, frames in pending
-        ]  # fmt: skip
-        _gather(client, futures, place)
+        for attempt in range(_ATTEMPTS):
+            if not left:
+                return
+            sent = client.scatter(drafts, broadcast=True, hash=False)
+            futures = [
+                client.submit(
+                    render_remotely, task, code_version(), scene, sent, index, frames,
+                    key=f"egocap-{task[:16]}-{index}-{attempt}", pure=False,
+                )
+                for index, frames in left.values()
+            ]  # fmt: skip
+            _gather(client, futures, place)
+    if left:
+        raise MachineError(f"the cluster lost what {len(left)} shards are rendered from, each time")
 
 
 def record_on_cluster(
@@ -110,12 +121,13 @@ def _client(address: str) -> Any:
 
 
 def _gather(client: Any, futures: list[Any], place: Callable[[Any], None]) -> None:
-    """Place the results of futures as they arrive."""
+    """Place the results of futures as they arrive; those whose input the cluster lost have none."""
     from distributed import KilledWorker, as_completed
 
     try:
         for future, result in as_completed(futures, with_results=True, raise_errors=True):
-            place(result)
+            if not future.cancelled():
+                place(result)
             future.release()
     except KilledWorker as error:
         raise MachineError(f"the workers of a shard keep dying: {error}") from None

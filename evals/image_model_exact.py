@@ -46,7 +46,7 @@ def brute_visibility(met: RayGaussians, far: float = 2.6) -> Float[Array, "P G"]
         total = density.sum(-1)
         depth = np.concatenate([[0.0], np.cumsum((total[1:] + total[:-1]) / 2) * BRUTE_STEP])
         rows.append(np.trapezoid(np.exp(-depth)[:, None] * density, dx=BRUTE_STEP, axis=0))
-    return np.array(rows)
+    return np.reshape(rows, met.depth.shape)
 
 
 def quadrature_study(rig: Rig, rng: np.random.Generator, rays: int = 60) -> dict[str, Any]:

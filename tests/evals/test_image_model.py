@@ -25,10 +25,11 @@ def scene(tiny_sequence):
 
 
 def test_quadratures_converge_to_brute_force():
-    found = quadrature_study(RIG, np.random.default_rng(0), rays=9)
+    found = quadrature_study(RIG, np.random.default_rng(0), rays=30)
     assert set(found) >= {"camera within 2 sigma", "coincident", "opaque", "beyond 90 degrees"}
     for entry in found.values():
-        assert entry["cells_5mm"]["relative"] < 0.3 * entry["cells_20mm"]["relative"]
+        finest = entry["cells_5mm"]["relative"]  # at its best, brute force's own error
+        assert finest < max(0.3 * entry["cells_20mm"]["relative"], 1e-5)
         assert entry["cells_20mm"]["relative"] < 0.05
     assert found["random bodies"]["samples_9"]["relative"] < 0.01
 

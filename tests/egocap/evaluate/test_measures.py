@@ -99,9 +99,10 @@ def test_feet_against_loops():
         ((LABEL_INDEX["left_foot"], 0, 1), (LABEL_INDEX["right_foot"], 2, 3))
     ):
         world = [turned[t] @ predicted[t, toe] + T[t, :3, 3] for t in range(90)]
-        for t in range(1, 89):
-            if all(contact[i, toe_column] for i in (t - 1, t, t + 1)):
-                moved = (world[t + 1] - world[t - 1]) / (times[t + 1] - times[t - 1])
+        for t in range(90):  # at the ends a frame has one neighbour
+            first, last = max(t - 1, 0), min(t + 1, 89)
+            if all(contact[i, toe_column] for i in range(first, last + 1)):
+                moved = (world[last] - world[first]) / (times[last] - times[first])
                 speeds.append(np.hypot(*moved[:2]))
         planted += [contact[t, heel_column] or contact[t, toe_column] for t in range(90)]
         found += list(estimate_planted(s.feet_world, times)[:, foot])

@@ -8,21 +8,16 @@ Source: EgoCap paper, section 5.3 and Table 1.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from egocap.commandline import progress
 from egocap.detect.training_config import AugmentationConfig
 from egocap.errors import InputError
 from evals.study import Outcome
-from evals.trained import configured, summary, table, trained_scores
-
-if TYPE_CHECKING:
-    from egocap.detect.validation import Scores
+from evals.trained import ground, require_some, summary, table
 
 _PLAIN = AugmentationConfig(
     background=0.0, recolour=0.0, scale=0.15, rotation_deg=0.0, shift=0.0, gamma=2.0,
@@ -62,34 +57,17 @@ def study(
         views: How many held-out views to score.
         store: Folder for canonical views and runs; a temporary one when not given.
     """
-    from egocap.detect.data import build_store
-    from egocap.detect.network import config_named
-    from egocap.episodes import find_sequences
-
-    if seeds < 1 or steps < 1 or views < 1:
-        raise InputError(f"{seeds} seeds, {steps} steps, {views} views", valid="1 or more of each")
-    config = config_named(network)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) if store is None else store
-        stores = [
-            build_store(find_sequences(paths), config.view, place / "views")
-            for paths in (chroma, held_out, backgrounds)
-        ]
-        if any(s.parts is None for s in stores[0].sequences):
+    require_some(seeds, steps, views)
+    with ground(network, chroma, held_out, backgrounds, store) as common:
+        if any(s.parts is None for s in common.footage.sequences):
             raise InputError(
                 "footage without part labels cannot be augmented", valid="train-chroma"
             )
-        found: dict[str, list[Scores]] = {name: [] for name in ROWS}
-        with progress("training", seeds * len(ROWS), unit="detectors") as advance:
-            for seed in range(seeds):
-                for name, augmentation in ROWS.items():
-                    training = configured(steps, batch, seed, augmentation)
-                    found[name].append(trained_scores(
-                        config, training, stores[0], stores[1], views, place, stores[2]
-                    ))  # fmt: skip
-                    advance()
+        cases = {name: (common.footage, augmentation) for name, augmentation in ROWS.items()}
+        found = common.compare(cases, steps, batch, seeds, views)
+        seen, scored = len(common.footage), min(views, len(common.held_out))
     result = {name: summary(scores) for name, scores in found.items()}
-    sizes = {"training_views": len(stores[0]), "held_out_views": min(views, len(stores[1]))}
+    sizes = {"training_views": seen, "held_out_views": scored}
     return Outcome({"rows": result, **sizes}, [table(result)], missed(result))
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from egocap.commandline import progress
 from egocap.detect.training_config import AugmentationConfig, TrainingConfig
+from egocap.errors import InputError
 from egocap.evaluate.table import Table, number
 
 if TYPE_CHECKING:
@@ -29,6 +33,63 @@ def configured(
         steps=steps, batch=batch, seed=seed, average=0.99, validate_minutes=1e6,
         checkpoint_minutes=1e6, augmentation=augmentation,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What detectors of a comparison have in common."""
+
+    network: NetworkConfig
+    footage: ViewStore
+    held_out: ViewStore
+    backgrounds: ViewStore
+    place: Path  # for runs, which are removed again
+
+    def compare(
+        self, cases: Mapping[str, tuple[ViewStore, AugmentationConfig]],
+        steps: int, batch: int, seeds: int, views: int,
+    ) -> dict[str, list[Scores]]:  # fmt: skip
+        """Scores of a detector for each case and seed, cases being footage and augmentation."""
+        found: dict[str, list[Scores]] = {name: [] for name in cases}
+        with progress("training", seeds * len(cases), unit="detectors") as advance:
+            for seed in range(seeds):
+                for name, (footage, augmentation) in cases.items():
+                    training = configured(steps, batch, seed, augmentation)
+                    found[name].append(trained_scores(
+                        self.network, training, footage, self.held_out, views, self.place,
+                        self.backgrounds,
+                    ))  # fmt: skip
+                    advance()
+        return found
+
+
+@contextmanager
+def ground(
+    network: str, footage: Sequence[Path], held_out: Sequence[Path], backgrounds: Sequence[Path],
+    store: Path | None,
+) -> Iterator[Ground]:  # fmt: skip
+    """Views of all that is trained and scored on, kept in `store` or in a temporary folder.
+
+    Raises InputError for an unknown network, FileError for folders without sequences.
+    """
+    from egocap.detect.data import build_store
+    from egocap.detect.network import config_named
+    from egocap.episodes import find_sequences
+
+    config = config_named(network)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) if store is None else store
+        stores = [
+            build_store(find_sequences(paths), config.view, place / "views")
+            for paths in (footage, held_out, backgrounds)
+        ]
+        yield Ground(config, *stores, place)
+
+
+def require_some(seeds: int, steps: int, views: int) -> None:
+    """Raise InputError where one of them is none."""
+    if seeds < 1 or steps < 1 or views < 1:
+        raise InputError(f"{seeds} seeds, {steps} steps, {views} views", valid="1 or more of each")
 
 
 def trained_scores(

@@ -8,23 +8,20 @@ Source: EgoCap paper, section 5.3.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from egocap.commandline import progress
 from egocap.errors import InputError
 from egocap.evaluate.table import Table
 from evals.augmentation import ROWS as AUGMENTATIONS
 from evals.study import Outcome
-from evals.trained import configured, difference, summary, table, trained_scores, with_error
+from evals.trained import difference, ground, require_some, summary, table, with_error
 
 if TYPE_CHECKING:
     from egocap.detect.data import Views, ViewStore
-    from egocap.detect.validation import Scores
 
 ALL = "all"
 Subset = Callable[["ViewStore", Sequence[int]], "ViewStore"]
@@ -62,36 +59,20 @@ def study(
         views: How many held-out views to score.
         store: Folder for canonical views and runs; a temporary one when not given.
     """
-    from egocap.detect.data import build_store
-    from egocap.detect.network import config_named
     from egocap.episodes import find_sequences
 
-    if seeds < 1 or steps < 1 or views < 1:
-        raise InputError(f"{seeds} seeds, {steps} steps, {views} views", valid="1 or more of each")
-    config = config_named(network)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) if store is None else store
-        stores = [
-            build_store(find_sequences(paths), config.view, place / "views")
-            for paths in (footage, held_out, backgrounds)
-        ]
-        people = people_of(find_sequences(footage))
+    require_some(seeds, steps, views)
+    with ground(network, footage, held_out, backgrounds, store) as common:
+        whole, people = common.footage, people_of(find_sequences(footage))
         if len(set(people)) < 2:
             raise InputError("footage of one person cannot be halved", valid="two or more people")
-        if len(people) != len(stores[0].sequences):
+        if len(people) != len(whole.sequences):
             raise InputError("some of the footage cannot be read", valid="whole sequences")
-        subsets = {ALL: stores[0]} | {
-            name: subset(stores[0], people) for name, (_, subset) in SUBSETS.items()
+        subsets = {ALL: whole} | {
+            name: subset(whole, people) for name, (_, subset) in SUBSETS.items()
         }
-        found: dict[str, list[Scores]] = {name: [] for name in subsets}
-        with progress("training", seeds * len(subsets), unit="detectors") as advance:
-            for seed in range(seeds):
-                for name, part in subsets.items():
-                    training = configured(steps, batch, seed, AUGMENTATIONS["+ recolouring"])
-                    found[name].append(trained_scores(
-                        config, training, part, stores[1], views, place, stores[2]
-                    ))  # fmt: skip
-                    advance()
+        cases = {name: (part, AUGMENTATIONS["+ recolouring"]) for name, part in subsets.items()}
+        found = common.compare(cases, steps, batch, seeds, views)
     rows = {name: summary(scores) for name, scores in found.items()}
     losses = {key: difference(found[ALL], found[name]) for name, (key, _) in SUBSETS.items()}
     sizes = {name: len(part) for name, part in subsets.items()}

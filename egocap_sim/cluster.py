@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     from egocap_sim.frames import FrameMaker
 
 _PATIENCE_S = 10  # for the scheduler to answer
-_ATTEMPTS = (
-    8  # at sending what shards are rendered from: it is lost with the last worker that has it
-)
+_ATTEMPTS = 8
+"""At what the cluster loses: what is sent along with jobs goes with the last worker that holds it."""
 
 Drafts = dict[str, bytes]
 
@@ -53,27 +52,23 @@ def render_on_cluster(
 
     left = {frames.start: (index, frames) for index, frames in pending}
 
+    def submit(client: Any, attempt: int) -> list[Any]:
+        sent = client.scatter(drafts, broadcast=True, hash=False)
+        return [
+            client.submit(
+                render_remotely, task, code_version(), scene, sent, index, frames,
+                key=f"egocap-{task[:16]}-{index}-{attempt}", pure=False,
+            )
+            for index, frames in left.values()
+        ]  # fmt: skip
+
     def place(result: tuple[ShardEntry, bytes]) -> None:
         entry, content = result
         write_atomically(out / entry.name, content)
         enter(entry)
         del left[entry.first]
 
-    with _client(address) as client:
-        for attempt in range(_ATTEMPTS):
-            if not left:
-                return
-            sent = client.scatter(drafts, broadcast=True, hash=False)
-            futures = [
-                client.submit(
-                    render_remotely, task, code_version(), scene, sent, index, frames,
-                    key=f"egocap-{task[:16]}-{index}-{attempt}", pure=False,
-                )
-                for index, frames in left.values()
-            ]  # fmt: skip
-            _gather(client, futures, place)
-    if left:
-        raise MachineError(f"the cluster lost what {len(left)} shards are rendered from, each time")
+    _work_through(address, left, submit, place)
 
 
 def record_on_cluster(
@@ -90,20 +85,40 @@ def record_on_cluster(
     """
     from egocap_sim.episode_recorder import place_files
 
-    def place(result: tuple[int, dict[str, bytes]]) -> None:
-        index, files = result
-        enter(place_files(files, out, index))
-
     task = hashlib.sha256(repr((scene, clips)).encode()).hexdigest()
-    with _client(address) as client:
-        futures = [
+    left = dict(left)
+
+    def submit(client: Any, attempt: int) -> list[Any]:
+        return [
             client.submit(
                 record_remotely, code_version(), scene, episode, clips,
-                key=f"egocap-{task[:16]}-episode-{index}", pure=False,
+                key=f"egocap-{task[:16]}-episode-{index}-{attempt}", pure=False,
             )
             for index, episode in left.items()
         ]  # fmt: skip
-        _gather(client, futures, place)
+
+    def place(result: tuple[int, dict[str, bytes]]) -> None:
+        index, files = result
+        enter(place_files(files, out, index))
+        del left[index]
+
+    _work_through(address, left, submit, place)
+
+
+def _work_through(
+    address: str,
+    left: Mapping[int, Any],
+    submit: Callable[[Any, int], list[Any]],
+    place: Callable[[Any], None],
+) -> None:
+    """Submit the jobs that are left until `place`, which takes them away, has had each result."""
+    with _client(address) as client:
+        for attempt in range(_ATTEMPTS):
+            if not left:
+                return
+            _gather(client, submit(client, attempt), place)
+    if left:
+        raise MachineError(f"the cluster lost what {len(left)} jobs need, {_ATTEMPTS} times")
 
 
 def _client(address: str) -> Any:

@@ -59,10 +59,12 @@ def track_errors(rig: Rig, sights: Sights, sigma: float, seed: int) -> Tracked:
     """Root mean squares [mm] over the suite: the bound given the whole motion, what a Laplace
     posterior of a frame expects, its mode's error, and the tracker's."""
     from egocap.detect.simulated import SimulatedSource, simulate_detections
+    from egocap.posterior.information import Noise, fisher_information, smoothed_bound
     from egocap.track.config import TrackerConfig
     from egocap.track.tracker import track
 
     config, rng = TrackerConfig(), np.random.default_rng(seed)
+    noise = Noise(sigma, model_error_m=MODEL_ERROR_M)
     names = ("smoothed", "smoothed_seen", "posterior", "mode", "tracked", "tracked_seen")
     totals: dict[str, list[Array]] = {f"{name}_mm": [] for name in names}
     frames = []
@@ -73,7 +75,10 @@ def track_errors(rig: Rig, sights: Sights, sigma: float, seed: int) -> Tracked:
         found = simulate_detections(pixels, seen, seen, motion.times, SIZE, source, rng)
         result = track(found, rig, motion.proportions, config)
         errors = _errors(result.joints_head, motion.joints)
-        bounds = _smoothed_bound(rig, motion, seen, sigma, config)
+        information = fisher_information(motion.angles, motion.proportions, rig, seen, noise)
+        bounds = smoothed_bound(
+            motion.angles, motion.proportions, motion.times, information, config
+        )[:, _JOINTS]
         mine = seen.any(axis=1)[:, _JOINTS]
         totals["tracked_mm"].append(errors.ravel())
         totals["tracked_seen_mm"].append(errors[mine])
@@ -87,26 +92,6 @@ def track_errors(rig: Rig, sights: Sights, sigma: float, seed: int) -> Tracked:
         name: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for name, parts in totals.items()
     }
     return Tracked(rms, np.concatenate(frames))
-
-
-def _smoothed_bound(
-    rig: Rig, motion: Motion, seen: Array, sigma: float, config: Any
-) -> Float[Array, "T 17"]:
-    """Bound of every joint given the whole motion and the tracker's beliefs, mm."""
-    from egocap.posterior.information import (
-        Noise,
-        fisher_information,
-        joint_covariance,
-        prior_information,
-        rms_mm,
-        smoothed_covariance,
-    )
-
-    noise = Noise(sigma, model_error_m=MODEL_ERROR_M)
-    information = fisher_information(motion.angles, motion.proportions, rig, seen, noise)
-    information = information + prior_information(motion.angles, config.lambda_posture)
-    covariance = smoothed_covariance(information, motion.times, config.acceleration)
-    return rms_mm(joint_covariance(motion.angles, motion.proportions, covariance))[:, _JOINTS]
 
 
 def _laplace(

@@ -23,6 +23,7 @@ from egocap.errors import InputError
 from egocap.posterior.measurement import REFERENCE_WIDTH
 from egocap.rig import Rig
 from egocap.skeleton import AGILITY, DOF_COUNT, LIMITS, HasOffsets, jacobian
+from egocap.track.config import TrackerConfig
 from egocap.track.energy import acceleration_stencil
 from egocap.track.posture import load_posture
 
@@ -56,15 +57,25 @@ class Noise:
 
 
 def place_information(
-    joints_head: Float[Array, "B 18 3"], rig: Rig, seen: Bool[Array, "B V 18"], noise: Noise
+    joints_head: Float[Array, "B 18 3"],
+    rig: Rig,
+    seen: Bool[Array, "B V 18"],
+    noise: Noise,
+    spreads: Float[Array, "B V 18"] | None = None,
 ) -> Float[Array, "B 18 3 3"]:
-    """Fisher information [m^-2] about each joint's place from its own detections alone."""
+    """Fisher information [m^-2] about each joint's place from its own detections alone.
+
+    `spreads` are the detections' own standard deviations, in pixels of the rig's images, and stand
+    in for the noise's.
+    """
     _, J, _ = rig.project_jacobian(joints_head)  # (V, B, 18, 2, 3)
     total = np.zeros((*joints_head.shape, 3))
     for v, camera in enumerate(rig.cameras):
-        sigma = noise.sigma * camera.width / REFERENCE_WIDTH
+        sigma = np.full(seen[:, v].shape, noise.sigma * camera.width / REFERENCE_WIDTH)
+        if spreads is not None:
+            sigma = np.where(seen[:, v], spreads[:, v], 1.0)
         JJ = J[v] @ np.swapaxes(J[v], -1, -2)
-        covariance = sigma**2 * np.eye(2) + noise.model_error_m**2 * JJ
+        covariance = sigma[..., None, None] ** 2 * np.eye(2) + noise.model_error_m**2 * JJ
         part = np.swapaxes(J[v], -1, -2) @ np.linalg.solve(covariance, J[v])
         total += part * (noise.gain * seen[:, v, :, None, None])
     return total
@@ -76,10 +87,11 @@ def fisher_information(
     rig: Rig,
     seen: Bool[Array, "B V 18"],
     noise: Noise,
+    spreads: Float[Array, "B V 18"] | None = None,
 ) -> Float[Array, "B 37 37"]:
     """Fisher information [rad^-2] about the angles from all detections that are made."""
     joints, J = jacobian(proportions, angles)
-    place = place_information(joints, rig, seen, noise)
+    place = place_information(joints, rig, seen, noise, spreads)
     flat = np.swapaxes(J.reshape(len(angles), -1, DOF_COUNT), 1, 2)  # (B, 37, 54)
     return flat @ (place @ J).reshape(len(angles), -1, DOF_COUNT)
 
@@ -144,6 +156,22 @@ def smoothed_covariance(
     n = DOF_COUNT
     both = np.stack([blocks[:, :n, :n], blocks[:, n:, n:]], 1).reshape(-1, n, n)
     return both[: len(information)]
+
+
+def smoothed_bound(
+    angles: Float[Array, "T 37"],
+    proportions: HasOffsets,
+    times: Float[Array, "T"],
+    information: Float[Array, "T 37 37"],
+    config: TrackerConfig,
+) -> Float[Array, "T 18"]:
+    """Bound [mm] on every joint's error given a whole motion's detections and a tracker's beliefs.
+
+    `information` is what each frame's detections tell of the angles.
+    """
+    known = information + prior_information(angles, config.lambda_posture)
+    covariance = smoothed_covariance(known, times, config.acceleration)
+    return rms_mm(joint_covariance(angles, proportions, covariance))
 
 
 def _pairs(

@@ -16,11 +16,13 @@ from egocap.posterior.information import (
     place_information,
     prior_information,
     rms_mm,
+    smoothed_bound,
     smoothed_covariance,
 )
 from egocap.posterior.log_prob import log_posterior_of
 from egocap.posterior.simulation import draw_detections, draw_noise, draw_poses
 from egocap.skeleton import AGILITY, forward
+from egocap.track.config import TrackerConfig
 from egocap.track.energy import acceleration_stencil
 from egocap.track.posture import load_posture
 
@@ -34,6 +36,30 @@ def test_information_is_the_curvature_of_the_log_likelihood(rig, person):
     _, _, H = log_posterior_of(found, 0, rig, person, config).derivatives(pose[0])
     information = fisher_information(pose, person, rig, seen, Noise(2.0))
     np.testing.assert_allclose(information[0], H - load_posture().precision, rtol=1e-6, atol=1e-3)
+
+
+def test_detections_inform_by_their_own_spreads(rig, person):
+    """As by one noise where all spreads are its; a joint of twice the spread by a quarter."""
+    pose, seen = load_posture().mean[None], np.ones((1, 2, 18), bool)
+    joints, width = forward(person, pose), rig.cameras[0].width
+    spreads = np.full(seen.shape, 2.0 * width / 640)
+    alike = place_information(joints, rig, seen, Noise(2.0))
+    np.testing.assert_allclose(place_information(joints, rig, seen, Noise(7.0), spreads), alike)
+    spreads[..., 4] *= 2
+    own = place_information(joints, rig, seen, Noise(2.0), spreads)
+    np.testing.assert_allclose(own[:, 4], alike[:, 4] / 4)
+    np.testing.assert_allclose(own[:, 5], alike[:, 5])
+    seen[0, 1, 5], spreads[0, 1, 5] = False, np.nan  # what was not made may hold anything
+    assert np.isfinite(place_information(joints, rig, seen, Noise(2.0), spreads)).all()
+
+
+def test_a_motion_bounds_its_frames_below_what_each_knows_by_itself(rig, person):
+    poses, times = np.repeat(load_posture().mean[None], 5, 0), np.arange(5) / 30
+    seen, config = np.ones((5, 2, 18), bool), TrackerConfig()
+    information = fisher_information(poses, person, rig, seen, Noise(2.0))
+    alone = np.linalg.inv(information + prior_information(poses, config.lambda_posture))
+    alone = rms_mm(joint_covariance(poses, person, alone))
+    assert (smoothed_bound(poses, person, times, information, config)[:, 1:] < alone[:, 1:]).all()
 
 
 def test_student_t_information_is_the_variance_of_the_score():

@@ -167,8 +167,7 @@ def _subframes(
     """How many sub-frames keep the motion between two of them under `subframe_px`.
 
     The motion is that of the joints in view and of the surroundings, as the head turns and moves
-    past them, while any of the views that share sub-frames gathers light. Always odd: then one of
-    them is the middle.
+    past them, while any of the views that share sub-frames gathers light.
     """
     span = sensor.shutter_s + sensor.readout_s
     half = span / 2
@@ -194,8 +193,7 @@ def _subframes(
         edge, _ = camera.radial.radius(np.float64(camera.max_angle))
         focal = np.sqrt(np.linalg.det(np.array(camera.affine))) * edge / camera.max_angle
         motion = np.maximum(motion, angle * focal)
-    count = np.clip(np.ceil(motion / sensor.subframe_px).astype(int), 1, None) | 1
-    return np.minimum(count, (sensor.subframes - 1) | 1)
+    return np.clip(np.ceil(motion / sensor.subframe_px).astype(int), 1, sensor.subframes)
 
 
 def _in_camera(

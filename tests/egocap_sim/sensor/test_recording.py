@@ -88,7 +88,7 @@ def test_dropped_frames_repeat_the_last_picture_and_are_flagged(perfect, tmp_pat
 def test_labels_follow_the_rows_of_a_rolling_shutter(perfect, tmp_path):
     sequence = record(tmp_path / "rolling", readout_s=0.03, subframe_px=0.5)
     sensor, truth = sequence.sensor, sequence.truth
-    assert (sensor.subframes > 1).any() and (sensor.subframes % 2 == 1).all()
+    assert len(np.unique(sensor.subframes)) > 1 and sensor.subframes.min() >= 1
     height = sequence.rig.cameras[0].height
     rows = np.clip(truth.joints_2d[..., 1], -0.5, height - 0.5)
     expected = sensor.time[..., None] + ((rows + 0.5) / height - 0.5) * 0.03

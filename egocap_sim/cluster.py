@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _PATIENCE_S = 10  # for the scheduler to answer
 _ATTEMPTS = 8
-"""At what the cluster loses: what is sent along with jobs goes with the last worker that holds it."""
+"""At what the cluster loses: what goes along with jobs is lost with the last worker that has it."""
 
 Drafts = dict[str, bytes]
 

@@ -115,13 +115,15 @@ class Atlas:
         return tile_of, xy
 
 
-def build_atlas(cameras: Sequence[Lens], face_size: int | None = None) -> Atlas:
+def build_atlas(
+    cameras: Sequence[Lens], face_size: int | None = None, sharpness: float = 1.0
+) -> Atlas:
     """Choose and pack the cube faces of each camera, and trace every pixel to them.
 
     `face_size` is the number of pixels along a whole cube face. Twice the camera's pixels per
     radian on the axis would give a face's middle, its coarsest place, the density of the image's
     centre; None takes 1.8 pixels per radian instead of 2, where markers without anti-aliasing still
-    land within 0.25 pixels.
+    land within 0.25 pixels. `sharpness` scales it.
     """
     orientations: list[tuple[Array, ...]] = []
     traced: list[tuple[Array, Array]] = []  # per view: inside (H, W); slopes (H W, 2)
@@ -129,7 +131,7 @@ def build_atlas(cameras: Sequence[Lens], face_size: int | None = None) -> Atlas:
     cropped: list[tuple[tuple[int, int, int, int], float]] = []  # per tile: box in pixels, density
     for view, camera in enumerate(cameras):
         rays, inside = _rays(camera)
-        density = (face_size or round(1.8 * _pixels_per_radian(camera))) / 2
+        density = sharpness * (face_size or round(1.8 * _pixels_per_radian(camera))) / 2
         faces = min(_orientations(), key=lambda f: _cost(f, rays[::4, ::4], inside[::4, ::4]))
         face = np.where(inside, _face_of(rays, faces), -1).ravel()
         slopes = np.zeros((face.size, 2))

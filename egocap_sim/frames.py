@@ -51,6 +51,7 @@ class FrameMaker:
             place,
             samples=record.samples,
             face_size=record.face_size,
+            coarse=film.sensor.subframe_sharpness if film else 1.0,
         )
         self._visibility = JointVisibility(person, rig)
         self._numbers = np.arange(len(truth.time))
@@ -91,6 +92,7 @@ class FrameMaker:
         time: float,
         rows: Mapping[int, slice] | None = None,
         still_m: float = 0.0,
+        coarsely: bool = False,
     ) -> tuple[Views, See]:
         """Render the world at a time in seconds during a frame: all, or rows of some views."""
         truth, poses = self.truth, self._film.poses if self._film else None
@@ -101,7 +103,7 @@ class FrameMaker:
             if poses is not None:
                 moved = between_frames(extra.skinning, np.interp(time, truth.time, self._numbers))
             skinning[extra.actor.name] = moved
-        views = self.renderer.render(T_world_body[INDEX["head"]], skinning, rows, still_m)
+        views = self.renderer.render(T_world_body[INDEX["head"]], skinning, rows, still_m, coarsely)
 
         def see(wanted: Collection[int]) -> UInt8[Array, "V 18"]:
             return self._visibility(views, T_world_body, truth.in_view[index], wanted)

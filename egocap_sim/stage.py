@@ -246,9 +246,12 @@ def config_of(scene: Scene) -> dict[str, Any]:
     Files are named by their checksum, not by where they lie.
     """
     config = scene.model_dump(mode="json", exclude_none=True)
-    for key, value in (("mirrored", False), ("speed", 1.0), ("then_start_s", 0.0)):
-        if config["motion"][key] == value:  # older versions knew none of them
-            del config["motion"][key]
+    for table, key, value in (
+        ("motion", "mirrored", False), ("motion", "speed", 1.0), ("motion", "then_start_s", 0.0),
+        ("sensor", "subframe_sharpness", 1.0),
+    ):  # fmt: skip
+        if config.get(table, {}).get(key) == value:  # older versions knew none of them
+            del config[table][key]
     config["rig"] = rig_of(scene.rig, scene.seed).to_dict()
     for key in ("file", "joint_names", "then"):
         if path := config["motion"].pop(key, None):

@@ -7,7 +7,7 @@ part labels back at once (labels travel in alpha), and look the fisheye pixels u
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -33,17 +33,30 @@ _SHADOW = pyrender.RenderFlags.DEPTH_ONLY
 
 
 @lru_cache(maxsize=2)
-def _traced(cameras: tuple[Camera, ...], face_size: int | None) -> tuple[Atlas, Resampler]:
+def _traced(
+    cameras: tuple[Camera, ...], face_size: int | None, sharpness: float
+) -> tuple[Atlas, Resampler]:
     """The atlas of cameras and how their pixels are found in it; kept for the next episode."""
-    atlas = build_atlas(cameras, face_size)
+    atlas = build_atlas(cameras, face_size, sharpness)
     return atlas, Resampler(atlas)
+
+
+class _Canvas:
+    """An atlas, how images are looked up in it, and the buffer that it is drawn into."""
+
+    def __init__(
+        self, cameras: tuple[Camera, ...], face_size: int | None, sharpness: float, samples: int
+    ) -> None:
+        self.atlas, self.resampler = _traced(cameras, face_size, sharpness)
+        self.buffer = AtlasBuffer(self.atlas.needed, samples)
 
 
 class FisheyeRenderer(pyrender.Renderer):
     """Draws a rig's views of actors in a place, in this process and thread.
 
     Parameters: `samples` is 0, or 4 for anti-aliased outlines at about three times the cost;
-    `face_size` as in `egocap_sim.fisheye.build_atlas`.
+    `face_size` as in `egocap_sim.fisheye.build_atlas`; `coarse` is the sharpness, as there, of what
+    is asked for so.
     Raises: MachineError without OpenGL, InputError for actors of the same name.
     The same inputs give the same bytes on the same driver. Close it, or use it in a `with`.
     """
@@ -55,14 +68,17 @@ class FisheyeRenderer(pyrender.Renderer):
         place: Place,
         samples: int = 0,
         face_size: int | None = None,
+        coarse: float = 1.0,
     ) -> None:
         names = [a.name for a in actors]
         if len(set(names)) != len(names):
             raise InputError(f"actors need different names, got {', '.join(names)}")
         self.rig, self.place = rig, place
-        self.atlas, self._resampler = _traced(tuple(rig.cameras), face_size)
+        self._canvas_of = partial(_Canvas, tuple(rig.cameras), face_size, samples=samples)
         self.context = Context.lent()
-        super().__init__(self.atlas.width, self.atlas.height)
+        self._canvas = self._fine = self._canvas_of(1.0)
+        self._sharpness, self._coarse = coarse, self._fine if coarse == 1.0 else None
+        super().__init__(self._fine.atlas.width, self._fine.atlas.height)
         self._program_cache = self.context.programs
         self._uniforms = Uniforms()
         self._batches: dict[str | None, Batch] = {a.name: merge(a.meshes) for a in actors}
@@ -74,9 +90,8 @@ class FisheyeRenderer(pyrender.Renderer):
             self._scene.add(gpu.mesh)
         self._update_context(self._scene, _SCENE)
         # About as fine on the floor as the image is there.
-        finest = max(t.density for t in self.atlas.tiles)
+        finest = max(t.density for t in self._fine.atlas.tiles)
         self._shadow = ShadowMap(1024 if finest > 250 else 640)
-        self._buffer = AtlasBuffer(self.atlas.needed, samples)
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
         }
@@ -90,11 +105,13 @@ class FisheyeRenderer(pyrender.Renderer):
         skinning: Mapping[str, Float[Array, "B 4 4"]],
         rows: Mapping[int, slice] | None = None,
         still_m: float = 0.0,
+        coarsely: bool = False,
     ) -> Views:
         """Draw all views with the head at a pose and the actors under their skinning transforms.
 
         With `rows`, only these rows of these views are drawn; there is nothing of use elsewhere.
         Shadows stay as they were while no vertex is `still_m` metres from where it threw them.
+        `coarsely` draws at the lesser sharpness, for pictures of which many make one.
         Everything lazy on the result (`parts`, `depth`, `surface_at`) is there until the next call.
         Raises: InputError when an actor has no transforms, or too few.
         """
@@ -106,29 +123,31 @@ class FisheyeRenderer(pyrender.Renderer):
                 self._gpu[name].upload(positions, normals)
                 self._boxes[name] = self._batches[name].boxes(positions)
                 self._posed[name] = positions
+        if coarsely and self._coarse is None:
+            self._coarse = self._canvas_of(self._sharpness)
+        self._canvas = self._coarse if coarsely and self._coarse else self._fine
         T_world_camera = [T_world_head @ m.T_head_camera for m in self.rig.mounts]
-        self._clip = [
-            projection.of_tile(t, T_world_camera[t.view], NEAR, FAR) for t in self.atlas.tiles
-        ]
-        self._eyes = [T_world_camera[t.view][:3, 3] for t in self.atlas.tiles]
-        self._windows = [self._window(i, rows) for i in range(len(self.atlas.tiles))]
+        tiles = self._canvas.atlas.tiles
+        self._clip = [projection.of_tile(t, T_world_camera[t.view], NEAR, FAR) for t in tiles]
+        self._eyes = [T_world_camera[t.view][:3, 3] for t in tiles]
+        self._windows = [self._window(i, rows) for i in range(len(tiles))]
         if self._has_moved(still_m):
             self._shadow_from_world = self._draw_shadows(T_world_head[:3, 3])
             self._shadowing = dict(self._posed)
         self._draw_scene(self._shadow_from_world)
-        atlas = self._buffer.read_color()
+        atlas = self._canvas.buffer.read_color()
         check()
-        self._views = Views(self, self._resampler, atlas, rows)
+        self._views = Views(self, self._canvas.resampler, atlas, rows)
         return self._views
 
     def _window(self, tile: int, rows: Mapping[int, slice] | None) -> Window | None:
         """The part of a tile that rows of its view need; None: nothing."""
-        t = self.atlas.tiles[tile]
+        t = self._canvas.atlas.tiles[tile]
         if rows is None:
             return t.column, t.row, t.width, t.height
         if t.view not in rows:
             return None
-        extent = self._resampler.extent[tile, rows[t.view]]
+        extent = self._canvas.resampler.extent[tile, rows[t.view]]
         (left, _, low, _), (_, right, _, high) = extent.min(0).tolist(), extent.max(0).tolist()
         return (left, low, right - left, high - low) if right > left and high > low else None
 
@@ -149,7 +168,8 @@ class FisheyeRenderer(pyrender.Renderer):
         for gpu in self._gpu.values():
             gpu.free()
         self._shadow.free()
-        self._buffer.free()
+        for canvas in {self._fine, self._coarse or self._fine}:
+            canvas.buffer.free()
         self._program_cache = pyrender.shader_program.ShaderProgramCache()  # theirs are kept
         self.delete()
         self.context.give_back()
@@ -171,26 +191,26 @@ class FisheyeRenderer(pyrender.Renderer):
     def read_depth(self) -> Float[Array, "h w"]:
         """Metres along the face's z axis at every atlas pixel."""
         self._prepare_depth()
-        return projection.depth_of(self._buffer.read_depth(), NEAR, FAR)
+        return projection.depth_of(self._canvas.buffer.read_depth(), NEAR, FAR)
 
     def read_depth_at(self, at: Int[Array, "N 2"]) -> Float[Array, "N"]:
         """Metres along the face's z axis at some atlas pixels (column, row)."""
         self._prepare_depth()
-        return projection.depth_of(self._buffer.read_depth_at(at), NEAR, FAR)
+        return projection.depth_of(self._canvas.buffer.read_depth_at(at), NEAR, FAR)
 
     def read_labels(self) -> Array:
         """Part labels of the atlas (h, w) uint8, each of exactly one surface."""
         self.context.make_current()
-        if not self._buffer.has_labels:
-            if self._buffer.samples:
+        if not self._canvas.buffer.has_labels:
+            if self._canvas.buffer.samples:
                 self._draw_labels()
             else:
-                self._buffer.take_labels()
-        return self._buffer.labels
+                self._canvas.buffer.take_labels()
+        return self._canvas.buffer.labels
 
     def _prepare_depth(self) -> None:
         self.context.make_current()
-        if self._buffer.samples and not self._buffer.has_labels:
+        if self._canvas.buffer.samples and not self._canvas.buffer.has_labels:
             self._draw_labels()
 
     def _require_transforms(self, skinning: Mapping[str, Array]) -> None:
@@ -211,7 +231,7 @@ class FisheyeRenderer(pyrender.Renderer):
 
     def _draw_scene(self, shadow_from_world: Array) -> None:
         light = self.place.light
-        self._buffer.begin(np.sqrt(self.place.background))
+        self._canvas.buffer.begin(np.sqrt(self.place.background))
         self._shadow.bind(unit=1)
         for name, gpu in self._gpu.items():
             program = self._program(gpu, _SCENE)
@@ -225,18 +245,18 @@ class FisheyeRenderer(pyrender.Renderer):
             set_.vector(program, "room", self.place.room)
             gpu.bind_textures(unit=0)
             self._draw_tiles(name, gpu, program, with_eye=True)
-        self._buffer.end()
+        self._canvas.buffer.end()
 
     def _draw_labels(self) -> None:
-        self._buffer.begin_labels()
+        self._canvas.buffer.begin_labels()
         for name, gpu in self._gpu.items():
             self._draw_tiles(name, gpu, self._program(gpu, _LABELS), with_eye=False)
-        self._buffer.end_labels()
+        self._canvas.buffer.end_labels()
 
     def _draw_tiles(self, name: str | None, gpu: GpuBatch, program, *, with_eye: bool) -> None:
         low, high = self._boxes[name]
         for tile, clip, eye, window in zip(
-            self.atlas.tiles, self._clip, self._eyes, self._windows, strict=True
+            self._canvas.atlas.tiles, self._clip, self._eyes, self._windows, strict=True
         ):
             if window is None:
                 continue

@@ -32,6 +32,7 @@ class SensorTable(Strict):
     readout_s: Number = Field(default=0.0, ge=0, le=0.2)  # from the first row to the last
     subframes: Whole = Field(default=9, ge=1, le=65)  # at most, of which a picture is put together
     subframe_px: Number = Field(default=3.0, gt=0, le=100)  # motion that asks for one more of them
+    subframe_sharpness: Number = Field(default=1.0, ge=0.3, le=1)  # of each where they are many
 
     jpeg_quality: Whole | None = Field(default=None, ge=1, le=100)  # the camera's own; chroma 4:2:0
     time_offset_s: Number = Field(default=0.0, ge=-0.5, le=0.5)  # all views but the first see later
@@ -66,6 +67,7 @@ class SensorTable(Strict):
     def active(self) -> bool:
         """Whether anything at all differs from the perfect picture."""
         neutral = SensorTable(subframes=self.subframes, subframe_px=self.subframe_px,
+                              subframe_sharpness=self.subframe_sharpness,
                               drop=self.drop, mains_hz=self.mains_hz)  # fmt: skip
         return self.model_copy(update={"preset": "clean"}) != neutral
 

@@ -22,22 +22,24 @@ from egocap_sim.sensor.timing import exposure, instants
 from egocap_sim.streams import stream
 
 STILL_M = 0.01  # bodies that moved less throw the shadow they threw
+MANY = 4  # sub-frames: their mean is blurred, so that each may be drawn less sharply
 
 
 class See(Protocol):
-    """Tells which joints some of the views just drawn see; each must be drawn whole."""
+    """Tells which joints the wanted ones of the views just drawn see; each must be drawn whole."""
 
-    def __call__(self, views: Collection[int]) -> UInt8[Array, "V 18"]: ...
+    def __call__(self, wanted: Collection[int]) -> UInt8[Array, "V 18"]: ...
 
 
 class Draw(Protocol):
     """Renders rows of some views of a frame's world at a time in seconds.
 
-    Shadows may be those drawn last where nothing moved by `still_m` metres since.
+    Shadows may be those drawn last where nothing moved by `still_m` metres since. `coarsely` is for
+    sub-frames of which many are averaged.
     """
 
     def __call__(
-        self, index: int, time: float, rows: Mapping[int, slice], still_m: float
+        self, index: int, time: float, rows: Mapping[int, slice], still_m: float, coarsely: bool
     ) -> tuple[Views, See]: ...
 
 
@@ -106,7 +108,10 @@ class Shooter:
             rows = {v: band for v, band in rows.items() if band.stop > band.start}
             if not rows:
                 continue
-            views, see = self._draw(index, float(time), rows, STILL_M if i else 0.0)
+            still_m = STILL_M if i else 0.0
+            views, see = self._draw(
+                index, float(time), rows, still_m, applied.subframes[index] >= MANY
+            )
             for v, band in rows.items():
                 weight = exposures[v].weights[band, i]
                 kernel.add_light(light[v][band], views.images[v], weight, DECODING)

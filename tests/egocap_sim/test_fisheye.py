@@ -98,3 +98,10 @@ def test_outside_the_lens_is_outside_the_atlas():
 def test_a_larger_face_gives_a_larger_atlas():
     small, large = (build_atlas([CAMERAS["180"]], face_size=n) for n in (64, 128))
     assert 1.7 < large.tiles[0].width / small.tiles[0].width < 2.1
+
+
+def test_less_sharpness_gives_a_smaller_atlas_of_the_same_directions():
+    sharp, coarse = (build_atlas([CAMERAS["180"]], sharpness=s) for s in (1.0, 0.5))
+    assert 1.7 < sharp.tiles[0].width / coarse.tiles[0].width < 2.1
+    for a, b in zip(sharp.tiles, coarse.tiles, strict=True):
+        assert np.allclose(a.slopes, b.slopes, atol=6 / b.density)

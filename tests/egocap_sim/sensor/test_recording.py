@@ -97,6 +97,20 @@ def test_labels_follow_the_rows_of_a_rolling_shutter(perfect, tmp_path):
     assert 0.1 < moved.max() < 5
 
 
+def test_many_subframes_may_be_less_sharp(tmp_path):
+    """Frames of few stay as they are; of many hardly change, and the truth not at all."""
+    motion = {"shutter_s": 0.03, "subframe_px": 0.4}
+    sharp = record(tmp_path / "sharp", **motion)
+    coarse = record(tmp_path / "coarse", **motion, subframe_sharpness=0.6)
+    many = sharp.sensor.subframes >= 4
+    assert many.any() and not many.all()
+    for t in range(FRAMES):
+        a, b = (np.stack(s.frame(t).images).astype(float) for s in (sharp, coarse))
+        off = np.abs(a - b).mean()
+        assert (0.05 < off < 5.0) if many[t] else off == 0.0
+    assert np.array_equal(sharp.truth.joints_2d, coarse.truth.joints_2d)
+
+
 def test_presets_give_the_same_bytes_for_any_number_of_workers(tmp_path):
     one, two = scene(preset="harsh"), scene(preset="harsh")
     generate(one, tmp_path / "one", workers=1)

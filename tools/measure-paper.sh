@@ -16,7 +16,7 @@ measure() {  # exit code 3: a target was missed, which the result says too
 }
 
 measure runtime --work "$work/runtime" --out $results/runtime.json
-measure ablation --people 3 --seeds 2 --work "$work/ablation" --out $results/ablation.json
+measure ablation --people 3 --seeds 1 --frames 150 --work "$work/ablation" --out $results/ablation.json
 measure stress --seeds 4 --out $results/stress.json
 measure stress-rendered --people 3 --frames 30 --work "$work/stress" \
     --out $results/stress_rendered.json

@@ -25,7 +25,7 @@ from egocap.rig import Rig
 from egocap.skeleton import LABEL_POINTS, MOVES
 from egocap.track.illumination import Illumination
 from egocap.track.image_kernel import Palettes
-from egocap.track.image_model import ImageModel
+from egocap.track.image_model import Evaluation, ImageModel
 from egocap.track.image_rays import image_rays, ray_colours
 from egocap.track.palette import Background, Palette, colour_bins
 
@@ -127,15 +127,18 @@ class ColourTerm:
         H: Float[Array, "37 37"],
         g: Float[Array, "37"],
         felt: Bool[Array, "37"] | None = None,
+        found: Evaluation | None = None,
     ) -> float:
         """Energy at a pose; its gradient is added to g, its Gauss-Newton matrix to H.
 
         All are times the weight. The matrix is whole: lower and upper triangle. Angles that are not
-        `felt` get nothing; see `felt_angles`. Raises InputError before the first frame.
+        `felt` get nothing; see `felt_angles`. `found` is what the model found there when it was
+        asked last, and spares asking again. Raises InputError before the first frame.
         """
         if self._seen is None:
             raise InputError("the colour term has seen no frame yet", valid="see() first")
-        found = self.model.evaluate(angles, self._seen, curvature=True)
+        if found is None or found.curvature is None:
+            found = self.model.evaluate(angles, self._seen, curvature=True)
         assert found.curvature is not None
         gradient, curvature = found.gradient, found.curvature
         if felt is not None:

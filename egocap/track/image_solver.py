@@ -72,6 +72,7 @@ class Solution:
     energy: float
     converged: bool
     steps: int
+    colour: Evaluation | None = None  # there, unweighted, where the model has seen no pose since
 
 
 class ImageSolver:
@@ -110,20 +111,20 @@ class ImageSolver:
         """
         angles, damping = np.array(start, float), 1e-3
         seen = _detected(observations, frame)
-        energy, gradient, H = self._total(colours, angles, predicted, scatter, seen)
+        energy, gradient, H, colour = self._total(colours, angles, predicted, scatter, seen)
         first, steps, done = abs(energy), 0, False
         while steps < self.config.iterations and not done:
             trial = angles + self._step(gradient, H, damping)
-            new, new_gradient, new_H = self._total(colours, trial, predicted, scatter, seen)
+            new, new_gradient, new_H, there = self._total(colours, trial, predicted, scatter, seen)
             steps += 1
             if new < energy:
                 done = energy - new < self.config.tolerance * first
-                angles, energy, gradient, H = trial, new, new_gradient, new_H
+                angles, energy, gradient, H, colour = trial, new, new_gradient, new_H, there
                 damping = max(0.2 * damping, 1e-6)
             else:
-                done = damping > 1e4
+                done, colour = damping > 1e4, None
                 damping *= 10.0
-        return Solution(angles, energy, done, steps)
+        return Solution(angles, energy, done, steps, colour)
 
     def energy(
         self,
@@ -166,11 +167,11 @@ class ImageSolver:
             root = np.sqrt(square / (1.0 - 0.95 ** (i + 1)))
             rate = config.step * 0.1 ** (i / config.stochastic_iterations)
             angles -= rate * SPREAD * corrected / (root + 1e-6 + 0.1 * root.max())
-        energy = self._total(colours, angles, predicted, scatter)[0]
-        return Solution(angles, energy, True, config.stochastic_iterations)
+        energy, _, _, colour = self._total(colours, angles, predicted, scatter)
+        return Solution(angles, energy, True, config.stochastic_iterations, colour)
 
     def _total(self, colours, angles, predicted, scatter, seen=None):
-        evaluation = self.model.evaluate(angles, colours, curvature=True)
+        colour = evaluation = self.model.evaluate(angles, colours, curvature=True)
         if seen is not None and evaluation.curvature is not None:
             felt = felt_angles((seen[-1] > 0.0).any(0))
             evaluation = Evaluation(
@@ -181,7 +182,7 @@ class ImageSolver:
         if seen is not None:
             scale = float(self.priors_config.robust_scale)
             energy += detections(self._skeleton, angles, *seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
-        return energy, gradient, H
+        return energy, gradient, H, colour
 
     def _with_priors(
         self, colour: Evaluation, angles: Float[Array, "37"], predicted, scatter

@@ -24,7 +24,7 @@ from egocap.track.config import TrackerConfig
 from egocap.track.energy import predict
 from egocap.track.illumination import learn_in_light
 from egocap.track.image_rays import image_rays, require_pictures
-from egocap.track.image_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
+from egocap.track.image_solver import UPPER_BODY, ImageSolver, ImageSolverConfig, Solution
 from egocap.track.kernel import make_model, priors
 from egocap.track.live import LivePose, carried_on
 from egocap.track.uncertainty import confidences, joint_covariances
@@ -95,7 +95,7 @@ class ColourTracker:
         config = ImageSolverConfig(lambda_colour=self._settings.weight, iterations=_STEPS)
         self._solver = ImageSolver(self._term.model, config, PRIORS, UPPER_BODY)
 
-    def _follow(self, images: Sequence[UInt8[Array, "H W 3"]], elapsed: float) -> bool:
+    def _follow(self, images: Sequence[UInt8[Array, "H W 3"]], elapsed: float) -> Solution:
         assert self._term is not None and self._solver is not None
         first = self._last is self._start
         colours = self._term.see(images, self._start if first else None)
@@ -109,19 +109,20 @@ class ColourTracker:
             found = self._solver.descend(colours, predicted, self._rng, predicted, scatter)
         self._before, self._last = self._last, found.angles
         self._term.settle(found.angles)
-        return found.converged
+        return found
 
-    def _pose(self, time: float, elapsed: float, converged: bool | None) -> LivePose:
-        """The pose as it is, and how sure the past and, unless None converged, colours make it."""
+    def _pose(self, time: float, elapsed: float, found: Solution | None) -> LivePose:
+        """The pose as it is, and how sure the past and, where it was found by them, colours are."""
         H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
         priors(self._model, self._last, H, g)
         H = H + np.tril(H, -1).T
-        if converged is not None:
+        if found is not None:
             assert self._term is not None
-            self._term.add(self._last, H, g, UPPER_BODY)
+            self._term.add(self._last, H, g, UPPER_BODY, found.colour)
         self._covariance = carried_on(H, self._covariance, _DRIFT * elapsed)
         covariance = joint_covariances(
             self.proportions, self._last[None], self._covariance[None], PRIORS.model_error_m
         )
         joints = forward(self.proportions, self._last)
-        return LivePose(time, self._last, joints, confidences(covariance)[0], bool(converged))
+        return LivePose(time, self._last, joints, confidences(covariance)[0],
+                        found is not None and found.converged)  # fmt: skip

@@ -163,3 +163,20 @@ def test_nearest_angles_find_the_joints():
     joints = forward(PERSON, POSE)
     found = nearest_angles(PERSON, joints)
     assert np.abs(forward(PERSON, found) - joints).max() < 2e-3
+
+
+def test_a_solution_carries_the_colours_of_its_own_pose(images, solver):
+    """Or none, where the model was asked about another pose since."""
+    colours = solver.model.colours(images)
+    carried = 0
+    for seed in range(4):
+        found = solver.solve(colours, perturbed(6, seed))
+        if found.colour is None:
+            continue
+        carried += 1
+        again = solver.model.evaluate(found.angles, colours, curvature=True)
+        assert found.colour.energy == pytest.approx(again.energy)
+        np.testing.assert_allclose(found.colour.gradient, again.gradient, rtol=1e-5, atol=1e-6)
+    assert carried
+    descended = solver.descend(colours, perturbed(6), np.random.default_rng(0))
+    assert descended.colour is not None

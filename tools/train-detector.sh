@@ -11,6 +11,7 @@ work=$1 clips=$2 bin=${BIN:-.venv/bin}
 
 "$bin/egocap-sim" generate train-varied --frames 20000 --motions "$clips" --out "$work/varied"
 "$bin/egocap-sim" generate tools/training-poses.toml --motions "$clips" --out "$work/poses"
-"$bin/egocap" train "$work/varied" "$work/poses" --shares 2 1 --out "$work/run" --resume \
-    --start egocap/detect/shipped/default.safetensors --minutes 45 --learning-rate 0.001 \
+"$bin/egocap-sim" generate tools/training-bikes.toml --out "$work/bikes"
+"$bin/egocap" train "$work/varied" "$work/poses" "$work/bikes" --shares 4 3 1 --out "$work/run" \
+    --resume --start egocap/detect/shipped/default.safetensors --minutes 60 --learning-rate 0.001 \
     --average 0.997 --compile --seed 2

@@ -79,7 +79,7 @@ def track_errors(rig: Rig, sights: Sights, sigma: float, seed: int) -> Tracked:
         bounds = smoothed_bound(
             motion.angles, motion.proportions, motion.times, information, config
         )[:, _JOINTS]
-        mine = seen.any(axis=1)[:, _JOINTS]
+        mine = seen[..., _JOINTS].any(axis=1)
         totals["tracked_mm"].append(errors.ravel())
         totals["tracked_seen_mm"].append(errors[mine])
         totals["smoothed_mm"].append(bounds.ravel())

@@ -124,11 +124,12 @@ def _cones(centres, origins, reach, arms, cones):
                 cones[v, 3, q], cones[v, 4, q] = np.sqrt(1.0 - sin * sin), sin
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, parallel=True, fastmath=FAST,
+      error_model="numpy")  # fmt: skip
 def _fill_tiles(rays, cones, lists, counts):
-    """List the Gaussians whose cone meets that of each tile: sooner done than threads are woken."""
+    """List the Gaussians whose cone meets that of each tile."""
     gaussians = cones.shape[2]
-    for t in range(len(rays.tile_view)):
+    for t in prange(len(rays.tile_view)):
         v = rays.tile_view[t]
         x, y, z = rays.tile_axis[t, 0], rays.tile_axis[t, 1], rays.tile_axis[t, 2]
         cos, sin = rays.tile_cos[t], rays.tile_sin[t]

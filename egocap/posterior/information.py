@@ -71,9 +71,9 @@ def place_information(
     _, J, _ = rig.project_jacobian(joints_head)  # (V, B, 18, 2, 3)
     total = np.zeros((*joints_head.shape, 3))
     for v, camera in enumerate(rig.cameras):
-        sigma = np.full(seen[:, v].shape, noise.sigma * camera.width / REFERENCE_WIDTH)
-        if spreads is not None:
-            sigma = np.where(seen[:, v], spreads[:, v], 1.0)
+        stated = noise.sigma * camera.width / REFERENCE_WIDTH
+        # What was not made may hold anything; it is left out below.
+        sigma = np.where(seen[:, v], stated if spreads is None else spreads[:, v], stated)
         JJ = J[v] @ np.swapaxes(J[v], -1, -2)
         covariance = sigma[..., None, None] ** 2 * np.eye(2) + noise.model_error_m**2 * JJ
         part = np.swapaxes(J[v], -1, -2) @ np.linalg.solve(covariance, J[v])

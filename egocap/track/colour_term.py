@@ -137,7 +137,7 @@ class ColourTerm:
         """
         if self._seen is None:
             raise InputError("the colour term has seen no frame yet", valid="see() first")
-        if found is None or found.curvature is None:
+        if found is None:
             found = self.model.evaluate(angles, self._seen, curvature=True)
         assert found.curvature is not None
         gradient, curvature = found.gradient, found.curvature

@@ -76,9 +76,9 @@ class FisheyeRenderer(pyrender.Renderer):
         self.rig, self.place = rig, place
         self._canvas_of = partial(_Canvas, tuple(rig.cameras), face_size, samples=samples)
         self.context = Context.lent()
-        self._canvas = self._fine = self._canvas_of(1.0)
-        self._sharpness, self._coarse = coarse, self._fine if coarse == 1.0 else None
-        super().__init__(self._fine.atlas.width, self._fine.atlas.height)
+        self._coarse, self._canvases = coarse, {1.0: self._canvas_of(1.0)}
+        self._canvas = self._canvases[1.0]
+        super().__init__(self._canvas.atlas.width, self._canvas.atlas.height)
         self._program_cache = self.context.programs
         self._uniforms = Uniforms()
         self._batches: dict[str | None, Batch] = {a.name: merge(a.meshes) for a in actors}
@@ -90,7 +90,7 @@ class FisheyeRenderer(pyrender.Renderer):
             self._scene.add(gpu.mesh)
         self._update_context(self._scene, _SCENE)
         # About as fine on the floor as the image is there.
-        finest = max(t.density for t in self._fine.atlas.tiles)
+        finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = ShadowMap(1024 if finest > 250 else 640)
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
@@ -123,9 +123,10 @@ class FisheyeRenderer(pyrender.Renderer):
                 self._gpu[name].upload(positions, normals)
                 self._boxes[name] = self._batches[name].boxes(positions)
                 self._posed[name] = positions
-        if coarsely and self._coarse is None:
-            self._coarse = self._canvas_of(self._sharpness)
-        self._canvas = self._coarse if coarsely and self._coarse else self._fine
+        sharpness = self._coarse if coarsely else 1.0
+        if sharpness not in self._canvases:
+            self._canvases[sharpness] = self._canvas_of(sharpness)
+        self._canvas = self._canvases[sharpness]
         T_world_camera = [T_world_head @ m.T_head_camera for m in self.rig.mounts]
         tiles = self._canvas.atlas.tiles
         self._clip = [projection.of_tile(t, T_world_camera[t.view], NEAR, FAR) for t in tiles]
@@ -168,7 +169,7 @@ class FisheyeRenderer(pyrender.Renderer):
         for gpu in self._gpu.values():
             gpu.free()
         self._shadow.free()
-        for canvas in {self._fine, self._coarse or self._fine}:
+        for canvas in self._canvases.values():
             canvas.buffer.free()
         self._program_cache = pyrender.shader_program.ShaderProgramCache()  # theirs are kept
         self.delete()

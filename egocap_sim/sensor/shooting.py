@@ -96,6 +96,7 @@ class Shooter:
         exposures = [exposure(t, camera.height, *timing, rendered)
                      for t, camera in zip(middle, self._rig.cameras, strict=True)]  # fmt: skip
         judged = np.abs(middle[:, None] - rendered.times).argmin(1)
+        coarsely = bool(applied.subframes[index] >= MANY)
         sizes = [(c.height, c.width) for c in self._rig.cameras]
         light = [np.zeros((*size, 3), np.float32) for size in sizes]
         parts = [np.zeros(size, np.uint8) for size in sizes] if self._parts else []
@@ -109,9 +110,7 @@ class Shooter:
             if not rows:
                 continue
             still_m = STILL_M if i else 0.0
-            views, see = self._draw(
-                index, float(time), rows, still_m, applied.subframes[index] >= MANY
-            )
+            views, see = self._draw(index, float(time), rows, still_m, coarsely)
             for v, band in rows.items():
                 weight = exposures[v].weights[band, i]
                 kernel.add_light(light[v][band], views.images[v], weight, DECODING)

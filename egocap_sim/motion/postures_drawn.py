@@ -227,9 +227,28 @@ def stride(rng: Rng, size: float) -> WholePose:
     return _looked(rng, centred(pose), size)
 
 
+def straddle(rng: Rng, size: float) -> WholePose:
+    """Legs wide apart, as a player who guards stands: upright or low, on both or more on one."""
+    half, turned = float(rng.uniform(0.25, 0.58)), float(rng.uniform(0.1, 0.75))
+    share = float(np.clip(rng.normal(0.5, 0.2), 0.12, 0.88))  # of the weight, on the right foot
+    feet = stood(half, _normal(rng, 0.1, 0.3), turned)
+    aside = half * (1.0 + 0.8 * abs(2.0 * share - 1.0)) - _HIP_Y  # of the straighter leg
+    leg = figure.THIGH + figure.CALF
+    down = leg - float(np.sqrt(leg**2 - min(aside, 0.8 * leg) ** 2))
+    down += 0.02 + float(rng.beta(1.0, 2.0)) * 0.3
+    pitch = float(rng.triangular(-0.15, 0.3, 1.3)) * size
+    yaw, roll = _normal(rng, 0.3, 0.6) * size, _normal(rng, 0.17, 0.35) * size
+    pose = WholePose(
+        pelvis=(-0.2 * down, 0.0, HIP_HEIGHT - down),
+        hips=(0.3 * yaw, 0.4 * pitch, 0.3 * roll), chest=(yaw, pitch, roll), feet=feet,
+        over=over_feet(feet, share),
+    )  # fmt: skip
+    return _looked(rng, centred(pose), size)
+
+
 LEGS: dict[str, tuple[Callable[[Rng, float], WholePose], float]] = {
-    "reach": (reach, 0.40), "bend": (bend, 0.14), "crouch": (crouch, 0.15), "kneel": (kneel, 0.13),
-    "balance": (balance, 0.12), "stride": (stride, 0.06),
+    "reach": (reach, 0.34), "bend": (bend, 0.12), "crouch": (crouch, 0.15), "kneel": (kneel, 0.12),
+    "balance": (balance, 0.10), "stride": (stride, 0.06), "straddle": (straddle, 0.11),
 }  # fmt: skip
 """Kinds of poses, and how often each is drawn."""
 

@@ -73,6 +73,9 @@ def test_every_kind_of_pose_is_what_it_is_called_and_stands_on_the_ground(kind):
             assert height["pelvis"] < 0.7
         if kind == "bend":
             assert clip.rotations[0, INDEX["chest"], 2, 2] < 0.65  # leant by 50 degrees and more
+        if kind == "straddle":
+            ankles = clip.positions[0, [INDEX["l_foot"], INDEX["r_foot"]]]
+            assert np.linalg.norm(ankles[0] - ankles[1]) > 0.45
 
 
 def test_hands_touch_feet_and_floor_from_low_poses_and_the_head_from_all():

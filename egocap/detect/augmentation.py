@@ -3,7 +3,8 @@
 Every function takes and returns pixels of canonical views (H, W, 3), uint8 RGB, and draws from an
 explicit generator. Points move with pixels. Recolouring multiplies the colour of whole parts, so
 shading and texture stay; it and the background need part labels.
-Source: EgoCap paper, section 4.3.1 (background, intrinsic recolouring, gamma, scale).
+Source: EgoCap paper, section 4.3.1 (background, intrinsic recolouring, gamma, scale). Clothes of
+the background's colour are ours.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ OUTFIT: tuple[tuple[int, ...], ...] = (
 )  # fmt: skip
 """Parts that a garment or skin covers together: shirt, sleeves, hips and thighs, shins, shoes,
 skin."""
+_LEAST_PX = 30  # of a garment, and of what is behind it
+_DIM = 16.0  # added to levels 0 to 255
 
 
 def augment(
@@ -42,6 +45,8 @@ def augment(
         image = recoloured(image, parts, rng)
     if parts is not None and background and other is not None:
         image = replaced_background(image, parts, other.image, rng)
+    if parts is not None and rng.random() < config.camouflage:
+        image = camouflaged(image, parts, rng)
     image, points, state = moved(image, example.points, example.state, config, rng)
     if rng.random() < config.occluders:
         image, state = occluded(image, points, state, rng)
@@ -71,6 +76,26 @@ def recoloured(
     clothes[[p for covered in OUTFIT[:-1] for p in covered]] = True
     source = np.where(clothes[parts][..., None], image[..., order], image)
     return np.minimum(source * gain[parts], 255.0).astype(np.uint8)
+
+
+def camouflaged(
+    image: UInt8[Array, "H W 3"], parts: UInt8[Array, "H W"], rng: np.random.Generator
+) -> UInt8[Array, "H W 3"]:
+    """One garment in the colour of what is behind it, about: tan trousers before a tan floor."""
+    covered = OUTFIT[int(rng.integers(len(OUTFIT) - 1))]  # not the skin
+    worn = np.isin(parts, covered)
+    if np.count_nonzero(worn) < _LEAST_PX:
+        return image
+    near = cv2.dilate(worn.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    behind = near & ~WEARER[parts] & image.any(-1)  # the black round the lens's circle is nothing
+    if np.count_nonzero(behind) < _LEAST_PX:
+        return image
+    colour = image[behind].mean(0) * np.exp(rng.normal(0.0, 0.12, 3))
+    light = image[worn].mean(1) + _DIM  # of dark cloth, little more than noise is left
+    shading = np.clip(light / light.mean(), 0.5, 1.5)
+    image = image.copy()
+    image[worn] = np.minimum(colour * shading[:, None], 255.0).astype(np.uint8)
+    return image
 
 
 def replaced_background(

@@ -13,6 +13,7 @@ class AugmentationConfig:
 
     background: float = 0.25  # chance that everything but the wearer comes from another image
     recolour: float = 0.5  # chance that clothes and skin change colour, shading kept
+    camouflage: float = 0.15  # chance that a garment has about the colour of what is behind it
     scale: float = 0.15  # largest relative change of size
     rotation_deg: float = 8.0  # largest rotation: how much rigs are askew
     shift: float = 0.04  # largest shift, of the image's width
@@ -24,7 +25,7 @@ class AugmentationConfig:
     occluders: float = 0.2  # chance of things in front
 
 
-NO_AUGMENTATION = AugmentationConfig(0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0)
+NO_AUGMENTATION = AugmentationConfig(0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0)
 """Leaves images as they are."""
 
 

@@ -6,6 +6,7 @@ import pytest
 from egocap.detect.augmentation import (
     WEARER,
     augment,
+    camouflaged,
     moved,
     occluded,
     recoloured,
@@ -72,6 +73,27 @@ def test_recolouring_keeps_shading_and_everything_else():
         assert (ratio.std(0) / ratio.mean(0) < 0.05).all()  # one factor a channel, to rounding
         changed += not np.allclose(ratio.mean(0), 1.0, atol=0.02)
     assert changed >= 4
+
+
+def test_a_garment_takes_the_colour_behind_it_and_keeps_its_texture():
+    rng = np.random.default_rng(0)
+    parts = np.full(SHAPE, 100, np.uint8)
+    parts[60:160, 60:110], parts[60:160, 150:200] = 1, 5  # hips, a bare hand
+    image = np.full((*SHAPE, 3), (170, 150, 110), np.uint8)  # a tan floor
+    image[parts == 1] = 40, 60, 120
+    image[parts == 1] -= rng.integers(0, 20, (np.count_nonzero(parts == 1), 1), np.uint8)
+    distances = []
+    for _ in range(12):
+        new = camouflaged(image, parts, rng)
+        np.testing.assert_array_equal(new[parts != 1], image[parts != 1])
+        distances.append(np.abs(new[parts == 1].mean(0) - (170, 150, 110)).max())
+        if (new != image).any():
+            texture = np.corrcoef(new[parts == 1][:, 2], image[parts == 1][:, 2])[0, 1]
+            assert texture > 0.95
+    near = np.array(distances) < 60
+    assert 0 < near.sum() < len(near)  # the other garments are not in the picture
+    nobody = np.full(SHAPE, 100, np.uint8)
+    np.testing.assert_array_equal(camouflaged(image, nobody, rng), image)
 
 
 def test_background_changes_behind_the_wearer_only():

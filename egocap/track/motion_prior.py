@@ -17,7 +17,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -194,23 +194,40 @@ def condition(
     `targets` are the information matrices times the departures that they point at. Where the window
     ends, what lies beyond is left out: at least half a second on either side is heard.
     """
+    from scipy.linalg import cho_solve, cholesky, solve_triangular
+
     count, n = targets.shape
     means, covariances = np.empty((count, n)), np.empty((count, n, n))
     for first in range(0, count, _HOP):
         last = min(first + _HOP, count)
         low = max(0, min(first - (LAGS - _HOP) // 2, count - LAGS))
         high = min(low + LAGS, count)
-        size = (high - low) * n
-        S = prior.window[:size, :size]
-        weighed = (S.reshape(size, high - low, n).swapaxes(0, 1) @ information[low:high]).swapaxes(
-            0, 1
-        ).reshape(size, size)  # fmt: skip
-        right = np.concatenate([(S @ targets[low:high].ravel())[:, None], S], axis=1)
-        kept = slice((first - low) * n, (last - low) * n)
-        solved = np.linalg.solve(np.eye(size) + weighed, right)
-        means[first:last] = solved[kept, 0].reshape(-1, n)
-        for k in range(first, last):
-            at = (k - low) * n
-            block = solved[at : at + n, 1 + at : 1 + at + n]
-            covariances[k] = (block + block.T) / 2.0
+        # What is kept comes last, so that it is what is left when the rest is eliminated.
+        order = [*range(low, first), *range(last, high), *range(first, last)]
+        L = _ordered_precision(prior, tuple(k - low for k in order)).copy()
+        for i, k in enumerate(order):
+            L[i * n : (i + 1) * n, i * n : (i + 1) * n] += information[k]
+        L = cholesky(L, lower=True, overwrite_a=True, check_finite=False)
+        solved = cho_solve((L, True), targets[order].ravel(), check_finite=False)
+        kept = (last - first) * n
+        means[first:last] = solved[-kept:].reshape(-1, n)
+        rest = solve_triangular(L[-kept:, -kept:], np.eye(kept), lower=True, check_finite=False)
+        for i, k in enumerate(range(first, last)):
+            column = rest[i * n :, i * n : (i + 1) * n]
+            covariances[k] = column.T @ column
     return means, covariances
+
+
+@lru_cache(maxsize=16)
+def _ordered_precision(prior: MotionPrior, knots: tuple[int, ...]) -> Float[Array, "N N"]:
+    """Inverse of the covariance of a window's first knots, these in the order given."""
+    n = DOF_COUNT
+    precision = _precision(prior, len(knots) * n)
+    rows = (n * np.array(knots)[:, None] + np.arange(n)).ravel()
+    return precision[np.ix_(rows, rows)]
+
+
+@lru_cache(maxsize=16)
+def _precision(prior: MotionPrior, size: int) -> Float[Array, "N N"]:
+    precision = np.linalg.inv(prior.window[:size, :size])
+    return (precision + precision.T) / 2.0

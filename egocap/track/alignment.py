@@ -17,13 +17,12 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.geometry import axis_angle, unit
-from egocap.skeleton import AGILITY, DOF_COUNT, HasOffsets, jacobian
+from egocap.skeleton import DOF_COUNT, HasOffsets, jacobian
 from egocap.track.config import TrackerConfig
-from egocap.track.energy import acceleration_stencil, angular_residual
+from egocap.track.energy import angular_residual
 from egocap.track.kernel import Model
-from egocap.track.motion_prior import NO_GUIDE
 from egocap.track.observations import Observations
-from egocap.track.smoothing import BAND, assemble
+from egocap.track.smoothing import interval_system
 
 WINDOW = 400
 """Frames that are enough to tell; of a longer motion the middle ones are taken."""
@@ -141,11 +140,5 @@ def _solve_poses(
     """The inverse of the poses' normal equations, times some columns."""
     from scipy.linalg import solveh_banded
 
-    size = angles.size
-    bands, gradient = np.zeros((BAND + 1, size), order="F"), np.zeros(size)
-    assemble(
-        model, angles, seen.centres, seen.rays, seen.whiten, seen.weights,
-        float(config.robust_scale), acceleration_stencil(seen.times),
-        config.acceleration * AGILITY, NO_GUIDE.mean, NO_GUIDE.precision, bands, gradient,
-    )  # fmt: skip
+    _, bands, _ = interval_system(angles, seen, model, config)
     return solveh_banded(bands, right, lower=True)

@@ -32,6 +32,8 @@ class TrackerConfig:
     """Energy that undoing a swap must save."""
     recalibrate: bool = True
     """Widen a detector's stated accuracy to what its residuals show (all frames together only)."""
+    restarts: bool = True
+    """Seek cheaper motions from elsewhere, for limbs in wrong poses (all frames together only)."""
     lambda_limit: float = 200.0
     """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""
     lambda_pose: float = 0.001

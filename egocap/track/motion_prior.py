@@ -22,7 +22,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.errors import FileError
@@ -68,6 +68,13 @@ class Guide:
     def __getitem__(self, frames: slice) -> Guide:
         """Some of the frames."""
         return Guide(self.mean[frames], self.precision[frames])
+
+    def replaced(self, other: Guide, frames: Bool[Array, "T"]) -> Guide:
+        """This, and another one in some frames."""
+        return Guide(
+            np.where(frames[:, None], other.mean, self.mean),
+            np.where(frames[:, None, None], other.precision, self.precision),
+        )
 
 
 NO_GUIDE = Guide(np.zeros((0, DOF_COUNT)), np.zeros((0, DOF_COUNT, DOF_COUNT)))

@@ -45,11 +45,27 @@ def smooth_interval(
         low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
         window = slice(low, high)
         solved, done = _solve_window(
-            angles[window], observations, window, model, config, guide[window]
+            angles[window], observations[window], model, config, guide[window]
         )
         refined[first:last] = solved[first - low : last - low]
         converged[first:last] = done[first - low : last - low]
     return refined, converged
+
+
+def interval_system(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    guide: Guide = NO_GUIDE,
+) -> tuple[float, Float[Array, "75 N"], Float[Array, "N"]]:  # fmt: skip
+    """What `smooth_interval` minimises, its Gauss-Newton matrix as LAPACK's band, its gradient."""
+    size = len(angles) * DOF_COUNT
+    bands, gradient = np.zeros((BAND + 1, size), order="F"), np.zeros(size)
+    energy = assemble(
+        model, np.ascontiguousarray(angles), observations.centres, observations.rays,
+        observations.whiten, observations.weights, float(config.robust_scale),
+        acceleration_stencil(observations.times), config.acceleration * AGILITY, guide.mean,
+        config.lambda_motion * guide.precision, bands, gradient,
+    )  # fmt: skip
+    return float(energy), bands, gradient
 
 
 def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[Array, "T 37"]:
@@ -67,19 +83,13 @@ def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[
 
 
 def _solve_window(
-    angles: Float[Array, "T 37"], observations: Observations, window: slice, model: Model,
-    config: TrackerConfig, guide: Guide,
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    guide: Guide,
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
     from scipy.linalg import LinAlgError, solveh_banded
 
-    data = (
-        observations.centres, observations.rays[window], observations.whiten[window],
-        observations.weights[window], float(config.robust_scale),
-        acceleration_stencil(observations.times[window]), config.acceleration * AGILITY,
-        guide.mean, config.lambda_motion * guide.precision,
-    )  # fmt: skip
-    bands, gradient = _blank(len(angles))
-    energy = assemble(model, angles, *data, bands, gradient)
+    known = observations, model, config, guide
+    energy, bands, gradient = interval_system(angles, *known)
     damping, last_step = 1e-4, np.full(angles.shape, np.inf)
     for _ in range(int(config.max_iterations)):
         damped = bands.copy(order="F")
@@ -91,8 +101,7 @@ def _solve_window(
             continue
         step = np.clip(step, -0.5, 0.5).reshape(angles.shape)
         trial = angles + step
-        new_bands, new_gradient = _blank(len(angles))
-        new = assemble(model, trial, *data, new_bands, new_gradient)
+        new, new_bands, new_gradient = interval_system(trial, *known)
         if new > energy:
             damping = max(10.0 * damping, 1e-3)
             continue
@@ -102,10 +111,6 @@ def _solve_window(
         if gain <= config.tolerance * energy:
             return angles, np.ones(len(angles), bool)
     return angles, np.abs(last_step).max(axis=1) < _SETTLED
-
-
-def _blank(frames: int) -> tuple[Float[Array, "75 N"], Float[Array, "N"]]:
-    return np.zeros((BAND + 1, frames * DOF_COUNT), order="F"), np.zeros(frames * DOF_COUNT)
 
 
 @njit(cache=True)

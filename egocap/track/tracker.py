@@ -175,8 +175,9 @@ def _solve_together(
 ) -> _Solution:  # fmt: skip
     """All frames at once; then once more with the places and accuracies that this brings out."""
     from egocap.track.choice import can_choose, choose
-    from egocap.track.motion_prior import NO_GUIDE, guide_of
+    from egocap.track.motion_prior import NO_GUIDE
     from egocap.track.recalibration import independent, measure_accuracy, recalibrated
+    from egocap.track.restarts import restarted
     from egocap.track.smoothing import smooth_interval
 
     choosing, taken = can_choose(observations, config), observations[:]
@@ -198,12 +199,45 @@ def _solve_together(
         taken, changed = recalibrated(taken, accuracy), changed or accuracy.matters
     if changed:
         angles, converged = smooth_interval(angles, taken, model, config)
+    if config.restarts:
+        angles, restarted_frames = restarted(angles, taken, model, config)
+        estimated["restarted_frames"] = int(np.count_nonzero(restarted_frames))
+        if restarted_frames.any():
+            angles, converged = smooth_interval(angles, taken, model, config)
     guide = NO_GUIDE
     if config.lambda_motion > 0.0:
-        guide = guide_of(angles, taken, model, config)
-        angles, converged = smooth_interval(angles, taken, model, config, guide)
+        angles, converged, guide = _guided(angles, taken, model, config)
     telling = taken if accuracy is None else independent(taken, accuracy)
     return _Solution(angles, converged, taken, telling, estimated, guide)
+
+
+_OPINIONS = 3
+
+
+def _guided(
+    angles: Float[Array, "T 37"], taken: Observations, model: Model, config: TrackerConfig
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"], Guide]:
+    """All frames at once with the motion prior; again where it is then of another opinion.
+
+    It takes what detections tell as linear about the motion that it is given. What it makes of
+    the motion that it led to is taken where that fits the detections better.
+    """
+    from egocap.track.motion_prior import guide_of
+    from egocap.track.restarts import moved, spliced
+    from egocap.track.smoothing import smooth_interval
+
+    guide = guide_of(angles, taken, model, config)
+    angles, converged = smooth_interval(angles, taken, model, config, guide)
+    for _ in range(_OPINIONS if config.restarts else 0):
+        second = guide_of(angles, taken, model, config)
+        other, _ = smooth_interval(angles, taken, model, config, second)
+        best = spliced(angles, other, taken, model, config)
+        changed = moved(angles, best)
+        if not changed.any():
+            break
+        guide = guide.replaced(second, changed)
+        angles, converged = smooth_interval(best, taken, model, config, guide)
+    return angles, converged, guide
 
 
 _ALIGNMENTS = 4  # steps

@@ -14,13 +14,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.skeleton import AGILITY, DOF_COUNT, SPREAD, HasOffsets, jacobian
+from egocap.skeleton import DOF_COUNT, SPREAD, HasOffsets, jacobian
 from egocap.track.config import TrackerConfig
-from egocap.track.energy import acceleration_stencil
 from egocap.track.kernel import Model, detections, priors
 from egocap.track.motion_prior import NO_GUIDE, Guide
 from egocap.track.observations import Observations
-from egocap.track.smoothing import BAND, MARGIN, WINDOW, assemble
+from egocap.track.smoothing import BAND, MARGIN, WINDOW, interval_system
 
 RIGHT_M = 0.05
 """A joint is right when it lies within so many metres of the truth: a few centimetres are flesh."""
@@ -35,15 +34,10 @@ def interval_covariances(
     for first in range(0, len(angles), WINDOW):
         last = min(first + WINDOW, len(angles))
         low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
-        bands = np.zeros((BAND + 1, (high - low) * DOF_COUNT), order="F")
-        seen = observations[low:high]
-        assemble(
-            model, angles[low:high], seen.centres, seen.rays, seen.whiten, seen.weights,
-            float(config.robust_scale), acceleration_stencil(seen.times),
-            config.acceleration * AGILITY, guide.mean[low:high],
-            config.lambda_motion * guide.precision[low:high], bands,
-            np.zeros((high - low) * DOF_COUNT),
-        )  # fmt: skip
+        window = slice(low, high)
+        _, bands, _ = interval_system(
+            angles[window], observations[window], model, config, guide[window]
+        )
         covariances[first:last] = banded_inverse(bands)[first - low : last - low]
     return covariances
 

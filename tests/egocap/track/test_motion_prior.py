@@ -11,6 +11,7 @@ from egocap.track import kernel
 from egocap.track.config import TrackerConfig
 from egocap.track.motion_prior import (
     LAGS,
+    Guide,
     condition,
     guide_of,
     learn_motion_prior,
@@ -99,3 +100,11 @@ def test_any_frame_rate_and_gaps(motion, step):
     result = track(replace(found, times=times), motion.rig, motion.person)
     assert np.isfinite(result.joints_head).all() and np.isfinite(result.covariance).all()
     assert np.median(motion.errors(result)) < 0.03
+
+
+def test_a_guide_takes_another_in_some_frames():
+    eye = np.broadcast_to(np.eye(37), (4, 37, 37))
+    one, two = Guide(np.zeros((4, 37)), eye), Guide(np.ones((4, 37)), 2.0 * eye)
+    both = one.replaced(two, np.array([False, True, True, False]))
+    assert both.mean[:, 0].tolist() == [0, 1, 1, 0]
+    assert both.precision[:, 5, 5].tolist() == [1, 2, 2, 1]

@@ -51,9 +51,10 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "without other modes": {"modes": False},
     "without undoing swaps": {"swaps": False},
     "without recalibration": {"recalibrate": False},
+    "without restarts": {"restarts": False},
     "without any of ours": {
         "smoothing": "gaussian", "lambda_motion": 0.0, "lambda_posture": 0.0, "modes": False,
-        "swaps": False, "recalibrate": False,
+        "swaps": False, "recalibrate": False, "restarts": False,
     },
     BLIND: {},
 }  # fmt: skip

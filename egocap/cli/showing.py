@@ -51,6 +51,7 @@ def posterior(
     sampling: Annotated[SamplerConfig, tyro.conf.OmitArgPrefixes] = SamplerConfig(),  # noqa: B008
     page: Path | None = None,
     checkpoint: Path | None = None,
+    colour: bool = False,
     json: bool = False,
 ) -> int:
     """Sample what one frame's detections say about the pose: how sure it is, joint by joint.
@@ -66,6 +67,7 @@ def posterior(
         sampling: how long to sample.
         page: page of pictures to write, html.
         checkpoint: chain to keep, npz; the same command takes up a killed run from it.
+        colour: let the images' colours speak, too, learned from the sequence's own track: minutes.
         json: print the summary as JSON.
     """
     import json as jsons
@@ -76,7 +78,7 @@ def posterior(
     opened = Sequence(sequence)
     found = detections_from(opened, detections, 0)
     told = write_posterior(
-        opened, found, frame, out, config, sampling, page=page, checkpoint=checkpoint
+        opened, found, frame, out, config, sampling, page=page, checkpoint=checkpoint, colour=colour
     )
     if json:
         print(jsons.dumps(told, indent=1))

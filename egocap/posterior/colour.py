@@ -4,8 +4,10 @@
     said = ColourLikelihood(ColourTerm(body, rig, palette), frame.images, pose)
     density = log_posterior_of(detections, frame_number, rig, proportions, extra=said)
 
-It has no part in the search for modes, which goes by detections and prior. An evaluation takes
-milliseconds, hundreds of times as long as the detections': it is for single frames.
+or, in colours learned from a sequence's own track, `colour_likelihood(sequence, detections, 7)`.
+
+It has no part in the search for modes, which goes by detections and prior. An evaluation takes a
+millisecond, a hundred times as long as the detections': it is for single frames, in minutes.
 """
 
 from __future__ import annotations
@@ -16,7 +18,14 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.track.colour_term import ColourTerm
+from egocap.gaussians import GaussianBody
+from egocap.results import Detections
+from egocap.sequence import Sequence as Footage
+from egocap.track.colour_refinement import PALETTE_FRAMES, surest_frames
+from egocap.track.colour_term import ColourTerm, ColourTermConfig
+from egocap.track.config import TrackerConfig
+from egocap.track.image_rays import image_rays, require_pictures
+from egocap.track.palette import learn_palette
 
 
 class ColourLikelihood:
@@ -39,3 +48,24 @@ class ColourLikelihood:
         """Log likelihood of poses [rad], up to a constant."""
         model, weight = self._term.model, self._term.weight
         return np.array([-weight * model.evaluate(pose, self._seen).energy for pose in angles])
+
+
+def colour_likelihood(footage: Footage, detections: Detections, frame: int) -> ColourLikelihood:
+    """What the images of a frame say, in colours learned where the sequence's track is surest.
+
+    Size and weight are those of the tracker's colour term. Raises InputError for pictures that are
+    not of the rig's shape.
+    """
+    from egocap.track.tracker import track
+
+    rig, person, config = footage.rig, footage.proportions, TrackerConfig()
+    found = track(detections, rig, person, config)
+    assert found.covariance is not None
+    body = GaussianBody.from_proportions(person)
+    rays = image_rays(rig, config.colour_size, config.colour_size)
+    chosen = surest_frames(found.covariance.sum(axis=1), PALETTE_FRAMES)
+    frames = [(footage.frame(t).images, found.angles[t]) for t in chosen]
+    require_pictures(rig, frames[0][0])
+    settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)
+    term = ColourTerm(body, rig, learn_palette(body, rays, frames), settings)
+    return ColourLikelihood(term, footage.frame(frame).images, found.angles[frame])

@@ -31,15 +31,24 @@ def sample_frame(
     config: PosteriorConfig,
     sampling: SamplerConfig,
     checkpoint: Path | None = None,
+    colour: bool = False,
 ) -> Posterior:
-    """The posterior of one frame of a sequence; the tracker's pose is among its starts."""
+    """The posterior of one frame of a sequence; the tracker's pose is among its starts.
+
+    With `colour`, the images speak beside the detections.
+    """
     from egocap.posterior.log_prob import log_posterior_of
     from egocap.posterior.sampler import sample
 
     rig, person = sequence.rig, sequence.proportions
     check_frame(detections, frame, rig)
     sampling.walkers_for(37)  # refuse early
-    density = log_posterior_of(detections, frame, rig, person, config)
+    said = None
+    if colour:
+        from egocap.posterior.colour import colour_likelihood
+
+        said = colour_likelihood(sequence, detections, frame)
+    density = log_posterior_of(detections, frame, rig, person, config, said)
     return sample(
         density, sampling, frame=frame, time_s=float(detections.times[frame]),
         source=detections.source, starts=_tracked(sequence, detections, frame),
@@ -57,6 +66,7 @@ def write_posterior(
     *,
     page: Path | None = None,
     checkpoint: Path | None = None,
+    colour: bool = False,
 ) -> dict[str, Any]:
     """Sample, write the npz, and, when asked, the page of pictures. Returns a summary."""
     for path in (out, page, checkpoint):
@@ -65,7 +75,7 @@ def write_posterior(
                 path.parent.mkdir(parents=True, exist_ok=True)
     if page is not None and page.suffix not in (".html", ".htm"):
         raise InputError(f"--page {page}", valid="the name of an .html file")
-    result = sample_frame(sequence, detections, frame, config, sampling, checkpoint)
+    result = sample_frame(sequence, detections, frame, config, sampling, checkpoint, colour)
     save_posterior(out, result)
     if page is not None:
         from egocap.posterior.page import write_page

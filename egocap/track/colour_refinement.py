@@ -92,7 +92,7 @@ class ColourRefinement:
         return 0.5 * away @ held @ away + colour, colour, H, g
 
 
-def surest_frames(covariances: Float[Array, "T 37 37"], count: int) -> list[int]:
+def surest_frames(covariances: Float[Array, "T N N"], count: int) -> list[int]:
     """The surest frame of every one of `count` stretches of a track."""
     spread = np.trace(covariances, axis1=1, axis2=2)
     edges = np.linspace(0, len(spread), min(count, len(spread)) + 1).astype(int)

@@ -4,10 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from egocap.posterior.colour import ColourLikelihood
-from egocap.posterior.config import PosteriorConfig
+from egocap.cli import detections_from
+from egocap.posterior import sampler
+from egocap.posterior.colour import ColourLikelihood, colour_likelihood
+from egocap.posterior.command import sample_frame
+from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.posterior.log_prob import log_posterior_of
 from egocap.posterior.simulation import draw_detections, draw_poses
+from egocap.sequence import open_sequence
+from egocap.track.tracker import track
 
 
 class Term:
@@ -35,3 +40,23 @@ def test_colour_adds_minus_its_weighted_energy(rig, person):
     both = log_posterior_of(found, 0, rig, person, config, extra=said)
     expected = -3.0 * np.sum((poses - poses[0]) ** 2, axis=1)
     np.testing.assert_allclose(both(poses) - alone(poses), expected, atol=1e-9)
+
+
+def test_a_frame_prefers_the_pose_that_it_shows(tiny_sequence):
+    footage = open_sequence(tiny_sequence)
+    found = detections_from(footage, "simulated:1", 0)
+    said = colour_likelihood(footage, found, 1)
+    pose = track(found, footage.rig, footage.proportions).angles[1]
+    away = pose + np.random.default_rng(0).normal(0.0, 0.3, (8, 37))
+    assert (said(pose[None]) > said(away)).all()
+
+
+def test_the_command_lets_the_images_speak_when_asked(tiny_sequence, monkeypatch):
+    footage = open_sequence(tiny_sequence)
+    found = detections_from(footage, "simulated:1", 0)
+    heard = []
+    monkeypatch.setattr(sampler, "sample", lambda density, *_, **__: heard.append(density.extra))
+    for colour in (False, True):
+        sample_frame(footage, found, 1, PosteriorConfig(), SamplerConfig(), colour=colour)
+    assert heard[0] is None
+    assert isinstance(heard[1], ColourLikelihood)

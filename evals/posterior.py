@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
 
 from egocap.cli import detections_from
 from egocap.commandline import progress
@@ -32,6 +34,7 @@ LEAST_RATE = 20_000.0
 """Evaluations a second to reach."""
 MOST_OVER_BOUND = 1.5
 """Times the bound at the detector's own noise that the tracker may be off."""
+_CLIP = 3.0  # standard deviations; what lies farther says little of everyday errors
 LEAST_EFFECTIVE, MOST_SECONDS = 400.0, 60.0
 """Effective draws of every angle to reach in so many seconds a frame."""
 
@@ -120,10 +123,16 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
     """Root mean square of bound and of tracker errors per joint, mm.
 
     Of simulated detections the noise is known. Of a detector's the bound takes the spreads that it
-    claims, of hidden joints too, and `claimed` says how far its errors at seen ones are from them:
-    root mean square of error over spread along an axis, 1 where it is honest.
+    claims, of hidden joints too, and errors that last from frame to frame as its do. `claimed` says
+    how far its errors at seen joints are from those spreads: root mean square of error over spread
+    along an axis, 1 where it is honest.
     """
-    from egocap.posterior.information import Noise, fisher_information, smoothed_bound
+    from egocap.posterior.information import (
+        Noise,
+        fisher_information,
+        lasting_information,
+        smoothed_bound,
+    )
     from egocap.track.config import TrackerConfig
     from egocap.track.tracker import track
     from evals.learn_posture import fit_angles
@@ -136,13 +145,15 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
     told: dict[str, Any] = {"frames": len(sequence), "detections": source, "seeds": seeds}
     if source.startswith("simulated"):
         noise = Noise(parse_source(source).sigma)
-        information = fisher_information(angles, person, rig, seen, noise)
+        information, between = fisher_information(angles, person, rig, seen, noise), None
     else:
         found, made = draws[0], draws[0].valid & truth.in_view
-        information = fisher_information(angles, person, rig, made, Noise(), found.sigma)
-        off = (found.points - truth.joints_2d)[seen & made] / found.sigma[seen & made, None]
-        told["claimed"] = round(_rms(off), 3)
-    bound = smoothed_bound(angles, person, sequence.times, information, config)
+        off = (found.points - truth.joints_2d) / np.where(made, found.sigma, 1.0)[..., None]
+        told["claimed"] = round(_rms(off[seen & made]), 3)
+        told["correlation"] = round(lasting(off, seen & made), 3)
+        noise = Noise(correlation=told["correlation"])
+        information, between = lasting_information(angles, person, rig, made, noise, found.sigma)
+    bound = smoothed_bound(angles, person, sequence.times, information, config, between)
     errors = np.array([
         1e3 * np.linalg.norm(track(found, rig, person, config).joints_head - truth.joints_head,
                              axis=-1) for found in draws
@@ -163,6 +174,15 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
         "bound_mm": round(low, 2), "tracked_mm": round(got, 2), "ratio": round(got / low, 3),
         "joints": joints,
     }  # fmt: skip
+
+
+def lasting(off: Float[Array, "T V 18 2"], seen: Bool[Array, "T V 18"]) -> float:
+    """Correlation of detections' errors, in standard deviations, from each frame to the next."""
+    both = seen[1:] & seen[:-1]
+    if not both.any():
+        return 0.0
+    now, then = (np.clip(part[both], -_CLIP, _CLIP) for part in (off[1:], off[:-1]))
+    return float(np.clip(2.0 * np.sum(now * then) / np.sum(now**2 + then**2), 0.0, 0.99))
 
 
 def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[str, Any]]:

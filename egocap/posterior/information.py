@@ -38,6 +38,7 @@ class Noise:
     sigma: float = 2.0  # standard deviation along each axis, pixels at an image width of 640
     degrees: float = np.inf  # of freedom of Student-t errors, above 2; inf: Gaussian
     model_error_m: float = 0.0  # scatter of true joints about the skeleton, metres
+    correlation: float = 0.0  # of a detection's errors in successive frames, 0 to below 1
 
     def __post_init__(self) -> None:
         if not (0.0 < self.sigma < np.inf):
@@ -46,6 +47,8 @@ class Noise:
             raise InputError(f"degrees = {self.degrees}", valid="above 2, inf for Gaussian errors")
         if not (0.0 <= self.model_error_m < np.inf):
             raise InputError(f"model_error_m = {self.model_error_m}", valid="from 0")
+        if not (0.0 <= self.correlation < 1.0):
+            raise InputError(f"correlation = {self.correlation}", valid="0 to below 1")
 
     @property
     def gain(self) -> float:
@@ -68,17 +71,29 @@ def place_information(
     `spreads` are the detections' own standard deviations, in pixels of the rig's images, and stand
     in for the noise's.
     """
+    W = _whitened(joints_head, rig, seen, noise, spreads)
+    return np.sum(np.swapaxes(W, -1, -2) @ W, axis=1)
+
+
+def _whitened(
+    joints_head: Float[Array, "B 18 3"],
+    rig: Rig,
+    seen: Bool[Array, "B V 18"],
+    noise: Noise,
+    spreads: Float[Array, "B V 18"] | None,
+) -> Float[Array, "B V 18 2 3"]:
+    """Standard deviations that each detection moves by a metre of its joint; 0 where unseen."""
     _, J, _ = rig.project_jacobian(joints_head)  # (V, B, 18, 2, 3)
-    total = np.zeros((*joints_head.shape, 3))
+    W = np.zeros((*seen.shape, 2, 3))
     for v, camera in enumerate(rig.cameras):
         stated = noise.sigma * camera.width / REFERENCE_WIDTH
         # What was not made may hold anything; it is left out below.
         sigma = np.where(seen[:, v], stated if spreads is None else spreads[:, v], stated)
         JJ = J[v] @ np.swapaxes(J[v], -1, -2)
         covariance = sigma[..., None, None] ** 2 * np.eye(2) + noise.model_error_m**2 * JJ
-        part = np.swapaxes(J[v], -1, -2) @ np.linalg.solve(covariance, J[v])
-        total += part * (noise.gain * seen[:, v, :, None, None])
-    return total
+        white = np.linalg.solve(np.linalg.cholesky(covariance), J[v])
+        W[:, v] = white * (np.sqrt(noise.gain) * seen[:, v, :, None, None])
+    return W
 
 
 def fisher_information(
@@ -94,6 +109,39 @@ def fisher_information(
     place = place_information(joints, rig, seen, noise, spreads)
     flat = np.swapaxes(J.reshape(len(angles), -1, DOF_COUNT), 1, 2)  # (B, 37, 54)
     return flat @ (place @ J).reshape(len(angles), -1, DOF_COUNT)
+
+
+def lasting_information(
+    angles: Float[Array, "T 37"],
+    proportions: HasOffsets,
+    rig: Rig,
+    seen: Bool[Array, "T V 18"],
+    noise: Noise,
+    spreads: Float[Array, "T V 18"] | None = None,
+) -> tuple[Float[Array, "T 37 37"], Float[Array, "L 37 37"]]:
+    """Fisher information [rad^-2] of a motion's detections whose errors last from frame to frame.
+
+    Of every frame's angles, and between those of each frame and the next (L = T - 1). In
+    standard deviations, a detection's error is `noise.correlation` times its last one and something
+    new; where it was not made in the frame before, all of it is new.
+    """
+    joints, J = jacobian(proportions, angles)
+    W = _whitened(joints, rig, seen, noise, spreads)
+    rho = noise.correlation
+    new = 1.0 / (1.0 - rho**2)
+    lasts = seen[:-1] & seen[1:]
+    share = np.ones(seen.shape)
+    share[1:][lasts] += new - 1.0  # what is new is the less
+    share[:-1][lasts] += rho**2 * new  # and tells of the frame before, too
+    own = np.sum(share[..., None, None] * (np.swapaxes(W, -1, -2) @ W), axis=1)
+    cross = np.swapaxes(W[:-1], -1, -2) @ W[1:]
+    between = -rho * new * np.sum(lasts[..., None, None] * cross, axis=1)
+    rows = J.shape[1] * 3
+    flat = np.swapaxes(J.reshape(-1, rows, DOF_COUNT), 1, 2)  # (T, 37, 54)
+    return (
+        flat @ (own @ J).reshape(-1, rows, DOF_COUNT),
+        flat[:-1] @ (between @ J[1:]).reshape(-1, rows, DOF_COUNT),
+    )
 
 
 def prior_information(
@@ -137,17 +185,20 @@ def rms_mm(covariance: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch"]:
 
 
 def smoothed_covariance(
-    information: Float[Array, "T 37 37"], times: Float[Array, "T"], acceleration: float = 1.0
-) -> Float[Array, "T 37 37"]:
+    information: Float[Array, "T 37 37"], times: Float[Array, "T"], acceleration: float = 1.0,
+    between: Float[Array, "L 37 37"] | None = None,
+) -> Float[Array, "T 37 37"]:  # fmt: skip
     """Bayesian bound [rad^2] of every frame's angles given all frames.
 
-    `information` is each frame's own: detections and what is known beforehand. Frames are tied by
-    white accelerations of density `acceleration` times `skeleton.AGILITY`, the tracker's. Raises
+    `information` is each frame's own: detections and what is known beforehand; `between`, that
+    between each frame and the next (`lasting_information`). Frames are tied by white accelerations
+    of density `acceleration` times `skeleton.AGILITY`, the tracker's. Raises
     InputError when a time does not follow the one before, or nothing fixes the motion.
     """
     if len(times) != len(information) or not (np.diff(times) > 0).all():
         raise InputError("the times do not increase from frame to frame")
-    diagonal, upper = _pairs(information, acceleration_stencil(times), acceleration * AGILITY)
+    stencil = acceleration_stencil(times)
+    diagonal, upper = _pairs(information, stencil, acceleration * AGILITY, between)
     try:
         blocks = _inverse_diagonal(diagonal, upper)
     except np.linalg.LinAlgError:
@@ -164,19 +215,22 @@ def smoothed_bound(
     times: Float[Array, "T"],
     information: Float[Array, "T 37 37"],
     config: TrackerConfig,
+    between: Float[Array, "L 37 37"] | None = None,
 ) -> Float[Array, "T 18"]:
     """Bound [mm] on every joint's error given a whole motion's detections and a tracker's beliefs.
 
-    `information` is what each frame's detections tell of the angles.
+    `information` is what each frame's detections tell of the angles, `between` what those of two
+    successive frames tell together (`lasting_information`).
     """
     known = information + prior_information(angles, config.lambda_posture)
-    covariance = smoothed_covariance(known, times, config.acceleration)
+    covariance = smoothed_covariance(known, times, config.acceleration, between)
     return rms_mm(joint_covariance(angles, proportions, covariance))
 
 
 def _pairs(
-    information: Float[Array, "T 37 37"], stencil: Float[Array, "T 3"], density: Float[Array, "37"]
-) -> tuple[Float[Array, "P 74 74"], Float[Array, "P 74 74"]]:
+    information: Float[Array, "T 37 37"], stencil: Float[Array, "T 3"],
+    density: Float[Array, "37"], between: Float[Array, "L 37 37"] | None = None,
+) -> tuple[Float[Array, "P 74 74"], Float[Array, "P 74 74"]]:  # fmt: skip
     """Two frames to a block, so that accelerations over three frames reach the next block only.
 
     An odd number of frames is filled up with one that knows itself and meets no other.
@@ -198,6 +252,10 @@ def _pairs(
             for b in range(3):
                 if (t + a) // 2 <= (t + b) // 2:
                     add(t + a, t + b, stencil[t, a] * stencil[t, b] / density**2)
+    if between is not None:
+        diagonal[: frames // 2, :n, n:] += between[::2]
+        diagonal[: frames // 2, n:, :n] += np.swapaxes(between[::2], 1, 2)
+        upper[: (frames - 1) // 2, n:, :n] += between[1::2]
     if frames % 2:
         diagonal[-1, n + dofs, n + dofs] = 1.0
     return diagonal, upper

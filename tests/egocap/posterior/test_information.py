@@ -13,6 +13,7 @@ from egocap.posterior.information import (
     fisher_information,
     joint_bound,
     joint_covariance,
+    lasting_information,
     place_information,
     prior_information,
     rms_mm,
@@ -21,7 +22,7 @@ from egocap.posterior.information import (
 )
 from egocap.posterior.log_prob import log_posterior_of
 from egocap.posterior.simulation import draw_detections, draw_noise, draw_poses
-from egocap.skeleton import AGILITY, forward
+from egocap.skeleton import AGILITY, forward, jacobian
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import acceleration_stencil
 from egocap.track.posture import load_posture
@@ -158,6 +159,62 @@ def test_smoothed_covariance_is_the_whole_inverse(rig, person, frames):
     np.testing.assert_allclose(diagonal, np.swapaxes(diagonal, 1, 2), rtol=1e-9)
 
 
+@pytest.mark.parametrize("frames", [1, 2, 5, 6])
+def test_lasting_errors_against_their_whole_covariance(rig, person, frames):
+    """Information and bound of errors with an exponential memory, written out and inverted."""
+    rng = np.random.default_rng(frames)
+    poses, rho = draw_poses(frames, PosteriorConfig(), rng), 0.7
+    seen = np.ones((frames, 2, 18), bool)
+    seen[1:3, :, 4:9] = False  # these errors begin anew in the fourth frame
+    spreads = rng.uniform(1.0, 6.0, seen.shape)
+    joints, J = jacobian(person, poses)
+    _, by_place, _ = rig.project_jacobian(joints)
+    whole = np.zeros((frames * 37, frames * 37))
+    for v in range(2):
+        for label in range(18):
+            there = np.flatnonzero(seen[:, v, label])
+            runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
+            for run in runs:
+                memory = rho ** np.abs(np.subtract.outer(run, run))
+                A = np.zeros((2 * len(run), frames * 37))
+                for i, t in enumerate(run):
+                    A[2 * i : 2 * i + 2, 37 * t : 37 * t + 37] = (
+                        by_place[v, t, label] @ J[t, label] / spreads[t, v, label]
+                    )
+                whole += A.T @ np.linalg.solve(np.kron(memory, np.eye(2)), A)
+    noise = Noise(correlation=rho)
+    own, between = lasting_information(poses, person, rig, seen, noise, spreads)
+    for t in range(frames):
+        np.testing.assert_allclose(
+            own[t], whole[37 * t : 37 * t + 37, 37 * t : 37 * t + 37], rtol=1e-6, atol=1e-4
+        )
+    for t in range(frames - 1):
+        np.testing.assert_allclose(
+            between[t], whole[37 * t : 37 * t + 37, 37 * t + 37 : 37 * t + 74], rtol=1e-6, atol=1e-4
+        )
+    times, prior = np.arange(frames) / 30, prior_information(poses, 0.03)
+    got = smoothed_covariance(own + prior, times, between=between)
+    stencil = acceleration_stencil(times)
+    for t in range(frames):
+        whole[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] += prior[t]
+    for t in range(frames - 2):
+        row = np.zeros((37, frames * 37))
+        for k in range(3):
+            row[np.arange(37), 37 * (t + k) + np.arange(37)] = stencil[t, k] / AGILITY
+        whole += row.T @ row
+    inverse = np.linalg.inv(whole)
+    expected = [inverse[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] for t in range(frames)]
+    np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-9)
+
+
+def test_errors_without_memory_tell_what_single_frames_do(rig, person):
+    poses = draw_poses(3, PosteriorConfig(), np.random.default_rng(0))
+    seen = np.ones((3, 2, 18), bool)
+    own, between = lasting_information(poses, person, rig, seen, Noise(2.0))
+    np.testing.assert_allclose(own, fisher_information(poses, person, rig, seen, Noise(2.0)))
+    assert not between.any()
+
+
 def test_a_frame_takes_milliseconds(rig, person):
     poses = draw_poses(50, PosteriorConfig(), np.random.default_rng(0))
     seen = np.ones((50, 2, 18), bool)
@@ -170,6 +227,8 @@ def test_a_frame_takes_milliseconds(rig, person):
 def test_bad_input_is_refused(rig, person):
     with pytest.raises(InputError, match="sigma 0"):
         Noise(0.0)
+    with pytest.raises(InputError, match="correlation = 1"):
+        Noise(correlation=1.0)
     information = np.repeat(np.eye(37)[None], 2, axis=0)
     with pytest.raises(InputError, match="do not increase"):
         smoothed_covariance(information, np.array([0.0, 0.0]))

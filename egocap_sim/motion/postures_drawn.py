@@ -247,8 +247,8 @@ def straddle(rng: Rng, size: float) -> WholePose:
 
 
 LEGS: dict[str, tuple[Callable[[Rng, float], WholePose], float]] = {
-    "reach": (reach, 0.34), "bend": (bend, 0.12), "crouch": (crouch, 0.15), "kneel": (kneel, 0.12),
-    "balance": (balance, 0.10), "stride": (stride, 0.06), "straddle": (straddle, 0.11),
+    "reach": (reach, 0.40), "bend": (bend, 0.14), "crouch": (crouch, 0.15), "kneel": (kneel, 0.13),
+    "balance": (balance, 0.12), "stride": (stride, 0.06), "straddle": (straddle, 0.08),
 }  # fmt: skip
 """Kinds of poses, and how often each is drawn."""
 

@@ -16,8 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
-from numpy import ndarray as Array
 
 from egocap.cli import detections_from
 from egocap.commandline import progress
@@ -34,7 +32,6 @@ LEAST_RATE = 20_000.0
 """Evaluations a second to reach."""
 MOST_OVER_BOUND = 1.5
 """Times the bound at the detector's own noise that the tracker may be off."""
-_CLIP = 3.0  # standard deviations; what lies farther says little of everyday errors
 LEAST_EFFECTIVE, MOST_SECONDS = 400.0, 60.0
 """Effective draws of every angle to reach in so many seconds a frame."""
 
@@ -134,6 +131,7 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
         smoothed_bound,
     )
     from egocap.track.config import TrackerConfig
+    from egocap.track.recalibration import lasting
     from egocap.track.tracker import track
     from evals.learn_posture import fit_angles
 
@@ -174,15 +172,6 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
         "bound_mm": round(low, 2), "tracked_mm": round(got, 2), "ratio": round(got / low, 3),
         "joints": joints,
     }  # fmt: skip
-
-
-def lasting(off: Float[Array, "T V 18 2"], seen: Bool[Array, "T V 18"]) -> float:
-    """Correlation of detections' errors, in standard deviations, from each frame to the next."""
-    both = seen[1:] & seen[:-1]
-    if not both.any():
-        return 0.0
-    now, then = (np.clip(part[both], -_CLIP, _CLIP) for part in (off[1:], off[:-1]))
-    return float(np.clip(2.0 * np.sum(now * then) / np.sum(now**2 + then**2), 0.0, 0.99))
 
 
 def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[str, Any]]:

@@ -18,14 +18,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.gaussians import GaussianBody
 from egocap.results import Detections
 from egocap.sequence import Sequence as Footage
-from egocap.track.colour_refinement import PALETTE_FRAMES, surest_frames
-from egocap.track.colour_term import ColourTerm, ColourTermConfig
+from egocap.track.colour_refinement import learned_term
+from egocap.track.colour_term import ColourTerm
 from egocap.track.config import TrackerConfig
-from egocap.track.image_rays import image_rays, require_pictures
-from egocap.track.palette import learn_palette
 
 
 class ColourLikelihood:
@@ -58,14 +55,11 @@ def colour_likelihood(footage: Footage, detections: Detections, frame: int) -> C
     """
     from egocap.track.tracker import track
 
-    rig, person, config = footage.rig, footage.proportions, TrackerConfig()
-    found = track(detections, rig, person, config)
+    rig, person = footage.rig, footage.proportions
+    found = track(detections, rig, person)
     assert found.covariance is not None
-    body = GaussianBody.from_proportions(person)
-    rays = image_rays(rig, config.colour_size, config.colour_size)
-    chosen = surest_frames(found.covariance.sum(axis=1), PALETTE_FRAMES)
-    frames = [(footage.frame(t).images, found.angles[t]) for t in chosen]
-    require_pictures(rig, frames[0][0])
-    settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)
-    term = ColourTerm(body, rig, learn_palette(body, rays, frames), settings)
+    term = learned_term(
+        rig, person, TrackerConfig(follow_light=False), lambda t: footage.frame(t).images,
+        found.angles, found.covariance.sum(axis=1),
+    )  # fmt: skip
     return ColourLikelihood(term, footage.frame(frame).images, found.angles[frame])

@@ -107,8 +107,7 @@ def fisher_information(
     """Fisher information [rad^-2] about the angles from all detections that are made."""
     joints, J = jacobian(proportions, angles)
     place = place_information(joints, rig, seen, noise, spreads)
-    flat = np.swapaxes(J.reshape(len(angles), -1, DOF_COUNT), 1, 2)  # (B, 37, 54)
-    return flat @ (place @ J).reshape(len(angles), -1, DOF_COUNT)
+    return _carried(place, J, J)
 
 
 def lasting_information(
@@ -136,12 +135,16 @@ def lasting_information(
     own = np.sum(share[..., None, None] * (np.swapaxes(W, -1, -2) @ W), axis=1)
     cross = np.swapaxes(W[:-1], -1, -2) @ W[1:]
     between = -rho * new * np.sum(lasts[..., None, None] * cross, axis=1)
-    rows = J.shape[1] * 3
-    flat = np.swapaxes(J.reshape(-1, rows, DOF_COUNT), 1, 2)  # (T, 37, 54)
-    return (
-        flat @ (own @ J).reshape(-1, rows, DOF_COUNT),
-        flat[:-1] @ (between @ J[1:]).reshape(-1, rows, DOF_COUNT),
-    )
+    return _carried(own, J, J), _carried(between, J[:-1], J[1:])
+
+
+def _carried(
+    place: Float[Array, "B 18 3 3"], J: Float[Array, "B 18 3 37"], other: Float[Array, "B 18 3 37"]
+) -> Float[Array, "B 37 37"]:
+    """What joints' places are informed of, as information about some angles and some others."""
+    rows = J.shape[1] * J.shape[2]
+    flat = np.swapaxes(J.reshape(-1, rows, DOF_COUNT), 1, 2)  # (B, 37, 54)
+    return flat @ (place @ other).reshape(-1, rows, DOF_COUNT)
 
 
 def prior_information(

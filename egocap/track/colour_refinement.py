@@ -38,18 +38,8 @@ class ColourRefinement:
         self, rig: Rig, proportions: Proportions, config: TrackerConfig, images: Images,
         angles: Float[Array, "T 37"], covariances: Float[Array, "T 37 37"],
     ) -> None:  # fmt: skip
-        body = GaussianBody.from_proportions(proportions)
-        rays = image_rays(rig, config.colour_size, config.colour_size)
-        chosen = surest_frames(covariances, PALETTE_FRAMES)
-        frames = [(images(t), angles[t]) for t in chosen]
-        require_pictures(rig, frames[0][0])
-        light = None
-        if config.follow_light:
-            palette, light = learn_in_light(body, rig, rays, frames)
-        else:
-            palette = learn_palette(body, rays, frames)
-        settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)
-        self._term, self._images = ColourTerm(body, rig, palette, settings, light=light), images
+        self._term = learned_term(rig, proportions, config, images, angles, covariances)
+        self._images = images
 
     def refine(
         self, angles: Float[Array, "T 37"], covariances: Float[Array, "T 37 37"],
@@ -90,6 +80,28 @@ class ColourRefinement:
         H, g = held.copy(), held @ away
         colour = self._term.add(pose, H, g, felt)
         return 0.5 * away @ held @ away + colour, colour, H, g
+
+
+def learned_term(
+    rig: Rig, proportions: Proportions, config: TrackerConfig, images: Images,
+    angles: Float[Array, "T 37"], covariances: Float[Array, "T N N"],
+) -> ColourTerm:  # fmt: skip
+    """The colour term of a person in the colours that the surest frames of a track show.
+
+    Raises InputError for pictures that are not of the rig's shape.
+    """
+    body = GaussianBody.from_proportions(proportions)
+    rays = image_rays(rig, config.colour_size, config.colour_size)
+    chosen = surest_frames(covariances, PALETTE_FRAMES)
+    frames = [(images(t), angles[t]) for t in chosen]
+    require_pictures(rig, frames[0][0])
+    light = None
+    if config.follow_light:
+        palette, light = learn_in_light(body, rig, rays, frames)
+    else:
+        palette = learn_palette(body, rays, frames)
+    settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)
+    return ColourTerm(body, rig, palette, settings, light=light)
 
 
 def surest_frames(covariances: Float[Array, "T N N"], count: int) -> list[int]:

@@ -30,6 +30,7 @@ _ENOUGH = 60
 _WIDEST = 5.0
 _MEMORY = 0.5
 """Exponent of the share of independent frames, as a weight of detections while smoothing."""
+_LONGEST = 0.9  # correlation that is believed
 _CLIP = 3.0  # standard deviations; what lies farther says little of everyday errors
 
 
@@ -67,7 +68,20 @@ def measure_accuracy(
         for j in range(squared.shape[-1])
     ])  # fmt: skip
     whitened = residual / widening[:, None]
-    return Accuracy(widening, _correlation(np.clip(whitened, -_CLIP, _CLIP), there))
+    return Accuracy(widening, min(lasting(whitened, there), _LONGEST))
+
+
+def lasting(residual: Float[Array, "T V 18 2"], there: Bool[Array, "T V 18"]) -> float:
+    """Correlation of detections' errors, in standard deviations, from each frame to the next.
+
+    0 to 0.99; 0 where there are too few to tell.
+    """
+    both = there[1:] & there[:-1]
+    if np.count_nonzero(both) < _ENOUGH:
+        return 0.0
+    now, then = (np.clip(part[both], -_CLIP, _CLIP) for part in (residual[1:], residual[:-1]))
+    power = 0.5 * (np.sum(now**2) + np.sum(then**2))
+    return float(np.clip(np.sum(now * then) / max(power, 1e-12), 0.0, 0.99))
 
 
 def recalibrated(observations: Observations, accuracy: Accuracy) -> Observations:
@@ -95,12 +109,3 @@ def _widening(squared: Array, there: Bool[Array, "*same"]) -> float:
     if np.count_nonzero(there) < _ENOUGH:
         return 1.0
     return float(np.clip(np.sqrt(np.median(squared[there]) / _MEDIAN), 1.0, _WIDEST))
-
-
-def _correlation(residual: Float[Array, "T V 18 2"], there: Bool[Array, "T V 18"]) -> float:
-    both = there[1:] & there[:-1]
-    if np.count_nonzero(both) < _ENOUGH:
-        return 0.0
-    now, then = residual[1:][both], residual[:-1][both]
-    power = 0.5 * (np.sum(now**2) + np.sum(then**2))
-    return float(np.clip(np.sum(now * then) / max(power, 1e-12), 0.0, 0.9))

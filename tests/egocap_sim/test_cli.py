@@ -73,8 +73,10 @@ def test_an_interrupted_run_is_resumed(tiny_scene, tmp_path):
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.glob("seq/shard-*.tar")) and time.monotonic() < deadline:
+    manifest, deadline = tmp_path / "seq" / "manifest.json", time.monotonic() + 120
+    while time.monotonic() < deadline:
+        if manifest.exists() and load_manifest(tmp_path / "seq").shards:
+            break
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=60)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egocap.sequence import open_sequence
-from evals.posterior import lasting, over_bound
+from evals.posterior import over_bound
 
 
 def test_the_bound_follows_the_noise(tiny_sequence):
@@ -33,16 +33,3 @@ def test_the_bound_takes_a_detectors_own_spreads(tiny_sequence, monkeypatch):
     wide = over_bound(sequence, "learned", 1)
     assert wide["bound_mm"] > 1.2 * told["bound_mm"]
     assert wide["claimed"] == pytest.approx(told["claimed"] / 2, abs=1e-3)
-
-
-def test_errors_that_last_are_told_from_those_that_do_not():
-    rng = np.random.default_rng(0)
-    shape, seen = (4000, 1, 2, 2), np.ones((4000, 1, 2), bool)
-    new = rng.standard_normal(shape)
-    old = new.copy()
-    for t in range(1, len(old)):
-        old[t] = 0.8 * old[t - 1] + 0.6 * new[t]
-    assert abs(lasting(old, seen) - 0.8) < 0.03
-    assert lasting(new, seen) < 0.03
-    seen[1::2] = False
-    assert lasting(old, seen) == 0.0  # no two successive frames

@@ -132,6 +132,18 @@ def test_what_nothing_sees_has_no_bound(rig, person):
     assert rms_mm(covariance)[0, 13] > 3 * rms_mm(covariance)[0, 17]
 
 
+def blocks_of_inverse(whole, times):
+    """Each frame's covariance, all written out: information (37 T, 37 T) and accelerations."""
+    frames, stencil, total = len(times), acceleration_stencil(times), whole.copy()
+    for t in range(frames - 2):
+        row = np.zeros((37, frames * 37))
+        for k in range(3):
+            row[np.arange(37), 37 * (t + k) + np.arange(37)] = stencil[t, k] / AGILITY
+        total += row.T @ row
+    inverse = np.linalg.inv(total)
+    return [inverse[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] for t in range(frames)]
+
+
 @pytest.mark.parametrize("frames", [1, 2, 5, 6])
 def test_smoothed_covariance_is_the_whole_inverse(rig, person, frames):
     config = PosteriorConfig(model_error_m=0.0)
@@ -145,17 +157,9 @@ def test_smoothed_covariance_is_the_whole_inverse(rig, person, frames):
     whole = np.zeros((frames * 37, frames * 37))
     for t in range(frames):
         whole[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] = information[t]
-    stencil = acceleration_stencil(times)
-    for t in range(frames - 2):
-        row = np.zeros((37, frames * 37))
-        for k in range(3):
-            row[np.arange(37), 37 * (t + k) + np.arange(37)] = stencil[t, k] / AGILITY
-        whole += row.T @ row
-    inverse = np.linalg.inv(whole)
-    expected = [inverse[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] for t in range(frames)]
     got = smoothed_covariance(information, times)
-    np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9)
-    diagonal, _ = _pairs(information, stencil, AGILITY)
+    np.testing.assert_allclose(got, blocks_of_inverse(whole, times), rtol=1e-6, atol=1e-9)
+    diagonal, _ = _pairs(information, acceleration_stencil(times), AGILITY)
     np.testing.assert_allclose(diagonal, np.swapaxes(diagonal, 1, 2), rtol=1e-9)
 
 
@@ -194,17 +198,9 @@ def test_lasting_errors_against_their_whole_covariance(rig, person, frames):
         )
     times, prior = np.arange(frames) / 30, prior_information(poses, 0.03)
     got = smoothed_covariance(own + prior, times, between=between)
-    stencil = acceleration_stencil(times)
     for t in range(frames):
         whole[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] += prior[t]
-    for t in range(frames - 2):
-        row = np.zeros((37, frames * 37))
-        for k in range(3):
-            row[np.arange(37), 37 * (t + k) + np.arange(37)] = stencil[t, k] / AGILITY
-        whole += row.T @ row
-    inverse = np.linalg.inv(whole)
-    expected = [inverse[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] for t in range(frames)]
-    np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(got, blocks_of_inverse(whole, times), rtol=1e-5, atol=1e-9)
 
 
 def test_errors_without_memory_tell_what_single_frames_do(rig, person):

@@ -7,7 +7,7 @@ import pytest
 
 from egocap.track.config import TrackerConfig
 from egocap.track.observations import observe
-from egocap.track.recalibration import independent, measure_accuracy, recalibrated
+from egocap.track.recalibration import independent, lasting, measure_accuracy, recalibrated
 from egocap.track.tracker import track
 from tests.egocap.track.conftest import make_motion
 
@@ -83,3 +83,16 @@ def test_too_little_to_tell_is_as_stated(long_motion):
     seen = observe(long_motion.detect("simulated:2"), long_motion.rig, long_motion.person, CONFIG)
     accuracy = measure_accuracy(long_motion.angles[:1], seen[:1], long_motion.person)
     assert (accuracy.widening == 1.0).all() and accuracy.correlation == 0.0
+
+
+def test_errors_that_last_are_told_from_those_that_do_not():
+    rng = np.random.default_rng(0)
+    shape, seen = (4000, 1, 2, 2), np.ones((4000, 1, 2), bool)
+    new = rng.standard_normal(shape)
+    old = new.copy()
+    for t in range(1, len(old)):
+        old[t] = 0.8 * old[t - 1] + 0.6 * new[t]
+    assert abs(lasting(old, seen) - 0.8) < 0.03
+    assert lasting(new, seen) < 0.03
+    seen[1::2] = False
+    assert lasting(old, seen) == 0.0  # no two successive frames

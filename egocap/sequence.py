@@ -211,6 +211,10 @@ class Sequence:
         images = tuple(self._image(index, view) for view in self.manifest.views)
         return Frame(index, index / self.manifest.fps, images)
 
+    def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
+        """RGB images of all views at a frame."""
+        return tuple(self._image(index, view) for view in self.manifest.views)
+
     def mask(self, index: int, view: str) -> UInt8[Array, "H W"] | None:
         """Part labels (`egocap_sim.parts`) of one view; None where they were not recorded."""
         return self._plane(index, f"{view}.mask.png")

@@ -173,12 +173,11 @@ def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
 
     detections = detections_from(footage, source, seed)
     person = footage.rig, footage.proportions
-    images = lambda t: footage.frame(t).images  # noqa: E731
     if variant in PAPERS:
         config = replace(STOCHASTIC, **PAPERS[variant])
-        return track_as_paper(detections[:PAPER_FRAMES], *person, images, config)
+        return track_as_paper(detections[:PAPER_FRAMES], *person, footage.images, config)
     found = _blind(detections) if variant == BLIND else detections
-    return track(found, *person, TrackerConfig(**VARIANTS[variant]), images)
+    return track(found, *person, TrackerConfig(**VARIANTS[variant]), footage.images)
 
 
 def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:

@@ -151,7 +151,8 @@ def _tracked(sequence: Sequence, fit: BodyFit, detections: str) -> Iterator[dict
         "average": proportions_of(BodyPrior.of(None).mean),
     }  # fmt: skip
     for body in BODIES:
-        report = score_track(sequence, track(found, sequence.rig, bodies[body]))
+        tracked = track(found, sequence.rig, bodies[body], images=sequence.images)
+        report = score_track(sequence, tracked)
         errors = {
             "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
             "lower_mm": report.lower_mm, "seen_mm": report.visible_mm,

@@ -217,7 +217,7 @@ def _own_tracker(footage: Footage, detections: Detections | None) -> Track:
 
     if detections is None:
         raise InputError("--tracker egocap needs --detections", valid="e.g. simulated:2.0")
-    return track(detections, footage.rig, footage.proportions)
+    return track(detections, footage.rig, footage.proportions, images=footage.images)
 
 
 def score_track(sequence: Sequence, track: Track, *, protocol: str = "egocap-17") -> Report:

@@ -152,10 +152,9 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
         noise = Noise(correlation=told["correlation"])
         information, between = lasting_information(angles, person, rig, made, noise, found.sigma)
     bound = smoothed_bound(angles, person, sequence.times, information, config, between)
-    errors = np.array([
-        1e3 * np.linalg.norm(track(found, rig, person, config).joints_head - truth.joints_head,
-                             axis=-1) for found in draws
-    ])  # fmt: skip
+    tracks = [track(found, rig, person, config, sequence.images) for found in draws]
+    errors = np.array([1e3 * np.linalg.norm(t.joints_head - truth.joints_head, axis=-1)
+                       for t in tracks])  # fmt: skip
     joints = {}
     shown = seen.any(1)
     for j in EVALUATED:

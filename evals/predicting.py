@@ -180,9 +180,8 @@ def _predicted(job: Job, sequence: Sequence) -> Predictions:
                  else find_detections(sequence, source))  # fmt: skip
     if job.method.tracker == OWN_TRACKER and found is not None:
         config = TrackerConfig(**job.method.config)  # type: ignore[arg-type]
-        images = lambda t: sequence.frame(t).images  # noqa: E731
         result: Track | Predictions = track(
-            found, sequence.rig, sequence.proportions, config, images
+            found, sequence.rig, sequence.proportions, config, sequence.images
         )
     else:
         result = run_tracker(job.method.tracker, sequence, found)

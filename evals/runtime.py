@@ -201,7 +201,7 @@ def _batch(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
     with _lap(spent, "decode and detect", frames):
         found = detect(footage, detector, frames=frames)
     with _lap(spent, "track", frames):
-        track(found, footage.rig, footage.proportions)
+        track(found, footage.rig, footage.proportions, images=footage.images)
     return {"frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent}
 
 

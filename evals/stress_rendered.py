@@ -121,7 +121,8 @@ def _scored(scene: Scene, folder: Path, source: str, workers: int) -> dict[str, 
 
     sequence = footage_of(scene, folder, workers)
     found = find_detections(sequence, source)
-    report = score_track(sequence, track(found, sequence.rig, sequence.proportions))
+    tracked = track(found, sequence.rig, sequence.proportions, images=sequence.images)
+    report = score_track(sequence, tracked)
     report = with_detections(report, sequence, found)
     assert report.detections is not None
     seen = {"pck20": report.detections.pck20_seen, "auc20": report.detections.auc20_seen}

@@ -61,7 +61,7 @@ def track(
     opened = Sequence(sequence)
     proportions = opened.proportions if body is None else Proportions.load(body)
     found = detections_from(opened, detections, seed)
-    result = run_tracker(found, opened.rig, proportions, config, lambda i: opened.frame(i).images)
+    result = run_tracker(found, opened.rig, proportions, config, opened.images)
     of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
     result = replace(result, config=result.config | of_sequence)
     if head_pose is not None:

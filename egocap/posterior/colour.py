@@ -59,7 +59,7 @@ def colour_likelihood(footage: Footage, detections: Detections, frame: int) -> C
     found = track(detections, rig, person)
     assert found.covariance is not None
     term = learned_term(
-        rig, person, TrackerConfig(follow_light=False), lambda t: footage.frame(t).images,
+        rig, person, TrackerConfig(follow_light=False), footage.images,
         found.angles, found.covariance.sum(axis=1),
     )  # fmt: skip
     return ColourLikelihood(term, footage.frame(frame).images, found.angles[frame])

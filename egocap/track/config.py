@@ -34,6 +34,8 @@ class TrackerConfig:
     """Widen a detector's stated accuracy to what its residuals show (all frames together only)."""
     restarts: bool = True
     """Seek cheaper motions from elsewhere, for limbs in wrong poses (all frames together only)."""
+    look: bool = True
+    """Drop detections of limbs where images show what lies behind (all frames together only)."""
     lambda_limit: float = 200.0
     """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""
     lambda_pose: float = 0.001
@@ -112,3 +114,8 @@ class TrackerConfig:
         ):
             if getattr(self, name) <= 0:
                 raise InputError(f"{name} = {getattr(self, name)}", valid="a number above 0")
+
+    @property
+    def looks(self) -> bool:
+        """Whether images are asked which detections they deny."""
+        return self.look and self.covariance and self.smoothing == "interval"

@@ -124,7 +124,7 @@ def learn_in_light(
     As `palette.learn_palette`, but the frames may differ in their light. Raises InputError as
     `Palette.learn`.
     """
-    from egocap.track.colouring import ray_visibility
+    from egocap.track.image_model import ImageModel
 
     light, bins = Illumination(body, rig, rays), []
     for images, angles in frames:
@@ -133,6 +133,7 @@ def learn_in_light(
         hsv = ray_colours(rays, images, light.gain)
         light.learn(hsv, angles)
         bins.append(colour_bins(hsv))
-    seen = [ray_visibility(body, rays, angles) for _, angles in frames]
+    model = ImageModel(body, rays)
+    seen = [model.visibility(angles) for _, angles in frames]
     light.gain = np.ones(3)
     return Palette.learn(body, seen, bins), light

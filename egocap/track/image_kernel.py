@@ -29,6 +29,7 @@ from egocap.track.ray_kernel import (
     look_up,
     ray_energy,
     ray_step,
+    ray_visibility,
     scratch_of,
 )
 
@@ -156,6 +157,57 @@ def _kept(seed, ray, gaussian, keep):
     return np.float64(z >> np.uint64(11)) * 2.0**-53 < keep
 
 
+@njit(cache=True)
+def _posed(angles, chain, shape, rays):
+    """The fields of `Posed`, which numba must see made where a parallel loop takes it."""
+    gaussians, views = len(chain.carrier), len(rays.origins)
+    origins, axes = np.empty((len(chain.parents) + 1, 3)), np.empty((len(angles), 3))
+    centres = np.empty((gaussians, 3))
+    pose(chain, angles, origins, axes, centres)
+    arms = np.empty((views, gaussians, 3), np.float32)
+    cones = np.empty((views, 5, gaussians), np.float32)
+    _cones(centres, rays.origins, shape.reach, arms, cones)
+    return origins, axes, centres, arms, cones
+
+
+@njit(cache=True, parallel=True, fastmath=FAST,
+      error_model="numpy")  # fmt: skip
+def image_visibility(
+    angles, chain, shape, rays, cell, cells, lanes, lists, counts, scratches, threads
+):  # fmt: skip
+    """Visibility of every Gaussian along every ray (P, G): see `ImageModel.visibility`."""
+    _, _, _, arms, cones = _posed(angles, chain, shape, rays)
+    _fill_tiles(rays, cones, lists, counts)
+    seen = np.zeros((len(rays.camera), len(chain.carrier)), np.float32)
+    for thread in prange(threads):
+        _see_share_of_rays(
+            thread, threads, arms, shape, rays, cell, cells, lanes, lists, counts,
+            scratch_of(scratches, thread), seen,
+        )  # fmt: skip
+    return seen
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)  # pyright: ignore[reportCallIssue]
+def _see_share_of_rays(
+    thread, threads, arms, shape, rays, cell, cells, lanes, lists, counts, scratch, seen
+):  # fmt: skip
+    """One thread's rays of `image_visibility`."""
+    for first in range(thread * BLOCK, len(rays.camera), threads * BLOCK):
+        for p in range(first, min(first + BLOCK, len(rays.camera))):
+            tile = rays.tile[p]
+            if counts[tile] == 0:
+                continue
+            found = find_near(
+                rays.direction[p], arms, rays.camera[p], lists[tile], counts[tile],
+                shape.radius2, shape.reach, shape.inv_2s2, shape.half_depth, scratch,
+            )  # fmt: skip
+            if found == 0:
+                continue
+            ray_energy(found, shape.edges, shape.inv_s, cell, cells, lanes, scratch)
+            for i in range(found):
+                seen[p, scratch.near[i]] = ray_visibility(np.uint64(i), shape.edges, scratch)
+
+
 @njit(cache=True, parallel=True, fastmath=FAST,
       error_model="numpy")  # fmt: skip
 def image_energy(
@@ -163,16 +215,10 @@ def image_energy(
     weights, keep, seed, curvature, lanes, lists, counts, scratches, pixels, output,
 ):  # fmt: skip
     """Energy, gradient (37,), Gauss-Newton matrix (37, 37): see `ImageModel.evaluate`."""
-    gaussians, frames, dofs = len(chain.carrier), len(chain.parents) + 1, len(angles)
-    origins, axes = np.empty((frames, 3)), np.empty((dofs, 3))
-    centres = np.empty((gaussians, 3))
-    pose(chain, angles, origins, axes, centres)
-    posed = Posed(
-        origins, axes, centres, np.empty((len(rays.origins), gaussians, 3), np.float32),
-        np.empty((len(rays.origins), 5, gaussians), np.float32),
-    )  # fmt: skip
-    _cones(centres, rays.origins, shape.reach, posed.arms, posed.cones)
-    _fill_tiles(rays, posed.cones, lists, counts)
+    frames, dofs = len(chain.parents) + 1, len(angles)
+    origins, axes, centres, arms, cones = _posed(angles, chain, shape, rays)
+    posed = Posed(origins, axes, centres, arms, cones)
+    _fill_tiles(rays, cones, lists, counts)
     energies = output.energy  # numba loses what a parallel loop writes to a field
     threads = len(energies)
     apart = CACHE_LINE

@@ -17,7 +17,14 @@ from egocap.errors import InputError
 from egocap.gaussians import GaussianBody
 from egocap.skeleton import DOF_COUNT
 from egocap.track.colour import ColourMeasure, blend_weights
-from egocap.track.image_kernel import Output, Palettes, RayArrays, Shape, image_energy
+from egocap.track.image_kernel import (
+    Output,
+    Palettes,
+    RayArrays,
+    Shape,
+    image_energy,
+    image_visibility,
+)
 from egocap.track.image_rays import ImageRays, ray_colours
 from egocap.track.pose_kernel import make_chain
 from egocap.track.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
@@ -133,6 +140,15 @@ class ImageModel:
         """Energy of every ray, and how hard it pulls: the length of its derivative, per metre."""
         self.evaluate(angles, colours)
         return self._pixels[0].copy(), self._pixels[1].copy()
+
+    def visibility(self, angles: Float[Array, "37"]) -> Float32[Array, "P 91"]:
+        """Share of every ray that comes from every Gaussian (equation 4)."""
+        numba.set_num_threads(self._threads)
+        return image_visibility(
+            np.asarray(angles, np.float64), self._chain, self._shape, self._rays,
+            np.float32(self.cell), self._cells, self._lanes, self._lists, self._counts,
+            self._scratch, self._threads,
+        )  # fmt: skip
 
     @property
     def opacity(self) -> Float32[Array, "P"]:

@@ -105,11 +105,12 @@ def learn_palette(
 ) -> Palette:
     """The colours of a body in frames of which images and pose are known.
 
-    Takes a second or two a frame of 128 x 128 pixels. Raises InputError as `Palette.learn`.
+    Raises InputError as `Palette.learn`.
     """
-    from egocap.track.colouring import ray_visibility
+    from egocap.track.image_model import ImageModel
 
-    seen = [ray_visibility(body, rays, angles) for _, angles in frames]
+    model = ImageModel(body, rays)
+    seen = [model.visibility(angles) for _, angles in frames]
     bins = [colour_bins(ray_colours(rays, images)) for images, _ in frames]
     return Palette.learn(body, seen, bins)
 

@@ -308,3 +308,14 @@ def ray_step(i, n, edges, inv_s, inv_s2, end, scratch):
     for c in range(3):
         scratch.step[i, c] = along * n[c] + across * scratch.across[i, c]
     return True
+
+
+@njit(**RAY_CODE)
+def ray_visibility(i, edges, scratch):
+    """Share of the ray that near Gaussian i sends back, by the U that `ray_energy` left."""
+    first, erf, U = scratch.first[i], scratch.erf, scratch.share
+    seen = _ZERO
+    for j in range(edges[scratch.near[i]]):
+        at = _u(j)
+        seen += U[first + at] * (erf[i, at + _u(1)] - erf[i, at])
+    return scratch.half[i] * seen

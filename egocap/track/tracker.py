@@ -22,6 +22,7 @@ from egocap.track.observations import Observations, observe
 if TYPE_CHECKING:
     from egocap.track.alignment import Alignment
     from egocap.track.colour_refinement import Images
+    from egocap.track.colour_term import ColourTerm
     from egocap.track.kernel import Model
     from egocap.track.motion_prior import Guide
 
@@ -57,7 +58,7 @@ def track(
 
     from egocap.track import kernel
     from egocap.track.causal import term_energies
-    from egocap.track.colour_refinement import ColourRefinement
+    from egocap.track.colour_refinement import ColourRefinement, learned_term
     from egocap.track.hiding import why_hidden
     from egocap.track.uncertainty import confidences, joint_covariances
 
@@ -71,9 +72,17 @@ def track(
         observations = observe(detections, rig, proportions, config)
         clock.lap("observe")
         solution = _solve(observations, proportions, model, config, clock)
-        angles, colour = solution.angles, np.zeros(len(times))
         covariances = _covariances(solution, model, config)
         clock.lap("covariance")
+        if images is not None and covariances is not None and config.looks:
+            term = learned_term(rig, proportions, config, images, solution.angles, covariances)
+            clock.lap("palette")
+            observations, solution = _looked_at(
+                solution, observations, term, images, proportions, model, config, clock
+            )
+            covariances = _covariances(solution, model, config)
+            clock.lap("covariance")
+        angles, colour = solution.angles, np.zeros(len(times))
         if images is not None and config.colour and covariances is not None:
             refinement = ColourRefinement(rig, proportions, config, images, angles, covariances)
             clock.lap("palette")
@@ -209,6 +218,32 @@ def _solve_together(
         angles, converged, guide = _guided(angles, taken, model, config)
     telling = taken if accuracy is None else independent(taken, accuracy)
     return _Solution(angles, converged, taken, telling, estimated, guide)
+
+
+_LOOKS = 3
+
+
+def _looked_at(
+    solution: _Solution, observations: Observations, term: ColourTerm, images: Images,
+    proportions: Proportions, model: Model, config: TrackerConfig, clock: _Clock,
+) -> tuple[Observations, _Solution]:  # fmt: skip
+    """The observations that the images do not deny, and the motion by them.
+
+    Without them a limb may come to lie where the images deny it again: they are looked at anew.
+    """
+    from egocap.track.limb_evidence import denied_labels, without
+
+    denied = np.zeros((len(solution.angles), observations.weights.shape[2]), bool)
+    for _ in range(_LOOKS):
+        more = denied_labels(term, images, observations, solution.angles)
+        clock.lap("look")
+        if not more.any():
+            break
+        denied |= more
+        observations = without(observations, more)
+        solution = _solve(observations, proportions, model, config, clock)
+    solution.estimated["denied"] = int(np.count_nonzero(denied))
+    return observations, solution
 
 
 _OPINIONS = 3

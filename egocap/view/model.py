@@ -14,7 +14,8 @@ from egocap.errors import MachineError
 from egocap.gaussians import GaussianBody
 from egocap.sequence import Sequence
 from egocap.track.colour import ColourMeasure, hsv_to_rgb
-from egocap.track.colouring import colour_body, ray_visibility
+from egocap.track.colouring import colour_body
+from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import ImageRays, image_rays, ray_colours, ray_image
 
 PANELS = ("image", "density", "model colours", "most visible part", "dissimilarity", "pixel energy")
@@ -48,7 +49,7 @@ def draw_model(
     if body is None:
         body = GaussianBody.from_proportions(sequence.proportions)
         body = colour_body(body, rays, images, angles)
-    seen = ray_visibility(body, rays, angles)
+    seen = ImageModel(body, rays).visibility(angles)
     unlike = _dissimilarities(body, rays, images, measure)
     opacity, energy = seen.sum(1), (seen * unlike).sum(1)
     panels = _panels(body, rays, images, seen, unlike)

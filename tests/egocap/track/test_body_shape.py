@@ -12,7 +12,7 @@ from egocap.rig import load_rig
 from egocap.skeleton import DOF_INDEX
 from egocap.track.body_shape import fit_shape, resized
 from egocap.track.colour import hsv_to_rgb
-from egocap.track.colouring import ray_visibility
+from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays, ray_image
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
@@ -31,7 +31,7 @@ def images():
     plain = GaussianBody.from_proportions(PERSON)
     thick = np.array([1.25 if part.endswith("forearm") else 1.0 for part in plain.parts])
     body = resized(plain, thick).with_colour(np.tile((0.6, 0.7, 0.6), (91, 1)))
-    seen = ray_visibility(body, RAYS, POSE)
+    seen = ImageModel(body, RAYS).visibility(POSE)
     floor = hsv_to_rgb(np.array((0.1, 0.1, 0.5)))
     there = seen.sum(1) > 0.5  # people have sharp outlines
     rgb = np.where(there[:, None], hsv_to_rgb(body.colour[0]), floor)

@@ -18,8 +18,10 @@ from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays
 from egocap.track.image_reference import ReferenceModel
+from egocap.track.posing import pose_gaussians
 from egocap.track.ray_kernel import ERF_ERROR, MAX_EDGES, edge_values
 from egocap.track.stochastic import PixelSampler, gradient_scatter, systematic
+from egocap.track.visibility import along_rays, cell_visibility
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
 RAYS = image_rays(RIG, 20, 20)
@@ -54,6 +56,17 @@ def test_error_function_is_within_its_bound():
         x = start + lanes * np.float32(0.11)
         assert np.abs(out[1] - erf(x)).max() < ERF_ERROR
         assert np.abs(bell[1] - np.exp(-(x.astype(float) ** 2))).max() < 1.5e-6
+
+
+def test_visibility_is_the_reference():
+    model, _, batch = prepared(cutoff=1e-5)
+    sigma, density = (torch.as_tensor(np.array(x)) for x in (BODY.sigma, BODY.density))
+    met = along_rays(pose_gaussians(BODY, torch.tensor(POSE)), sigma, density,
+                     batch.origins, batch.directions)  # fmt: skip
+    seen = model.visibility(POSE)
+    np.testing.assert_allclose(seen, cell_visibility(met), atol=2e-4)
+    model.pixel_energies(POSE, np.zeros_like(HSV, np.float32))
+    np.testing.assert_allclose(seen.sum(1), model.opacity, atol=1e-5)
 
 
 @pytest.mark.parametrize("measure", MEASURES)

@@ -12,7 +12,7 @@ from egocap.gaussians import GaussianBody
 from egocap.rig import load_rig
 from egocap.skeleton import DOF_INDEX, forward
 from egocap.track.colour import hsv_to_rgb
-from egocap.track.colouring import colour_body, ray_visibility
+from egocap.track.colouring import colour_body
 from egocap.track.contour import contour_energy, image_edges
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays, ray_image
@@ -46,7 +46,7 @@ BODY = dressed()
 
 def picture(angles):
     """What the model looks like before a grey-green floor, as 8-bit images."""
-    seen = ray_visibility(BODY, RAYS, angles)
+    seen = ImageModel(BODY, RAYS).visibility(angles)
     floor = np.array([0.35, 0.42, 0.35])
     rgb = seen @ hsv_to_rgb(BODY.colour) + (1 - seen.sum(1))[:, None] * floor
     return [(255 * np.clip(p, 0, 1)).astype(np.uint8) for p in ray_image(RAYS, rgb, 0.0)]

@@ -14,7 +14,6 @@ from egocap.rig import load_rig
 from egocap.skeleton import DOF_INDEX, DOFS, forward
 from egocap.track.colour import hsv_to_rgb
 from egocap.track.colour_term import ColourTerm, ColourTermConfig, felt_angles
-from egocap.track.colouring import ray_visibility
 from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays, ray_image
@@ -39,7 +38,7 @@ BODY = GaussianBody.from_proportions(PERSON).with_colour(np.tile(BLUE, (91, 1)))
 
 def picture(floor, angles=POSE, body=BODY):
     """The body before a floor of one colour, as 8-bit images."""
-    seen = ray_visibility(body, RAYS, angles)
+    seen = ImageModel(body, RAYS).visibility(angles)
     rgb = seen @ hsv_to_rgb(body.colour) + (1 - seen.sum(1))[:, None] * hsv_to_rgb(np.array(floor))
     return [(255 * np.clip(p, 0, 1)).astype(np.uint8) for p in ray_image(RAYS, rgb, 0.0)]
 

@@ -52,9 +52,10 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "without undoing swaps": {"swaps": False},
     "without recalibration": {"recalibrate": False},
     "without restarts": {"restarts": False},
+    "without looking at the pictures": {"look": False},
     "without any of ours": {
         "smoothing": "gaussian", "lambda_motion": 0.0, "lambda_posture": 0.0, "modes": False,
-        "swaps": False, "recalibrate": False, "restarts": False,
+        "swaps": False, "recalibrate": False, "restarts": False, "look": False,
     },
     BLIND: {},
 }  # fmt: skip

@@ -14,19 +14,24 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.labels import UPPER
+from egocap.gaussians import GaussianBody
+from egocap.labels import LABEL_INDEX, UPPER
 from egocap.sequence import VISIBLE, Sequence
-from egocap.skeleton import DOF_COUNT, DOFS
+from egocap.skeleton import DOF_COUNT, DOFS, MOVES, POINT_INDEX
 from egocap.track.colour import PAPER
+from egocap.track.colour_term import ColourTerm
+from egocap.track.illumination import learn_in_light
+from egocap.track.image_rays import image_rays
 from egocap.track.image_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
 from egocap.track.inverse import nearest_angles
-from egocap.track.live_colour import ColourTracker
+from egocap.track.live_colour import PRIORS, TERM, ColourTracker
 from evals.image_model_scene import Scene, Trial
 
 PERTURBATIONS_DEG = (2.0, 5.0, 10.0, 15.0, 20.0)
 OFFSETS_DEG = tuple(range(-20, 21, 4))
 CLOSE_M = 0.03
 NEAR_DEG = 4.0
+LOST_MM = 150.0
 
 
 def basin_study(
@@ -102,6 +107,7 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
     wrong = 1e3 * np.linalg.norm(found - truth.joints_head[:count], axis=-1)
     seen = (truth.visibility[:count] == VISIBLE).any(1)[:, UPPER]
     errors = wrong[:, UPPER]
+    angles = np.array([pose.angles for pose in poses])
     return {
         "frames": count,
         "mean_mm": round(float(errors.mean()), 1),
@@ -109,6 +115,41 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
         "median_mm": round(float(np.median(errors)), 1),
         "last_50_mm": round(float(errors[-50:].mean()), 1),
         "worst_frame_mm": round(float(errors.mean(1).max()), 1),
+        "arms": _what_colours_prefer(sequence, angles, wrong),
+    }
+
+
+def _what_colours_prefer(
+    sequence: Sequence, angles: Float[Array, "T 37"], wrong: Float[Array, "T 18"]
+) -> dict[str, Any]:
+    """Could more search find the arms that were lost: does the truth fit the colours better?
+
+    Of every tenth frame and arm whose wrist is off by more than `LOST_MM`: the energy of the
+    tracked pose with its arm where it truly is, refined from there, less that of the tracked pose.
+    """
+    person, rig = sequence.proportions, sequence.rig
+    body, rays = GaussianBody.from_proportions(person), image_rays(rig, TERM.size, TERM.size)
+    palette, light = learn_in_light(body, rig, rays, [(sequence.images(0), angles[0])])
+    term = ColourTerm(body, rig, palette, TERM, light=light)
+    config = ImageSolverConfig(lambda_colour=TERM.weight)
+    solver = ImageSolver(term.model, config, PRIORS, UPPER_BODY)
+    more = []
+    for t in range(0, len(angles), 10):
+        colours = term.see(sequence.images(t), angles[t])
+        term.settle(angles[t])
+        for side in ("left", "right"):
+            if wrong[t, LABEL_INDEX[f"{side}_wrist"]] > LOST_MM:
+                arm = MOVES[POINT_INDEX[f"{side}_hand"]] & ~MOVES[POINT_INDEX["upper_spine"]]
+                true = nearest_angles(person, sequence.truth.joints_head[t])
+                start = np.where(arm, true, angles[t])
+                found = solver.solve(colours, start).angles
+                more.append(solver.energy(colours, found) - solver.energy(colours, angles[t]))
+    return {
+        "lost": len(more),
+        "share_that_prefers_the_truth": round(float(np.mean(np.array(more) < 0)), 3)
+        if more
+        else None,
+        "truth_costs_more_by": round(float(np.mean(more)), 2) if more else None,
     }
 
 

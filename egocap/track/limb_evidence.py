@@ -4,8 +4,8 @@ A detector may find an arm that hangs out of sight in furniture beside it, surel
 The pixels there do not have the sleeve's colours. So the body is drawn at the tracked poses, in the
 colours that the surest frames teach, and every segment of a limb is asked whether its pixels are
 more like itself or more like what lies behind the person: the log-likelihood ratio of
-`egocap.track.palette`, summed over the pixels that it covers. Detections of a segment that the images deny
-count for nothing, and the motion is solved without them.
+`egocap.track.palette`, summed over the pixels that it covers. Detections of a segment that the
+images deny count for nothing, and the motion is solved without them.
 """
 
 from __future__ import annotations

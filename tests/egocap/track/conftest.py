@@ -8,7 +8,7 @@ import pytest
 
 from egocap.body import Proportions
 from egocap.detect.simulated import parse_source, simulate_detections
-from egocap.rig import load_rig
+from egocap.rig import Rig, load_rig
 from egocap.skeleton import LIMITS, SPREAD, forward
 from egocap.track.posture import load_posture
 
@@ -18,7 +18,7 @@ FPS = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    rig: object
+    rig: Rig
     person: Proportions
     times: np.ndarray
     angles: np.ndarray

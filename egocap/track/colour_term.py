@@ -85,7 +85,8 @@ class ColourTerm:
         self._background = Background()
         self._seen: Palettes | None = None
         self._hsv: Float32[Array, "P 3"] | None = None
-        self._blank = np.zeros((len(self.model.rays), 3), np.float32)
+        self.visibility: Float32[Array, "P 91"] | None = None
+        """Of every Gaussian along every ray, at the pose that `see` was given last."""
 
     def see(
         self, images: Sequence[UInt8[Array, "H W 3"]], pose: Float[Array, "37"] | None = None
@@ -97,10 +98,12 @@ class ColourTerm:
         InputError for another number of images than of views, or without a pose at first.
         """
         if pose is not None:
-            self.model.evaluate(pose, self._blank)
+            self.visibility = self.model.visibility(pose)
+            opacity = self.visibility.sum(axis=1)
         elif self._seen is None:
             raise InputError("the first frame's colours need a pose to tell body from background")
-        opacity = self.model.opacity
+        else:
+            opacity = self.model.opacity
         if self.light is not None and self._seen is None and pose is not None:
             self.light.meet(self._colours(images), pose)
         self._hsv = self._colours(images)

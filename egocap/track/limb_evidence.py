@@ -68,7 +68,8 @@ def _against(
 ) -> Float[Array, "18"]:  # fmt: skip
     """What the views in which a label was found have against its segment, in rays of a view."""
     palettes = term.see(images, pose)
-    seen, view = term.model.visibility(pose), term.model.rays.view
+    seen, view = term.visibility, term.model.rays.view
+    assert seen is not None
     term.settle(pose)
     against = np.zeros(len(LABELS))
     parts = np.array(term.model.body.parts)

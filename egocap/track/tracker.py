@@ -63,7 +63,9 @@ def track(
     from egocap.track.uncertainty import confidences, joint_covariances
 
     model = kernel.make_model(proportions, config)
-    _compile(observe(detections, rig, proportions, config), proportions, model, config)
+    observations = observe(detections, rig, proportions, config)
+    looks = images is not None and config.looks and bool(observations.weights.any())
+    _compile(observations, proportions, model, config, rig if looks else None)
 
     # Matrices of 37 rows gain nothing from BLAS threads, which wait for each other when
     # the machine is busy.
@@ -74,14 +76,15 @@ def track(
         solution = _solve(observations, proportions, model, config, clock)
         covariances = _covariances(solution, model, config)
         clock.lap("covariance")
-        if images is not None and covariances is not None and config.looks:
+        if images is not None and covariances is not None and looks:
             term = learned_term(rig, proportions, config, images, solution.angles, covariances)
             clock.lap("palette")
             observations, solution = _looked_at(
                 solution, observations, term, images, proportions, model, config, clock
             )
-            covariances = _covariances(solution, model, config)
-            clock.lap("covariance")
+            if solution.estimated["denied"]:
+                covariances = _covariances(solution, model, config)
+                clock.lap("covariance")
         angles, colour = solution.angles, np.zeros(len(times))
         if images is not None and config.colour and covariances is not None:
             refinement = ColourRefinement(rig, proportions, config, images, angles, covariances)
@@ -308,10 +311,21 @@ def _covariances(
 
 
 def _compile(
-    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig
-) -> None:
-    """Compile the kernels, or load them from the cache, outside the clock."""
+    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig,
+    looking: Rig | None,
+) -> None:  # fmt: skip
+    """Compile the kernels, or load them from the cache, outside the clock.
+
+    Those that draw the body, too, when it is to be looked for with a rig.
+    """
     started = time.perf_counter()
     solution = _solve(observations[:3], proportions, model, config, _Clock())
     _covariances(solution, model, config)
+    if looking is not None:
+        from egocap.gaussians import GaussianBody
+        from egocap.track.image_model import ImageModel
+        from egocap.track.image_rays import image_rays
+
+        body = GaussianBody.from_proportions(proportions)
+        ImageModel(body, image_rays(looking, 16, 16)).visibility(solution.angles[0])
     log.debug("kernels ready after %.1f s", time.perf_counter() - started)

@@ -4,8 +4,8 @@ A detector may find an arm that hangs out of sight in furniture beside it, surel
 The pixels there do not have the sleeve's colours. So the body is drawn at the tracked poses, in the
 colours that the surest frames teach, and every segment of a limb is asked whether its pixels are
 more like itself or more like what lies behind the person: the log-likelihood ratio of
-`egocap.track.palette`, summed over the pixels that it covers. Detections of a segment that the
-images deny count for nothing, and the motion is solved without them.
+`egocap.track.palette`, summed over the pixels that it covers. Detections that led a
+segment to where the images deny it count for nothing, and the motion is solved without them.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy import ndarray as Array
 from egocap.labels import LABEL_INDEX, LABELS
 from egocap.track.colour_refinement import Images
 from egocap.track.colour_term import ColourTerm
+from egocap.track.energy import angular_residual
 from egocap.track.observations import Observations
 
 EVERY_S = 0.1
@@ -27,6 +28,8 @@ EVERY_S = 0.1
 EVIDENCE = 0.001
 """Evidence, in rays of a view that all speak clearly, that decides about a segment: of those within
 40 mm of the truth one in thousands has so much against it."""
+LED = 2.0
+"""Standard deviations within which a joint lies of a detection that led it there."""
 _CHAINS = tuple(
     tuple((LABEL_INDEX[f"{side}_{label}"], f"{side}_{part}") for label, part in chain)
     for side in ("left", "right")
@@ -38,10 +41,10 @@ _CHAINS = tuple(
 """Labels of each limb from the trunk outwards, and the part of the body that ends there."""
 
 
-def denied_labels(
+def denied(
     term: ColourTerm, images: Images, observations: Observations, angles: Float[Array, "T 37"]
 ) -> Bool[Array, "T 18"]:
-    """Labels whose observations the images deny at a track's angles, frame by frame."""
+    """Labels that the images of a track deny where its poses have them, frame by frame."""
     times, found = observations.times, observations.weights > 0.0
     usual = float(np.median(np.diff(times))) if len(times) > 1 else EVERY_S
     step = max(1, round(EVERY_S / usual))
@@ -50,16 +53,29 @@ def denied_labels(
         _against(term, images(t), angles[t], found[t]) for t in range(0, len(times), step)
     ])  # fmt: skip
     nearest = np.minimum((np.arange(len(times)) + step // 2) // step, len(asked) - 1)
-    return _denied(asked)[nearest] & found.any(axis=1)
+    return _denied(asked)[nearest]
 
 
-def without(observations: Observations, labels: Bool[Array, "T 18"]) -> Observations:
-    """Observations of which some labels count for nothing, in every view and mode."""
-    left = observations[:]
-    left.weights[np.broadcast_to(labels[:, None], left.weights.shape)] = 0.0
-    if left.modes is not None:
-        left.modes.weights[np.broadcast_to(labels[:, None, None], left.modes.weights.shape)] = 0.0
-    return left
+def without(
+    observations: Observations, labels: Bool[Array, "T 18"], joints: Float[Array, "T 18 3"]
+) -> tuple[Observations, int]:
+    """Observations less those of some labels that led to where their joints are; and how many.
+
+    In another view or mode a detector may have found the true place of the same label.
+    """
+    left, dropped = observations[:], 0
+    for places in (left, left.modes):
+        if places is not None:
+            views = (1,) * (places.weights.ndim - labels.ndim)  # and modes
+            off = angular_residual(
+                joints.reshape(len(joints), *views, -1, 3), left.centres[:, None],
+                places.rays, places.whiten,
+            )  # fmt: skip
+            led = (places.weights > 0.0) & (np.sum(off**2, axis=-1) < LED**2)
+            led &= labels.reshape(len(labels), *views, -1)
+            places.weights[led] = 0.0
+            dropped += np.count_nonzero(led)
+    return left, dropped
 
 
 def _against(

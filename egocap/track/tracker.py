@@ -234,18 +234,19 @@ def _looked_at(
 
     Without them a limb may come to lie where the images deny it again: they are looked at anew.
     """
-    from egocap.track.limb_evidence import denied_labels, without
+    from egocap.track.limb_evidence import denied, without
 
-    denied = np.zeros((len(solution.angles), observations.weights.shape[2]), bool)
+    total = 0
     for _ in range(_LOOKS):
-        more = denied_labels(term, images, observations, solution.angles)
+        labels = denied(term, images, observations, solution.angles)
+        joints = forward(proportions, solution.angles)
+        observations, dropped = without(observations, labels, joints)
         clock.lap("look")
-        if not more.any():
+        if not dropped:
             break
-        denied |= more
-        observations = without(observations, more)
+        total += dropped
         solution = _solve(observations, proportions, model, config, clock)
-    solution.estimated["denied"] = int(np.count_nonzero(denied))
+    solution.estimated["denied"] = total
     return observations, solution
 
 

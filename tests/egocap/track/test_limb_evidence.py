@@ -13,7 +13,7 @@ from egocap.track.config import TrackerConfig
 from egocap.track.image_model import ImageModel
 from egocap.track.image_rays import image_rays, ray_image
 from egocap.track.limb_evidence import EVIDENCE, _denied, without
-from egocap.track.observations import observe
+from egocap.track.observations import Modes, observe
 from egocap.track.tracker import track
 from tests.egocap.track.conftest import make_motion
 
@@ -110,12 +110,33 @@ def test_doubt_spreads_in_time_and_outwards():
     np.testing.assert_array_equal(_denied(against), expected)
 
 
-def test_nothing_is_left_of_what_is_denied(imagined, scene):
+def test_what_led_there_is_dropped_and_what_did_not_stays(imagined, scene):
     motion, _ = scene
     observations = observe(imagined, motion.rig, motion.person, TrackerConfig())
     labels = np.zeros((60, len(LABELS)), bool)
-    labels[7, ARM] = True
-    left = without(observations, labels)
-    assert not left.weights[7][:, ARM].any() and observations.weights[7][:, ARM].any()
-    kept = ~np.broadcast_to(labels[:, None], left.weights.shape)
-    np.testing.assert_array_equal(left.weights[kept], observations.weights[kept])
+    labels[25:35, ARM] = True
+    left, dropped = without(observations, labels, motion.joints)
+    there = observations.weights > 0.0
+    true = labels & (np.arange(60) < WRONG.start)[:, None]  # found where the joints are
+    gone = there & (left.weights == 0.0)
+    assert (gone <= true[:, None]).all() and dropped == gone.sum()
+    assert gone.sum() > 0.8 * (there & true[:, None]).sum()
+    assert (observations.weights[there] > 0.0).all()
+
+
+def test_modes_are_dropped_by_their_own_places(imagined, scene):
+    motion, _ = scene
+    first = observe(imagined, motion.rig, motion.person, TrackerConfig())
+    other = observe(motion.detect("simulated:0.5"), motion.rig, motion.person, TrackerConfig())
+    rays, whiten, weights = (
+        np.stack([getattr(places, name) for places in (first, other)], axis=1)
+        for name in ("rays", "whiten", "weights")
+    )
+    modes = Modes(rays, whiten, weights, np.zeros_like(weights))
+    labels = np.zeros((60, len(LABELS)), bool)
+    labels[33, ARM] = True
+    left, _ = without(replace(first, modes=modes), labels, motion.joints)
+    assert left.modes is not None
+    assert left.modes.weights[33, 0][:, ARM].sum() == first.weights[33][:, ARM].sum()
+    assert left.modes.weights[33, 1][:, ARM].sum() < 0.3 * other.weights[33][:, ARM].sum()
+    np.testing.assert_array_equal(left.modes.weights[34], modes.weights[34])

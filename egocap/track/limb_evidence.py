@@ -74,7 +74,7 @@ def without(
             led = (places.weights > 0.0) & (np.sum(off**2, axis=-1) < LED**2)
             led &= labels.reshape(len(labels), *views, -1)
             places.weights[led] = 0.0
-            dropped += np.count_nonzero(led)
+            dropped += int(np.count_nonzero(led))
     return left, dropped
 
 

@@ -65,7 +65,9 @@ def track(
     model = kernel.make_model(proportions, config)
     observations = observe(detections, rig, proportions, config)
     looks = images is not None and config.looks and bool(observations.weights.any())
-    _compile(observations, proportions, model, config, rig if looks else None)
+    _compile(observations, proportions, model, config)
+    if looks or config.colour:
+        _compile_images(rig, proportions, config)
 
     # Matrices of 37 rows gain nothing from BLAS threads, which wait for each other when
     # the machine is busy.
@@ -312,21 +314,27 @@ def _covariances(
 
 
 def _compile(
-    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig,
-    looking: Rig | None,
-) -> None:  # fmt: skip
-    """Compile the kernels, or load them from the cache, outside the clock.
-
-    Those that draw the body, too, when it is to be looked for with a rig.
-    """
+    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig
+) -> None:
+    """Compile the kernels, or load them from the cache, outside the clock."""
     started = time.perf_counter()
     solution = _solve(observations[:3], proportions, model, config, _Clock())
     _covariances(solution, model, config)
-    if looking is not None:
-        from egocap.gaussians import GaussianBody
-        from egocap.track.image_model import ImageModel
-        from egocap.track.image_rays import image_rays
-
-        body = GaussianBody.from_proportions(proportions)
-        ImageModel(body, image_rays(looking, 16, 16)).visibility(solution.angles[0])
     log.debug("kernels ready after %.1f s", time.perf_counter() - started)
+
+
+def _compile_images(rig: Rig, proportions: Proportions, config: TrackerConfig) -> None:
+    """The same for the kernels that draw the body and ask images about it."""
+    from egocap.gaussians import GaussianBody
+    from egocap.skeleton import DOF_COUNT
+    from egocap.track.image_kernel import Palettes
+    from egocap.track.image_model import ImageModel
+    from egocap.track.image_rays import image_rays
+
+    model = ImageModel(GaussianBody.from_proportions(proportions), image_rays(rig, 16, 16))
+    anywhere = np.zeros(DOF_COUNT)
+    model.visibility(anywhere)
+    if config.colour:
+        alike = np.zeros((len(model.body.parts), 1), np.float32)
+        nothing = Palettes(np.zeros(len(model.rays), np.int32), alike)
+        model.evaluate(anywhere, nothing, curvature=True)

@@ -16,7 +16,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body import Proportions
@@ -46,6 +46,10 @@ class Footage:
     def frame(self, index: int) -> Frame:
         """The pictures of one frame."""
         return self._frame(index)
+
+    def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
+        """RGB images of all views at a frame, as `egocap.track.tracker.track` takes them."""
+        return self._frame(index).images
 
 
 class Detector(Protocol):

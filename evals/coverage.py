@@ -48,7 +48,10 @@ class FrameScore:
     @classmethod
     def from_dict(cls, told: dict[str, Any]) -> FrameScore:
         """The inverse of `to_dict`. Raises TypeError for other fields."""
-        return cls(**{k: np.array(v) if isinstance(v, list) else v for k, v in told.items()})
+        values: dict[str, Any] = {
+            k: np.array(v) if isinstance(v, list) else v for k, v in told.items()
+        }
+        return cls(**values)
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,11 +72,14 @@ class Onlooker:
 def surface_of(person: Person, cell_m: float) -> Surface:
     """Everything that is drawn of a person, coarsened to cells of `cell_m` metres."""
     meshes = [simplify(mesh, cell_m) for mesh in person.actor.meshes]
-    assert all(mesh.bones is not None for mesh in meshes), "a person's meshes follow its bones"
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     vertices = np.concatenate([mesh.vertices for mesh in meshes]).astype(float)
-    bones = np.concatenate([mesh.bones for mesh in meshes]).astype(np.int64)
-    weights = np.concatenate([mesh.weights for mesh in meshes]).astype(float)
+    carried = [
+        (m.bones, m.weights) for m in meshes if m.bones is not None and m.weights is not None
+    ]
+    assert len(carried) == len(meshes), "a person's meshes follow its bones"
+    bones = np.concatenate([bones for bones, _ in carried]).astype(np.int64)
+    weights = np.concatenate([weights for _, weights in carried]).astype(float)
     faces = np.concatenate([m.faces + f for m, f in zip(meshes, first[:-1], strict=True)])
     parts = np.concatenate([mesh.parts for mesh in meshes]).astype(np.int64)[faces[:, 0]]
     most = bones[np.arange(len(bones)), weights.argmax(1)][faces[:, 0]]

@@ -79,11 +79,11 @@ def ground(
     config = config_named(network)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) if store is None else store
-        stores = [
+        train, judge, behind = (
             build_store(find_sequences(paths), config.view, place / "views")
             for paths in (footage, held_out, backgrounds)
-        ]
-        yield Ground(config, *stores, place)
+        )
+        yield Ground(config, train, judge, behind, place)
 
 
 def require_some(seeds: int, steps: int, views: int) -> None:

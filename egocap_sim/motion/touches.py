@@ -132,7 +132,9 @@ def with_hands(rng: Rng, pose: WholePose, touches: float, low: float) -> WholePo
     best = int(cost.argmin())
     if free[best] <= _DEEPEST_M:
         return None
-    hands = tuple(Hand(tuple(map(float, row[:3])), *map(float, row[3:])) for row in rows[best])
+    hands = tuple(
+        Hand((float(x), float(y), float(z)), *map(float, turns)) for x, y, z, *turns in rows[best]
+    )
     return replace(pose, hands=hands)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from egocap.body import Proportions
+from egocap.cli import main as egocap_main
 from egocap.errors import InputError
 from egocap.evaluate.predictions import Predictions, save_predictions
 from egocap.labels import LABELS
@@ -301,6 +302,17 @@ def test_missing_frames_are_skipped_when_asked_and_said(folder, truth, tmp_path,
     assert main([*words, "--missing", "skip"]) == 0
     text = capsys.readouterr().out
     assert "130 frames; half" in text and re.search(r"joints predicted +50.0", text)
+
+
+def test_our_own_tracker_is_run_as_egocap_track_runs_it(tiny_sequence, tmp_path, capsys):
+    asked = ["--detections", "simulated:2"]
+    assert main(["pose", str(tiny_sequence), "--tracker", "egocap", *asked, "--json"]) == 0
+    own = json.loads(capsys.readouterr().out)
+    track = str(tmp_path / "track.npz")
+    assert egocap_main(["track", str(tiny_sequence), "--out", track, *asked]) == 0
+    capsys.readouterr()
+    assert main(["pose", str(tiny_sequence), "--track", track, "--json"]) == 0
+    assert own["mpjpe_mm"] == pytest.approx(json.loads(capsys.readouterr().out)["mpjpe_mm"])
 
 
 def test_the_example_tracker_is_run_and_scored(folder, truth, tmp_path, capsys, monkeypatch):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from egocap.body import Proportions
-from egocap.cli import main as egocap_main
+from egocap.cli import detections_from
 from egocap.errors import InputError
 from egocap.evaluate.predictions import Predictions, save_predictions
 from egocap.labels import LABELS
@@ -28,6 +28,7 @@ from egocap.sequence import (
     open_sequence,
 )
 from egocap.sequence_writer import SequenceWriter, write_shard
+from egocap.track.tracker import track
 from evals.cli import main
 from evals.pose import run_tracker, score_track, with_detections
 
@@ -304,15 +305,14 @@ def test_missing_frames_are_skipped_when_asked_and_said(folder, truth, tmp_path,
     assert "130 frames; half" in text and re.search(r"joints predicted +50.0", text)
 
 
-def test_our_own_tracker_is_run_as_egocap_track_runs_it(tiny_sequence, tmp_path, capsys):
-    asked = ["--detections", "simulated:2"]
-    assert main(["pose", str(tiny_sequence), "--tracker", "egocap", *asked, "--json"]) == 0
-    own = json.loads(capsys.readouterr().out)
-    track = str(tmp_path / "track.npz")
-    assert egocap_main(["track", str(tiny_sequence), "--out", track, *asked]) == 0
-    capsys.readouterr()
-    assert main(["pose", str(tiny_sequence), "--track", track, "--json"]) == 0
-    assert own["mpjpe_mm"] == pytest.approx(json.loads(capsys.readouterr().out)["mpjpe_mm"])
+def test_our_own_tracker_is_given_the_pictures_as_in_egocap_track(tiny_sequence, capsys):
+    words = ["--tracker", "egocap", "--detections", "simulated:2", "--json"]
+    assert main(["pose", str(tiny_sequence), *words]) == 0
+    sequence = open_sequence(tiny_sequence)
+    found = detections_from(sequence, "simulated:2", 0)
+    tracked = track(found, sequence.rig, sequence.proportions, images=sequence.images)
+    expected = score_track(sequence, tracked).mpjpe_mm
+    assert json.loads(capsys.readouterr().out)["mpjpe_mm"] == pytest.approx(expected)
 
 
 def test_the_example_tracker_is_run_and_scored(folder, truth, tmp_path, capsys, monkeypatch):

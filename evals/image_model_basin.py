@@ -137,19 +137,19 @@ def _what_colours_prefer(
     for t in range(0, len(angles), 10):
         colours = term.see(sequence.images(t), angles[t])
         term.settle(angles[t])
-        for side in ("left", "right"):
+        for side, other in (("left", "right"), ("right", "left")):
             if wrong[t, LABEL_INDEX[f"{side}_wrist"]] > LOST_MM:
-                arm = MOVES[POINT_INDEX[f"{side}_hand"]] & ~MOVES[POINT_INDEX["upper_spine"]]
+                arm = MOVES[POINT_INDEX[f"{side}_hand"]] & ~MOVES[POINT_INDEX[f"{other}_hand"]]
                 true = nearest_angles(person, sequence.truth.joints_head[t])
                 start = np.where(arm, true, angles[t])
                 found = solver.solve(colours, start).angles
                 more.append(solver.energy(colours, found) - solver.energy(colours, angles[t]))
+    if not more:
+        return {"lost": 0}
     return {
         "lost": len(more),
-        "share_that_prefers_the_truth": round(float(np.mean(np.array(more) < 0)), 3)
-        if more
-        else None,
-        "truth_costs_more_by": round(float(np.mean(more)), 2) if more else None,
+        "share_that_prefers_the_truth": round(float(np.mean(np.array(more) < 0.0)), 3),
+        "truth_costs_more_by": round(float(np.mean(more)), 2),
     }
 
 

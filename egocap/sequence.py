@@ -208,8 +208,7 @@ class Sequence:
 
     def frame(self, index: int) -> Frame:
         """Decode the images of one frame."""
-        images = tuple(self._image(index, view) for view in self.manifest.views)
-        return Frame(index, index / self.manifest.fps, images)
+        return Frame(index, index / self.manifest.fps, self.images(index))
 
     def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
         """RGB images of all views at a frame."""

@@ -14,17 +14,15 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.gaussians import GaussianBody
 from egocap.labels import LABEL_INDEX, UPPER
 from egocap.sequence import VISIBLE, Sequence
-from egocap.skeleton import DOF_COUNT, DOFS, MOVES, POINT_INDEX
+from egocap.skeleton import DOF_COUNT, DOFS
 from egocap.track.colour import PAPER
 from egocap.track.colour_term import ColourTerm
-from egocap.track.illumination import learn_in_light
-from egocap.track.image_rays import image_rays
 from egocap.track.image_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
 from egocap.track.inverse import nearest_angles
 from egocap.track.live_colour import PRIORS, TERM, ColourTracker
+from egocap.track.restarts import LIMBS
 from evals.image_model_scene import Scene, Trial
 
 PERTURBATIONS_DEG = (2.0, 5.0, 10.0, 15.0, 20.0)
@@ -128,18 +126,15 @@ def _what_colours_prefer(
     tracked pose with its arm where it truly is, refined from there, less that of the tracked pose.
     """
     person, rig = sequence.proportions, sequence.rig
-    body, rays = GaussianBody.from_proportions(person), image_rays(rig, TERM.size, TERM.size)
-    palette, light = learn_in_light(body, rig, rays, [(sequence.images(0), angles[0])])
-    term = ColourTerm(body, rig, palette, TERM, light=light)
+    term = ColourTerm.learned(rig, person, [(sequence.images(0), angles[0])], TERM)
     config = ImageSolverConfig(lambda_colour=TERM.weight)
     solver = ImageSolver(term.model, config, PRIORS, UPPER_BODY)
     more = []
     for t in range(0, len(angles), 10):
         colours = term.see(sequence.images(t), angles[t])
         term.settle(angles[t])
-        for side, other in (("left", "right"), ("right", "left")):
+        for side, arm in zip(("left", "right"), LIMBS[1:3], strict=True):
             if wrong[t, LABEL_INDEX[f"{side}_wrist"]] > LOST_MM:
-                arm = MOVES[POINT_INDEX[f"{side}_hand"]] & ~MOVES[POINT_INDEX[f"{other}_hand"]]
                 true = nearest_angles(person, sequence.truth.joints_head[t])
                 start = np.where(arm, true, angles[t])
                 found = solver.solve(colours, start).angles
@@ -196,7 +191,7 @@ def valley_study(scenes: list[Scene]) -> dict[str, Any]:
 def _curves(scene: Scene, t: int) -> dict[str, Float[Array, "37 O"]]:
     """Energies (37, offsets) of colour alone and with detections at a frame."""
     scene.term.forget()
-    colours = scene.term.see(scene.sequence.frame(t).images, scene.poses[t])
+    colours = scene.term.see(scene.sequence.images(t), scene.poses[t])
     model, weight = scene.term.model, scene.term.weight
     detected = ImageSolver(model, ImageSolverConfig(lambda_colour=0.0))
     known = scene.observations(2.0)

@@ -54,7 +54,7 @@ class Scene:
         rays = image_rays(sequence.rig, 128, 128)
         body = GaussianBody.from_proportions(sequence.proportions)
         spread = np.linspace(0, len(self.poses) - 1, LEARNED).round().astype(int)
-        shown = [(sequence.frame(int(t)).images, self.poses[t]) for t in spread]
+        shown = [(sequence.images(int(t)), self.poses[t]) for t in spread]
         self.palette = learn_palette(body, rays, shown)
         self.body = colour_body(body, rays, *shown[0])
         self.term = ColourTerm(self.body, sequence.rig, self.palette)
@@ -86,7 +86,7 @@ class Scene:
     ) -> Float[Array, "37"]:
         """The pose at a frame from a start; without `measure` by the palette."""
         model = self.term.model if measure is None else self.paper
-        images = self.sequence.frame(t).images
+        images = self.sequence.images(t)
         if measure is None:
             self.term.forget()
             colours = self.term.see(images, start)

@@ -89,19 +89,16 @@ class ColourFollower:
     """Follows a person by colours learned at known poses of the sequence, without detections."""
 
     def __init__(self, footage: Footage, angles: Float[Array, "T 37"]) -> None:
-        from egocap.gaussians import GaussianBody
         from egocap.track.colour_term import ColourTerm, ColourTermConfig
-        from egocap.track.image_rays import image_rays
         from egocap.track.image_solver import ImageSolver, ImageSolverConfig
-        from egocap.track.palette import learn_palette
 
         self._footage = footage
-        body = GaussianBody.from_proportions(footage.proportions)
-        rays = image_rays(footage.rig, COLOUR_SIZE, COLOUR_SIZE)
         chosen = np.linspace(0, len(footage) - 1, PALETTE_FRAMES).astype(int)
-        palette = learn_palette(body, rays, [(footage.frame(t).images, angles[t]) for t in chosen])
+        frames = [(footage.images(t), angles[t]) for t in chosen]
         config = ColourTermConfig(COLOUR_SIZE, weight=COLOUR_WEIGHT)
-        self._term = ColourTerm(body, footage.rig, palette, config)
+        self._term = ColourTerm.learned(
+            footage.rig, footage.proportions, frames, config, follow_light=False
+        )
         self._solver = ImageSolver(
             self._term.model, ImageSolverConfig(lambda_colour=COLOUR_WEIGHT),
             TrackerConfig(zeta=0.7, speed=8.0),
@@ -112,7 +109,7 @@ class ColourFollower:
         from egocap.track.image_solver import track_colours
 
         self._term.forget()
-        seen = (self._term.see(self._footage.frame(t).images, start if t == frames[0] else None)
+        seen = (self._term.see(self._footage.images(t), start if t == frames[0] else None)
                 for t in frames)  # fmt: skip
         fps = self._footage.manifest.fps
         found = track_colours(self._solver, seen, start, fps)

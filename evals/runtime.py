@@ -86,7 +86,7 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
     from egocap.track.tracker import track
 
     found = detections_from(footage, SOURCE, 0)[:frames]
-    pictures = [footage.frame(t).images for t in range(frames)]
+    pictures = [footage.images(t) for t in range(frames)]
 
     def ours(config: TrackerConfig) -> Callable[[], Track]:
         return lambda: track(found, footage.rig, footage.proportions, config, pictures.__getitem__)

@@ -16,13 +16,9 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body import Proportions
-from egocap.gaussians import GaussianBody
 from egocap.rig import Rig
 from egocap.track.colour_term import ColourTerm, ColourTermConfig, felt_angles
 from egocap.track.config import TrackerConfig
-from egocap.track.illumination import learn_in_light
-from egocap.track.image_rays import image_rays, require_pictures
-from egocap.track.palette import learn_palette
 
 Images = Callable[[int], Sequence[UInt8[Array, "H W 3"]]]
 """RGB images of all views at a frame."""
@@ -90,18 +86,9 @@ def learned_term(
 
     Raises InputError for pictures that are not of the rig's shape.
     """
-    body = GaussianBody.from_proportions(proportions)
-    rays = image_rays(rig, config.colour_size, config.colour_size)
-    chosen = surest_frames(covariances, PALETTE_FRAMES)
-    frames = [(images(t), angles[t]) for t in chosen]
-    require_pictures(rig, frames[0][0])
-    light = None
-    if config.follow_light:
-        palette, light = learn_in_light(body, rig, rays, frames)
-    else:
-        palette = learn_palette(body, rays, frames)
+    frames = [(images(t), angles[t]) for t in surest_frames(covariances, PALETTE_FRAMES)]
     settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)
-    return ColourTerm(body, rig, palette, settings, light=light)
+    return ColourTerm.learned(rig, proportions, frames, settings, config.follow_light)
 
 
 def surest_frames(covariances: Float[Array, "T N N"], count: int) -> list[int]:

@@ -19,15 +19,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
+from egocap.body import Proportions
 from egocap.errors import InputError
 from egocap.gaussians import GaussianBody
 from egocap.rig import Rig
 from egocap.skeleton import LABEL_POINTS, MOVES
-from egocap.track.illumination import Illumination
+from egocap.track.illumination import Illumination, learn_in_light
 from egocap.track.image_kernel import Palettes
 from egocap.track.image_model import Evaluation, ImageModel
-from egocap.track.image_rays import image_rays, ray_colours
-from egocap.track.palette import Background, Palette, colour_bins
+from egocap.track.image_rays import image_rays, ray_colours, require_pictures
+from egocap.track.palette import Background, Palette, colour_bins, learn_palette
 
 NEEDED = 2
 """Joints of a limb that must have been detected before the images may move it."""
@@ -87,6 +88,25 @@ class ColourTerm:
         self._hsv: Float32[Array, "P 3"] | None = None
         self.visibility: Float32[Array, "P 91"] | None = None
         """Of every Gaussian along every ray, at the pose that `see` was given last."""
+
+    @classmethod
+    def learned(
+        cls, rig: Rig, proportions: Proportions,
+        frames: Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]],
+        config: ColourTermConfig, follow_light: bool = True,
+    ) -> ColourTerm:  # fmt: skip
+        """Of a person in the colours that images of known poses show.
+
+        Raises InputError for pictures that are not of the rig's shape.
+        """
+        require_pictures(rig, frames[0][0])
+        body = GaussianBody.from_proportions(proportions)
+        rays, light = image_rays(rig, config.size, config.size), None
+        if follow_light:
+            palette, light = learn_in_light(body, rig, rays, frames)
+        else:
+            palette = learn_palette(body, rays, frames)
+        return cls(body, rig, palette, config, light=light)
 
     def see(
         self, images: Sequence[UInt8[Array, "H W 3"]], pose: Float[Array, "37"] | None = None

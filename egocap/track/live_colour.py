@@ -16,14 +16,11 @@ from numpy import ndarray as Array
 
 from egocap.body import Proportions
 from egocap.errors import InputError
-from egocap.gaussians import GaussianBody
 from egocap.rig import Rig
 from egocap.skeleton import DOF_COUNT, SPREAD, forward
 from egocap.track.colour_term import ColourTerm, ColourTermConfig
 from egocap.track.config import TrackerConfig
 from egocap.track.energy import predict
-from egocap.track.illumination import learn_in_light
-from egocap.track.image_rays import image_rays, require_pictures
 from egocap.track.image_solver import UPPER_BODY, ImageSolver, ImageSolverConfig, Solution
 from egocap.track.kernel import make_model, priors
 from egocap.track.live import LivePose, carried_on
@@ -87,11 +84,8 @@ class ColourTracker:
         Takes a second or more; the first `step` does it where it was not done before. Raises
         InputError for pictures of another aspect than the rig's.
         """
-        require_pictures(self.rig, images)
-        body = GaussianBody.from_proportions(self.proportions)
-        rays = image_rays(self.rig, self._settings.size, self._settings.size)
-        palette, light = learn_in_light(body, self.rig, rays, [(images, self._start)])
-        self._term = ColourTerm(body, self.rig, palette, self._settings, light=light)
+        shown = [(images, self._start)]
+        self._term = ColourTerm.learned(self.rig, self.proportions, shown, self._settings)
         config = ImageSolverConfig(lambda_colour=self._settings.weight, iterations=_STEPS)
         self._solver = ImageSolver(self._term.model, config, PRIORS, UPPER_BODY)
 

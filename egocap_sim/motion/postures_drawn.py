@@ -43,9 +43,9 @@ def _normal(rng: Rng, spread: float, most: float) -> float:
 
 
 def _looked(rng: Rng, pose: WholePose, size: float) -> WholePose:
-    """The head turned on the chest: anywhere, often far."""
+    """The head turned on the chest: anywhere, often far, and down oftener than up, as hands are."""
     yaw = _normal(rng, 0.55, 1.2) * size
-    pitch = float(rng.uniform(-0.7, 0.75)) * size
+    pitch = float(rng.triangular(-0.7, 0.3, 0.75)) * size
     tilt = _normal(rng, 0.2, 0.5) * size
     return replace(pose, look=(yaw, pitch, tilt))
 
@@ -247,8 +247,8 @@ def straddle(rng: Rng, size: float) -> WholePose:
 
 
 LEGS: dict[str, tuple[Callable[[Rng, float], WholePose], float]] = {
-    "reach": (reach, 0.40), "bend": (bend, 0.14), "crouch": (crouch, 0.15), "kneel": (kneel, 0.13),
-    "balance": (balance, 0.12), "stride": (stride, 0.06), "straddle": (straddle, 0.08),
+    "reach": (reach, 0.55), "bend": (bend, 0.07), "crouch": (crouch, 0.07), "kneel": (kneel, 0.10),
+    "balance": (balance, 0.10), "stride": (stride, 0.05), "straddle": (straddle, 0.06),
 }  # fmt: skip
 """Kinds of poses, and how often each is drawn."""
 

@@ -1,0 +1,106 @@
+"""Speed of `egocap-sim generate` for scenes in episodes, and what another episode costs.
+
+    python benchmarks/episodes.py                        # train-varied and train-chroma, 2 workers
+    python benchmarks/episodes.py --motions CLIPS --frames 1000 --scene train-varied
+
+`fps` counts a whole run, start-up included, `steady_fps` from when every worker has finished an
+episode. `preparation` is the share of the time of one process, after its first episode, that goes
+into all but drawing and writing frames: person, motion, physics, place, other people and renderer.
+`--out FILE` keeps the result with command, machine and versions.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+SCENES = ("train-varied", "train-chroma")
+
+
+def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[str, Any]:
+    """Generate a recording into a temporary folder, then some of its episodes in this process."""
+    from egocap_sim.builtin import builtin_file
+    from egocap_sim.record import generate
+    from egocap_sim.scene import Scene, load_scene
+
+    content = load_scene(builtin_file("scene", name)).model_dump()
+    content["frames"] = frames
+    content["episodes"]["clips"] = None if clips is None else str(clips)
+    scene = Scene.model_validate(content)
+    marks: list[tuple[float, int]] = []
+
+    def on_frames(count: int) -> None:
+        marks.append((time.perf_counter(), count))
+
+    with tempfile.TemporaryDirectory() as folder:
+        summary = generate(scene, Path(folder) / "r", workers=workers, on_frames=on_frames)
+    begun, ended = marks[workers][0], marks[-1][0]
+    steady = sum(count for _, count in marks[workers + 1 :]) / (ended - begun)
+    return {
+        "scene": name, "workers": workers, "frames": frames, "episodes": summary.episodes,
+        "fps": round(summary.frames_per_second, 2), "steady_fps": round(steady, 2),
+        "mb_per_frame": round(summary.bytes / frames / 1e6, 2), **_preparation(scene),
+    }  # fmt: skip
+
+
+def _preparation(scene: Any) -> dict[str, float]:
+    """What is not drawing and writing, as a share of the time and in seconds an episode."""
+    from egocap_sim import record
+    from egocap_sim.episode_plan import catalogue, plan
+    from egocap_sim.episode_recorder import make_episode
+
+    folder = scene.episodes.clips
+    clips = () if folder is None else catalogue(Path(folder), strict=False)
+    drawing = 0.0
+
+    def timed(*args: Any) -> Any:
+        nonlocal drawing
+        start = time.perf_counter()
+        try:
+            return write_shard(*args)
+        finally:
+            drawing += time.perf_counter() - start
+
+    write_shard, start = record.write_shard, 0.0
+    episodes = plan(scene, [scene.frames])
+    with tempfile.TemporaryDirectory() as made, mock.patch.object(record, "write_shard", timed):
+        for episode in episodes:
+            if episode.index == 1:
+                start, drawing = time.perf_counter(), 0.0
+            make_episode(scene, episode, clips, Path(made) / str(episode.index))
+    seconds = time.perf_counter() - start
+    return {
+        "preparation": round(1.0 - drawing / seconds, 4),
+        "preparation_s": round((seconds - drawing) / (len(episodes) - 1), 3),
+    }
+
+
+def main() -> None:
+    """Measure and print one line a scene, or keep the result."""
+    from evals.record import save_result
+
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--scene", choices=SCENES, action="append")
+    parser.add_argument("--motions", type=Path, help="clips to mix in")
+    parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    rows = []
+    for name in args.scene or SCENES:
+        rows.append(measure(name, args.motions, args.workers, args.frames))
+        print(json.dumps(rows[-1]), flush=True)
+    if args.out:
+        command = shlex.join(["python", "benchmarks/episodes.py", *sys.argv[1:]])
+        save_result(args.out, {"rows": rows}, command)
+
+
+if __name__ == "__main__":
+    main()

@@ -86,7 +86,7 @@ def main() -> None:
     """Measure and print one line a scene, or keep the result."""
     from evals.record import save_result
 
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--scene", choices=SCENES, action="append")
     parser.add_argument("--motions", type=Path, help="clips to mix in")
     parser.add_argument("--frames", type=int, default=1000)

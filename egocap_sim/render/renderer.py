@@ -20,6 +20,7 @@ from egocap_sim.mesh import Actor
 from egocap_sim.place import Place
 from egocap_sim.render import projection
 from egocap_sim.render.batch import Batch, merge
+from egocap_sim.render.contact import ContactShade
 from egocap_sim.render.framebuffer import AtlasBuffer, ShadowMap
 from egocap_sim.render.gl import GL, Context, check, pyrender
 from egocap_sim.render.gpu import GpuBatch, Uniforms
@@ -92,6 +93,7 @@ class FisheyeRenderer(pyrender.Renderer):
         # About as fine on the floor as the image is there.
         finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = ShadowMap(1024 if finest > 250 else 640)
+        self._contact = ContactShade(len(actors)) if actors and place.meshes else None
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
         }
@@ -135,6 +137,8 @@ class FisheyeRenderer(pyrender.Renderer):
         if self._has_moved(still_m):
             self._shadow_from_world = self._draw_shadows(T_world_head[:3, 3])
             self._shadowing = dict(self._posed)
+        if self._contact is not None:
+            self._contact.pose(self._posed)
         self._draw_scene(self._shadow_from_world)
         atlas = self._canvas.buffer.read_color()
         check()
@@ -169,6 +173,8 @@ class FisheyeRenderer(pyrender.Renderer):
         for gpu in self._gpu.values():
             gpu.free()
         self._shadow.free()
+        if self._contact is not None:
+            self._contact.free()
         for canvas in self._canvases.values():
             canvas.buffer.free()
         self._program_cache = pyrender.shader_program.ShaderProgramCache()  # theirs are kept
@@ -246,7 +252,30 @@ class FisheyeRenderer(pyrender.Renderer):
             set_.vector(program, "room", self.place.room)
             gpu.bind_textures(unit=0)
             self._draw_tiles(name, gpu, program, with_eye=True)
+        if self._contact is not None and self._contact.count:
+            self._draw_contact(self._contact)
         self._canvas.buffer.end()
+
+    def _draw_contact(self, contact: ContactShade) -> None:
+        program = self._program_cache.get_program("contact.vert", "contact.frag")
+        if not program._in_context():
+            program._add_to_context()
+        program._bind()
+        contact.begin()
+        low, high = contact.boxes()
+        for tile, clip, window in zip(
+            self._canvas.atlas.tiles, self._clip, self._windows, strict=True
+        ):
+            if (
+                window is None
+                or not projection.may_see(projection.through(clip, tile, window), low, high).any()
+            ):
+                continue
+            GL.glViewport(tile.column, tile.row, tile.width, tile.height)
+            GL.glScissor(*window)
+            self._uniforms.matrix(program, "clip_from_world", clip)
+            contact.draw()
+        contact.end()
 
     def _draw_labels(self) -> None:
         self._canvas.buffer.begin_labels()

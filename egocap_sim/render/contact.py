@@ -1,0 +1,136 @@
+"""The darkness under what touches the floor, or nearly: feet, knees, hands, a ball.
+
+What is low keeps the ambient light from the floor below it, which no shadow of the main light
+shows. Each actor gets a small picture of the floor under it, darker where the actor is lower and
+soft at its edge, and that is laid over the floor: an approximation of ambient occlusion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from ctypes import c_void_p
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap_sim.render.gl import GL
+
+HEIGHT_M = 0.30  # what is higher takes no light from the floor
+DEEPEST = 0.55  # share of the light that contact takes
+LIFT_M = 0.006  # over the floor, and a rug on it
+CELLS, CELL_M = 64, 0.03  # of a picture, to each side
+_SOFT_CELLS = 1.6  # standard deviation of its edge
+_CORNERS = np.array([[0, 0], [1, 0], [0, 1], [0, 1], [1, 0], [1, 1]], np.float32)
+
+
+def light_left(
+    positions: Float[Array, "N 3"],
+) -> tuple[Float[Array, "2"], UInt8[Array, "64 64"]] | None:
+    """What vertices [m, world] leave of the light on the floor z = 0; None: all of it.
+
+    The least x and y of a square of CELLS * CELL_M metres, and the factor 0..255 in its cells,
+    rows along y.
+    """
+    low = positions[positions[:, 2] < HEIGHT_M]
+    if not len(low):
+        return None
+    first = np.floor((low[:, :2].min(0) + low[:, :2].max(0)) / 2 / CELL_M) - CELLS // 2
+    column, row = np.floor(low[:, :2] / CELL_M - first).astype(int).T
+    inside = (np.minimum(column, row) >= 4) & (np.maximum(column, row) < CELLS - 4)
+    height = np.full(CELLS * CELLS, HEIGHT_M, np.float32)
+    over = np.maximum(low[inside, 2], 0.0).astype(np.float32)
+    np.minimum.at(height, row[inside] * CELLS + column[inside], over)
+    closeness = (1.0 - height.reshape(CELLS, CELLS) / HEIGHT_M) ** 2
+    closeness = cv2.dilate(closeness, np.ones((3, 3), np.uint8))  # vertices may be cells apart
+    soft = cv2.GaussianBlur(closeness, (0, 0), _SOFT_CELLS)
+    return first * CELL_M, np.round(255.0 * (1.0 - DEEPEST * soft)).astype(np.uint8)
+
+
+class ContactShade:
+    """The pictures under at most `actors` actors in graphics memory, and how they are drawn."""
+
+    def __init__(self, actors: int) -> None:
+        self._vertices = np.zeros((actors, 6, 6), np.float32)  # x y z, u v layer
+        self._pictures = np.full((actors, CELLS, CELLS), 255, np.uint8)
+        self.count = 0
+        self._array = GL.glGenVertexArrays(1)
+        self._buffer = GL.glGenBuffers(1)
+        GL.glBindVertexArray(self._array)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
+        GL.glBufferData(
+            GL.GL_ARRAY_BUFFER, self._vertices.nbytes, self._vertices, GL.GL_DYNAMIC_DRAW
+        )
+        for location in (0, 1):
+            GL.glEnableVertexAttribArray(location)
+            GL.glVertexAttribPointer(
+                location, 3, GL.GL_FLOAT, GL.GL_FALSE, 24, c_void_p(12 * location)
+            )
+        GL.glBindVertexArray(0)
+        self._texture = GL.glGenTextures(1)
+        self._bind()
+        GL.glTexImage3D(
+            GL.GL_TEXTURE_2D_ARRAY, 0, GL.GL_R8, CELLS, CELLS, actors, 0, GL.GL_RED,
+            GL.GL_UNSIGNED_BYTE, self._pictures,
+        )  # fmt: skip
+        for key, value in (
+            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_EDGE),
+            (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_EDGE),
+        ):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, key, value)
+
+    def pose(self, positions: Mapping[str, Float[Array, "N 3"]]) -> None:
+        """Follow the actors, whose vertices are at `positions` [m, world]."""
+        found = [picture for posed in positions.values() if (picture := light_left(posed))]
+        self.count = len(found)
+        if not found:
+            return
+        for layer, (corner, left) in enumerate(found):
+            quad = self._vertices[layer]
+            quad[:, :2] = corner + CELLS * CELL_M * _CORNERS
+            quad[:, 2], quad[:, 3:5], quad[:, 5] = LIFT_M, _CORNERS, layer
+            self._pictures[layer] = left
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
+        GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._vertices.nbytes, self._vertices)
+        self._bind()
+        GL.glTexSubImage3D(
+            GL.GL_TEXTURE_2D_ARRAY, 0, 0, 0, 0, CELLS, CELLS, self.count, GL.GL_RED,
+            GL.GL_UNSIGNED_BYTE, self._pictures[: self.count],
+        )  # fmt: skip
+
+    def begin(self) -> None:
+        """Multiply into colours; labels, in alpha, and depth stay."""
+        self._bind()
+        GL.glBindVertexArray(self._array)
+        GL.glEnable(GL.GL_BLEND)
+        GL.glBlendFuncSeparate(GL.GL_ZERO, GL.GL_SRC_COLOR, GL.GL_ZERO, GL.GL_ONE)
+        GL.glDepthMask(GL.GL_FALSE)
+        GL.glDisable(GL.GL_CULL_FACE)
+
+    def draw(self) -> None:
+        """Draw all of them with the bound program."""
+        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 6 * self.count)
+
+    def end(self) -> None:
+        """Draw as before."""
+        GL.glDisable(GL.GL_BLEND)
+        GL.glDepthMask(GL.GL_TRUE)
+        GL.glBindVertexArray(0)
+
+    def boxes(self) -> tuple[Float[Array, "C 3"], Float[Array, "C 3"]]:
+        """The lowest and highest corner of each picture, metres."""
+        corners = self._vertices[: self.count, :, :3].astype(float)
+        return corners[:, 0], corners[:, -1]
+
+    def free(self) -> None:
+        """Give the memory back."""
+        GL.glDeleteTextures([self._texture])
+        GL.glDeleteBuffers(1, [self._buffer])
+        GL.glDeleteVertexArrays(1, [self._array])
+
+    def _bind(self) -> None:
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._texture)

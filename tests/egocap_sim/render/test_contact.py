@@ -1,0 +1,60 @@
+"""The darkness under what touches the floor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from egocap import geometry
+from egocap_sim import surfaces
+from egocap_sim.mesh import Actor
+from egocap_sim.shapes import ball, sheet
+
+from .conftest import equidistant, looking_forward, place_of
+
+GREY = surfaces.even(np.full(3, 0.6)).texture
+HEAD = geometry.rigid(np.eye(3), np.array([0.0, 0.0, 1.5]))
+
+
+@pytest.fixture(scope="module")
+def contact(gl):
+    from egocap_sim.render import contact
+
+    return contact
+
+
+def test_the_light_left_grows_with_height_and_distance(contact):
+    def least(height: float) -> int:
+        return contact.light_left(np.array([[2.0, -1.0, height]]))[1].min()
+
+    heights = [least(h) for h in (0.0, 0.05, 0.1, 0.2)]
+    assert heights == sorted(heights) and heights[0] < 200 < heights[-1]
+    corner, left = contact.light_left(np.array([[2.0, -1.0, 0.0], [2.1, -1.0, 0.0]]))
+    row, column = np.unravel_index(left.argmin(), left.shape)
+    x, y = corner + contact.CELL_M * (np.array([column, row]) + 0.5)
+    assert abs(x - 2.05) < 0.1 and abs(y + 1.0) < 0.05
+    assert (left[0] == 255).all() and (left[:, -1] == 255).all()  # nothing is cut off
+    assert contact.light_left(np.array([[0.0, 0.0, contact.HEIGHT_M]])) is None
+
+
+def test_points_far_apart_stay_within_the_picture(contact):
+    _, left = contact.light_left(np.array([[-9.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.0, 0.0]]))
+    assert left.shape == (contact.CELLS, contact.CELLS) and left.min() < 200
+
+
+@pytest.mark.parametrize(("height", "darker"), [(0.1, True), (1.0, False)])
+def test_only_the_floor_beside_a_low_ball_is_darkened(gl, height, darker):
+    floor = sheet("floor", (-9, 9, 0), (18, 0, 0), (0, -18, 0), GREY)
+    thing = Actor("ball", (ball("ball", (1.2, 0.0, height), (0.1,) * 3, GREY),))
+    with gl.FisheyeRenderer(looking_forward(equidistant()), [thing], place_of(floor)) as renderer:
+        views = renderer.render(HEAD, {"ball": np.eye(4)[None]})
+        image, parts, depth = views.images[0].copy(), views.parts()[0].copy(), views.depth()[0]
+        at, _ = renderer.rig.mounts[0].camera.project(
+            np.array([[-0.14, 1.5, 1.2], [-0.8, 1.5, 1.2], [0.0, 1.5 - height, 1.2]])
+        )
+        beside, away, itself = (int(image[y, x, 0]) for x, y in np.round(at).astype(int))
+        renderer._contact = None
+        plain = renderer.render(HEAD, {"ball": np.eye(4)[None]})
+        np.testing.assert_array_equal(parts, plain.parts()[0])
+        np.testing.assert_array_equal(depth, plain.depth()[0])
+    assert (beside < 0.9 * away) == darker and abs(itself - away) < 0.1 * away

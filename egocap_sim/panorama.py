@@ -32,7 +32,9 @@ def make_panorama(rng: np.random.Generator) -> Picture:
     """Sky with clouds, hills, then houses or trees along the horizon, and the ground below it."""
     x = np.arange(WIDTH)
     elevation = 90.0 - (np.arange(HEIGHT) + 0.5) * 180.0 / HEIGHT  # degrees, a row each
-    image = _sky(rng, elevation)
+    image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    above, below = elevation >= 0, elevation < 0
+    image[above] = _sky(rng, elevation[above])
     haze = image[HEIGHT // 2 - 8].mean(0)
     for k in range(2):  # hills, the farther ones paler
         ridge = (2.0 + 2.5 * (1 - k)) * (1.0 + 0.5 * _ridge(rng, x, 5 + 6 * k))
@@ -42,11 +44,11 @@ def make_panorama(rng: np.random.Generator) -> Picture:
         _houses(image, elevation, rng)
     _trees(image, elevation, rng, 0.9 if rng.random() < 0.6 else 0.35)
     soil = (np.array([0.36, 0.38, 0.28]), np.array([0.42, 0.42, 0.41]))[int(rng.integers(2))]
-    share = np.clip(-elevation / 12.0, 0.0, 1.0)[:, None, None]
-    ground = (haze * 0.75) * (1 - share) + soil * share
-    rough = 1.0 + 0.06 * _tiled(rng, 10, 120)[..., None]
-    image = np.where(elevation[:, None, None] < 0, ground * rough, image)
-    return np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
+    share = np.clip(-elevation[below] / 12.0, 0.0, 1.0)[:, None, None]
+    ground = ((haze * 0.75) * (1 - share) + soil * share).astype(np.float32)
+    rough = 1.0 + 0.06 * _tiled(rng, 10, 120)[below, :, None]
+    image[below] = ground * rough
+    return np.rint(np.clip(image, 0, 1, out=image) * 255).astype(np.uint8)
 
 
 def read_panorama(path: Path) -> Picture:
@@ -96,13 +98,15 @@ def _piece(picture: Picture, top: int, left: int, rows: Array, columns: Array) -
     )  # fmt: skip
 
 
-def _sky(rng: np.random.Generator, elevation: Array) -> Float[Array, "H W 3"]:
+def _sky(rng: np.random.Generator, elevation: Float[Array, "h"]) -> Float[Array, "h W 3"]:
+    """The topmost rows, whose elevations are given in degrees."""
     blue, pale = np.array([0.34, 0.54, 0.85]), np.array([0.82, 0.88, 0.93])
     grey = rng.uniform(0.0, 0.7)  # overcast
     blue = blue + grey * (np.array([0.70, 0.73, 0.77]) - blue)
     share = np.clip(elevation / 50.0, 0.0, 1.0)[:, None, None] ** 0.6
-    clouds = np.clip(_tiled(rng, 2, 40) - rng.uniform(-0.2, 1.0), 0.0, 1.0)[..., None]
-    colour = pale + share * (blue - pale)
+    clouds = _tiled(rng, 2, 40)[: len(elevation)]
+    clouds = np.clip(clouds - np.float32(rng.uniform(-0.2, 1.0)), 0.0, 1.0)[..., None]
+    colour = (pale + share * (blue - pale)).astype(np.float32)
     return colour + 0.75 * clouds * (0.96 - colour)
 
 
@@ -110,7 +114,7 @@ def _tiled(rng: np.random.Generator, low: float, high: float) -> Float[Array, "H
     """Noise that closes around the horizon."""
     square = surfaces.noise(rng, low, high, 1.3).astype(np.float32)
     wide = cv2.resize(np.hstack([square] * 2), (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
-    return wide.astype(float)
+    return wide
 
 
 def _ridge(rng: np.random.Generator, x: Array, waves: int) -> Float[Array, "W"]:
@@ -122,9 +126,10 @@ def _ridge(rng: np.random.Generator, x: Array, waves: int) -> Float[Array, "W"]:
 
 
 def _below(image: Array, elevation: Array, top: Array, colour: Array) -> None:
-    """Fill what lies under a line of elevations (degrees), soft by a pixel."""
-    cover = np.clip((top - elevation[:, None]) * HEIGHT / 180.0, 0.0, 1.0)[..., None]
-    image += cover * (colour - image)
+    """Fill what lies between the horizon and a line of elevations (degrees), soft by a pixel."""
+    rows = np.flatnonzero((elevation >= 0) & (elevation < top.max()))
+    cover = np.clip((top - elevation[rows, None]) * HEIGHT / 180.0, 0.0, 1.0)[..., None]
+    image[rows] += cover * (colour - image[rows])
 
 
 def _houses(image: Array, elevation: Array, rng: np.random.Generator) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
-from scipy.fft import irfft2, rfft2
+from scipy.fft import ifft, irfft
+
+from egocap_sim.surface_kernel import tinted
 
 SIZE = 512  # pixels along a texture
 
@@ -94,8 +97,9 @@ def wallpaper(rng: np.random.Generator) -> Surface:
         u, v = x % 1.0 - 0.5, y % 1.0 - 0.5
         petals = 0.22 + 0.12 * np.cos(int(rng.integers(3, 7)) * np.arctan2(v, u))
         mask = np.hypot(u, v) < petals
-    colour = np.where(mask[..., None], figure, ground)
-    return Surface(_bytes(colour * (1 + 0.015 * noise(rng, 30, 200))[..., None]), 1.0)
+    value = 1 + 0.015 * noise(rng, 30, 200)
+    printed = np.where(mask[..., None], _tinted(value, figure), _tinted(value, ground))
+    return Surface(printed, 1.0)
 
 
 def bricks(rng: np.random.Generator) -> Surface:
@@ -108,8 +112,9 @@ def bricks(rng: np.random.Generator) -> Surface:
     mortar = (x % 1.0 < 0.05) | ((y % 1.0) < 0.13)[:, None]
     clay = np.array([0.60, 0.34, 0.27]) if rng.random() < 0.6 else np.array([0.8, 0.78, 0.74])
     tone = 1 + rng.normal(0, 0.1, (rows, columns))[j, i] + 0.05 * noise(rng, 4, 120, 0.6)
-    colour = np.where(mortar[..., None], rng.uniform(0.55, 0.8), clay * tone[..., None])
-    return Surface(_bytes(colour), 1.0)
+    wall = _tinted(tone, clay)
+    wall[mortar] = _bytes(np.array(rng.uniform(0.55, 0.8)))
+    return Surface(wall, 1.0)
 
 
 def wood(rng: np.random.Generator) -> Surface:
@@ -125,14 +130,19 @@ def lacquer(rng: np.random.Generator) -> Surface:
 
 def cloth(rng: np.random.Generator) -> Surface:
     """Upholstery: a weave, sometimes striped or checked."""
-    y, x = np.mgrid[0:SIZE, 0:SIZE]
-    weave = 0.05 * np.sin(x * 2 * np.pi / 8) * np.sin(y * 2 * np.pi / 8)
-    colour = np.broadcast_to(_cloth_colour(rng), (SIZE, SIZE, 3))
-    kind, count = rng.random(), int(rng.integers(4, 10))
+    thread = np.sin(np.arange(SIZE) * 2 * np.pi / 8)
+    colour, kind, count = _cloth_colour(rng), rng.random(), int(rng.integers(4, 10))
+    band = np.arange(SIZE) * count // SIZE % 2 > 0
+    if kind < 0.15:
+        band = band[:, None] ^ band
+    other = _cloth_colour(rng) if kind < 0.3 else colour
+    value = 1 + 0.05 * np.outer(thread, thread) + 0.04 * noise(rng, 20, 200, 0.2)
+    cloth = _tinted(value, other)
     if kind < 0.3:
-        band = ((x * count // SIZE) + (y * count // SIZE if kind < 0.15 else 0)) % 2
-        colour = np.where(band[..., None] > 0, colour, _cloth_colour(rng))
-    return Surface(_bytes(colour * (1 + weave + 0.04 * noise(rng, 20, 200, 0.2))[..., None]), 0.5)
+        cloth = np.where(
+            np.broadcast_to(band, value.shape)[..., None], _tinted(value, colour), cloth
+        )
+    return Surface(cloth, 0.5)
 
 
 def rug(rng: np.random.Generator) -> Surface:
@@ -144,7 +154,8 @@ def rug(rng: np.random.Generator) -> Surface:
     field = np.sin(waves[0] * 2 * np.pi * (abs(x) + abs(y))) + np.cos(waves[1] * 4 * np.pi * x * y)
     index = np.where(field > 0.5, 1, 0)
     index = np.where((edge > 0.38) & (edge < 0.41), 2, np.where(edge > 0.45, 3, index))
-    return Surface(_bytes(colours[index] * (1 + 0.08 * noise(rng, 60, 250, 0.0))[..., None]), 1.0)
+    value = 1 + 0.08 * noise(rng, 60, 250, 0.0)
+    return Surface(_bytes(colours.astype(np.float32)[index] * value[..., None]), 1.0)
 
 
 def books(rng: np.random.Generator) -> Surface:
@@ -194,12 +205,14 @@ def picture(rng: np.random.Generator) -> Surface:
 
 def window(rng: np.random.Generator) -> Surface:
     """A bright window with glazing bars: sky above, something green below."""
-    y, x = np.mgrid[0:SIZE, 0:SIZE] / SIZE
-    sky, ground = np.array([0.93, 0.96, 1.0]), np.array([0.72, 0.80, 0.66])
+    along = np.arange(SIZE) / SIZE
+    edge = np.minimum(along, 1 - along)
+    across, down = np.minimum(abs(along - 0.5), edge), np.minimum(abs(along - 0.4), edge)
     horizon = 0.62 + 0.03 * noise(rng, 1, 8, 1.5)[0]
-    colour = np.where((y > horizon[None, :])[..., None], ground, sky)
-    frame = np.minimum.reduce([abs(x - 0.5), x, 1 - x, abs(y - 0.4), y, 1 - y]) < 0.025
-    return Surface(_bytes(np.where(frame[..., None], 0.8, colour)), 1.0)
+    seen = (along[:, None] > horizon).astype(np.uint8)
+    seen[np.minimum.outer(down, across) < 0.025] = 2
+    colours = np.array([[0.93, 0.96, 1.0], [0.72, 0.80, 0.66], [0.8, 0.8, 0.8]])
+    return Surface(_bytes(colours)[seen], 1.0)
 
 
 def even(colour: Float[Array, "3"]) -> Surface:
@@ -213,15 +226,26 @@ WALLS: tuple[Callable[[np.random.Generator], Surface], ...] = (plaster, plaster,
 
 def _filtered(
     rng: np.random.Generator, low: float, high: float, steep: float, stretch: float
-) -> Array:
-    fy = np.fft.fftfreq(SIZE, 1 / SIZE).astype(np.float32)[:, None]
-    fx = np.fft.rfftfreq(SIZE, 1 / SIZE).astype(np.float32)[None, :]
-    waves = np.hypot(fy, fx * np.float32(stretch))
-    gain = np.where((waves >= low) & (waves <= high), np.maximum(waves, 1.0) ** -steep, 0.0)
-    white = rng.standard_normal((SIZE, SIZE), dtype=np.float32)
-    spectrum = np.asarray(rfft2(white)) * gain.astype(np.float32)
-    field = np.asarray(irfft2(spectrum, (SIZE, SIZE)))
-    return (field - field.mean()) / field.std()
+) -> Float[Array, "S S"]:
+    """Random waves, drawn where the filter lets any through and nowhere else."""
+    rows, columns = min(int(high), SIZE // 2 - 1), min(int(high / stretch), SIZE // 2)
+    gain = _gain(rows, columns, low, high, steep, stretch)
+    white = rng.standard_normal((*gain.shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    spectrum = np.zeros((SIZE, columns + 1), np.complex64)
+    spectrum[np.arange(-rows, rows + 1)] = white * gain
+    field = np.asarray(irfft(ifft(spectrum, axis=0, overwrite_x=True), SIZE, axis=1))
+    return (field - field.mean()) * (np.float32(1.0) / field.std())
+
+
+@lru_cache(maxsize=32)
+def _gain(
+    rows: int, columns: int, low: float, high: float, steep: float, stretch: float
+) -> Float[Array, "2*rows+1 columns+1"]:
+    """The filter over -rows..rows waves down and 0..columns across."""
+    fy = np.arange(-rows, rows + 1, dtype=np.float32)[:, None]
+    waves = np.hypot(fy, np.arange(columns + 1, dtype=np.float32) * np.float32(stretch))
+    within = (waves >= low) & (waves <= high)
+    return np.where(within, np.maximum(waves, 1.0) ** -steep, 0.0).astype(np.float32)
 
 
 def _wood_colour(rng: np.random.Generator) -> Array:
@@ -234,9 +258,9 @@ def _cloth_colour(rng: np.random.Generator) -> Array:
     return np.clip(grey + rng.uniform(-0.18, 0.18, 3) * rng.uniform(0, 1), 0.05, 0.95)
 
 
-def _tinted(value: Array, colour: Array) -> UInt8[Array, "S S 3"]:
-    return _bytes(value[..., None] * colour)
+def _tinted(value: Float[Array, "S S"], colour: Float[Array, "3"]) -> UInt8[Array, "S S 3"]:
+    return tinted(value.astype(np.float32), np.asarray(colour, np.float32))
 
 
-def _bytes(colour: Array) -> Array:
-    return np.round(np.clip(colour, 0, 1) * 255).astype(np.uint8)
+def _bytes(colour: Float[Array, "*n"]) -> UInt8[Array, "*n"]:
+    return np.rint(np.clip(colour, 0.0, 1.0) * 255.0).astype(np.uint8)

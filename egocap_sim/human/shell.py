@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,7 +14,8 @@ from numpy import ndarray as Array
 from egocap.geometry import unit
 from egocap_sim.bodies import BODIES
 from egocap_sim.human.anny_model import BareBody, anatomy
-from egocap_sim.human.chart import TORSO, Chart, averaging
+from egocap_sim.human.chart import TORSO, Chart
+from egocap_sim.human.patch import patch_of
 
 APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
 SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
@@ -92,21 +94,22 @@ def make_shell(
     # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
     flat = cut.covered(body.vertices) & (chart.piece == TORSO)
     least = np.where(flat, np.maximum(gap - 0.006, 0.0015), gap)
-    average = averaging(near)
-    cloth = _push_out(body.vertices, chart.normals, average, gap + looseness, least, rounds)
+    patch = patch_of(near)
+    outward = unit(patch.smoothed(chart.normals, 4))
+    cloth = body.vertices + outward * (gap + looseness)[:, None]
+    cloth = patch.smoothed_over(cloth, body.vertices, chart.normals, least, rounds)
     if fall is not None:
         cloth = fall(cloth)
-    weights = smooth_weights(average, TIGHT)
+    weights = patch.smoothed(skin_weights(), TIGHT)
     if drape is not None:
-        wide = smooth_weights(average, WIDE - TIGHT, weights)
+        wide = patch.smoothed(weights, WIDE - TIGHT)
         weights = weights + drape[:, None] * (wide - weights)
     faces = anatomy().faces
     faces = faces[near[faces].all(1)]
     if buried is not None:
         faces = faces[~buried[faces].all(1)]
-    light = anatomy().openness.astype(float)
-    for _ in range(4):  # cloth bridges the skin's small hollows
-        light = 0.5 * light + 0.5 * (average @ light)
+    # Cloth bridges the skin's small hollows.
+    light = patch.smoothed(anatomy().openness.astype(float)[:, None], 4)[:, 0]
     mix = sp.csr_matrix(sp.identity(len(near)))
     for edge in cut.edges_at(cloth):
         faces, step = clip(faces, mix @ edge)
@@ -123,19 +126,12 @@ def make_shell(
     )
 
 
-def smooth_weights(
-    average: sp.csr_matrix, rounds: int, weights: Float[Array, "N 21"] | None = None
-) -> Float[Array, "N 21"]:
-    """Skin weights on all bodies (or those given), averaged so that cloth bends less sharply.
-
-    `average` is `chart.averaging` of the patch.
-    """
-    if weights is None:
-        shape = anatomy()
-        weights = np.zeros((len(shape.bones), len(BODIES)))
-        np.put_along_axis(weights, shape.bones, shape.weights, 1)
-    for _ in range(rounds):
-        weights = 0.5 * weights + 0.5 * (average @ weights)
+@cache
+def skin_weights() -> Float[Array, "N 21"]:
+    """Weights of the skin's vertices on all bodies."""
+    shape = anatomy()
+    weights = np.zeros((len(shape.bones), len(BODIES)))
+    np.put_along_axis(weights, shape.bones, shape.weights, 1)
     return weights
 
 
@@ -185,26 +181,6 @@ def border(faces: Int[Array, "F 3"]) -> Int[Array, "E 2"]:
 def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array, "F 3"]:
     start = mask[faces].argmax(1)
     return np.take_along_axis(faces, (start[:, None] + np.arange(3)) % 3, 1)
-
-
-def _push_out(
-    skin: Float[Array, "N 3"],
-    normals: Float[Array, "N 3"],
-    average: sp.csr_matrix,
-    distance: Float[Array, "N"],
-    least: Float[Array, "N"],
-    rounds: int,
-) -> Float[Array, "N 3"]:
-    """Move a surface outward by a distance, smooth it, and keep it the least distance off."""
-    outward = normals
-    for _ in range(4):
-        outward = 0.5 * outward + 0.5 * (average @ outward)
-    cloth = skin + unit(outward) * distance[:, None]
-    for _ in range(rounds):
-        cloth = 0.5 * cloth + 0.5 * (average @ cloth)
-        short = least - ((cloth - skin) * normals).sum(1)
-        cloth = cloth + normals * np.maximum(short, 0)[:, None]
-    return cloth
 
 
 def _turn_hems(shell: Shell) -> Shell:

@@ -18,7 +18,7 @@ from egocap_sim.human.anny_model import anatomy
 class Patch:
     """The skin's vertices that have a neighbour in a part of it, and those neighbours.
 
-    Those of vertices[i] are beside[start[i] : start[i + 1]].
+    Those of vertices[i] are vertices[beside[start[i] : start[i + 1]]].
     """
 
     vertices: Int[Array, "P"]
@@ -30,21 +30,26 @@ class Patch:
 
         Outside the patch they stay as they are.
         """
-        return _smoothed(values, self.vertices, self.start, self.beside, rounds)
+        result = values.copy()
+        result[self.vertices] = _smoothed(values[self.vertices], self.start, self.beside, rounds)
+        return result
 
     def smoothed_over(
         self,
-        values: Float[Array, "N 3"],
+        points: Float[Array, "N 3"],
         skin: Float[Array, "N 3"],
         normals: Float[Array, "N 3"],
         least: Float[Array, "N"],
         rounds: int,
     ) -> Float[Array, "N 3"]:
         """Points `smoothed`, and put back at the least distance (m) from the skin every time."""
+        moved, skin, normals, least = (a[self.vertices] for a in (points, skin, normals, least))
         for _ in range(rounds):
-            values = self.smoothed(values, 1)
-            _lift(values, skin, normals, least)
-        return values
+            moved = _smoothed(moved, self.start, self.beside, 1)
+            _lift(moved, skin, normals, least)
+        result = points.copy()
+        result[self.vertices] = moved
+        return result
 
 
 def patch_of(inside: Bool[Array, "N"]) -> Patch:
@@ -53,7 +58,8 @@ def patch_of(inside: Bool[Array, "N"]) -> Patch:
     both = inside[first] & inside[second]
     count = np.bincount(first[both], minlength=len(inside))
     vertices = np.flatnonzero(count)
-    return Patch(vertices, np.append(0, np.cumsum(count[vertices])), second[both])
+    place = np.cumsum(count > 0) - 1
+    return Patch(vertices, np.append(0, np.cumsum(count[vertices])), place[second[both]])
 
 
 @cache
@@ -68,34 +74,31 @@ def _edges() -> tuple[Int[Array, "E"], Int[Array, "E"]]:
 
 @numba.njit(cache=True)
 def _smoothed(
-    values: Float[Array, "N D"],
-    vertices: Int[Array, "P"],
-    start: Int[Array, "P+1"],
-    beside: Int[Array, "E"],
-    rounds: int,
-) -> Float[Array, "N D"]:
-    before, after = values.copy(), values.copy()
-    depth = values.shape[1]
-    mean = np.empty(depth)
+    values: Float[Array, "P D"], start: Int[Array, "P+1"], beside: Int[Array, "E"], rounds: int
+) -> Float[Array, "P D"]:
+    before, after = values.copy(), np.empty_like(values)
+    count, depth = values.shape
     for _ in range(rounds):
-        for i in range(len(vertices)):
-            mean[:] = 0.0
-            share = 1.0 / (start[i + 1] - start[i])
-            for k in range(start[i], start[i + 1]):
-                for d in range(depth):
-                    mean[d] += share * before[beside[k], d]
+        for i in range(count):
+            share = 0.5 / (start[i + 1] - start[i])
             for d in range(depth):
-                after[vertices[i], d] = 0.5 * before[vertices[i], d] + 0.5 * mean[d]
+                after[i, d] = 0.0
+            for k in range(start[i], start[i + 1]):
+                j = beside[k]
+                for d in range(depth):
+                    after[i, d] += share * before[j, d]
+            for d in range(depth):
+                after[i, d] += 0.5 * before[i, d]
         before, after = after, before
     return before
 
 
 @numba.njit(cache=True)
 def _lift(
-    points: Float[Array, "N 3"],
-    skin: Float[Array, "N 3"],
-    normals: Float[Array, "N 3"],
-    least: Float[Array, "N"],
+    points: Float[Array, "P 3"],
+    skin: Float[Array, "P 3"],
+    normals: Float[Array, "P 3"],
+    least: Float[Array, "P"],
 ) -> None:
     """Move points that lie closer to the skin than the least distance (m) away from it."""
     for n in range(len(points)):

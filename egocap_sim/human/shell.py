@@ -15,6 +15,7 @@ from egocap.geometry import unit
 from egocap_sim.bodies import BODIES
 from egocap_sim.human.anny_model import BareBody, anatomy
 from egocap_sim.human.chart import TORSO, Chart
+from egocap_sim.human.numbering import distinct
 from egocap_sim.human.patch import patch_of
 
 APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
@@ -105,9 +106,9 @@ def make_shell(
         wide = patch.smoothed(weights, WIDE - TIGHT)
         weights = weights + drape[:, None] * (wide - weights)
     faces = anatomy().faces
-    faces = faces[near[faces].all(1)]
+    faces = faces[near.take(faces.T).all(0)]
     if buried is not None:
-        faces = faces[~buried[faces].all(1)]
+        faces = faces[~buried.take(faces.T).all(0)]
     # Cloth bridges the skin's small hollows.
     light = patch.smoothed(anatomy().openness.astype(float)[:, None], 4)[:, 0]
     mix = sp.csr_matrix(sp.identity(len(near)))
@@ -144,14 +145,15 @@ def clip(
     those of the old.
     """
     inside = value > 0
-    count = inside[faces].sum(1)
+    count = inside.take(faces.T).sum(0)
     whole = faces[count == 3]
     # Turn the partly kept triangles so that the corner that stands alone comes first.
     lone = _alone_first(faces[count == 1], inside)
     pair = _alone_first(faces[count == 2], ~inside)
     crossed = np.concatenate([lone[:, [0, 1]], lone[:, [0, 2]], pair[:, [0, 1]], pair[:, [0, 2]]])
-    edge, index = np.unique(np.sort(crossed, 1), axis=0, return_inverse=True)
-    n, index = len(value), index.ravel() + len(value)
+    n, crossed = len(value), crossed.astype(np.int64)
+    key, index = np.unique(crossed.min(1) * n + crossed.max(1), return_inverse=True)
+    low, high, index = key // n, key % n, index + n
     a, b, c, d = np.split(index, np.cumsum([len(lone), len(lone), len(pair)]))
     cut = np.concatenate(
         [
@@ -161,21 +163,21 @@ def clip(
             np.stack([c, pair[:, 2], d], 1),
         ]
     )
-    low, high = edge.T if len(edge) else (np.zeros(0, int), np.zeros(0, int))
     share = value[low] / (value[low] - value[high])
-    rows = np.concatenate([np.arange(n), n + np.arange(len(edge)), n + np.arange(len(edge))])
+    rows = np.concatenate([np.arange(n), n + np.arange(len(key)), n + np.arange(len(key))])
     columns = np.concatenate([np.arange(n), low, high])
     amount = np.concatenate([np.ones(n), 1 - share, share])
-    mix = sp.csr_matrix((amount, (rows, columns)), shape=(n + len(edge), n))
-    used, cut = np.unique(cut, return_inverse=True)
-    return cut.reshape(-1, 3), mix[used]
+    mix = sp.csr_matrix((amount, (rows, columns)), shape=(n + len(key), n))
+    first, index = distinct(cut.ravel())
+    return index.reshape(-1, 3), mix[cut.ravel()[first]]
 
 
 def border(faces: Int[Array, "F 3"]) -> Int[Array, "E 2"]:
     """Directed edges that have a triangle on one side only."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    n = int(faces.max(initial=0)) + 1
-    return edges[~np.isin(edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0])]
+    key = np.minimum(*edges.T) * (faces.max(initial=0) + 1) + np.maximum(*edges.T)
+    _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+    return edges[count[index] == 1]
 
 
 def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array, "F 3"]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.bodies import BODIES
 from egocap_sim.human.anny_export import shape_data
 from egocap_sim.human.anny_model import EYE, EYE_RADIUS, BareBody, anatomy
 from egocap_sim.human.noise import smooth_noise
+from egocap_sim.human.numbering import distinct
 from egocap_sim.human.skin_maps import NAIL, OPEN, RED
 from egocap_sim.mesh import Mesh
 from egocap_sim.parts import wearer_part
@@ -103,11 +106,9 @@ def _toned(
 def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array, "N"]) -> Mesh:
     """The skin without the triangles whose corners are all hidden."""
     shape = anatomy()
-    shown = ~hidden[shape.faces].all(1)
-    faces, face_uv = shape.faces[shown], shape.face_uv[shown]
-    pairs = faces.astype(np.int64) * len(shape.uv) + face_uv
-    unique, index = np.unique(pairs, return_inverse=True)
-    vertex, uv = unique // len(shape.uv), unique % len(shape.uv)
+    shown = ~hidden.take(shape.faces.T).all(0)
+    first, index = distinct(_corners()[shown].ravel())
+    vertex, uv = shape.faces[shown].ravel()[first], shape.face_uv[shown].ravel()[first]
     return Mesh(
         name="skin",
         vertices=body.vertices[vertex],
@@ -119,6 +120,14 @@ def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array
         weights=shape.weights[vertex],
         shininess=0.12,
     )
+
+
+@cache
+def _corners() -> Int[Array, "F 3"]:
+    """The triangles' corners, numbered: one number for a vertex and a place in the texture."""
+    shape = anatomy()
+    pairs = shape.faces.astype(np.int64) * len(shape.uv) + shape.face_uv
+    return np.unique(pairs, return_inverse=True)[1].reshape(-1, 3)
 
 
 def rgb(code: str) -> Float[Array, "3"]:

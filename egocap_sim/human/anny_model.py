@@ -184,12 +184,12 @@ def _added(
 
     Added one by one: a matrix product's order of summation depends on the machine's threads.
     """
-    moved = points.copy()
+    moved = points.ravel().copy()
     for k in np.flatnonzero(weights):
-        for n in range(len(points)):
-            for axis in range(3):
-                moved[n, axis] += weights[k] * deltas[k, n, axis]
-    return moved
+        weight, delta = weights[k], deltas[k].ravel()
+        for n in range(len(moved)):
+            moved[n] += weight * delta[n]
+    return moved.reshape(points.shape)
 
 
 def _extent(vertices: Float[Array, "N 3"]) -> float:

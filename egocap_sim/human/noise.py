@@ -45,14 +45,15 @@ def stretched(
     `row` and `column` are the cells before a pixel, `down` and `across` its way to the next ones.
     """
     rows, columns = grid.shape
-    image = np.empty((len(row), len(column)), np.float32)
-    line = np.empty(columns + 1, np.float32)
-    for y in range(len(row)):
-        here, below = grid[row[y]], grid[(row[y] + 1) % rows]
-        for c in range(columns):
-            line[c] = here[c] + (below[c] - here[c]) * down[y]
-        line[columns] = line[0]
+    wide = np.empty((rows + 1, len(column)), np.float32)
+    for y in range(rows):
         for x in range(len(column)):
-            c = column[x]
-            image[y, x] = line[c] + (line[c + 1] - line[c]) * across[x]
+            here, after = grid[y, column[x]], grid[y, (column[x] + 1) % columns]
+            wide[y, x] = here + (after - here) * across[x]
+    wide[rows] = wide[0]
+    image = np.empty((len(row), len(column)), np.float32)
+    for y in range(len(row)):
+        above, below, share = wide[row[y]], wide[row[y] + 1], down[y]
+        for x in range(len(column)):
+            image[y, x] = above[x] + (below[x] - above[x]) * share
     return image

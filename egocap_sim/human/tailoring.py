@@ -90,24 +90,25 @@ def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, 
     length = panel.top - panel.bottom
     wide, rows = round(panel.width / REACH), panel.height
 
-    def ridges(cells_m: float, slant: float, share: float) -> Array:
+    def ridges(strength: float, cells_m: float, slant: float, share: float) -> Array:
         cells = max(2, round(length / cells_m))
         noise = wrapped_noise(rows, wide, cells, max(2, round(around * share)), rng)
         shift = (slant * along / GIRTH[panel.piece] * wide).astype(int)
-        return _slopes(noise, shift, panel.width, rows / length * cells_m)
+        return _slopes(noise, shift, panel.width, strength * rows / length * cells_m)
 
     steep = 0.8 if panel.piece == TORSO else 1.5
-    drape = 0.20 * ridges(0.10, steep, 0.8) + 0.16 * ridges(0.07, -steep, 1.2)
-    stacked = 0.24 * ridges(0.035, 0.25, 1.3)
-    deep = np.zeros((rows, panel.width), np.float32)
-    for place, width, strength in marks.creases(panel):
-        deep += strength * np.exp(-0.5 * ((along[:, None] - place) / width) ** 2)
+    drape = ridges(0.20, 0.10, steep, 0.8) + ridges(0.16, 0.07, -steep, 1.2)
+    stacked = ridges(0.24, 0.035, 0.25, 1.3)
+    deep = sum(
+        strength * np.exp(-0.5 * ((along[:, None] - place) / width) ** 2)
+        for place, width, strength in marks.creases(panel)
+    )
     if panel.piece == TORSO:
         high = np.clip((along - marks.chest + 0.1) / 0.15, 0, 1)[:, None]
-        for side in (0.25, 0.75):
-            deep += 0.7 * high * np.exp(-0.5 * ((turns[None, :] % 1 - side) / 0.07) ** 2)
+        sides = sum(np.exp(-0.5 * ((turns % 1 - side) / 0.07) ** 2) for side in (0.25, 0.75))
+        deep = deep + 0.7 * high * sides
     elif panel.piece in ARMS:
-        deep *= 0.6 + 0.8 * (np.abs(turns[None, :] % 1 - 0.5) > 0.25)  # deeper on the inner side
+        deep = deep * (0.6 + 0.8 * (np.abs(turns % 1 - 0.5) > 0.25))  # deeper on the inner side
     return FOLD * (drape * (0.35 + 0.5 * deep) + stacked * np.minimum(deep, 1.2))
 
 
@@ -138,26 +139,22 @@ def shadow(
     x = np.clip((np.asarray(panel.x(turn)) / panel.width * n).astype(int), 0, n - 1)
     y = np.clip((np.asarray(panel.y(along)) / panel.height * n).astype(int), 0, n - 1)
     cell = y * n + x
-    total = np.bincount(cell, light, n * n).reshape(n, n)
-    count = np.bincount(cell, minlength=n * n).reshape(n, n).astype(float)
+    grids = np.stack([np.bincount(cell, light, n * n), np.bincount(cell, minlength=n * n)])
+    grids = grids.reshape(2, n, n)  # the sum of the vertices' light, and their number
     for reach in (1, 1, 2, 4, 8):  # empty cells take the mean of those around
-        empty = count == 0
-        wide_total, wide_count = _blurred(total, reach), _blurred(count, reach)
-        if reach > 1:
-            total, count = np.where(empty, wide_total, total), np.where(empty, wide_count, count)
-        else:
-            total, count = wide_total, wide_count
-    value = (total / np.maximum(count, 1e-9)).astype(np.float32)
+        wide = _blurred(grids, reach)
+        grids = np.where(grids[1] == 0, wide, grids) if reach > 1 else wide
+    value = (grids[0] / np.maximum(grids[1], 1e-9)).astype(np.float32)
     value = 1 - SHADE * (1 - np.clip(value, 0, 1)) ** 1.3
     return _enlarged(value, panel.height, panel.width)
 
 
-def _blurred(grid: Array, reach: int) -> Array:
-    for axis in (0, 1):
-        n = grid.shape[axis]
+def _blurred(grids: Float[Array, "2 H W"], reach: int) -> Float[Array, "2 H W"]:
+    for axis in (1, 2):
+        n = grids.shape[axis]
         at = np.clip(np.arange(n)[:, None] + np.array([-reach, 0, reach]), 0, n - 1)
-        grid = grid.take(at, axis).sum(axis + 1) / 3
-    return grid
+        grids = grids.take(at, axis).sum(axis + 1) / 3
+    return grids
 
 
 def _enlarged(grid: Array, height: int, width: int) -> Array:

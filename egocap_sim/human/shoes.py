@@ -168,10 +168,10 @@ def _skin_rings(count: int) -> Array:
 
 def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "M 21"]:
     """Skin weights of the nearest skin, averaged, each shoe following its own leg only."""
-    weights = _smooth_weights()
+    weights, low = _smooth_weights(), body.vertices[:, 2] < body.joints[INDEX["l_calf"], 2]
     result = np.zeros((len(points), weights.shape[1]))
     for sign in (1, -1):
-        mine, skin = sign * points[:, 1] > 0, sign * body.vertices[:, 1] > 0
+        mine, skin = sign * points[:, 1] > 0, low & (sign * body.vertices[:, 1] > 0)
         _, near = KDTree(body.vertices[skin]).query(points[mine], k=12)
         result[mine] = weights[skin][near].mean(1)
     return result

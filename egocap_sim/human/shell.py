@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,7 +14,9 @@ from numpy import ndarray as Array
 from egocap.geometry import unit
 from egocap_sim.bodies import BODIES
 from egocap_sim.human.anny_model import BareBody, anatomy
-from egocap_sim.human.chart import TORSO, Chart, averaging
+from egocap_sim.human.chart import TORSO, Chart
+from egocap_sim.human.numbering import distinct
+from egocap_sim.human.patch import patch_of
 
 APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
 SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
@@ -92,21 +95,22 @@ def make_shell(
     # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
     flat = cut.covered(body.vertices) & (chart.piece == TORSO)
     least = np.where(flat, np.maximum(gap - 0.006, 0.0015), gap)
-    average = averaging(near)
-    cloth = _push_out(body.vertices, chart.normals, average, gap + looseness, least, rounds)
+    patch = patch_of(near)
+    outward = unit(patch.smoothed(chart.normals, 4))
+    cloth = body.vertices + outward * (gap + looseness)[:, None]
+    cloth = patch.smoothed_over(cloth, body.vertices, chart.normals, least, rounds)
     if fall is not None:
         cloth = fall(cloth)
-    weights = smooth_weights(average, TIGHT)
+    weights = patch.smoothed(skin_weights(), TIGHT)
     if drape is not None:
-        wide = smooth_weights(average, WIDE - TIGHT, weights)
+        wide = patch.smoothed(weights, WIDE - TIGHT)
         weights = weights + drape[:, None] * (wide - weights)
     faces = anatomy().faces
-    faces = faces[near[faces].all(1)]
+    faces = faces[near.take(faces.T).all(0)]
     if buried is not None:
-        faces = faces[~buried[faces].all(1)]
-    light = anatomy().openness.astype(float)
-    for _ in range(4):  # cloth bridges the skin's small hollows
-        light = 0.5 * light + 0.5 * (average @ light)
+        faces = faces[~buried.take(faces.T).all(0)]
+    # Cloth bridges the skin's small hollows.
+    light = patch.smoothed(anatomy().openness.astype(float)[:, None], 4)[:, 0]
     mix = sp.csr_matrix(sp.identity(len(near)))
     for edge in cut.edges_at(cloth):
         faces, step = clip(faces, mix @ edge)
@@ -123,19 +127,12 @@ def make_shell(
     )
 
 
-def smooth_weights(
-    average: sp.csr_matrix, rounds: int, weights: Float[Array, "N 21"] | None = None
-) -> Float[Array, "N 21"]:
-    """Skin weights on all bodies (or those given), averaged so that cloth bends less sharply.
-
-    `average` is `chart.averaging` of the patch.
-    """
-    if weights is None:
-        shape = anatomy()
-        weights = np.zeros((len(shape.bones), len(BODIES)))
-        np.put_along_axis(weights, shape.bones, shape.weights, 1)
-    for _ in range(rounds):
-        weights = 0.5 * weights + 0.5 * (average @ weights)
+@cache
+def skin_weights() -> Float[Array, "N 21"]:
+    """Weights of the skin's vertices on all bodies."""
+    shape = anatomy()
+    weights = np.zeros((len(shape.bones), len(BODIES)))
+    np.put_along_axis(weights, shape.bones, shape.weights, 1)
     return weights
 
 
@@ -148,14 +145,15 @@ def clip(
     those of the old.
     """
     inside = value > 0
-    count = inside[faces].sum(1)
+    count = inside.take(faces.T).sum(0)
     whole = faces[count == 3]
     # Turn the partly kept triangles so that the corner that stands alone comes first.
     lone = _alone_first(faces[count == 1], inside)
     pair = _alone_first(faces[count == 2], ~inside)
     crossed = np.concatenate([lone[:, [0, 1]], lone[:, [0, 2]], pair[:, [0, 1]], pair[:, [0, 2]]])
-    edge, index = np.unique(np.sort(crossed, 1), axis=0, return_inverse=True)
-    n, index = len(value), index.ravel() + len(value)
+    n, crossed = len(value), crossed.astype(np.int64)
+    key, index = np.unique(crossed.min(1) * n + crossed.max(1), return_inverse=True)
+    low, high, index = key // n, key % n, index + n
     a, b, c, d = np.split(index, np.cumsum([len(lone), len(lone), len(pair)]))
     cut = np.concatenate(
         [
@@ -165,46 +163,26 @@ def clip(
             np.stack([c, pair[:, 2], d], 1),
         ]
     )
-    low, high = edge.T if len(edge) else (np.zeros(0, int), np.zeros(0, int))
     share = value[low] / (value[low] - value[high])
-    rows = np.concatenate([np.arange(n), n + np.arange(len(edge)), n + np.arange(len(edge))])
+    rows = np.concatenate([np.arange(n), n + np.arange(len(key)), n + np.arange(len(key))])
     columns = np.concatenate([np.arange(n), low, high])
     amount = np.concatenate([np.ones(n), 1 - share, share])
-    mix = sp.csr_matrix((amount, (rows, columns)), shape=(n + len(edge), n))
-    used, cut = np.unique(cut, return_inverse=True)
-    return cut.reshape(-1, 3), mix[used]
+    mix = sp.csr_matrix((amount, (rows, columns)), shape=(n + len(key), n))
+    first, index = distinct(cut.ravel())
+    return index.reshape(-1, 3), mix[cut.ravel()[first]]
 
 
 def border(faces: Int[Array, "F 3"]) -> Int[Array, "E 2"]:
     """Directed edges that have a triangle on one side only."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    n = int(faces.max(initial=0)) + 1
-    return edges[~np.isin(edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0])]
+    key = np.minimum(*edges.T) * (faces.max(initial=0) + 1) + np.maximum(*edges.T)
+    _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+    return edges[count[index] == 1]
 
 
 def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array, "F 3"]:
     start = mask[faces].argmax(1)
     return np.take_along_axis(faces, (start[:, None] + np.arange(3)) % 3, 1)
-
-
-def _push_out(
-    skin: Float[Array, "N 3"],
-    normals: Float[Array, "N 3"],
-    average: sp.csr_matrix,
-    distance: Float[Array, "N"],
-    least: Float[Array, "N"],
-    rounds: int,
-) -> Float[Array, "N 3"]:
-    """Move a surface outward by a distance, smooth it, and keep it the least distance off."""
-    outward = normals
-    for _ in range(4):
-        outward = 0.5 * outward + 0.5 * (average @ outward)
-    cloth = skin + unit(outward) * distance[:, None]
-    for _ in range(rounds):
-        cloth = 0.5 * cloth + 0.5 * (average @ cloth)
-        short = least - ((cloth - skin) * normals).sum(1)
-        cloth = cloth + normals * np.maximum(short, 0)[:, None]
-    return cloth
 
 
 def _turn_hems(shell: Shell) -> Shell:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -11,9 +12,9 @@ from scipy.spatial import ConvexHull, KDTree
 
 from egocap_sim.bodies import INDEX
 from egocap_sim.human.anny_model import BareBody, anatomy
-from egocap_sim.human.chart import averaging
+from egocap_sim.human.patch import patch_of
 from egocap_sim.human.sewing import strongest
-from egocap_sim.human.shell import smooth_weights
+from egocap_sim.human.shell import skin_weights
 from egocap_sim.human.skin import PART_OF_BODY
 from egocap_sim.mesh import Mesh
 
@@ -167,10 +168,17 @@ def _skin_rings(count: int) -> Array:
 
 def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "M 21"]:
     """Skin weights of the nearest skin, averaged, each shoe following its own leg only."""
-    weights = smooth_weights(averaging(np.ones(len(body.vertices), bool)), 4)
+    weights, low = _smooth_weights(), body.vertices[:, 2] < body.joints[INDEX["l_calf"], 2]
     result = np.zeros((len(points), weights.shape[1]))
     for sign in (1, -1):
-        mine, skin = sign * points[:, 1] > 0, sign * body.vertices[:, 1] > 0
+        mine, skin = sign * points[:, 1] > 0, low & (sign * body.vertices[:, 1] > 0)
         _, near = KDTree(body.vertices[skin]).query(points[mine], k=12)
         result[mine] = weights[skin][near].mean(1)
     return result
+
+
+@cache
+def _smooth_weights() -> Float[Array, "N 21"]:
+    """Weights of the skin, averaged, so that shoes bend less sharply."""
+    weights = skin_weights()
+    return patch_of(np.ones(len(weights), bool)).smoothed(weights, 4)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cache
+
+import numba
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.bodies import BODIES
 from egocap_sim.human.anny_export import shape_data
 from egocap_sim.human.anny_model import EYE, EYE_RADIUS, BareBody, anatomy
 from egocap_sim.human.noise import smooth_noise
+from egocap_sim.human.numbering import distinct
 from egocap_sim.human.skin_maps import NAIL, OPEN, RED
 from egocap_sim.mesh import Mesh
 from egocap_sim.parts import wearer_part
@@ -56,9 +60,8 @@ def skin_texture(
     base = tone_color(tone).astype(np.float32)
     mottle = 0.6 * smooth_noise(n, 24, rng) + 0.4 * smooth_noise(n, 64, rng)
     redness = smooth_noise(n, 8, rng)
-    image = np.broadcast_to(base, (n, n, 3)) * (1 + 0.05 * mottle[..., None])
-    image = image * (1 + redness[..., None] * np.array([0.02, -0.01, -0.01]))
-    image = _weathered(image, tone)
+    flush = np.array([-0.02, -0.16, -0.14]) * (1 - tone) + np.array([-0.22, -0.24, -0.24]) * tone
+    image = _toned(base, mottle, redness, shape_data()["skin_maps"], flush.astype(np.float32))
     for at, radii in BEARD if beard else ():
         _paint(image, at, radii, 0.6 * hair + 0.4 * base * 0.6, beard)
     lips = base * np.array([0.92, 0.70, 0.70])
@@ -66,29 +69,46 @@ def skin_texture(
     for brow in BROWS:
         _paint(image, brow, (0.0034, 0.015), hair * 0.8, 0.75)
     _paint_eye(image, rgb(iris))
-    return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+    return np.rint(np.clip(image, 0, 1) * np.float32(255)).astype(np.uint8)
 
 
-def _weathered(image: Float[Array, "H W 3"], tone: float) -> Float[Array, "H W 3"]:
-    """Shade the hollows, redden joints and cheeks (dark skin: darken), and lighten nails."""
-    maps = shape_data()["skin_maps"].astype(np.float32) / 255
-    light, red, nail = (maps[..., i, None] for i in (OPEN, RED, NAIL))
-    flush = np.array([-0.02, -0.16, -0.14]) * (1 - tone) + np.array([-0.22, -0.24, -0.24]) * tone
-    image = image * (1 + red * flush.astype(np.float32))
+@numba.njit(cache=True)
+def _toned(
+    base: Float[Array, "3"],
+    mottle: Float[Array, "H W"],
+    redness: Float[Array, "H W"],
+    maps: UInt8[Array, "H W 3"],
+    flush: Float[Array, "3"],
+) -> Float[Array, "H W 3"]:
+    """Mottle the skin's colour, shade the hollows, redden joints and cheeks, and lighten nails.
+
+    `flush` is what redness adds to each colour; it darkens dark skin.
+    """
+    blush = np.array([0.02, -0.01, -0.01], np.float32)
     # Light that comes back out of hollows of skin has gone through it and is warm.
-    image = image * (1 - (1 - light) * np.array([0.42, 0.58, 0.62], np.float32))
-    pale = image * 0.75 + 0.25 * np.array([0.93, 0.78, 0.74], np.float32)
-    return image + nail * (pale - image)
+    warmth = np.array([0.42, 0.58, 0.62], np.float32)
+    pale = np.array([0.93, 0.78, 0.74], np.float32)
+    one, most = np.float32(1), np.float32(255)
+    image = np.empty(maps.shape, np.float32)
+    height, width, channels = maps.shape
+    for y in range(height):
+        for x in range(width):
+            hollow, red = one - maps[y, x, OPEN] / most, maps[y, x, RED] / most
+            nail = maps[y, x, NAIL] / most
+            for c in range(channels):
+                value = base[c] * (one + np.float32(0.05) * mottle[y, x])
+                value *= one + blush[c] * redness[y, x]
+                value *= (one + flush[c] * red) * (one - warmth[c] * hollow)
+                image[y, x, c] = value + np.float32(0.25) * nail * (pale[c] - value)
+    return image
 
 
 def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array, "N"]) -> Mesh:
     """The skin without the triangles whose corners are all hidden."""
     shape = anatomy()
-    shown = ~hidden[shape.faces].all(1)
-    faces, face_uv = shape.faces[shown], shape.face_uv[shown]
-    pairs = faces.astype(np.int64) * len(shape.uv) + face_uv
-    unique, index = np.unique(pairs, return_inverse=True)
-    vertex, uv = unique // len(shape.uv), unique % len(shape.uv)
+    shown = ~hidden.take(shape.faces.T).all(0)
+    first, index = distinct(_corners()[shown].ravel())
+    vertex, uv = shape.faces[shown].ravel()[first], shape.face_uv[shown].ravel()[first]
     return Mesh(
         name="skin",
         vertices=body.vertices[vertex],
@@ -100,6 +120,14 @@ def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array
         weights=shape.weights[vertex],
         shininess=0.12,
     )
+
+
+@cache
+def _corners() -> Int[Array, "F 3"]:
+    """The triangles' corners, numbered: one number for a vertex and a place in the texture."""
+    shape = anatomy()
+    pairs = shape.faces.astype(np.int64) * len(shape.uv) + shape.face_uv
+    return np.unique(pairs, return_inverse=True)[1].reshape(-1, 3)
 
 
 def rgb(code: str) -> Float[Array, "3"]:

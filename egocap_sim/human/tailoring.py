@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numba
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.human.chart import TORSO
 from egocap_sim.human.details import DETAILS, Canvas, Marks
-from egocap_sim.human.noise import wrapped_noise
+from egocap_sim.human.noise import stretched, wrapped_noise
 from egocap_sim.human.panels import ARMS, GIRTH, REACH, SIZE, Panel
 
 FOLD = 0.55  # strength of painted folds in the crumpled places
@@ -35,15 +36,28 @@ def paint(
     panels: Mapping[int, Panel], light: Mapping[int, tuple[Array, Array, Array]], cloth: Cloth
 ) -> UInt8[Array, "512 512 3"]:
     """The texture of a garment; `light` is turn, along and openness of each panel's vertices."""
-    image = np.zeros((SIZE, SIZE, 3), np.float32)
+    image = np.zeros((SIZE, SIZE, 3), np.uint8)
     for piece, panel in panels.items():
         canvas = Canvas(panel, lay_tile(panel, cloth.tile, cloth.tile_m), cloth.marks, cloth.rng)
         for name in cloth.details:
             DETAILS[name](canvas)
         shade = canvas.relief + cloth.crumple * folds(panel, cloth.marks, cloth.rng)
         shade = (1 + np.clip(shade, -0.45, 0.3)) * shadow(panel, *light[piece])
-        image[panel.window] = canvas.image * shade[..., None]
-    return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+        _shade(canvas.image, shade, image[panel.window])
+    return image
+
+
+@numba.njit(cache=True)
+def _shade(
+    image: Float[Array, "H W 3"], shade: Float[Array, "H W"], out: UInt8[Array, "H W 3"]
+) -> None:
+    """Multiply a picture (0 to 255) by its shade."""
+    height, width, channels = image.shape
+    for y in range(height):
+        for x in range(width):
+            for c in range(channels):
+                value = image[y, x, c] * shade[y, x] + np.float32(0.5)
+                out[y, x, c] = min(max(value, np.float32(0)), np.float32(255))
 
 
 def lay_tile(panel: Panel, tile: UInt8[Array, "N N 3"], tile_m: float) -> Float[Array, "H W 3"]:
@@ -52,7 +66,21 @@ def lay_tile(panel: Panel, tile: UInt8[Array, "N N 3"], tile_m: float) -> Float[
     n = len(tile)
     column = (panel.turns * repeats * n).astype(int) % n
     row = np.floor(-panel.along / tile_m * n).astype(int) % n
-    return tile[row[:, None], column[None, :]].astype(np.float32)
+    return _repeated(tile, row, column)
+
+
+@numba.njit(cache=True)
+def _repeated(
+    tile: UInt8[Array, "N N 3"], row: Int[Array, "H"], column: Int[Array, "W"]
+) -> Float[Array, "H W 3"]:
+    """The pixels of a tile at these rows and columns."""
+    image = np.empty((len(row), len(column), 3), np.float32)
+    for y in range(len(row)):
+        line = tile[row[y]]
+        for x in range(len(column)):
+            for c in range(3):
+                image[y, x, c] = line[column[x], c]
+    return image
 
 
 def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, "H W"]:
@@ -62,28 +90,45 @@ def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, 
     length = panel.top - panel.bottom
     wide, rows = round(panel.width / REACH), panel.height
 
-    def ridges(cells_m: float, slant: float, share: float) -> Array:
+    def ridges(strength: float, cells_m: float, slant: float, share: float) -> Array:
         cells = max(2, round(length / cells_m))
         noise = wrapped_noise(rows, wide, cells, max(2, round(around * share)), rng)
-        ridge = 1 - 2 * np.abs(noise)
         shift = (slant * along / GIRTH[panel.piece] * wide).astype(int)
-        column = ((np.arange(panel.width)[None, :] + shift[:, None]) % wide).astype(int)
-        ridge = np.take_along_axis(ridge, column, 1)
-        return np.diff(ridge, axis=0, append=ridge[-1:]) * (rows / length * cells_m)
+        return _slopes(noise, shift, panel.width, strength * rows / length * cells_m)
 
     steep = 0.8 if panel.piece == TORSO else 1.5
-    drape = 0.20 * ridges(0.10, steep, 0.8) + 0.16 * ridges(0.07, -steep, 1.2)
-    stacked = 0.24 * ridges(0.035, 0.25, 1.3)
-    deep = np.zeros((rows, panel.width), np.float32)
-    for place, width, strength in marks.creases(panel):
-        deep += strength * np.exp(-0.5 * ((along[:, None] - place) / width) ** 2)
+    drape = ridges(0.20, 0.10, steep, 0.8) + ridges(0.16, 0.07, -steep, 1.2)
+    stacked = ridges(0.24, 0.035, 0.25, 1.3)
+    deep = sum(
+        strength * np.exp(-0.5 * ((along[:, None] - place) / width) ** 2)
+        for place, width, strength in marks.creases(panel)
+    )
     if panel.piece == TORSO:
         high = np.clip((along - marks.chest + 0.1) / 0.15, 0, 1)[:, None]
-        for side in (0.25, 0.75):
-            deep += 0.7 * high * np.exp(-0.5 * ((turns[None, :] % 1 - side) / 0.07) ** 2)
+        sides = sum(np.exp(-0.5 * ((turns % 1 - side) / 0.07) ** 2) for side in (0.25, 0.75))
+        deep = deep + 0.7 * high * sides
     elif panel.piece in ARMS:
-        deep *= 0.6 + 0.8 * (np.abs(turns[None, :] % 1 - 0.5) > 0.25)  # deeper on the inner side
+        deep = deep * (0.6 + 0.8 * (np.abs(turns % 1 - 0.5) > 0.25))  # deeper on the inner side
     return FOLD * (drape * (0.35 + 0.5 * deep) + stacked * np.minimum(deep, 1.2))
+
+
+@numba.njit(cache=True)
+def _slopes(
+    noise: Float[Array, "H w"], shift: Int[Array, "H"], width: int, steepness: float
+) -> Float[Array, "H width"]:
+    """How the ridges along the zeros of noise rise down the rows, each of which is shifted."""
+    height, around = noise.shape
+    ridge = np.empty((height, width), np.float32)
+    for y in range(height):
+        column = shift[y] % around
+        for x in range(width):
+            ridge[y, x] = np.float32(1) - np.float32(2) * abs(noise[y, column])
+            column = column + 1 if column + 1 < around else 0
+    slope = np.zeros((height, width), np.float32)
+    for y in range(height - 1):
+        for x in range(width):
+            slope[y, x] = (ridge[y + 1, x] - ridge[y, x]) * np.float32(steepness)
+    return slope
 
 
 def shadow(
@@ -94,33 +139,30 @@ def shadow(
     x = np.clip((np.asarray(panel.x(turn)) / panel.width * n).astype(int), 0, n - 1)
     y = np.clip((np.asarray(panel.y(along)) / panel.height * n).astype(int), 0, n - 1)
     cell = y * n + x
-    total = np.bincount(cell, light, n * n).reshape(n, n)
-    count = np.bincount(cell, minlength=n * n).reshape(n, n).astype(float)
+    grids = np.stack([np.bincount(cell, light, n * n), np.bincount(cell, minlength=n * n)])
+    grids = grids.reshape(2, n, n)  # the sum of the vertices' light, and their number
     for reach in (1, 1, 2, 4, 8):  # empty cells take the mean of those around
-        empty = count == 0
-        wide_total, wide_count = _blurred(total, reach), _blurred(count, reach)
-        if reach > 1:
-            total, count = np.where(empty, wide_total, total), np.where(empty, wide_count, count)
-        else:
-            total, count = wide_total, wide_count
-    value = (total / np.maximum(count, 1e-9)).astype(np.float32)
+        wide = _blurred(grids, reach)
+        grids = np.where(grids[1] == 0, wide, grids) if reach > 1 else wide
+    value = (grids[0] / np.maximum(grids[1], 1e-9)).astype(np.float32)
     value = 1 - SHADE * (1 - np.clip(value, 0, 1)) ** 1.3
     return _enlarged(value, panel.height, panel.width)
 
 
-def _blurred(grid: Array, reach: int) -> Array:
-    for axis in (0, 1):
-        n = grid.shape[axis]
+def _blurred(grids: Float[Array, "2 H W"], reach: int) -> Float[Array, "2 H W"]:
+    for axis in (1, 2):
+        n = grids.shape[axis]
         at = np.clip(np.arange(n)[:, None] + np.array([-reach, 0, reach]), 0, n - 1)
-        grid = grid.take(at, axis).sum(axis + 1) / 3
-    return grid
+        grids = grids.take(at, axis).sum(axis + 1) / 3
+    return grids
 
 
 def _enlarged(grid: Array, height: int, width: int) -> Array:
-    for axis, size in ((0, height), (1, width)):
-        n = grid.shape[axis]
-        at = np.clip((np.arange(size, dtype=np.float32) + 0.5) * n / size - 0.5, 0, n - 1.001)
-        low = at.astype(int)
-        share = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
-        grid = grid.take(low, axis) * (1 - share) + grid.take(low + 1, axis) * share
-    return grid
+    return stretched(grid, *_steps(height, len(grid)), *_steps(width, len(grid)))
+
+
+def _steps(size: int, cells: int) -> tuple[Int[Array, "size"], Float[Array, "size"]]:
+    """The cell before each of `size` places, and the way from it to the next."""
+    at = np.clip((np.arange(size, dtype=np.float32) + 0.5) * cells / size - 0.5, 0, cells - 1.001)
+    low = at.astype(int)
+    return low, (at - low).astype(np.float32)

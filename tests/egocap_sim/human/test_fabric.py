@@ -5,7 +5,7 @@ import pytest
 
 from egocap.errors import InputError
 from egocap_sim.human.fabric import PATTERNS, Fabric, fabric_texture
-from egocap_sim.human.noise import smooth_noise
+from egocap_sim.human.noise import smooth_noise, wrapped_noise
 from egocap_sim.human.skin import IRISES, TONES, skin_texture, tone_color
 
 COLORS = ("navy", "white", "red")
@@ -48,6 +48,16 @@ def test_noise_tiles():
     assert np.abs(noise).max() <= 1
     inside = np.abs(np.diff(noise, axis=0)).max()
     assert np.abs(noise[0] - noise[-1]).max() <= inside * 1.5
+
+
+def test_noise_passes_through_its_grid():
+    rng = np.random.default_rng(0)
+    noise = wrapped_noise(12, 30, 4, 6, rng)
+    grid = np.random.default_rng(0).uniform(-1, 1, (4, 6))
+    assert noise[::3, ::5] == pytest.approx(grid, abs=1e-6)
+    assert noise[:, ::5][1:3] == pytest.approx(  # smooth steps of 7/27 and 20/27
+        grid[0] + np.array([[7], [20]]) / 27 * (grid[1] - grid[0]), abs=1e-6
+    )
 
 
 def test_skin_tones_darken_along_the_scale():

@@ -1,11 +1,11 @@
-"""Cutting and turning cloth: areas against closed forms, borders, weights."""
+"""Cutting and turning cloth: areas against closed forms, borders."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from egocap_sim.human.shell import border, clip, smooth_weights
+from egocap_sim.human.shell import border, clip
 
 
 def grid(n):
@@ -53,12 +53,3 @@ def test_clip_shares_cut_vertices():
 def test_border_of_a_square():
     _, faces = grid(3)
     assert len(border(faces)) == 12
-
-
-def test_smoothed_weights_still_sum_to_one():
-    from egocap_sim.human.anny_model import anatomy
-    from egocap_sim.human.chart import averaging
-
-    n = len(anatomy().owner)
-    weights = smooth_weights(averaging(np.arange(n) % 3 > 0), 4)
-    assert weights.sum(1) == pytest.approx(1)

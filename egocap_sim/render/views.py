@@ -21,20 +21,19 @@ _SKIPPED = 4  # of the columns when it is found what a row needs
 _REACH = 20  # atlas pixels: neighbouring image pixels are up to four apart
 
 
+def _fixed(lookup: Float[Array, "H W 2"], *, nearest: bool) -> tuple[Array, Array]:
+    """Whole pixels (H, W, 2) of a map, and for what is between them an index of weights."""
+    return cv2.convertMaps(lookup, None, cv2.CV_16SC2, nninterpolation=nearest)  # pyright: ignore[reportArgumentType, reportCallIssue, reportReturnType]
+
+
 class Resampler:
     """Looks fisheye pixels up in the atlas: colours between four pixels, labels at the nearest."""
 
     def __init__(self, atlas: Atlas) -> None:
         self.atlas = atlas
         # Fixed-point maps (1/32 pixel) are twice as fast as float ones.
-        self._linear = [
-            cv2.convertMaps(xy, None, cv2.CV_16SC2)  # pyright: ignore[reportArgumentType, reportCallIssue]
-            for xy in atlas.lookup
-        ]
-        self._nearest = [
-            np.where(inside[..., None], np.round(xy), -1).astype(np.int16)
-            for xy, inside in zip(atlas.lookup, atlas.inside, strict=True)
-        ]
+        self._linear = [_fixed(xy, nearest=False) for xy in atlas.lookup]
+        self._nearest = [_fixed(xy, nearest=True)[0] for xy in atlas.lookup]
         self.ray_factor = np.ones((atlas.height, atlas.width), np.float32)
         for t in atlas.tiles:
             self.ray_factor[t.row : t.row + t.height, t.column : t.column + t.width] = (
@@ -73,7 +72,7 @@ class Resampler:
 
     def nearest(self, view: int, atlas_values: Array, outside: float, rows: slice) -> Array:
         """Rows of values at the nearest atlas pixel; `outside` where the lens sees nothing."""
-        border = cv2.BORDER_CONSTANT  # outside the lens the map points at (-1, -1)
+        border = cv2.BORDER_CONSTANT  # outside the lens the map points off the atlas
         return cv2.remap(  # pyright: ignore[reportCallIssue]
             atlas_values, self._nearest[view][rows], None, cv2.INTER_NEAREST,  # pyright: ignore[reportArgumentType]
             borderMode=border, borderValue=outside,

@@ -219,20 +219,23 @@ def _layers(meshes: Sequence[Mesh]) -> tuple[UInt8[Array, "L S S 4"], Int[Array,
     longest = max(max(m.texture.shape[:2]) for m in meshes)
     size = min(MAX_TEXTURE, 1 << max(longest - 1, 1).bit_length())
     index: dict[tuple[int, int], int] = {}
-    layers, of_mesh = [], []
+    of_mesh, different = [], []
     for m in meshes:
         alpha = GLOW if m.glows else round(200 * min(max(m.shininess, 0.0), 1.0))
         key = (id(m.texture), alpha)
         if key not in index:
-            index[key] = len(layers)
-            texture = np.asarray(m.texture, np.uint8)
+            index[key] = len(different)
+            different.append((np.asarray(m.texture, np.uint8), alpha))
+        of_mesh.append(index[key])
+    layers = np.empty((len(different), size, size, 4), np.uint8)
+    for layer, (texture, alpha) in zip(layers, different, strict=True):
+        if texture.shape[:2] != (size, size):
             shrinks = size < max(texture.shape[:2])
             method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-            if texture.shape[:2] != (size, size):
-                texture = cv2.resize(texture, (size, size), interpolation=method)
-            layers.append(np.dstack([texture, np.full((size, size), alpha, np.uint8)]))
-        of_mesh.append(index[key])
-    return np.stack(layers), np.array(of_mesh)
+            texture = cv2.resize(texture, (size, size), interpolation=method)
+        cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA, dst=layer)
+        layer[..., 3] = alpha
+    return layers, np.array(of_mesh)
 
 
 def _skinning(meshes: Sequence[Mesh], world_bone: int) -> tuple[Array, Array]:

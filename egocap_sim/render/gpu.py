@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 
+import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.render.batch import Batch
@@ -94,16 +95,27 @@ class Uniforms:
         return self._location[key]
 
 
-def _texture_array(layers: Array) -> int:
-    n, height, width, _ = layers.shape
+def _texture_array(layers: UInt8[Array, "L S S 4"]) -> int:
+    """A texture with its smaller levels, each pixel the mean of four.
+
+    They are made here: on the software renderer `glGenerateMipmap` takes ten times as long, and
+    brightens them.
+    """
+    n, size = layers.shape[:2]
     texture = GL.glGenTextures(1)
     GL.glActiveTexture(GL.GL_TEXTURE0)
     GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
     GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
-    GL.glTexImage3D(
-        GL.GL_TEXTURE_2D_ARRAY, 0, GL.GL_RGBA8, width, height, n, 0,
-        GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, np.ascontiguousarray(layers),
-    )  # fmt: skip
+    levels = size.bit_length()
+    GL.glTexStorage3D(GL.GL_TEXTURE_2D_ARRAY, levels, GL.GL_RGBA8, size, size, n)
+    stacked = np.ascontiguousarray(layers).reshape(n * size, size, 4)
+    for level in range(levels):
+        GL.glTexSubImage3D(
+            GL.GL_TEXTURE_2D_ARRAY, level, 0, 0, 0, size, size, n,
+            GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, stacked,
+        )  # fmt: skip
+        size = max(size // 2, 1)
+        stacked = cv2.resize(stacked, (size, n * size), interpolation=cv2.INTER_AREA)
     for key, value in (
         (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST),
         (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
@@ -111,5 +123,4 @@ def _texture_array(layers: Array) -> int:
         (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
     ):
         GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, key, value)
-    GL.glGenerateMipmap(GL.GL_TEXTURE_2D_ARRAY)
     return texture

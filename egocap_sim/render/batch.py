@@ -95,8 +95,8 @@ def merge(meshes: Sequence[Mesh]) -> Batch:
     n_bones = max((int(m.bones.max()) + 1 for m in meshes if m.bones is not None), default=0)
     offsets = np.cumsum([0] + [len(m.vertices) for m in meshes])
     positions = np.concatenate([m.vertices for m in meshes]).astype(np.float32)
-    normals = np.concatenate([_normals(m) for m in meshes])
     faces = np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=False)])
+    normals = _normals(meshes, faces)
     parts = np.concatenate([np.asarray(m.parts, np.uint8) for m in meshes])
     layers, layer_of_mesh = _layers(meshes)
     layer = np.repeat(layer_of_mesh + [_kind(m) for m in meshes], np.diff(offsets))
@@ -146,15 +146,31 @@ def vertex_normals(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> F
     return normals / np.where(length > 0, length, 1.0)
 
 
-def _normals(mesh: Mesh) -> Array:
+def _normals(meshes: Sequence[Mesh], faces: Int[Array, "F 3"]) -> Float[Array, "N 3"]:
     """Skin and cloth are smooth across texture seams; rigid things keep their split edges hard."""
-    if mesh.bones is None:
-        return vertex_normals(mesh.vertices, mesh.faces)
-    _, first, welded = np.unique(
-        np.round(mesh.vertices, 6), axis=0, return_index=True, return_inverse=True
-    )
-    welded = welded.reshape(-1)
-    return vertex_normals(mesh.vertices[first], welded[mesh.faces])[welded]
+    welded, n = [], 0
+    for m in meshes:
+        if m.bones is None:
+            welded.append(np.arange(n, n + len(m.vertices)))
+        else:
+            first, place = _places(m.vertices, digits=6)
+            welded.append(n + first[place])
+        n += len(m.vertices)
+    welded = np.concatenate(welded)
+    return vertex_normals(np.concatenate([m.vertices for m in meshes]), welded[faces])[welded]
+
+
+def _places(
+    vertices: Float[Array, "N 3"], digits: int
+) -> tuple[Int[Array, "P"], Int[Array, "N"]]:
+    """Different places of vertices, to so many decimals: the first vertex at each; each's place."""
+    grid = np.rint(np.asarray(vertices, float) * 10.0**digits).astype(int)
+    order = np.lexsort(grid.T)
+    new = np.ones(len(grid), bool)
+    new[1:] = (grid[order[1:]] != grid[order[:-1]]).any(axis=1)
+    place = np.empty(len(grid), int)
+    place[order] = np.cumsum(new) - 1
+    return order[new], place
 
 
 def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, tuple[Chunk, ...]]:
@@ -203,14 +219,15 @@ def _inside_shows(mesh: Mesh) -> Bool[Array, "F"]:
     """Triangles that may be seen from behind: those near an open edge of a double-sided mesh."""
     if not mesh.double_sided:
         return np.zeros(len(mesh.faces), bool)
-    places, welded = np.unique(np.round(mesh.vertices, 5), axis=0, return_inverse=True)
-    faces = welded.reshape(-1)[mesh.faces]
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges, times = np.unique(edges, axis=0, return_counts=True)
-    rim = np.unique(edges[times == 1])
+    first, place = _places(mesh.vertices, digits=5)
+    faces = place[mesh.faces]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges, times = np.unique(edges.min(1) * len(first) + edges.max(1), return_counts=True)
+    rim = np.unique(np.divmod(edges[times == 1], len(first)))
     if not len(rim):
         return np.zeros(len(mesh.faces), bool)
-    distance, _ = KDTree(places[rim]).query(places)
+    at = mesh.vertices[first]
+    distance, _ = KDTree(at[rim]).query(at)
     return (distance[faces] < OPENING).any(axis=1)
 
 
@@ -218,11 +235,12 @@ def _layers(meshes: Sequence[Mesh]) -> tuple[UInt8[Array, "L S S 4"], Int[Array,
     """Stack the different textures, brought to one square size; alpha is highlight or glow."""
     longest = max(max(m.texture.shape[:2]) for m in meshes)
     size = min(MAX_TEXTURE, 1 << max(longest - 1, 1).bit_length())
-    index: dict[tuple[int, int], int] = {}
+    index: dict[tuple[int | bytes, int], int] = {}
     of_mesh, different = [], []
     for m in meshes:
         alpha = GLOW if m.glows else round(200 * min(max(m.shininess, 0.0), 1.0))
-        key = (id(m.texture), alpha)
+        small = m.texture.size < 256  # an even colour: many things have the same
+        key = (m.texture.tobytes() if small else id(m.texture), alpha)
         if key not in index:
             index[key] = len(different)
             different.append((np.asarray(m.texture, np.uint8), alpha))

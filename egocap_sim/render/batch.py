@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -20,10 +19,9 @@ from scipy.spatial import KDTree
 
 from egocap.errors import InputError
 from egocap_sim.mesh import Mesh
+from egocap_sim.render.textures import GLOW, Layer
 
 OPENING = 0.15  # metres from its edge that the inside of a double-sided mesh is drawn
-MAX_TEXTURE = 1024  # pixels along a layer of the texture array
-GLOW = 255  # alpha of a texture that shines by itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +52,7 @@ class Batch:
     layer_part: Float[Array, "N 2"]  # texture layer plus `_kind`; part label / 255
     faces: Int[Array, "F 3"]
     chunks: tuple[Chunk, ...]
-    layers: UInt8[Array, "L S S 4"]
+    layers: tuple[Layer, ...]
     order: Int[Array, "N"]  # which of the stacked meshes' vertices each of these is
     n_bones: int
     blend: csr_array | None
@@ -231,29 +229,19 @@ def _inside_shows(mesh: Mesh) -> Bool[Array, "F"]:
     return (distance[faces] < OPENING).any(axis=1)
 
 
-def _layers(meshes: Sequence[Mesh]) -> tuple[UInt8[Array, "L S S 4"], Int[Array, "M"]]:
-    """Stack the different textures, brought to one square size; alpha is highlight or glow."""
-    longest = max(max(m.texture.shape[:2]) for m in meshes)
-    size = min(MAX_TEXTURE, 1 << max(longest - 1, 1).bit_length())
+def _layers(meshes: Sequence[Mesh]) -> tuple[tuple[Layer, ...], Int[Array, "M"]]:
+    """The different textures, and which of them each mesh has."""
     index: dict[tuple[int | bytes, int], int] = {}
-    of_mesh, different = [], []
+    of_mesh, layers = [], []
     for m in meshes:
         alpha = GLOW if m.glows else round(200 * min(max(m.shininess, 0.0), 1.0))
         small = m.texture.size < 256  # an even colour: many things have the same
         key = (m.texture.tobytes() if small else id(m.texture), alpha)
         if key not in index:
-            index[key] = len(different)
-            different.append((np.asarray(m.texture, np.uint8), alpha))
+            index[key] = len(layers)
+            layers.append(Layer(np.asarray(m.texture, np.uint8), alpha))
         of_mesh.append(index[key])
-    layers = np.empty((len(different), size, size, 4), np.uint8)
-    for layer, (texture, alpha) in zip(layers, different, strict=True):
-        if texture.shape[:2] != (size, size):
-            shrinks = size < max(texture.shape[:2])
-            method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-            texture = cv2.resize(texture, (size, size), interpolation=method)
-        cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA, dst=layer)
-        layer[..., 3] = alpha
-    return layers, np.array(of_mesh)
+    return tuple(layers), np.array(of_mesh)
 
 
 def _skinning(meshes: Sequence[Mesh], world_bone: int) -> tuple[Array, Array]:

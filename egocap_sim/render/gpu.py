@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 
-import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap_sim.render.batch import Batch
 from egocap_sim.render.gl import GL, pyrender
+from egocap_sim.render.textures import texture_array
 
 
 class GpuBatch:
@@ -29,7 +29,7 @@ class GpuBatch:
         self._vertices = np.concatenate(
             [batch.positions, batch.normals, batch.uv, batch.layer_part], axis=1
         ).astype(np.float32)
-        self._texture = _texture_array(batch.layers)
+        self._texture = texture_array(batch.layers)
         self._double_sided = np.array([c.double_sided for c in batch.chunks])
         self.casts_shadow = np.array([c.casts_shadow for c in batch.chunks])
         self._first = np.array([c.first for c in batch.chunks])
@@ -93,34 +93,3 @@ class Uniforms:
             assert location >= 0, f"shader has no active input '{name}'"
             self._location[key] = location
         return self._location[key]
-
-
-def _texture_array(layers: UInt8[Array, "L S S 4"]) -> int:
-    """A texture with its smaller levels, each pixel the mean of four.
-
-    They are made here: on the software renderer `glGenerateMipmap` takes ten times as long, and
-    brightens them.
-    """
-    n, size = layers.shape[:2]
-    texture = GL.glGenTextures(1)
-    GL.glActiveTexture(GL.GL_TEXTURE0)
-    GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
-    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
-    levels = size.bit_length()
-    GL.glTexStorage3D(GL.GL_TEXTURE_2D_ARRAY, levels, GL.GL_RGBA8, size, size, n)
-    stacked = np.ascontiguousarray(layers).reshape(n * size, size, 4)
-    for level in range(levels):
-        GL.glTexSubImage3D(
-            GL.GL_TEXTURE_2D_ARRAY, level, 0, 0, 0, size, size, n,
-            GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, stacked,
-        )  # fmt: skip
-        size = max(size // 2, 1)
-        stacked = cv2.resize(stacked, (size, n * size), interpolation=cv2.INTER_AREA)
-    for key, value in (
-        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST),
-        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
-        (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
-        (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
-    ):
-        GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, key, value)
-    return texture

@@ -158,9 +158,7 @@ def _normals(meshes: Sequence[Mesh], faces: Int[Array, "F 3"]) -> Float[Array, "
     return vertex_normals(np.concatenate([m.vertices for m in meshes]), welded[faces])[welded]
 
 
-def _places(
-    vertices: Float[Array, "N 3"], digits: int
-) -> tuple[Int[Array, "P"], Int[Array, "N"]]:
+def _places(vertices: Float[Array, "N 3"], digits: int) -> tuple[Int[Array, "P"], Int[Array, "N"]]:
     """Different places of vertices, to so many decimals: the first vertex at each; each's place."""
     grid = np.rint(np.asarray(vertices, float) * 10.0**digits).astype(int)
     order = np.lexsort(grid.T)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
-import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 

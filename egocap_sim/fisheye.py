@@ -5,44 +5,26 @@ the fisheye image is then looked up where its ray leaves the cube. A cube with a
 optical axis covers a 180-degree lens with four faces. Each face is cropped to the rectangle the
 lens sees (a `Tile`), and the tiles of all cameras are packed into one picture, the atlas.
 
-Faces use the OpenCV convention (x right, y down, z out of the face); a face point has slopes
-u = x/z and v = y/z within -1..1. The atlas is stored as OpenGL reads it back, bottom row first, so
-rows grow against v. Atlas coordinates put the centre of the first pixel at 0, as `cv2.remap` and
-our cameras do; OpenGL's own put it at 0.5.
+The atlas is stored as OpenGL reads it back, bottom row first, so rows grow against v (`cube`).
+Atlas coordinates put the centre of the first pixel at 0, as `cv2.remap` and our cameras do;
+OpenGL's own put it at 0.5.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import ceil, floor, pi
-from typing import Protocol
+from math import ceil, floor
 
 import cv2
+import numba
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap.camera import Camera
-from egocap_sim.pixel_rays import pixel_rays
+from egocap_sim.cube import Lens, face_of, look_out
 
-TILE_COST = 0.15  # drawing one more tile, in the area of a quarter face
 MARGIN = 2  # pixels drawn past a tile's edge, so that interpolation never crosses a seam
-
-
-class Lens(Protocol):
-    """What is asked of a camera; `egocap.camera` has the real ones."""
-
-    @property
-    def width(self) -> int: ...
-
-    @property
-    def height(self) -> int: ...
-
-    @property
-    def max_angle(self) -> float: ...
-
-    def ray(self, pixels: Float[Array, "*n 2"]) -> tuple[Array, Array]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +70,7 @@ class Atlas:
     lookup: tuple[Float[Array, "H W 2"], ...]  # float32 per view
     inside: tuple[Bool[Array, "H W"], ...]  # the lens forms an image here
     needed: Bool[Array, "h w"]  # atlas pixels that some ray comes near; the rest need no drawing
-    _faces: tuple[tuple[Array, ...], ...] = field(repr=False, default=())
+    _faces: tuple[Float[Array, "6 3 3"], ...] = field(repr=False, default=())
 
     def locate(
         self, view: int, directions: Float[Array, "N 3"]
@@ -101,7 +83,7 @@ class Atlas:
         directions = np.asarray(directions, float)
         tile_of = np.full(len(directions), -1)
         xy = np.zeros((len(directions), 2))
-        face = _face_of(directions, self._faces[view])
+        face = face_of(directions, self._faces[view])
         for i, tile in enumerate(self.tiles):
             if tile.view != view:
                 continue
@@ -125,51 +107,25 @@ def build_atlas(
     centre; None takes 1.8 pixels per radian instead of 2, where markers without anti-aliasing still
     land within 0.25 pixels. `sharpness` scales it.
     """
-    orientations: list[tuple[Array, ...]] = []
-    traced: list[tuple[Array, Array]] = []  # per view: inside (H, W); slopes (H W, 2)
-    pixels: list[tuple[int, int, Array]] = []  # per tile: view, face, pixels that look through it
-    cropped: list[tuple[tuple[int, int, int, int], float]] = []  # per tile: box in pixels, density
-    for view, camera in enumerate(cameras):
-        rays, inside = _rays(camera)
-        density = sharpness * (face_size or round(1.8 * _pixels_per_radian(camera))) / 2
-        faces = min(_orientations(), key=lambda f: _cost(f, rays[::4, ::4], inside[::4, ::4]))
-        face = np.where(inside, _face_of(rays, faces), -1).ravel()
-        slopes = np.zeros((face.size, 2))
-        for i, R in enumerate(faces):
-            mine = np.flatnonzero(face == i)
-            if len(mine):
-                out = rays.reshape(-1, 3)[mine] @ R
-                slopes[mine] = out[:, :2] / out[:, 2:]
-                pixels.append((view, i, mine))
-                cropped.append((_box(slopes[mine] * density), density))
-        orientations.append(faces)
-        traced.append((inside, slopes))
-    width, height, corners = _pack([(x1 - x0, y1 - y0) for (x0, x1, y0, y1), _ in cropped])
-    tiles, lookup = [], [np.full((i.size, 2), -9.0, np.float32) for i, _ in traced]  # off the atlas
-    for (view, i, mine), ((x0, x1, y0, y1), density), corner in zip(
-        pixels, cropped, corners, strict=True
-    ):
-        tile = Tile(
-            view, i, orientations[view][i],
-            (x0 / density, x1 / density, y0 / density, y1 / density), *corner,
-            x1 - x0, y1 - y0, density,
-        )  # fmt: skip
-        lookup[view][mine] = tile.at_slopes(traced[view][1][mine])
-        tiles.append(tile)
-    insides = tuple(i for i, _ in traced)
-    shaped = tuple(xy.reshape(*i.shape, 2) for xy, i in zip(lookup, insides, strict=True))
-    needed = _needed(width, height, shaped, insides)
-    return Atlas(width, height, tuple(tiles), shaped, insides, needed, tuple(orientations))
-
-
-def _rays(camera: Lens) -> tuple[Array, Array]:
-    if isinstance(camera, Camera):
-        rays, angle = pixel_rays(camera)
-        return rays, angle <= camera.max_angle
-    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays, valid = camera.ray(np.stack([x, y], -1).astype(float))
-    angle = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
-    return rays, valid & (angle <= camera.max_angle)
+    outlooks = [look_out(camera) for camera in cameras]
+    densities = [sharpness * (face_size or round(1.8 * _pixels_per_radian(c))) / 2 for c in cameras]
+    seen = [(view, i) for view, outlook in enumerate(outlooks) for i in outlook.seen]
+    boxes = [_box(outlooks[view].bounds[i] * densities[view]) for view, i in seen]
+    width, height, corners = _pack([(x1 - x0, y1 - y0) for x0, x1, y0, y1 in boxes])
+    tiles = tuple(
+        _tile(view, i, outlooks[view].faces[i], box, corner, densities[view])
+        for (view, i), box, corner in zip(seen, boxes, corners, strict=True)
+    )
+    drawn = np.zeros((height, width), np.uint8)
+    lookup = tuple(
+        _look_up(outlook.face, outlook.slopes, _origins(tiles, view), density, drawn)
+        for view, (outlook, density) in enumerate(zip(outlooks, densities, strict=True))
+    )
+    # Neighbouring image pixels are up to four atlas pixels apart.
+    needed = cv2.dilate(drawn, np.ones((7, 7), np.uint8)) > 0
+    inside = tuple(outlook.face >= 0 for outlook in outlooks)
+    faces = tuple(outlook.faces for outlook in outlooks)
+    return Atlas(width, height, tiles, lookup, inside, needed, faces)
 
 
 def _pixels_per_radian(camera: Lens) -> float:
@@ -180,53 +136,54 @@ def _pixels_per_radian(camera: Lens) -> float:
     return 2 * step / float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
-def _orientations() -> list[tuple[Array, ...]]:
-    """Cubes to choose from: an edge on the axis (upright or lying), or a face on the axis."""
-    cube = [_turn(1, a) for a in (0, pi / 2, pi, -pi / 2)] + [
-        _turn(0, a) for a in (pi / 2, -pi / 2)
-    ]
-    return [
-        tuple(_turn(axis, angle) @ R for R in cube)
-        for axis, angle in ((1, pi / 4), (0, pi / 4), (0, 0))
-    ]
-
-
-def _turn(axis: int, angle: float) -> Array:
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R = np.eye(3)
-    R[i, i] = R[j, j] = np.cos(angle)
-    R[j, i], R[i, j] = np.sin(angle), -np.sin(angle)
-    return R
-
-
-def _face_of(directions: Float[Array, "*n 3"], faces: Sequence[Array]) -> Int[Array, "*n"]:
-    """Index of the cube face each direction leaves through."""
-    outward = np.stack([R[:, 2] for R in faces], -1)  # (3, 6)
-    return np.argmax(directions @ outward, -1)
-
-
-def _box(at: Float[Array, "N 2"]) -> tuple[int, int, int, int]:
-    """Whole pixels (u0, u1, v0, v1, counted from the face's middle) that hold points of a face."""
-    (u0, v0), (u1, v1) = at.min(axis=0), at.max(axis=0)
+def _box(bounds: Float[Array, "4"]) -> tuple[int, int, int, int]:
+    """Whole pixels (u0, u1, v0, v1, counted from the face's middle) that hold part of a face."""
+    u0, u1, v0, v1 = bounds
     return floor(u0) - MARGIN, ceil(u1) + MARGIN, floor(v0) - MARGIN, ceil(v1) + MARGIN
 
 
-def _cost(faces: Sequence[Array], rays: Array, inside: Array) -> float:
-    """Area to draw for one choice of cube, in squares of the face's half width, plus its tiles."""
-    du, dv = np.gradient(rays, axis=1), np.gradient(rays, axis=0)
-    solid_angle = np.linalg.norm(np.cross(du, dv), axis=-1)
-    outward = np.max(rays @ np.stack([R[:, 2] for R in faces], -1), -1)  # cosine to the face's axis
-    drawn = np.sum((solid_angle / outward**3)[inside])
-    return float(drawn) + TILE_COST * len(np.unique(_face_of(rays, faces)[inside]))
+def _tile(
+    view: int,
+    face: int,
+    R_camera_face: Array,
+    box: tuple[int, int, int, int],
+    corner: tuple[int, int],
+    density: float,
+) -> Tile:
+    """A tile of a box in pixels, whose first pixel in the atlas is `corner`."""
+    x0, x1, y0, y1 = box
+    slopes = x0 / density, x1 / density, y0 / density, y1 / density
+    return Tile(view, face, R_camera_face, slopes, *corner, x1 - x0, y1 - y0, density)
 
 
-def _needed(width: int, height: int, lookup: Sequence[Array], inside: Sequence[Array]) -> Array:
-    needed = np.zeros((height, width), np.uint8)
-    for xy, valid in zip(lookup, inside, strict=True):
-        column, row = np.round(xy[valid]).astype(int).T
-        needed[row, column] = 1
-    # Neighbouring image pixels are up to four atlas pixels apart.
-    return cv2.dilate(needed, np.ones((7, 7), np.uint8)) > 0
+def _origins(tiles: Sequence[Tile], view: int) -> Float[Array, "6 4"]:
+    """Of the tile of each face of a view's cube: the atlas column and row, and u0 and v1 there."""
+    origins = np.zeros((6, 4))
+    for t in tiles:
+        if t.view == view:
+            origins[t.face] = t.column, t.row, t.slopes[0], t.slopes[3]
+    return origins
+
+
+@numba.njit(cache=True)
+def _look_up(
+    face: Int[Array, "H W"],
+    slopes: Float[Array, "H W 2"],
+    origins: Float[Array, "6 4"],
+    density: float,
+    drawn: UInt8[Array, "h w"],
+) -> Float[Array, "H W 2"]:
+    """`Tile.at_slopes` of every pixel, off the atlas outside the lens; marks what is `drawn`."""
+    height, width = face.shape
+    lookup = np.full((height, width, 2), -9.0, np.float32)
+    for y in range(height):
+        for x in range(width):
+            if face[y, x] >= 0:
+                of = origins[face[y, x]]
+                lookup[y, x, 0] = of[0] + (slopes[y, x, 0] - of[2]) * density - 0.5
+                lookup[y, x, 1] = of[1] + (of[3] - slopes[y, x, 1]) * density - 0.5
+                drawn[round(lookup[y, x, 1]), round(lookup[y, x, 0])] = 1
+    return lookup
 
 
 def _pack(sizes: Sequence[tuple[int, int]]) -> tuple[int, int, list[tuple[int, int]]]:

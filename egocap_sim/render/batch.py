@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -20,10 +19,9 @@ from scipy.spatial import KDTree
 
 from egocap.errors import InputError
 from egocap_sim.mesh import Mesh
+from egocap_sim.render.textures import GLOW, Layer
 
 OPENING = 0.15  # metres from its edge that the inside of a double-sided mesh is drawn
-MAX_TEXTURE = 1024  # pixels along a layer of the texture array
-GLOW = 255  # alpha of a texture that shines by itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +52,7 @@ class Batch:
     layer_part: Float[Array, "N 2"]  # texture layer plus `_kind`; part label / 255
     faces: Int[Array, "F 3"]
     chunks: tuple[Chunk, ...]
-    layers: UInt8[Array, "L S S 4"]
+    layers: tuple[Layer, ...]
     order: Int[Array, "N"]  # which of the stacked meshes' vertices each of these is
     n_bones: int
     blend: csr_array | None
@@ -95,8 +93,8 @@ def merge(meshes: Sequence[Mesh]) -> Batch:
     n_bones = max((int(m.bones.max()) + 1 for m in meshes if m.bones is not None), default=0)
     offsets = np.cumsum([0] + [len(m.vertices) for m in meshes])
     positions = np.concatenate([m.vertices for m in meshes]).astype(np.float32)
-    normals = np.concatenate([_normals(m) for m in meshes])
     faces = np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=False)])
+    normals = _normals(meshes, faces)
     parts = np.concatenate([np.asarray(m.parts, np.uint8) for m in meshes])
     layers, layer_of_mesh = _layers(meshes)
     layer = np.repeat(layer_of_mesh + [_kind(m) for m in meshes], np.diff(offsets))
@@ -146,15 +144,29 @@ def vertex_normals(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> F
     return normals / np.where(length > 0, length, 1.0)
 
 
-def _normals(mesh: Mesh) -> Array:
+def _normals(meshes: Sequence[Mesh], faces: Int[Array, "F 3"]) -> Float[Array, "N 3"]:
     """Skin and cloth are smooth across texture seams; rigid things keep their split edges hard."""
-    if mesh.bones is None:
-        return vertex_normals(mesh.vertices, mesh.faces)
-    _, first, welded = np.unique(
-        np.round(mesh.vertices, 6), axis=0, return_index=True, return_inverse=True
-    )
-    welded = welded.reshape(-1)
-    return vertex_normals(mesh.vertices[first], welded[mesh.faces])[welded]
+    welded, n = [], 0
+    for m in meshes:
+        if m.bones is None:
+            welded.append(np.arange(n, n + len(m.vertices)))
+        else:
+            first, place = _places(m.vertices, digits=6)
+            welded.append(n + first[place])
+        n += len(m.vertices)
+    welded = np.concatenate(welded)
+    return vertex_normals(np.concatenate([m.vertices for m in meshes]), welded[faces])[welded]
+
+
+def _places(vertices: Float[Array, "N 3"], digits: int) -> tuple[Int[Array, "P"], Int[Array, "N"]]:
+    """Different places of vertices, to so many decimals: the first vertex at each; each's place."""
+    grid = np.rint(np.asarray(vertices, float) * 10.0**digits).astype(int)
+    order = np.lexsort(grid.T)
+    new = np.ones(len(grid), bool)
+    new[1:] = (grid[order[1:]] != grid[order[:-1]]).any(axis=1)
+    place = np.empty(len(grid), int)
+    place[order] = np.cumsum(new) - 1
+    return order[new], place
 
 
 def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, tuple[Chunk, ...]]:
@@ -203,36 +215,31 @@ def _inside_shows(mesh: Mesh) -> Bool[Array, "F"]:
     """Triangles that may be seen from behind: those near an open edge of a double-sided mesh."""
     if not mesh.double_sided:
         return np.zeros(len(mesh.faces), bool)
-    places, welded = np.unique(np.round(mesh.vertices, 5), axis=0, return_inverse=True)
-    faces = welded.reshape(-1)[mesh.faces]
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges, times = np.unique(edges, axis=0, return_counts=True)
-    rim = np.unique(edges[times == 1])
+    first, place = _places(mesh.vertices, digits=5)
+    faces = place[mesh.faces]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges, times = np.unique(edges.min(1) * len(first) + edges.max(1), return_counts=True)
+    rim = np.unique(np.divmod(edges[times == 1], len(first)))
     if not len(rim):
         return np.zeros(len(mesh.faces), bool)
-    distance, _ = KDTree(places[rim]).query(places)
+    at = mesh.vertices[first]
+    distance, _ = KDTree(at[rim]).query(at)
     return (distance[faces] < OPENING).any(axis=1)
 
 
-def _layers(meshes: Sequence[Mesh]) -> tuple[UInt8[Array, "L S S 4"], Int[Array, "M"]]:
-    """Stack the different textures, brought to one square size; alpha is highlight or glow."""
-    longest = max(max(m.texture.shape[:2]) for m in meshes)
-    size = min(MAX_TEXTURE, 1 << max(longest - 1, 1).bit_length())
-    index: dict[tuple[int, int], int] = {}
-    layers, of_mesh = [], []
+def _layers(meshes: Sequence[Mesh]) -> tuple[tuple[Layer, ...], Int[Array, "M"]]:
+    """The different textures, and which of them each mesh has."""
+    index: dict[tuple[int | bytes, int], int] = {}
+    of_mesh, layers = [], []
     for m in meshes:
         alpha = GLOW if m.glows else round(200 * min(max(m.shininess, 0.0), 1.0))
-        key = (id(m.texture), alpha)
+        small = m.texture.size < 256  # an even colour: many things have the same
+        key = (m.texture.tobytes() if small else id(m.texture), alpha)
         if key not in index:
             index[key] = len(layers)
-            texture = np.asarray(m.texture, np.uint8)
-            shrinks = size < max(texture.shape[:2])
-            method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-            if texture.shape[:2] != (size, size):
-                texture = cv2.resize(texture, (size, size), interpolation=method)
-            layers.append(np.dstack([texture, np.full((size, size), alpha, np.uint8)]))
+            layers.append(Layer(np.asarray(m.texture, np.uint8), alpha))
         of_mesh.append(index[key])
-    return np.stack(layers), np.array(of_mesh)
+    return tuple(layers), np.array(of_mesh)
 
 
 def _skinning(meshes: Sequence[Mesh], world_bone: int) -> tuple[Array, Array]:

@@ -48,13 +48,14 @@ try:
     import pyrender.shader_program
     from OpenGL import contextdata
     from OpenGL.raw.GL.VERSION.GL_1_0 import glReadPixels as read_pixels
+    from OpenGL.raw.GL.VERSION.GL_1_4 import glMultiDrawElements as draw_runs
     from pyrender.platforms import egl as _platform
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
 
 _spare = threading.local()  # a context belongs to one thread
 
-__all__ = ["GL", "Context", "check", "pyrender", "read_pixels"]
+__all__ = ["GL", "Context", "check", "draw_runs", "pyrender", "read_pixels"]
 
 
 class Context:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
+from ctypes import c_void_p
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap_sim.render.batch import Batch
-from egocap_sim.render.gl import GL, pyrender
+from egocap_sim.render.gl import GL, draw_runs, pyrender
+from egocap_sim.render.textures import texture_array
 
 
 class GpuBatch:
@@ -28,10 +29,10 @@ class GpuBatch:
         self._vertices = np.concatenate(
             [batch.positions, batch.normals, batch.uv, batch.layer_part], axis=1
         ).astype(np.float32)
-        self._texture = _texture_array(batch.layers)
+        self._texture = texture_array(batch.layers)
         self._double_sided = np.array([c.double_sided for c in batch.chunks])
         self.casts_shadow = np.array([c.casts_shadow for c in batch.chunks])
-        self._first = np.array([c.first for c in batch.chunks])
+        self._offset = np.array([4 * c.first for c in batch.chunks], np.uintp)  # bytes
         self._count = np.array([c.count for c in batch.chunks])
 
     def upload(self, positions: Float[Array, "N 3"], normals: Float[Array, "N 3"]) -> None:
@@ -58,14 +59,18 @@ class GpuBatch:
         GL.glDeleteTextures([self._texture])
 
     def _draw_runs(self, chosen: Bool[Array, "C"]) -> None:
-        """Draw chunks, neighbours in one call."""
+        """Draw chunks in one call, neighbours as one run."""
         index = np.flatnonzero(chosen)
         if not len(index):
             return
-        for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
-            first = ctypes.c_void_p(4 * int(self._first[run[0]]))
-            count = int(self._count[run].sum())
-            GL.glDrawElementsInstanced(GL.GL_TRIANGLES, count, GL.GL_UNSIGNED_INT, first, 1)
+        begin = np.flatnonzero(np.diff(index, prepend=-2) > 1)
+        count = np.add.reduceat(self._count[index], begin, dtype=np.int32)
+        first = self._offset[index[begin]]
+        # The unwrapped call: PyOpenGL's own takes no array of offsets.
+        draw_runs(
+            GL.GL_TRIANGLES, c_void_p(count.ctypes.data), GL.GL_UNSIGNED_INT,
+            c_void_p(first.ctypes.data), len(begin),
+        )  # fmt: skip
 
 
 class Uniforms:
@@ -92,24 +97,3 @@ class Uniforms:
             assert location >= 0, f"shader has no active input '{name}'"
             self._location[key] = location
         return self._location[key]
-
-
-def _texture_array(layers: Array) -> int:
-    n, height, width, _ = layers.shape
-    texture = GL.glGenTextures(1)
-    GL.glActiveTexture(GL.GL_TEXTURE0)
-    GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
-    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
-    GL.glTexImage3D(
-        GL.GL_TEXTURE_2D_ARRAY, 0, GL.GL_RGBA8, width, height, n, 0,
-        GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, np.ascontiguousarray(layers),
-    )  # fmt: skip
-    for key, value in (
-        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST),
-        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
-        (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
-        (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
-    ):
-        GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, key, value)
-    GL.glGenerateMipmap(GL.GL_TEXTURE_2D_ARRAY)
-    return texture

@@ -70,6 +70,7 @@ def may_see(
 ) -> Bool[Array, "C"]:
     """Boxes that are not wholly outside one side of the view; never misses a visible one."""
     planes = np.concatenate([clip[3] + clip[:2], clip[3] - clip[:2], (clip[3] + clip[2])[None]])
-    normal = planes[:, None, :3]
-    farthest = np.where(normal > 0, high, low)  # the box corner deepest inside each plane
-    return np.all(np.sum(normal * farthest, -1) + planes[:, 3:] >= 0, axis=0)
+    normal = planes[:, :3]
+    # Of the box corner deepest inside each plane.
+    inside = np.maximum(normal, 0) @ high.T + np.minimum(normal, 0) @ low.T + planes[:, 3:]
+    return np.all(inside >= 0, axis=0)

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import cv2
+import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
@@ -18,7 +19,13 @@ if TYPE_CHECKING:
 
 
 _SKIPPED = 4  # of the columns when it is found what a row needs
+_NEVER = 1 << 30  # a lowest place that no pixel looks up
 _REACH = 20  # atlas pixels: neighbouring image pixels are up to four apart
+
+
+def _fixed(lookup: Float[Array, "H W 2"], *, nearest: bool) -> tuple[Array, Array]:
+    """Whole pixels (H, W, 2) of a map, and for what is between them an index of weights."""
+    return cv2.convertMaps(lookup, None, cv2.CV_16SC2, nninterpolation=nearest)  # pyright: ignore[reportArgumentType, reportCallIssue, reportReturnType]
 
 
 class Resampler:
@@ -27,14 +34,8 @@ class Resampler:
     def __init__(self, atlas: Atlas) -> None:
         self.atlas = atlas
         # Fixed-point maps (1/32 pixel) are twice as fast as float ones.
-        self._linear = [
-            cv2.convertMaps(xy, None, cv2.CV_16SC2)  # pyright: ignore[reportArgumentType, reportCallIssue]
-            for xy in atlas.lookup
-        ]
-        self._nearest = [
-            np.where(inside[..., None], np.round(xy), -1).astype(np.int16)
-            for xy, inside in zip(atlas.lookup, atlas.inside, strict=True)
-        ]
+        self._linear = [_fixed(xy, nearest=False) for xy in atlas.lookup]
+        self._nearest = [_fixed(xy, nearest=True)[0] for xy in atlas.lookup]
         self.ray_factor = np.ones((atlas.height, atlas.width), np.float32)
         for t in atlas.tiles:
             self.ray_factor[t.row : t.row + t.height, t.column : t.column + t.width] = (
@@ -55,29 +56,40 @@ class Resampler:
     @cached_property
     def extent(self) -> Int[Array, "tiles H 4"]:
         """Atlas columns and rows (low, high, low, high) of each tile that each image row needs."""
-        tiles, height = self.atlas.tiles, max(len(xy) for xy in self.atlas.lookup)
-        extent = np.tile([1 << 30, -1, 1 << 30, -1], (len(tiles), height, 1))
+        lookup, tiles = self.atlas.lookup, self.atlas.tiles
+        extent = np.tile([_NEVER, -1, _NEVER, -1], (len(tiles), max(map(len, lookup)), 1))
         for i, t in enumerate(tiles):
-            x, y = self.atlas.lookup[t.view][:, ::_SKIPPED].transpose(2, 0, 1)
-            x, y = x.astype(int), y.astype(int)
-            mine = (
-                (x >= t.column) & (x < t.column + t.width) & (y >= t.row) & (y < t.row + t.height)
-            )
-            rows = slice(0, len(x))
-            for k, at, limit in ((0, x, t.column + t.width), (2, y, t.row + t.height)):
-                low = np.where(mine, at, 1 << 30).min(1) - _REACH
-                high = np.where(mine, at, -(1 << 30)).max(1) + _REACH + 1
-                extent[i, rows, k] = np.maximum(low, limit - (t.width, t.height)[k // 2])
-                extent[i, rows, k + 1] = np.minimum(high, limit)
+            box = np.array([t.column, t.column + t.width, t.row, t.row + t.height])
+            needed = _needed(lookup[t.view], box) + [-_REACH, _REACH + 1, -_REACH, _REACH + 1]
+            needed[:, 0::2] = np.maximum(needed[:, 0::2], box[0::2])
+            needed[:, 1::2] = np.minimum(needed[:, 1::2], box[1::2])
+            extent[i, : len(needed)] = needed
         return extent
 
     def nearest(self, view: int, atlas_values: Array, outside: float, rows: slice) -> Array:
         """Rows of values at the nearest atlas pixel; `outside` where the lens sees nothing."""
-        border = cv2.BORDER_CONSTANT  # outside the lens the map points at (-1, -1)
+        border = cv2.BORDER_CONSTANT  # outside the lens the map points off the atlas
         return cv2.remap(  # pyright: ignore[reportCallIssue]
             atlas_values, self._nearest[view][rows], None, cv2.INTER_NEAREST,  # pyright: ignore[reportArgumentType]
             borderMode=border, borderValue=outside,
         )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _needed(lookup: Float[Array, "H W 2"], box: Int[Array, "4"]) -> Int[Array, "H 4"]:
+    """Lowest and highest column and row within a box of the atlas that each image row looks up."""
+    height, width, _ = lookup.shape
+    needed = np.empty((height, 4), np.int64)
+    needed[:, 0::2], needed[:, 1::2] = _NEVER, -_NEVER
+    for y in range(height):
+        for x in range(0, width, _SKIPPED):
+            column, row = int(lookup[y, x, 0]), int(lookup[y, x, 1])
+            if box[0] <= column < box[1] and box[2] <= row < box[3]:
+                needed[y, 0] = min(needed[y, 0], column)
+                needed[y, 1] = max(needed[y, 1], column)
+                needed[y, 2] = min(needed[y, 2], row)
+                needed[y, 3] = max(needed[y, 3], row)
+    return needed
 
 
 class Views:

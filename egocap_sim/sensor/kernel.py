@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -14,8 +16,9 @@ NOISE_SAMPLES = 1 << 20
 _STEPS = 4095  # of the encoding table over the square root of light
 
 
+@cache
 def noise_table() -> Float[Array, "NOISE_SAMPLES"]:
-    """Standard normal numbers, float32: every row of a picture takes a run of them."""
+    """Standard normal numbers, float32: every row of a picture takes a run of them. Don't write."""
     return np.random.default_rng(0).standard_normal(NOISE_SAMPLES, dtype=np.float32)
 
 

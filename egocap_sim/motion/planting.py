@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 from scipy.ndimage import gaussian_filter1d
 
-from egocap_sim.bodies import BODIES, PARENTS
 from egocap_sim.human.person import Person
 from egocap_sim.human.soles import sole_points
+from egocap_sim.motion.chain import joint_positions
 from egocap_sim.motion.legs import bend_leg
 
 _FLOOR_PERCENTILE = 8.0  # of the lowest sole's height: robust against a few low frames
@@ -54,12 +54,7 @@ def body_positions(
     person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"]
 ) -> Float[Array, "T 21 3"]:
     """Forward kinematics: joint positions of all bodies in the world, metres."""
-    positions = np.empty((len(root), len(BODIES), 3))
-    positions[:, 0] = root
-    for b, parent in enumerate(PARENTS[1:], start=1):
-        offset = person.joints[b] - person.joints[parent]
-        positions[:, b] = positions[:, parent] + turned[:, parent] @ offset
-    return positions
+    return joint_positions(person.joints, root, turned)
 
 
 def snap(

@@ -65,8 +65,16 @@ def between(
     a: Float[Array, "*n 7"], b: Float[Array, "*n 7"], share: Float[Array, "*n"] | float
 ) -> Float[Array, "*n 4 4"]:
     """Transforms a share of the way from poses a to poses b, the shorter way around."""
+    share = np.asarray(share)
+    position = (1.0 - share)[..., None] * a[..., :3] + share[..., None] * b[..., :3]
+    return rigid(quaternion_to_matrix(slerp(a[..., 3:], b[..., 3:], share)), position)
+
+
+def slerp(
+    p: Float[Array, "*n 4"], q: Float[Array, "*n 4"], share: Float[Array, "*n"] | float
+) -> Float[Array, "*n 4"]:
+    """Unit quaternions a share of the way from p to q, the shorter way around."""
     share = np.asarray(share)[..., None]
-    p, q = a[..., 3:], b[..., 3:]
     cosine = (p * q).sum(-1, keepdims=True)
     q, cosine = np.where(cosine < 0, -q, q), np.minimum(np.abs(cosine), 1.0)
     angle = np.arccos(cosine)
@@ -74,5 +82,4 @@ def between(
     sine = np.where(small, 1.0, np.sin(angle))
     wp = np.where(small, 1.0 - share, np.sin((1.0 - share) * angle) / sine)
     wq = np.where(small, share, np.sin(share * angle) / sine)
-    position = (1.0 - share) * a[..., :3] + share * b[..., :3]
-    return rigid(quaternion_to_matrix(wp * p + wq * q), position)
+    return wp * p + wq * q

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +16,8 @@ from egocap_sim.human.person import Person
 _HALF_HEIGHT = 0.02  # metres; only the bottom face matters
 _LOW = 0.06  # metres above the floor: skin below this belongs to the sole, not to the ankle
 _TOE_LENGTH = 0.07  # metres, where a person has no toe vertices
+
+_found: WeakKeyDictionary[Person, tuple[Sole, ...]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,9 @@ def foot_yaw(person: Person, side: str) -> float:
 
 def soles(person: Person) -> tuple[Sole, ...]:
     """The four sole boxes of a person, in the order of `egocap_sim.bodies.FEET`."""
-    return tuple(_sole(person, body) for body in FEET)
+    if person not in _found:
+        _found[person] = tuple(_sole(person, body) for body in FEET)
+    return _found[person]
 
 
 def sole_points(

@@ -54,7 +54,7 @@ class Controller:
         self._damping = 2 * rate / (1 + 2 * rate * dt + (rate * dt) ** 2)
         self._stiffness = rate**2 / (1 + 2 * rate * dt + (rate * dt) ** 2)
         self._blend = min(1.0, dt / config.plan_filter_s)
-        self._foot_body = np.array([INDEX[foot] + 1 for foot in FEET])
+        self._foot_body = [INDEX[foot] + 1 for foot in FEET]
         self._foot_geom = np.array([model.geom(foot).id for foot in FEET])
         self._leg_dofs = np.array([_leg_dofs(model, side) for side in ("l", "r")])
         self._plan = np.zeros((len(FEET), 6))
@@ -91,8 +91,9 @@ class Controller:
         self._plan += self._blend * (self._goal - self._plan)
         # The leg must not go on pushing against a floor that has been taken away.
         self._plan[~self._open] = 0.0
-        for body, relief in zip(self._foot_body, -self._plan, strict=True):
-            mujoco.mj_applyFT(model, data, relief[:3], relief[3:], data.xpos[body], body, force)
+        feet = data.xpos[self._foot_body]
+        for body, at, relief in zip(self._foot_body, feet, -self._plan, strict=True):
+            mujoco.mj_applyFT(model, data, relief[:3], relief[3:], at, body, force)
         data.qfrc_applied[:] = force
 
     def _pushes(self, data: mujoco.MjData, wrench: Float[Array, "6"]) -> Float[Array, "4 6"]:

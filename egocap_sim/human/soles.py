@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float
@@ -16,8 +16,6 @@ from egocap_sim.human.person import Person
 _HALF_HEIGHT = 0.02  # metres; only the bottom face matters
 _LOW = 0.06  # metres above the floor: skin below this belongs to the sole, not to the ankle
 _TOE_LENGTH = 0.07  # metres, where a person has no toe vertices
-
-_found: WeakKeyDictionary[Person, tuple[Sole, ...]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +47,24 @@ def foot_yaw(person: Person, side: str) -> float:
 
 def soles(person: Person) -> tuple[Sole, ...]:
     """The four sole boxes of a person, in the order of `egocap_sim.bodies.FEET`."""
-    if person not in _found:
-        _found[person] = tuple(_sole(person, body) for body in FEET)
-    return _found[person]
+    return tuple(_sole(person, body) for body in FEET)
 
 
 def sole_points(
     person: Person, positions: Float[Array, "T B 3"], rotations: Float[Array, "T B 3 3"]
 ) -> Float[Array, "T 4 4 3"]:
     """World positions of every sole's bottom corners for posed bodies, axis 1 as `FEET`."""
+    return corners_of(soles(person), positions, rotations)
+
+
+def corners_of(
+    boxes: Sequence[Sole], positions: Float[Array, "T B 3"], rotations: Float[Array, "T B 3 3"]
+) -> Float[Array, "T S 4 3"]:
+    """The same of soles that are known."""
     points = [
         sole.corners @ np.swapaxes(rotations[:, INDEX[sole.body]], -1, -2)
         + positions[:, None, INDEX[sole.body]]
-        for sole in soles(person)
+        for sole in boxes
     ]
     return np.stack(points, 1)
 

@@ -10,8 +10,7 @@ from numba import njit
 from numpy import ndarray as Array
 
 from egocap_sim.bodies import INDEX
-from egocap_sim.motion import figure
-from egocap_sim.motion.chain import hang, offsets
+from egocap_sim.motion.chain import hang
 from egocap_sim.motion.limbs import bent
 from egocap_sim.motion.vectors import (
     Axes,
@@ -36,7 +35,6 @@ from egocap_sim.motion.vectors import (
 SIDES = (("l_", 1.0), ("r_", -1.0))
 
 _FULL_ARM = 0.985  # of its length: a farther wrist is brought back
-_ARM = figure.UPPERARM + figure.FOREARM
 _PELVIS, _SPINE, _CHEST, _NECK, _HEAD = (
     INDEX[body] for body in ("pelvis", "spine", "chest", "neck", "head")
 )
@@ -45,8 +43,6 @@ _CLAVICLE, _UPPERARM, _FOREARM, _HAND, _THIGH, _CALF, _FOOT, _TOE = (
     for part in ("clavicle", "upperarm", "forearm", "hand", "thigh", "calf", "foot", "toe")
 )
 _SIGN = tuple(sign for _, sign in SIDES)
-_SHOULDER = np.array([figure.offset(side + "upperarm", "chest") for side, _ in SIDES])
-_OFFSETS = offsets(figure.REST)
 
 
 @njit(cache=True)
@@ -60,13 +56,19 @@ def solve(
     hand: Float[Array, "T 2 3"],
     splay: Float[Array, "T 2"],
     anywhere: bool,
+    offset: Float[Array, "21 3"],
 ) -> tuple[Float[Array, "T 21 3"], Float[Array, "T 21 3 3"]]:
     """Joint positions and rotations of the figure for `egocap_sim.motion.posing.Controls`.
 
     `trunk` are the rotations of pelvis, chest and head, `hand` pronation, bend and swivel. `splay`
-    counts where limbs go `anywhere`.
+    counts where limbs go `anywhere`. `offset`: see `egocap_sim.motion.chain.offsets`; the figure is
+    as long on the right as on the left.
     """
-    T, bodies = len(pelvis), len(_OFFSETS)
+    T, bodies = len(pelvis), len(offset)
+    thigh_m, calf_m, upperarm_m, forearm_m = [
+        length(vector(offset[body])) for body in (_CALF[0], _FOOT[0], _FOREARM[0], _HAND[0])
+    ]
+    arm_m = upperarm_m + forearm_m
     p, R = np.zeros((T, bodies, 3)), np.zeros((T, bodies, 3, 3))
     p[:, 0] = pelvis
     for t in range(T):
@@ -77,40 +79,55 @@ def solve(
         put(R[t, _NECK], part_way(chest, head, 0.45))
         put(R[t, _HEAD], head)
         for i in range(2):
-            put(R[t, _CLAVICLE[i]], product(chest, _clavicle(vector(wrist[t, i]), _SIGN[i])))
-        hang(_OFFSETS, R[t], p[t])
+            put(R[t, _CLAVICLE[i]], product(chest, _clavicle(vector(wrist[t, i]), arm_m, _SIGN[i])))
+        hang(offset, R[t], p[t])
         for i in range(2):
             foot, leg = axes(foot_R[t, i]), difference(ankle[t, i], p[t, _THIGH[i]])
             side = _knee_out(hips, leg, _SIGN[i] * splay[t, i]) if anywhere else _knee(hips, foot)
-            thigh, calf = bent(leg, side, figure.THIGH, figure.CALF, True)
-            put(R[t, _THIGH[i]], thigh)
-            put(R[t, _CALF[i]], calf)
-            put(R[t, _FOOT[i]], foot)
-            put(R[t, _TOE[i]], product(foot, turned(0.0, -toe[t, i], 0.0)))
-            w = _in_reach(vector(wrist[t, i]))
+            thigh, calf = bent(leg, side, thigh_m, calf_m, True)
+            _put_leg(R[t], i, thigh, calf, foot, toe[t, i])
+            w = _in_reach(vector(wrist[t, i]), _FULL_ARM * arm_m)
+            from_chest = plus(vector(offset[_CLAVICLE[i]]), vector(offset[_UPPERARM[i]]))
             lifted = difference(p[t, _UPPERARM[i]], p[t, _CHEST])
-            arm = plus(applied(chest, plus(vector(_SHOULDER[i]), w)), lifted, -1.0)
-            pronation, bend, swivel = hand[t, i]
+            arm = plus(applied(chest, plus(from_chest, w)), lifted, -1.0)
             side = _elbow_anywhere(w, _SIGN[i]) if anywhere else _elbow(w, _SIGN[i])
-            side = applied(about(unit(arm), -_SIGN[i] * swivel), applied(chest, side))
-            upper, lower = bent(arm, side, figure.UPPERARM, figure.FOREARM, False)
-            # Pronation turns about the forearm; wrist and elbow share it as radius and hand do.
-            lower = product(lower, turned(-_SIGN[i] * 0.6 * pronation, 0.0, 0.0))
-            put(R[t, _UPPERARM[i]], upper)
-            put(R[t, _FOREARM[i]], lower)
-            wrung = product(lower, turned(-_SIGN[i] * 0.4 * pronation, 0.0, 0.0))
-            put(R[t, _HAND[i]], product(wrung, turned(0.0, 0.0, _SIGN[i] * bend)))
-        hang(_OFFSETS, R[t], p[t])
+            side = applied(about(unit(arm), -_SIGN[i] * hand[t, i, 2]), applied(chest, side))
+            upper, lower = bent(arm, side, upperarm_m, forearm_m, False)
+            _put_arm(R[t], i, upper, lower, hand[t, i, 0], hand[t, i, 1])
+        hang(offset, R[t], p[t])
     return p, R
 
 
 @njit(cache=True)
-def _clavicle(wrist: Vector, sign: float) -> Axes:
+def _put_leg(
+    R: Float[Array, "21 3 3"], i: int, thigh: Axes, calf: Axes, foot: Axes, toe: float
+) -> None:
+    put(R[_THIGH[i]], thigh)
+    put(R[_CALF[i]], calf)
+    put(R[_FOOT[i]], foot)
+    put(R[_TOE[i]], product(foot, turned(0.0, -toe, 0.0)))
+
+
+@njit(cache=True)
+def _put_arm(
+    R: Float[Array, "21 3 3"], i: int, upper: Axes, lower: Axes, pronation: float, bend: float
+) -> None:
+    """Pronation turns about the forearm; wrist and elbow share it as radius and hand do."""
+    twist = -_SIGN[i] * pronation
+    forearm = product(lower, turned(0.6 * twist, 0.0, 0.0))
+    hand = product(forearm, turned(0.4 * twist, 0.0, 0.0))
+    put(R[_UPPERARM[i]], upper)
+    put(R[_FOREARM[i]], forearm)
+    put(R[_HAND[i]], product(hand, turned(0.0, 0.0, _SIGN[i] * bend)))
+
+
+@njit(cache=True)
+def _clavicle(wrist: Vector, arm_m: float, sign: float) -> Axes:
     """The shoulder girdle follows the arm: up when it is raised, forward when it reaches."""
-    far = length(wrist) / _ARM
+    far = length(wrist) / arm_m
     raised = math.acos(min(max(-unit(wrist)[2], -1.0), 1.0))
     lift = 0.28 * max(raised - 0.7, 0.0)
-    ahead = 0.22 * min(max(wrist[0] / _ARM, 0.0), 1.0) * far
+    ahead = 0.22 * min(max(wrist[0] / arm_m, 0.0), 1.0) * far
     return turned(-sign * ahead, 0.0, sign * lift)
 
 
@@ -130,9 +147,9 @@ def _knee_out(hips: Axes, leg: Vector, splay: float) -> Vector:
 
 
 @njit(cache=True)
-def _in_reach(wrist: Vector) -> Vector:
+def _in_reach(wrist: Vector, reach: float) -> Vector:
     """A wrist brought to where the arm reaches it."""
-    return scaled(wrist, min(1.0, _FULL_ARM * _ARM / max(length(wrist), 1e-9)))
+    return scaled(wrist, min(1.0, reach / max(length(wrist), 1e-9)))
 
 
 @njit(cache=True)

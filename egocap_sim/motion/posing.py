@@ -9,12 +9,14 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap_sim.motion import figure
+from egocap_sim.motion.chain import offsets
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.figure_solver import SIDES, solve
 
 __all__ = ["SIDES", "Controls", "pose_figure"]
 
 FULL_LEG = 0.996  # of its length: the pelvis sinks rather than a leg being straighter
+_OFFSETS = offsets(figure.REST)
 
 
 @dataclass(eq=False)
@@ -53,6 +55,7 @@ def pose_figure(name: str, fps: float, controls: Controls) -> Clip:
         _curve(np.stack([c.pronation, c.wrist_bend, np.broadcast_to(c.swivel, (T, 2))], -1)),
         _curve(np.zeros((T, 2)) if c.splay is None else c.splay),
         c.splay is not None,
+        _OFFSETS,
     )
     return Clip(name, fps, p, R, canonical=True)
 

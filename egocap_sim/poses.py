@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
+from numba import njit
 from numpy import ndarray as Array
 
-from egocap.geometry import matrix_to_quaternion, quaternion_to_matrix, rigid
+from egocap.geometry import matrix_to_quaternion
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +68,55 @@ def between(
 ) -> Float[Array, "*n 4 4"]:
     """Transforms a share of the way from poses a to poses b, the shorter way around."""
     share = np.asarray(share)[..., None]
-    p, q = a[..., 3:], b[..., 3:]
-    cosine = (p * q).sum(-1, keepdims=True)
-    q, cosine = np.where(cosine < 0, -q, q), np.minimum(np.abs(cosine), 1.0)
-    angle = np.arccos(cosine)
-    small = angle < 1e-6  # the sines' ratio would be 0 / 0; straight on is as good
-    sine = np.where(small, 1.0, np.sin(angle))
-    wp = np.where(small, 1.0 - share, np.sin((1.0 - share) * angle) / sine)
-    wq = np.where(small, share, np.sin(share * angle) / sine)
     position = (1.0 - share) * a[..., :3] + share * b[..., :3]
-    return rigid(quaternion_to_matrix(wp * p + wq * q), position)
+    T = np.zeros((*position.shape[:-1], 4, 4))
+    T[..., :3, 3], T[..., 3, 3] = position, 1.0
+    q = slerp(a[..., 3:], b[..., 3:], share[..., 0])
+    _set_rotations(T.reshape(-1, 4, 4), q.reshape(-1, 4))
+    return T
+
+
+def slerp(
+    p: Float[Array, "*n 4"], q: Float[Array, "*n 4"], share: Float[Array, "*n"] | float
+) -> Float[Array, "*n 4"]:
+    """Unit quaternions a share of the way from p to q, the shorter way around."""
+    shape = np.broadcast_shapes(p.shape[:-1], q.shape[:-1], np.shape(share))
+    p, q = (np.array(np.broadcast_to(a, (*shape, 4)), order="C") for a in (p, q))
+    shares = np.array(np.broadcast_to(share, shape), float, order="C")
+    _turn_towards(p.reshape(-1, 4), q.reshape(-1, 4), shares.reshape(-1))
+    return p
+
+
+@njit(cache=True)
+def _turn_towards(p: Float[Array, "N 4"], q: Float[Array, "N 4"], share: Float[Array, "N"]) -> None:
+    """Slerp in place."""
+    for n in range(len(p)):
+        cosine, sign = 0.0, 1.0
+        for i in range(4):
+            cosine += p[n, i] * q[n, i]
+        if cosine < 0.0:
+            cosine, sign = -cosine, -1.0
+        angle = math.acos(min(cosine, 1.0))
+        wp, wq = 1.0 - share[n], share[n]
+        if angle >= 1e-6:  # the sines' ratio would be 0 / 0; straight on is as good
+            sine = math.sin(angle)
+            wp, wq = math.sin(wp * angle) / sine, math.sin(wq * angle) / sine
+        for i in range(4):
+            p[n, i] = wp * p[n, i] + wq * sign * q[n, i]
+
+
+@njit(cache=True)
+def _set_rotations(T: Float[Array, "N 4 4"], q: Float[Array, "N 4"]) -> None:
+    """`egocap.geometry.quaternion_to_matrix`, into transforms."""
+    for n in range(len(T)):
+        w, x, y, z = q[n, 0], q[n, 1], q[n, 2], q[n, 3]
+        s = 2.0 / (w * w + x * x + y * y + z * z)
+        T[n, 0, 0] = 1.0 - s * (y * y + z * z)
+        T[n, 0, 1] = s * (x * y - w * z)
+        T[n, 0, 2] = s * (x * z + w * y)
+        T[n, 1, 0] = s * (x * y + w * z)
+        T[n, 1, 1] = 1.0 - s * (x * x + z * z)
+        T[n, 1, 2] = s * (y * z - w * x)
+        T[n, 2, 0] = s * (x * z - w * y)
+        T[n, 2, 1] = s * (y * z + w * x)
+        T[n, 2, 2] = 1.0 - s * (x * x + y * y)

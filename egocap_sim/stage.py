@@ -61,15 +61,15 @@ def rig_of(table: RigTable, seed: int | None = None) -> Rig:
     """The scene's rig at the recorded image size; a sampled one needs the scene's seed."""
     if table.name == SAMPLED:
         assert seed is not None
-        rig = _sampled_rig(seed)
-    else:
-        rig = load_rig(Path(table.file) if table.file else rig_file(table.name or DEFAULT_RIG))
+        return _sampled_rig(seed, table.size)
+    rig = load_rig(Path(table.file) if table.file else rig_file(table.name or DEFAULT_RIG))
     return rig.resized(*table.size) if table.size else rig
 
 
 @lru_cache(maxsize=4)
-def _sampled_rig(seed: int) -> Rig:
-    return sample_rig(stream(seed, "rig"))
+def _sampled_rig(seed: int, size: tuple[int, int] | None) -> Rig:
+    rig = sample_rig(stream(seed, "rig"))
+    return rig.resized(*size) if size else rig
 
 
 def sensor_of(scene: Scene) -> SensorTable | None:

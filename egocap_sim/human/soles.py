@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,10 +54,17 @@ def sole_points(
     person: Person, positions: Float[Array, "T B 3"], rotations: Float[Array, "T B 3 3"]
 ) -> Float[Array, "T 4 4 3"]:
     """World positions of every sole's bottom corners for posed bodies, axis 1 as `FEET`."""
+    return corners_of(soles(person), positions, rotations)
+
+
+def corners_of(
+    boxes: Sequence[Sole], positions: Float[Array, "T B 3"], rotations: Float[Array, "T B 3 3"]
+) -> Float[Array, "T S 4 3"]:
+    """The same of soles that are known."""
     points = [
         sole.corners @ np.swapaxes(rotations[:, INDEX[sole.body]], -1, -2)
         + positions[:, None, INDEX[sole.body]]
-        for sole in soles(person)
+        for sole in boxes
     ]
     return np.stack(points, 1)
 
@@ -66,13 +74,15 @@ def _sole(person: Person, body: str) -> Sole:
     yaw, joint = foot_yaw(person, side), person.joints[INDEX[body]]
     inward = axis_angle(UP, -yaw)  # world -> box axes
     ball = inward @ (person.joints[INDEX[f"{side}_toe"]] - joint)
-    owners = [INDEX[body]] if part == "foot" else [INDEX[f"{side}_toe"], INDEX[f"{side}_foot"]]
-    mine = np.isin(person.body_owner.astype(int), owners) & (person.body_vertices[:, 2] < _LOW)
+    mine = person.body_owner == INDEX[f"{side}_foot"]
+    if part == "toe":
+        mine |= person.body_owner == INDEX[body]
+    mine &= person.body_vertices[:, 2] < _LOW
     points = (person.body_vertices[mine] - joint) @ inward.T
     points = points[points[:, 0] <= ball[0]] if part == "foot" else points[points[:, 0] >= ball[0]]
     if len(points) < 3:
         points = ball + np.array([[0.0, -0.03, 0.0], [0.0, 0.03, 0.0], [_TOE_LENGTH, 0.0, 0.0]])
-    low, high = np.percentile(points, 3, axis=0), np.percentile(points, 97, axis=0)
+    low, high = np.percentile(points, (3, 97), axis=0)
     # The boxes of foot and toe meet under the ball of the foot.
     if part == "foot":
         high[0] = ball[0]

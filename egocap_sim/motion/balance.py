@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap_sim.bodies import INDEX
+from egocap_sim.bodies import BODIES, INDEX
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.posing import Controls
 
@@ -25,6 +25,11 @@ for _s in ("l_", "r_"):
         (_s + "foot", _s + "toe", 0.0145),
     ]  # fmt: skip
 _HEAD, _HEAD_UP = 0.081, 0.08  # its mass, and metres from the skull base to its centre
+_SHARES = np.zeros(len(BODIES))  # of the mass, as if it lay at the joints
+_SHARES[INDEX["head"]] = _HEAD
+for _a, _b, _m in _SEGMENTS:
+    _SHARES[INDEX[_a]] += 0.55 * _m
+    _SHARES[INDEX[_b]] += 0.45 * _m
 
 OVER = 0.035  # metres before the ankles: where the weight of someone standing rests
 SLACK = 0.025  # metres around it that are left alone
@@ -33,13 +38,8 @@ SMOOTH = 0.12  # seconds; the shift is smoothed over them
 
 def centre_of_mass(clip: Clip) -> Float[Array, "T 3"]:
     """Whole-body centre of mass of a canonical clip, world, metres."""
-    p = clip.positions
-    total = _HEAD * (p[:, INDEX["head"]] + _HEAD_UP * clip.rotations[:, INDEX["head"], :, 2])
-    mass = _HEAD
-    for a, b, m in _SEGMENTS:
-        total = total + m * (0.55 * p[:, INDEX[a]] + 0.45 * p[:, INDEX[b]])
-        mass += m
-    return total / mass
+    head = _HEAD * _HEAD_UP * clip.rotations[:, INDEX["head"], :, 2]
+    return (_SHARES @ clip.positions + head) / _SHARES.sum()
 
 
 def balanced(

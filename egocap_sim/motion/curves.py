@@ -12,8 +12,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.geometry import axis_angle
-
 
 def minimum_jerk(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """From 0 to 1 over 0..1 with zero speed and acceleration at both ends; held outside."""
@@ -61,6 +59,11 @@ def turn(
     roll: Float[Array, "*n"] | float = 0.0,
 ) -> Float[Array, "*n 3 3"]:
     """Rotations that roll about x, then pitch about y (positive: forward), then yaw about z."""
-    yaw, pitch, roll = np.broadcast_arrays(*(np.asarray(a, float) for a in (yaw, pitch, roll)))
-    x, y, z = np.eye(3)
-    return axis_angle(z, yaw) @ axis_angle(y, pitch) @ axis_angle(x, roll)
+    angles = [np.asarray(a, float) for a in (yaw, pitch, roll)]
+    (cy, cp, cr), (sy, sp, sr) = map(np.cos, angles), map(np.sin, angles)
+    R = np.empty((*np.broadcast_shapes(*(a.shape for a in angles)), 3, 3))
+    R[..., 0, 0], R[..., 1, 0], R[..., 2, 0] = cy * cp, sy * cp, -sp
+    R[..., 0, 1], R[..., 1, 1] = cy * sp * sr - sy * cr, sy * sp * sr + cy * cr
+    R[..., 0, 2], R[..., 1, 2] = cy * sp * cr + sy * sr, sy * sp * cr - cy * sr
+    R[..., 2, 1], R[..., 2, 2] = cp * sr, cp * cr
+    return R

@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap_sim.bodies import BODIES, INDEX, PARENTS
+from egocap_sim.bodies import BODIES, INDEX
+from egocap_sim.motion.chain import joint_positions
 
 HEIGHT = 1.75  # metres
 
@@ -54,10 +55,4 @@ def positions(
     rotations: Float[Array, "T 21 3 3"], pelvis: Float[Array, "T 3"]
 ) -> Float[Array, "T 21 3"]:
     """World joint positions of the figure under world rotations of its bodies."""
-    p = np.empty((len(rotations), len(BODIES), 3))
-    for b, parent in enumerate(PARENTS):
-        if parent < 0:
-            p[:, b] = pelvis
-        else:
-            p[:, b] = p[:, parent] + rotations[:, parent] @ (REST[b] - REST[parent])
-    return p
+    return joint_positions(REST, pelvis, rotations)

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from numpy import ndarray as Array
 
-from egocap.geometry import unit
+from egocap_sim.motion.vectors import (
+    Axes,
+    Vector,
+    cross,
+    dot,
+    length,
+    plus,
+    put,
+    scaled,
+    unit,
+    vector,
+)  # fmt: skip
 
 STRAIGHTEST = 0.998  # of the limb's length: farther ends are brought back, nothing hyperextends
 
@@ -25,21 +39,49 @@ def two_bones(
     The middle joint lies to the side of `bend_towards`. A knee's hinge is the body's left axis; an
     elbow's flexion turns the other way about it.
     """
-    reach = end - root
-    distance = np.linalg.norm(reach, axis=-1, keepdims=True)
-    axis = reach / np.maximum(distance, 1e-9)
-    distance = np.clip(distance, abs(upper - lower) * 1.05 + 0.02, STRAIGHTEST * (upper + lower))
-    side = unit(bend_towards - (bend_towards * axis).sum(-1, keepdims=True) * axis)
+    upper_R, lower_R = np.empty((len(root), 3, 3)), np.empty((len(root), 3, 3))
+    reach = np.ascontiguousarray(end - root)
+    _bend_all(reach, np.array(bend_towards, order="C"), upper, lower, knee, upper_R, lower_R)
+    return upper_R, lower_R
+
+
+@njit(cache=True)
+def _bend_all(
+    reach: Float[Array, "T 3"],
+    bend_towards: Float[Array, "T 3"],
+    upper: float,
+    lower: float,
+    knee: bool,
+    upper_R: Float[Array, "T 3 3"],
+    lower_R: Float[Array, "T 3 3"],
+) -> None:
+    for t in range(len(reach)):
+        a, b = bent(vector(reach[t]), vector(bend_towards[t]), upper, lower, knee)
+        put(upper_R[t], a)
+        put(lower_R[t], b)
+
+
+@njit(cache=True)
+def bent(
+    reach: Vector, bend_towards: Vector, upper: float, lower: float, knee: bool
+) -> tuple[Axes, Axes]:
+    """`two_bones` of one frame, `reach` from the root to the end."""
+    distance = length(reach)
+    axis = scaled(reach, 1.0 / max(distance, 1e-9))
+    nearest, farthest = abs(upper - lower) * 1.05 + 0.02, STRAIGHTEST * (upper + lower)
+    distance = min(max(distance, nearest), farthest)
+    side = unit(plus(bend_towards, axis, -dot(bend_towards, axis)))
     along = (distance**2 + upper**2 - lower**2) / (2.0 * distance)
-    out = np.sqrt(np.maximum(upper**2 - along**2, 0.0))
-    middle = along * axis + out * side
-    left = np.cross(side, axis) if knee else np.cross(axis, side)
-    return _bone(middle, left), _bone(distance * axis - middle, left)
+    out = math.sqrt(max(upper**2 - along**2, 0.0))
+    middle = plus(scaled(axis, along), side, out)
+    left = cross(side, axis) if knee else cross(axis, side)
+    return _bone(middle, left), _bone(plus(scaled(axis, distance), middle, -1.0), left)
 
 
-def _bone(down: Float[Array, "T 3"], left: Float[Array, "T 3"]) -> Float[Array, "T 3 3"]:
-    z = -unit(down)
-    return np.stack([np.cross(left, z), left, z], -1)
+@njit(cache=True)
+def _bone(down: Vector, left: Vector) -> Axes:
+    z = scaled(unit(down), -1.0)
+    return cross(left, z), left, z
 
 
 def bend_angle(upper: Float[Array, "T 3 3"], lower: Float[Array, "T 3 3"]) -> Float[Array, "T"]:

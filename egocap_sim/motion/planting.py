@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 from scipy.ndimage import gaussian_filter1d
 
-from egocap_sim.bodies import BODIES, PARENTS
 from egocap_sim.human.person import Person
-from egocap_sim.human.soles import sole_points
+from egocap_sim.human.soles import corners_of, soles
+from egocap_sim.motion.chain import joint_positions
 from egocap_sim.motion.legs import bend_leg
 
 _FLOOR_PERCENTILE = 8.0  # of the lowest sole's height: robust against a few low frames
@@ -40,13 +40,14 @@ def plant(
     Returns root positions, body rotations, which feet stand and which at least touch the floor
     (`egocap_sim.bodies.FEET`).
     """
-    root = snap(person, root, turned, fps)
-    points = sole_points(person, body_positions(person, root, turned), turned)
+    boxes = soles(person)
+    root = snap(corners_of(boxes, body_positions(person, root, turned), turned), root, fps)
+    points = corners_of(boxes, body_positions(person, root, turned), turned)
     moves = [foot_correction(points[:, 2 * s : 2 * s + 2], fps) for s in range(2)]
     for side, move in zip(("l", "r"), moves, strict=True):
         positions = body_positions(person, root, turned)
         turned = bend_leg(positions, turned, side, move)
-    points = sole_points(person, body_positions(person, root, turned), turned)
+    points = corners_of(boxes, body_positions(person, root, turned), turned)
     return root, turned, standing(points, fps), points[..., 2].min(-1) < _TOUCH_HEIGHT
 
 
@@ -54,21 +55,17 @@ def body_positions(
     person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"]
 ) -> Float[Array, "T 21 3"]:
     """Forward kinematics: joint positions of all bodies in the world, metres."""
-    positions = np.empty((len(root), len(BODIES), 3))
-    positions[:, 0] = root
-    for b, parent in enumerate(PARENTS[1:], start=1):
-        offset = person.joints[b] - person.joints[parent]
-        positions[:, b] = positions[:, parent] + turned[:, parent] @ offset
-    return positions
+    return joint_positions(person.joints, root, turned)
 
 
 def snap(
-    person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"], fps: float
+    points: Float[Array, "T 4 4 3"], root: Float[Array, "T 3"], fps: float
 ) -> Float[Array, "T 3"]:
-    """Shift the root vertically: one offset for the clip and a slow one while a foot stands."""
-    points = sole_points(person, body_positions(person, root, turned), turned).reshape(
-        len(root), -1, 3
-    )
+    """Shift the root vertically: one offset for the clip and a slow one while a foot stands.
+
+    `points` are the corners of the soles.
+    """
+    points = points.reshape(len(root), -1, 3)
     frames, corner = np.arange(len(root)), points[..., 2].argmin(1)
     lowest, speed = points[frames, corner, 2], _speed(points, fps)[frames, corner]
     lowest = lowest - (offset := np.percentile(lowest, _FLOOR_PERCENTILE))

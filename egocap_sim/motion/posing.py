@@ -8,17 +8,15 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.geometry import axis_angle, unit
-from egocap_sim.bodies import BODIES, INDEX
 from egocap_sim.motion import figure
+from egocap_sim.motion.chain import offsets
 from egocap_sim.motion.clip import Clip
-from egocap_sim.motion.curves import turn
-from egocap_sim.motion.legs import shortest_arc
-from egocap_sim.motion.limbs import two_bones
+from egocap_sim.motion.figure_solver import SIDES, solve
 
-SIDES = (("l_", 1.0), ("r_", -1.0))
+__all__ = ["SIDES", "Controls", "pose_figure"]
+
 FULL_LEG = 0.996  # of its length: the pelvis sinks rather than a leg being straighter
-FULL_ARM = 0.985
+_OFFSETS = offsets(figure.REST)
 
 
 @dataclass(eq=False)
@@ -46,47 +44,28 @@ class Controls:
 
 def pose_figure(name: str, fps: float, controls: Controls) -> Clip:
     """Solve the figure's 21 bodies for the controls; canonical rotations."""
-    T = len(controls.pelvis)
-    R = np.broadcast_to(np.eye(3), (T, len(BODIES), 3, 3)).copy()
-    _trunk(controls, R)
-    for i, (side, sign) in enumerate(SIDES):
-        _clavicle(controls, R, side, sign, i)
-    pelvis = _within_reach(controls, R)
-    p = figure.positions(R, pelvis)
-    for i, (side, sign) in enumerate(SIDES):
-        _leg(controls, R, p, side, sign, i)
-        _arm(controls, R, p, side, sign, i)
-    return Clip(name, fps, figure.positions(R, pelvis), R, canonical=True)
+    c, T = controls, len(controls.pelvis)
+    p, R = solve(
+        _curve(_within_reach(c)),
+        _curve(np.stack([c.pelvis_R, c.chest_R, c.head_R], 1)),
+        _curve(c.ankle),
+        _curve(c.foot_R),
+        _curve(c.toe),
+        _curve(c.wrist),
+        _curve(np.stack([c.pronation, c.wrist_bend, np.broadcast_to(c.swivel, (T, 2))], -1)),
+        _curve(np.zeros((T, 2)) if c.splay is None else c.splay),
+        c.splay is not None,
+        _OFFSETS,
+    )
+    return Clip(name, fps, p, R, canonical=True)
 
 
-def _trunk(c: Controls, R: Float[Array, "T 21 3 3"]) -> None:
-    R[:, INDEX["pelvis"]], R[:, INDEX["chest"]] = c.pelvis_R, c.chest_R
-    R[:, INDEX["head"]] = c.head_R
-    R[:, INDEX["spine"]] = _between(c.pelvis_R, c.chest_R, 0.5)
-    R[:, INDEX["neck"]] = _between(c.chest_R, c.head_R, 0.45)
+def _curve(values: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """An array of the kind that the compiled solver takes."""
+    return np.array(values, float, order="C")
 
 
-def _between(
-    a: Float[Array, "T 3 3"], b: Float[Array, "T 3 3"], share: float
-) -> Float[Array, "T 3 3"]:
-    from scipy.spatial.transform import Rotation
-
-    v = Rotation.from_matrix(np.swapaxes(a, 1, 2) @ b).as_rotvec()
-    return a @ Rotation.from_rotvec(share * v).as_matrix()
-
-
-def _clavicle(c: Controls, R: Float[Array, "T 21 3 3"], side: str, sign: float, i: int) -> None:
-    """The shoulder girdle follows the arm: up when it is raised, forward when it reaches."""
-    w = c.wrist[:, i]
-    length = figure.UPPERARM + figure.FOREARM
-    raised = np.arccos(np.clip(-unit(w)[:, 2], -1.0, 1.0))
-    lift = 0.28 * np.clip(raised - 0.7, 0.0, None)
-    ahead = 0.22 * np.clip(w[:, 0] / length, 0.0, 1.0) * np.linalg.norm(w, axis=1) / length
-    local = turn(yaw=-sign * ahead, roll=sign * lift)
-    R[:, INDEX[side + "clavicle"]] = R[:, INDEX["chest"]] @ local
-
-
-def _within_reach(c: Controls, R: Float[Array, "T 21 3 3"]) -> Float[Array, "T 3"]:
+def _within_reach(c: Controls) -> Float[Array, "T 3"]:
     """Pelvis positions lowered, smoothly, to where both legs reach their ankles."""
     from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
@@ -101,70 +80,3 @@ def _within_reach(c: Controls, R: Float[Array, "T 21 3 3"]) -> Float[Array, "T 3
         return c.pelvis
     drop = gaussian_filter1d(-minimum_filter1d(-too_high, 7, mode="nearest"), 2.0, mode="nearest")
     return c.pelvis - np.maximum(drop, too_high)[:, None] * [0.0, 0.0, 1.0]
-
-
-def _leg(
-    c: Controls, R: Float[Array, "T 21 3 3"], p: Float[Array, "T 21 3"], side: str, sign: float,
-    i: int,
-) -> None:  # fmt: skip
-    foot = c.foot_R[:, i]
-    if c.splay is None:
-        level = foot[:, :, 0] * [1.0, 1.0, 0.0]
-        towards = unit(0.65 * unit(level) + 0.35 * R[:, INDEX["pelvis"], :, 0])
-        towards = towards + 0.3 * foot[:, :, 2]  # keeps a side when the shank lies level
-    else:
-        hip = unit(c.ankle[:, i] - p[:, INDEX[side + "thigh"]])
-        swing = shortest_arc(-R[:, INDEX["pelvis"], :, 2], hip) @ R[:, INDEX["pelvis"]]
-        towards = (swing @ turn(yaw=sign * c.splay[:, i]))[:, :, 0]
-    thigh, calf = two_bones(
-        p[:, INDEX[side + "thigh"]], c.ankle[:, i], towards, figure.THIGH, figure.CALF, knee=True
-    )
-    R[:, INDEX[side + "thigh"]], R[:, INDEX[side + "calf"]] = thigh, calf
-    R[:, INDEX[side + "foot"]] = foot
-    R[:, INDEX[side + "toe"]] = foot @ turn(pitch=-c.toe[:, i])
-
-
-def _arm(
-    c: Controls, R: Float[Array, "T 21 3 3"], p: Float[Array, "T 21 3"], side: str, sign: float,
-    i: int,
-) -> None:  # fmt: skip
-    chest = R[:, INDEX["chest"]]
-    w = c.wrist[:, i]
-    rest = p[:, INDEX["chest"]] + chest @ figure.offset(side + "upperarm", "chest")
-    shoulder = p[:, INDEX[side + "upperarm"]]
-    length = np.linalg.norm(w, axis=1, keepdims=True)
-    w = w * np.minimum(1.0, FULL_ARM * (figure.UPPERARM + figure.FOREARM) / length)
-    end = rest + np.einsum("tij,tj->ti", chest, w)
-    side_of = _elbow_side if c.splay is None else _elbow_anywhere
-    towards = np.einsum("tij,tj->ti", chest, side_of(w, sign))
-    axis = unit(end - shoulder)
-    swivel = axis_angle(axis, -sign * np.broadcast_to(c.swivel[:, i], len(w)))
-    towards = np.einsum("tij,tj->ti", swivel, towards)
-    upper, lower = two_bones(shoulder, end, towards, figure.UPPERARM, figure.FOREARM, knee=False)
-    # Pronation turns about the forearm; wrist and elbow share it as radius and hand do.
-    lower = lower @ turn(yaw=-sign * 0.6 * c.pronation[:, i])
-    hand = lower @ turn(yaw=-sign * 0.4 * c.pronation[:, i]) @ turn(roll=sign * c.wrist_bend[:, i])
-    for body, rotation in (("upperarm", upper), ("forearm", lower), ("hand", hand)):
-        R[:, INDEX[side + body]] = rotation
-
-
-def _elbow_side(w: Float[Array, "T 3"], sign: float) -> Float[Array, "T 3"]:
-    """Where an elbow hangs, in the chest's frame: back and down; outward when the hand is high."""
-    high = np.clip(unit(w)[:, 2], 0.0, 1.0)
-    side = np.stack([-0.5 + 0.9 * high, sign * (0.35 + 0.6 * high), np.full(len(w), -0.8)], axis=-1)
-    return unit(side)
-
-
-def _elbow_anywhere(w: Float[Array, "T 3"], sign: float) -> Float[Array, "T 3"]:
-    """Where an elbow points, in the chest's frame: smooth for all but a hand straight behind and
-    across, where none goes.
-
-    Down with the hand before or beside the body, back with the arm hanging, ahead and out with it
-    raised.
-    """
-    mirror = np.array([1.0, sign, 1.0])
-    axis = unit(w * mirror)
-    ahead = np.broadcast_to(unit(np.array([0.8, 0.6, 0.0])), axis.shape)
-    down = shortest_arc(ahead, axis) @ np.array([0.0, 0.0, -1.0])
-    outward = axis_angle(axis, 1.1 * np.maximum(-axis[:, 2], 0.0) ** 2)
-    return np.einsum("tij,tj->ti", outward, down) * mirror

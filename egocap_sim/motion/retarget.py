@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 from scipy.ndimage import gaussian_filter1d
-from scipy.spatial.transform import Rotation, Slerp
 
 from egocap.errors import InputError
 from egocap.geometry import LEFT, UP, axis_angle, matrix_to_quaternion, quaternion_to_matrix, unit
@@ -23,6 +22,7 @@ from egocap_sim.human.soles import foot_yaw
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.legs import shortest_arc
 from egocap_sim.motion.planting import plant
+from egocap_sim.poses import slerp
 from egocap_sim.slabs import Slab
 
 _SHORTEST_S = 0.2
@@ -177,11 +177,10 @@ def _resample(
     times = np.arange(int(keys[-1] * fps + 1e-6) + 1) / fps
     times = np.minimum(times, keys[-1])
     positions = np.stack([np.interp(times, keys, root[:, a]) for a in range(3)], 1)
-    q = np.stack([
-        matrix_to_quaternion(Slerp(keys, Rotation.from_matrix(turned[:, b]))(times).as_matrix())
-        for b in range(len(BODIES))
-    ], 1)  # fmt: skip
-    q = continuous(q)
+    place = times * source_fps
+    first = np.minimum(place.astype(int), len(root) - 2)
+    q = matrix_to_quaternion(turned)
+    q = continuous(slerp(q[first], q[first + 1], (place - first)[:, None]))
     sigma = _SMOOTH_S * fps
     q = gaussian_filter1d(q, sigma, axis=0, mode="nearest")
     return gaussian_filter1d(positions, sigma, axis=0, mode="nearest"), quaternion_to_matrix(q)

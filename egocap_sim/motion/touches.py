@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -143,7 +144,8 @@ def _anywhere(rng: Rng) -> Hand:
     if rng.random() < 0.08:
         return DOWN
     while True:
-        way = unit(rng.normal(size=3))
+        way = rng.normal(size=3)
+        way /= math.sqrt(way @ way)
         behind, inward = way[0] < -0.35, way[1] < -0.6
         if not (behind or inward or (way[0] < 0.15 and way[1] < -0.1)):
             break

@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from numpy import ndarray as Array
 
 from egocap_sim.motion import figure
@@ -168,27 +169,13 @@ class CirclingWay:
 
     def _integrate(self, dt: float, rng: np.random.Generator, params: WalkParams) -> None:
         start = rng.uniform(-0.4, 0.4)
-        p = params.radius * 0.75 * np.array([-np.cos(start), -np.sin(start)])
-        heading, bend = start + rng.uniform(-0.3, 0.3), 0.0
+        heading = start + rng.uniform(-0.3, 0.3)
         noise = 0.45 * params.wander * slow_noise(self._t, rng, 0.05, 0.22)
-        side = 1.0
-        self._xy, self._heading = np.empty((len(self._t), 2)), np.empty(len(self._t))
-        for k in range(len(self._t)):
-            self._xy[k], self._heading[k] = p, heading
-            step = self._speed[k] * dt
-            forward = np.array([np.cos(heading), np.sin(heading)])
-            ahead = p + 0.8 * forward
-            cross = forward[0] * -p[1] + forward[1] * p[0]  # > 0: the middle is on the left
-            if abs(cross) > 0.1:
-                side = np.sign(cross)
-            inward = np.clip((np.hypot(*ahead) - 0.5 * params.radius) / (0.4 * params.radius), 0, 1)
-            if p @ forward < 0.0 and np.hypot(*p) > 0.5 * params.radius:
-                inward *= 0.5
-            wanted = (1.0 - inward) * noise[k] + inward * side / TIGHTEST
-            bend += (wanted - bend) * min(1.0, step / 0.25)
-            bend = float(np.clip(bend, -1.0 / TIGHTEST, 1.0 / TIGHTEST))
-            heading += bend * step
-            p = p + step * forward
+        far = 0.75 * params.radius
+        self._xy, self._heading = _wandered(
+            -far * np.cos(start), -far * np.sin(start), heading, self._speed * dt, noise,
+            params.radius,
+        )  # fmt: skip
 
     def at(self, t: Array) -> tuple[Array, Array]:
         xy = np.stack([np.interp(t, self._t, self._xy[:, a]) for a in (0, 1)], -1)
@@ -197,3 +184,34 @@ class CirclingWay:
     def amplitude(self, t: Array | float) -> Array:
         """How much of a full gait there is, 0 standing to 1."""
         return np.asarray(np.interp(t, self._t, self._gait))
+
+
+@njit(cache=True)
+def _wandered(
+    x: float,
+    y: float,
+    heading: float,
+    steps: Float[Array, "T"],
+    noise: Float[Array, "T"],
+    radius: float,
+) -> tuple[Float[Array, "T 2"], Float[Array, "T"]]:
+    """Positions and headings of one who takes steps [m] from a place, bending at random [1/m] but
+    inward at the edge of the circle."""
+    xy, headings = np.empty((len(steps), 2)), np.empty(len(steps))
+    bend, side = 0.0, 1.0
+    for k, step in enumerate(steps):
+        xy[k, 0], xy[k, 1], headings[k] = x, y, heading
+        ahead_x, ahead_y = np.cos(heading), np.sin(heading)
+        cross = ahead_y * x - ahead_x * y  # > 0: the middle is on the left
+        if abs(cross) > 0.1:
+            side = np.sign(cross)
+        out = np.hypot(x + 0.8 * ahead_x, y + 0.8 * ahead_y) - 0.5 * radius
+        inward = min(max(out / (0.4 * radius), 0.0), 1.0)
+        if x * ahead_x + y * ahead_y < 0.0 and np.hypot(x, y) > 0.5 * radius:
+            inward *= 0.5
+        wanted = (1.0 - inward) * noise[k] + inward * side / TIGHTEST
+        bend += (wanted - bend) * min(1.0, step / 0.25)
+        bend = min(max(bend, -1.0 / TIGHTEST), 1.0 / TIGHTEST)
+        heading += bend * step
+        x, y = x + step * ahead_x, y + step * ahead_y
+    return xy, headings

@@ -18,13 +18,13 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
-from scipy.optimize import nnls
 
 from egocap_sim.bodies import FEET, INDEX
 from egocap_sim.physics.model import FRICTION
+from egocap_sim.physics.pushes import floor_pushes
 from egocap_sim.physics.target import Target
 
-_PLAN_EVERY = 2  # steps between two plans: planning is the dearest part of a step
+_PLAN_EVERY = 2  # steps between two plans, which change little from one to the next
 _SIDE = np.array([0, 0, 1, 1])  # of the feet, as egocap_sim.bodies.FEET
 
 
@@ -54,16 +54,13 @@ class Controller:
         self._damping = 2 * rate / (1 + 2 * rate * dt + (rate * dt) ** 2)
         self._stiffness = rate**2 / (1 + 2 * rate * dt + (rate * dt) ** 2)
         self._blend = min(1.0, dt / config.plan_filter_s)
-        self._foot_body = np.array([INDEX[foot] + 1 for foot in FEET])
+        self._foot_body = [INDEX[foot] + 1 for foot in FEET]
         self._foot_geom = np.array([model.geom(foot).id for foot in FEET])
         self._leg_dofs = np.array([_leg_dofs(model, side) for side in ("l", "r")])
         self._plan = np.zeros((len(FEET), 6))
         self._goal, self._steps = self._plan.copy(), 0
         self._open, self._grip = np.zeros(len(FEET), bool), np.ones(len(FEET))
         self._error, self._inertia = np.zeros(nv), np.zeros(nv)
-        self._jacobian, self._spin = np.zeros((3, nv)), np.zeros((3, nv))
-        k = config.friction
-        self._edges = np.array([(k, 0, 1), (-k, 0, 1), (0, k, 1), (0, -k, 1)], float)
 
     def gate(self, planted: Bool[Array, "4"], touching: Bool[Array, "4"]) -> None:
         """Let only feet that the motion plants or slides, and near their place, touch the floor.
@@ -94,45 +91,26 @@ class Controller:
         self._plan += self._blend * (self._goal - self._plan)
         # The leg must not go on pushing against a floor that has been taken away.
         self._plan[~self._open] = 0.0
-        data.qfrc_applied[:] = force - self._generalised(data)
+        feet = data.xpos[self._foot_body]
+        for body, at, relief in zip(self._foot_body, feet, -self._plan, strict=True):
+            mujoco.mj_applyFT(model, data, relief[:3], relief[3:], at, body, force)
+        data.qfrc_applied[:] = force
 
     def _pushes(self, data: mujoco.MjData, wrench: Float[Array, "6"]) -> Float[Array, "4 6"]:
         """The floor's best pushes for a root wrench: force and torque on each foot, world."""
-        plan = np.zeros((4, 6))
         if data.ncon == 0 or not np.isfinite(wrench).all():  # who blows up is stopped elsewhere
-            return plan
-        config, edges = self._config, self._edges
-        points, geoms = data.contact.pos, data.contact.geom.max(1)
-        n, weight = len(points), np.ones(6)
-        weight[3:] = config.torque_weight
-        # The free joint's torques are in the pelvis frame, its forces in the world's.
-        foot = np.searchsorted(self._foot_geom, geoms)
-        edges = np.repeat(edges[None], n, 0)
-        edges[..., :2] *= self._grip[foot, None, None]
-        arms = _cross((points - data.xpos[1])[:, None], edges) @ data.xmat[1].reshape(3, 3)
-        columns = np.concatenate([edges, arms], -1).reshape(-1, 6)
-        A = np.concatenate([columns.T * weight[:, None], config.regularisation * np.eye(4 * n)])
-        shares, _ = nnls(A, np.concatenate([wrench * weight, np.zeros(4 * n)]), maxiter=100 * n)
-        forces = (shares.reshape(n, 4, 1) * edges).sum(1)
-        np.add.at(plan[:, :3], foot, forces)
-        np.add.at(plan[:, 3:], foot, _cross(points - data.xpos[self._foot_body[foot]], forces))
-        return plan
-
-    def _generalised(self, data: mujoco.MjData) -> Float[Array, "nv"]:
-        """The planned pushes in joint coordinates."""
-        total = np.zeros(self._model.nv)
-        for body, push in zip(self._foot_body, self._plan, strict=True):
-            if push.any():
-                mujoco.mj_jacBody(self._model, data, self._jacobian, self._spin, body)
-                total += push[:3] @ self._jacobian + push[3:] @ self._spin
-        return total
-
-
-def _cross(a: Float[Array, "*n 3"], b: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
-    """Cross products; numpy's own is several times slower on small arrays."""
-    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
-    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], -1)
+            return np.zeros((len(FEET), 6))
+        return floor_pushes(
+            np.ascontiguousarray(data.contact.pos),
+            np.searchsorted(self._foot_geom, data.contact.geom.max(1)),
+            self._config.friction * self._grip,
+            data.xpos[self._foot_body],
+            data.xpos[1],
+            data.xmat[1].reshape(3, 3),
+            wrench,
+            self._config.torque_weight,
+            self._config.regularisation,
+        )
 
 
 def _leg_dofs(model: mujoco.MjModel, side: str) -> Int[Array, "9"]:

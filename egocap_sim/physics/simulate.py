@@ -10,6 +10,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
 from egocap.geometry import rigid
@@ -110,11 +112,11 @@ class _Run:
     def __init__(self, model: mujoco.MjModel, controller: Controller, n_frames: int) -> None:
         self._model, self._controller = model, controller
         self.data = mujoco.MjData(model)
-        self.T_world_body = np.zeros((n_frames, len(BODIES), 4, 4))
+        self._positions = np.zeros((n_frames, len(BODIES), 3))
+        self._rotations = np.zeros((n_frames, len(BODIES), 3, 3))
         self.contact = np.zeros((n_frames, len(FEET)), bool)
         self.ground_force = np.zeros((n_frames, 2, 3))
         self.root_wrench = np.zeros((n_frames, 6))
-        self._wrench = np.zeros(6)
         self._foot_geoms = [model.geom(foot).id for foot in FEET]
 
     def step(self, target: Target, i: int, begin: bool = False) -> bool:
@@ -135,21 +137,27 @@ class _Run:
     def record(self, frame: int, forces: bool) -> None:
         """Store the bodies of a frame and, if asked for, the forces that act on them."""
         data = self.data
-        rotations = data.xmat[1:].reshape(-1, 3, 3)
-        self.T_world_body[frame] = rigid(rotations, data.xpos[1:])
+        self._positions[frame] = data.xpos[1:]
+        self._rotations[frame] = data.xmat[1:].reshape(-1, 3, 3)
         if not forces:
             return
         self.root_wrench[frame, :3] = data.qfrc_applied[:3]
-        self.root_wrench[frame, 3:] = rotations[0] @ data.qfrc_applied[3:6]
-        for k in range(data.ncon):
-            mujoco.mj_contactForce(self._model, data, k, self._wrench)
-            contact = data.contact[k]
-            foot = self._foot_geoms.index(max(contact.geom))
-            self.contact[frame, foot] |= self._wrench[0] > _TOUCH_N
-            # The normal, first row of the contact's frame, points from the first geom to the other.
-            push = self._wrench[:3] @ contact.frame.reshape(3, 3)
-            first = contact.geom[0] == self._foot_geoms[foot]
-            self.ground_force[frame, foot // 2] += -push if first else push
+        self.root_wrench[frame, 3:] = self._rotations[frame, 0] @ data.qfrc_applied[3:6]
+        wrenches = np.zeros((data.ncon, 6))
+        for k, wrench in enumerate(wrenches):
+            mujoco.mj_contactForce(self._model, data, k, wrench)
+        geoms = data.contact.geom
+        foot = np.searchsorted(self._foot_geoms, geoms.max(1))
+        self.contact[frame, foot[wrenches[:, 0] > _TOUCH_N]] = True
+        # The normal, first row of the contact's frame, points from the first geom to the other.
+        pushes = np.einsum("ki,kij->kj", wrenches[:, :3], data.contact.frame.reshape(-1, 3, 3))
+        pushes[geoms[:, 0] > geoms[:, 1]] *= -1.0
+        np.add.at(self.ground_force[frame], foot // 2, pushes)
+
+    @property
+    def T_world_body(self) -> Float[Array, "T 21 4 4"]:
+        """Poses of the bodies in the frames recorded."""
+        return rigid(self._rotations, self._positions)
 
 
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:

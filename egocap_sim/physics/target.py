@@ -49,19 +49,16 @@ class TargetMotion:
     def block(self, first: int, count: int, timestep_s: float, start_s: float) -> Target:
         """Targets of steps first .. first + count - 1; beyond its end the motion stands still."""
         times = start_s + (first + np.arange(count)) * timestep_s
-        qpos, _, qacc = self._coordinates(times)
-        _, qvel, _ = self._coordinates(times - timestep_s / 2)
+        qpos, qacc = self._positions(times)
+        qvel = self._velocities(times - timestep_s / 2)
         frame = np.clip(np.rint(times * self._fps).astype(int), 0, len(self._planted) - 1)
         return Target(qpos, qvel, qacc, self._planted[frame], self._touching[frame])
 
-    def _coordinates(
+    def _positions(
         self, times: Float[Array, "N"]
-    ) -> tuple[Float[Array, "N 87"], Float[Array, "N 66"], Float[Array, "N 66"]]:
-        inside = np.clip(times, 0.0, self._last)
-        x, dx, ddx = (self._spline(inside, order) for order in range(3))
-        held = (times > self._last)[:, None]
-        dx, ddx = np.where(held, 0.0, dx), np.where(held, 0.0, ddx)
-        q, dq, ddq = (a[:, 3:].reshape(len(times), -1, 4) for a in (x, dx, ddx))
+    ) -> tuple[Float[Array, "N 87"], Float[Array, "N 66"]]:
+        """Coordinates and accelerations."""
+        (x, q), (_, dq), (ddx, ddq) = (self._splined(times, order) for order in range(3))
         square = (q * q).sum(-1, keepdims=True)
         omega = 2 * _imaginary(q, dq) / square
         alpha = (
@@ -69,13 +66,29 @@ class TargetMotion:
         )
         n = len(times)
         return (
-            np.concatenate([x[:, :3], unit(q).reshape(n, -1)], 1),
-            np.concatenate([dx[:, :3], omega.reshape(n, -1)], 1),
-            np.concatenate([ddx[:, :3], alpha.reshape(n, -1)], 1),
+            np.concatenate([x, unit(q).reshape(n, -1)], 1),
+            np.concatenate([ddx, alpha.reshape(n, -1)], 1),
         )
+
+    def _velocities(self, times: Float[Array, "N"]) -> Float[Array, "N 66"]:
+        (_, q), (dx, dq) = (self._splined(times, order) for order in range(2))
+        omega = 2 * _imaginary(q, dq) / (q * q).sum(-1, keepdims=True)
+        return np.concatenate([dx, omega.reshape(len(times), -1)], 1)
+
+    def _splined(
+        self, times: Float[Array, "N"], order: int
+    ) -> tuple[Float[Array, "N 3"], Float[Array, "N 21 4"]]:
+        """A derivative of the root's position and of all quaternions; zero beyond the end."""
+        values = self._spline(np.clip(times, 0.0, self._last), order)
+        if order:
+            values[times > self._last] = 0.0
+        return values[:, :3], values[:, 3:].reshape(len(times), -1, 4)
 
 
 def _imaginary(a: Float[Array, "*n 4"], b: Float[Array, "*n 4"]) -> Float[Array, "*n 3"]:
     """Vector part of the product conj(a) b."""
-    u, v = a[..., 1:], b[..., 1:]
-    return a[..., :1] * v - b[..., :1] * u - np.cross(u, v)
+    w, x, y, z = np.moveaxis(a, -1, 0)
+    s, u, v, t = np.moveaxis(b, -1, 0)
+    rows = (w * u - s * x - (y * t - z * v), w * v - s * y - (z * u - x * t),
+            w * t - s * z - (x * v - y * u))  # fmt: skip
+    return np.stack(rows, -1)

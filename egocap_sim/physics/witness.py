@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import mujoco
@@ -46,7 +47,7 @@ class Witness:
         self._joints = len(labels)
         self._simulated: list[np.ndarray] = []
         self._wanted: list[np.ndarray] = []
-        self._residual: list[float] = []
+        self._residual: list[np.ndarray] = []
         self._steps, self._lost = 0, 0.0
 
     @property
@@ -56,8 +57,8 @@ class Witness:
 
     def note(self, data: mujoco.MjData, target: Target, i: int) -> None:
         """Look at the state at the start of the step just taken."""
-        self._lost = float(np.linalg.norm(data.xpos[1] - target.qpos[i, :3]))
-        self._residual.append(float(np.linalg.norm(data.qfrc_applied[:3])))
+        self._lost = math.dist(data.xpos[1], target.qpos[i, :3])
+        self._residual.append(data.qfrc_applied[:3].copy())
         if self._steps % self._every == 0:
             self._reference.qpos[:] = target.qpos[i]
             mujoco.mj_kinematics(self._model, self._reference)
@@ -72,6 +73,7 @@ class Witness:
         error = 100 * np.linalg.norm(simulated[:, :j] - wanted[:, :j], axis=-1)
         for points in (simulated, wanted):  # heights over the ground below
             points[:, j:, 2] -= ground_height(self._slabs, points[:, j:, :2])
+        residual = np.linalg.norm(self._residual, axis=1)
         depth = 100 * np.maximum(0.0, -simulated[:, j:, 2].min(1))
         return PhysicsStats(
             joint_error_cm=float(error.mean()),
@@ -80,7 +82,7 @@ class Witness:
             planted_foot_speed_cm_s=100 * self._planted_speed(simulated[:, j:], wanted[:, j:]),
             penetration_cm=float(np.median(depth)),
             penetration_max_cm=float(depth.max()),
-            residual_wrench_bw=float(np.median(self._residual) / self._weight),
+            residual_wrench_bw=float(np.median(residual) / self._weight),
             ms_per_second=ms_per_second,
         )
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 
-from egocap.geometry import UP, axis_angle, rigid
-from egocap_sim.poses import SampledPoses
+from egocap.geometry import UP, axis_angle, quaternion_to_matrix, rigid, unit
+from egocap_sim.poses import SampledPoses, between, slerp
 
 RATE = 270.0
 ACCELERATION = 100.0  # m/s^2
@@ -43,3 +44,19 @@ def test_single_bodies_at_their_own_times():
     found = samples.of_bodies(times, np.array([1, 0]))
     for index in np.ndindex(2, 2):
         assert found[index] == pytest.approx(samples.at(times[index])[[1, 0][index[1]]])
+
+
+def test_slerp_is_scipys_the_shorter_way_around():
+    rng = np.random.default_rng(0)
+    p, q = unit(rng.normal(size=(2, 50, 4)))
+    q[0], q[1] = p[0], -p[1]
+    share = rng.uniform(size=50)
+    found = slerp(p, q, share)
+    for a, b, s, r in zip(p, q, share, found, strict=True):
+        ends = Rotation.from_quat([a, b], scalar_first=True)
+        apart = Slerp([0.0, 1.0], ends)(s).inv() * Rotation.from_quat(r, scalar_first=True)
+        assert apart.magnitude() < 1e-7
+    a, b = (np.concatenate([rng.normal(size=(50, 3)), x], -1) for x in (p, q))
+    T = between(a, b, share)
+    np.testing.assert_allclose(T[:, :3, :3], quaternion_to_matrix(found), atol=1e-14)
+    np.testing.assert_allclose(T[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (50, 1)))

@@ -65,8 +65,8 @@ def shelf(rng: np.random.Generator) -> tuple[Mesh, ...]:
     for z in np.linspace(0.06, h - 0.01, int(h / 0.36) + 1):
         out.append(box("board", (0, d / 2, z), (w, d, 0.02), wood.texture, wood.tile))
         if z < h - 0.3:
-            length, tall = w * rng.uniform(0.4, 0.95), rng.uniform(0.2, 0.28)
-            left = rng.uniform(-w / 2 + 0.02, w / 2 - 0.02 - length)
+            length, tall = (w - 0.04) * rng.uniform(0.4, 1.0), rng.uniform(0.2, 0.28)
+            left = -w / 2 + 0.02 + (w - 0.04 - length) * rng.random()
             across = (length, 0, 0)
             corner = np.array([left + length, d - 0.05, z + tall])
             out.append(sheet("books", corner, np.negative(across), (0, 0, -tall), spines, part=101))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from egocap.errors import FileError, InputError
-from egocap_sim import parts, surfaces
+from egocap_sim import furniture, parts, surfaces
 from egocap_sim.pictures import papered, picture_files, read_picture
 from egocap_sim.place import PLACES, make_place
 from egocap_sim.shapes import ball, box, cylinder, sheet
@@ -133,3 +133,11 @@ def test_a_broken_picture_is_named(tmp_path):
         (tmp_path / "broken.jpg").write_bytes(content)
         with pytest.raises(FileError, match=r"broken\.jpg: is not a readable picture"):
             read_picture(picture_files(tmp_path)[0])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_books_stand_between_the_sides_of_their_shelf(seed):
+    meshes = furniture.shelf(np.random.default_rng(seed))
+    inside = max(abs(m.vertices[:, 0]).max() for m in meshes if m.name == "shelf side") - 0.02
+    books = [m for m in meshes if m.name == "books"]
+    assert books and all(abs(m.vertices[:, 0]).max() <= inside + 1e-9 for m in books)

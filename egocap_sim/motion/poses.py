@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 from egocap_sim.motion.clip import Clip
 from egocap_sim.motion.postures_drawn import LEGS, possible
 from egocap_sim.motion.score import HAND_SPEED, REACTION
-from egocap_sim.motion.stance import draw_style
+from egocap_sim.motion.stance import Style, draw_style
 from egocap_sim.motion.touches import with_hands
 from egocap_sim.motion.whole_pose import WholePose, pass_through
 
@@ -26,6 +26,7 @@ _TRIES = 12
 _HOLD_S = (0.0, 0.5)
 _FOOT_SPEED = 1.3  # m/s, mean
 _HIP_SPEED, _TURN_SPEED, _STEP_S = 0.5, 1.0, 0.5  # m/s, rad/s; seconds a foot takes to a new place
+_TURN_MOST, _SLOWED = 12.0, 4  # rad/s of any body, and how often a clip is slowed for it
 _TOUCHES = 0.45, 0.75  # share of hands that touch something: standing, and low
 _LOW = {"bend": 0.85, "crouch": 0.75, "kneel": 0.5, "stride": 0.4, "balance": 0.2}  # else none
 
@@ -59,7 +60,33 @@ def poses(t: Float[Array, "T"], rng: np.random.Generator, params: PosesParams, f
         keys.append(pose)
         held = times[-1][1] + float(rng.uniform(*_HOLD_S)) * params.pace
         times.append((times[-1][1], held))
-    return pass_through(keys, np.array(times), t, style, rng, fps)
+    return _unhurried(keys, np.array(times), t, style, int(rng.integers(2**53)), fps)
+
+
+def _unhurried(
+    keys: list[WholePose], times: Float[Array, "K 2"], t: Float[Array, "T"], style: Style,
+    seed: int, fps: float,
+) -> Clip:  # fmt: skip
+    """Pass through poses; a move in which a limb would whip round takes longer."""
+    clip = pass_through(keys, times, t, style, np.random.default_rng(seed), fps)
+    for _ in range(_SLOWED):
+        longer = _fastest(clip, t, times) / _TURN_MOST
+        if longer.max() <= 1.0:
+            break
+        longer = np.clip(1.1 * longer, 1.0, 3.0)
+        waits = np.diff(times.ravel(), prepend=0.0).reshape(-1, 2)
+        times = np.cumsum(waits * np.stack([np.ones(len(times)), longer], 1)).reshape(-1, 2)
+        clip = pass_through(keys, times, t, style, np.random.default_rng(seed), fps)
+    return clip
+
+
+def _fastest(clip: Clip, t: Float[Array, "T"], times: Float[Array, "K 2"]) -> Float[Array, "K"]:
+    """The fastest that any body turns on the way to each pose, rad/s."""
+    turned = np.einsum("tbij,tbij->tb", clip.rotations[1:], clip.rotations[:-1])  # 1 + 2 cos
+    speed = clip.fps * np.arccos(np.clip(0.5 * turned - 0.5, -1.0, 1.0)).max(1)
+    return np.array([
+        speed[(t[1:] > begin) & (t[:-1] < end)].max(initial=0.0) for begin, end in times
+    ])  # fmt: skip
 
 
 def draw_pose(

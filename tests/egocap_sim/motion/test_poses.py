@@ -43,6 +43,13 @@ def test_moves_are_smooth(clip):
     assert np.median(speed[:, INDEX["l_hand"]]) > 0.05
 
 
+@pytest.mark.parametrize("seed", [59, 127, 18, 80, 86])  # that once reached 20 to 40 rad/s
+def test_no_limb_whips_round(seed):
+    R = make_motion("poses", 8.0, np.random.default_rng(seed)).rotations
+    cosine = 0.5 * np.einsum("tbij,tbij->tb", R[1:], R[:-1]) - 0.5
+    assert 60.0 * np.arccos(np.clip(cosine, -1.0, 1.0)).max() < 13.0
+
+
 def test_joints_turn_farther_than_in_walking_and_gestures():
     def spread(name: str, body: str) -> float:
         R = make_motion(name, 30.0, np.random.default_rng(400300)).rotations[::10]

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap import geometry
@@ -66,22 +67,30 @@ def box(
     casts_shadow: bool = True,
 ) -> Mesh:
     """A box with hard edges; the texture's rows follow z on its sides."""
-    center, half = np.array(center, float), np.array(size, float) / 2
-    vertices, uv, faces = [], [], []
-    for axis in range(3):
+    corners, faces, across, down = _unit_box()
+    around = corners * (np.array(size, float) / 2)
+    row = np.arange(len(corners))
+    uv = np.stack([around[row, across], -around[row, down]], -1) / tile
+    vertices = around + np.array(center, float)
+    return _rigid(name, [vertices], [faces], [uv], texture, part, shininess, casts_shadow)
+
+
+@cache
+def _unit_box() -> tuple[Float[Array, "24 3"], Int[Array, "12 3"], Int[Array, "24"], Array]:
+    """Corners (each coordinate -1 or 1) side by side, faces, and the axes along which the texture's
+    columns and rows (24,) go."""
+    corners, faces, across, down = [], [], [], []
+    for axis, (u, v) in enumerate(((1, 2), (0, 2), (0, 1))):
         for sign in (-1.0, 1.0):
-            u, v = ((1, 2), (0, 2), (0, 1))[axis]
-            corner = np.zeros((4, 3))
-            corner[:, axis] = sign * half[axis]
-            corner[:, u] = np.array([-1, 1, 1, -1]) * half[u]
-            corner[:, v] = np.array([-1, -1, 1, 1]) * half[v]
+            corner = np.full((4, 3), sign)
+            corner[:, u], corner[:, v] = (-1, 1, 1, -1), (-1, -1, 1, 1)
             outward = np.cross(corner[1] - corner[0], corner[3] - corner[0])[axis] * sign > 0
-            base = 4 * len(vertices)
             turn = [[0, 1, 2], [0, 2, 3]] if outward else [[0, 2, 1], [0, 3, 2]]
-            faces.append(np.array(turn) + base)
-            vertices.append(corner + center)
-            uv.append(np.c_[corner[:, u], -corner[:, v]] / tile)
-    return _rigid(name, vertices, faces, uv, texture, part, shininess, casts_shadow)
+            faces.append(np.array(turn) + 4 * len(corners))
+            corners.append(corner)
+            across += [u] * 4
+            down += [v] * 4
+    return np.concatenate(corners), np.concatenate(faces), np.array(across), np.array(down)
 
 
 def cylinder(
@@ -134,21 +143,29 @@ def ball(
     glows: bool = False,
 ) -> Mesh:
     """An ellipsoid; `inward` shows its inside (a sky). One turn is a whole number of repeats."""
+    unit, turn, faces = _unit_ball(rings)
+    radii = np.array(list(radii), float)
+    around = max(1, round(2 * np.pi * float(radii.max()) / tile))
+    uv = turn * [around, max(1, around / 2)]
+    faces = faces[:, ::-1] if inward else faces
+    vertices = unit * radii + np.array(list(center), float)
+    mesh = _rigid(name, [vertices], [faces], [uv], texture, part, shininess, casts_shadow)
+    return replace(mesh, glows=glows)
+
+
+@cache
+def _unit_ball(rings: int) -> tuple[Float[Array, "N 3"], Float[Array, "N 2"], Int[Array, "F 3"]]:
+    """Points of the unit sphere, their share of a turn around it and of the way down, faces."""
     lat, lon = np.meshgrid(
         np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij"
     )
     unit = np.stack([np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)], -1)
-    radii = np.array(list(radii), float)
-    around = max(1, round(2 * np.pi * float(radii.max()) / tile))
-    uv = np.stack([lon / (2 * np.pi) * around, lat / np.pi * max(1, around / 2)], -1)
+    turn = np.stack([lon / (2 * np.pi), lat / np.pi], -1)
     n = 2 * rings + 1
     i, j = np.meshgrid(np.arange(rings), np.arange(n - 1), indexing="ij")
     k = (i * n + j).ravel()
     faces = np.concatenate([np.c_[k, k + n, k + n + 1], np.c_[k, k + n + 1, k + 1]])
-    faces = faces[:, ::-1] if inward else faces
-    vertices = unit.reshape(-1, 3) * radii + np.array(list(center), float)
-    mesh = _rigid(name, [vertices], [faces], [uv.reshape(-1, 2)], texture, part, shininess, True)
-    return replace(mesh, casts_shadow=casts_shadow, glows=glows)
+    return unit.reshape(-1, 3), turn.reshape(-1, 2), faces
 
 
 def tube(

@@ -58,7 +58,12 @@ def _charts(mesh: Mesh) -> Int[Array, "N"]:
 
 
 def _grouped(keys: Int[Array, "N K"]) -> Int[Array, "N"]:
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    """The number of each row among the different ones, in order."""
+    low = keys.min(0)
+    spread = keys.max(0) - low + 1
+    assert np.prod(spread, dtype=float) < 2**63, spread
+    single = np.ravel_multi_index(tuple((keys - low).T), tuple(spread))
+    return np.unique(single, return_inverse=True)[1]
 
 
 def _means(values: Float[Array, "N D"], group: Int[Array, "N"]) -> Float[Array, "G D"]:

@@ -231,6 +231,7 @@ def _filtered(
     rows, columns = min(int(high), SIZE // 2 - 1), min(int(high / stretch), SIZE // 2)
     gain = _gain(rows, columns, low, high, steep, stretch)
     white = rng.standard_normal((*gain.shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    white[:rows, 0] = white[:rows:-1, 0].conj()  # waves straight down: real ones
     spectrum = np.zeros((SIZE, columns + 1), np.complex64)
     spectrum[np.arange(-rows, rows + 1)] = white * gain
     field = np.asarray(irfft(ifft(spectrum, axis=0, overwrite_x=True), SIZE, axis=1))

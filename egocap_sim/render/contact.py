@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from ctypes import c_void_p
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.render.gl import GL
@@ -21,31 +22,39 @@ HEIGHT_M = 0.30  # what is higher takes no light from the floor
 DEEPEST = 0.55  # share of the light that contact takes
 LIFT_M = 0.006  # over the floor, and a rug on it
 CELLS, CELL_M = 64, 0.03  # of a picture, to each side
-_SOFT_CELLS = 1.6  # standard deviation of its edge
+_SOFT_CELLS, _EDGE = 1.6, 7  # standard deviation of its edge, and how far that reaches
 _CORNERS = np.array([[0, 0], [1, 0], [0, 1], [0, 1], [1, 0], [1, 1]], np.float32)
 
 
-def light_left(
-    positions: Float[Array, "N 3"],
-) -> tuple[Float[Array, "2"], UInt8[Array, "64 64"]] | None:
-    """What vertices [m, world] leave of the light on the floor z = 0; None: all of it.
+@dataclass(frozen=True, eq=False)
+class Darkness:
+    """What an actor leaves of the light on the floor z = 0, in square cells."""
 
-    The least x and y of a square of CELLS * CELL_M metres, and the factor 0..255 in its cells,
-    rows along y.
-    """
+    corner: Float[Array, "2"]  # least x and y of the picture, metres
+    left: UInt8[Array, "64 64"]  # factor 0..255, rows along y
+    first: Int[Array, "2"]  # column and row of the part that is not all light,
+    last: Int[Array, "2"]  # and those behind it
+
+
+def darkness_under(positions: Float[Array, "N 3"]) -> Darkness | None:
+    """The darkness under vertices [m, world]; None where they leave all light."""
     low = positions[positions[:, 2] < HEIGHT_M]
     if not len(low):
         return None
     first = np.floor((low[:, :2].min(0) + low[:, :2].max(0)) / 2 / CELL_M) - CELLS // 2
-    column, row = np.floor(low[:, :2] / CELL_M - first).astype(int).T
-    inside = (np.minimum(column, row) >= 4) & (np.maximum(column, row) < CELLS - 4)
-    height = np.full(CELLS * CELLS, HEIGHT_M, np.float32)
+    at = np.floor(low[:, :2] / CELL_M - first).astype(int)
+    inside = ((at >= _EDGE) & (at < CELLS - _EDGE)).all(1)
+    if not inside.any():
+        return None
+    at = at[inside]
+    height = np.full((CELLS, CELLS), HEIGHT_M, np.float32)
     over = np.maximum(low[inside, 2], 0.0).astype(np.float32)
-    np.minimum.at(height, row[inside] * CELLS + column[inside], over)
-    closeness = (1.0 - height.reshape(CELLS, CELLS) / HEIGHT_M) ** 2
+    np.minimum.at(height.reshape(-1), at[:, 1] * CELLS + at[:, 0], over)
+    closeness = (1.0 - height / HEIGHT_M) ** 2
     closeness = cv2.dilate(closeness, np.ones((3, 3), np.uint8))  # vertices may be cells apart
     soft = cv2.GaussianBlur(closeness, (0, 0), _SOFT_CELLS)
-    return first * CELL_M, np.round(255.0 * (1.0 - DEEPEST * soft)).astype(np.uint8)
+    left = np.round(255.0 * (1.0 - DEEPEST * soft)).astype(np.uint8)
+    return Darkness(first * CELL_M, left, at.min(0) - _EDGE, at.max(0) + _EDGE + 1)
 
 
 class ContactShade:
@@ -84,15 +93,15 @@ class ContactShade:
 
     def pose(self, positions: Mapping[str, Float[Array, "N 3"]]) -> None:
         """Follow the actors, whose vertices are at `positions` [m, world]."""
-        found = [picture for posed in positions.values() if (picture := light_left(posed))]
+        found = [dark for posed in positions.values() if (dark := darkness_under(posed))]
         self.count = len(found)
         if not found:
             return
-        for layer, (corner, left) in enumerate(found):
-            quad = self._vertices[layer]
-            quad[:, :2] = corner + CELLS * CELL_M * _CORNERS
-            quad[:, 2], quad[:, 3:5], quad[:, 5] = LIFT_M, _CORNERS, layer
-            self._pictures[layer] = left
+        for layer, dark in enumerate(found):
+            quad, cells = self._vertices[layer], dark.first + _CORNERS * (dark.last - dark.first)
+            quad[:, :2], quad[:, 2] = dark.corner + CELL_M * cells, LIFT_M
+            quad[:, 3:5], quad[:, 5] = cells / CELLS, layer
+            self._pictures[layer] = dark.left
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._vertices.nbytes, self._vertices)
         self._bind()

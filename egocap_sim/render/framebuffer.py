@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import c_void_p
 
 import cv2
@@ -10,6 +11,8 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from egocap_sim.render.gl import GL, read_pixels
+
+Window = tuple[int, int, int, int]  # column, row, width, height in the atlas
 
 
 class AtlasBuffer:
@@ -29,10 +32,10 @@ class AtlasBuffer:
         self.has_labels = False
         self._empty_depth = self._make_empty_depth(needed)
 
-    def begin(self, background: Float[Array, "3"]) -> None:
-        """Clear and draw here; background colour as written to pixels, 0..1."""
+    def begin(self, background: Float[Array, "3"], windows: Sequence[Window]) -> None:
+        """Clear and draw here, in windows; background colour as written to pixels, 0..1."""
         self.has_labels = False
-        self._start(self._drawn, background)
+        self._start(self._drawn, background, windows)
         (GL.glEnable if self.samples else GL.glDisable)(GL.GL_MULTISAMPLE)
 
     def end(self) -> None:
@@ -47,7 +50,7 @@ class AtlasBuffer:
 
     def begin_labels(self) -> None:
         """Draw labels and depth over the averaged colours, which have been read by now."""
-        self._start(self._plain, np.zeros(3))
+        self._start(self._plain, np.zeros(3), [(0, 0, self.width, self.height)])
 
     def take_labels(self) -> None:
         """Take the labels out of the colours that have been read: unaveraged, they are whole."""
@@ -93,7 +96,7 @@ class AtlasBuffer:
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(*box, kind, dtype, out)
 
-    def _start(self, frame: int, background: Array) -> None:
+    def _start(self, frame: int, background: Array, windows: Sequence[Window]) -> None:
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
         GL.glDisable(GL.GL_SCISSOR_TEST)
         GL.glDisable(GL.GL_BLEND)
@@ -102,9 +105,10 @@ class AtlasBuffer:
         GL.glDepthFunc(GL.GL_LESS)
         GL.glCullFace(GL.GL_BACK)
         # Depth first: clearing colour is put off to the drawing, unless a copy comes after it.
-        box = (0, 0, self.width, self.height)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._empty_depth)
-        GL.glBlitFramebuffer(*box, *box, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
+        for column, row, width, height in windows:
+            box = (column, row, column + width, row + height)
+            GL.glBlitFramebuffer(*box, *box, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
         red, green, blue = map(float, background)
         GL.glClearColor(red, green, blue, 0.0)
         GL.glClear(GL.GL_COLOR_BUFFER_BIT)

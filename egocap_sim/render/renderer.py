@@ -21,13 +21,12 @@ from egocap_sim.place import Place
 from egocap_sim.render import projection
 from egocap_sim.render.batch import Batch, merge
 from egocap_sim.render.contact import ContactShade
-from egocap_sim.render.framebuffer import AtlasBuffer, ShadowMap
+from egocap_sim.render.framebuffer import AtlasBuffer, ShadowMap, Window
 from egocap_sim.render.gl import GL, Context, check, pyrender
 from egocap_sim.render.gpu import GpuBatch, Uniforms
 from egocap_sim.render.views import Resampler, Views
 
 NEAR, FAR = 0.01, 60.0  # metres; 24 bits of depth leave 0.2 mm at 5 m
-Window = tuple[int, int, int, int]  # column, row, width, height in the atlas
 _SCENE = 0  # pyrender.RenderFlags.NONE
 _LABELS = pyrender.RenderFlags.SEG
 _SHADOW = pyrender.RenderFlags.DEPTH_ONLY
@@ -238,7 +237,8 @@ class FisheyeRenderer(pyrender.Renderer):
 
     def _draw_scene(self, shadow_from_world: Array) -> None:
         light = self.place.light
-        self._canvas.buffer.begin(np.sqrt(self.place.background))
+        windows = [window for window in self._windows if window is not None]
+        self._canvas.buffer.begin(np.sqrt(self.place.background), windows)
         self._shadow.bind(unit=1)
         for name, gpu in self._gpu.items():
             program = self._program(gpu, _SCENE)

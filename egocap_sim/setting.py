@@ -79,6 +79,7 @@ def place_of(scene: Scene, truth: Truth) -> Place:
         from egocap_sim.panorama import read_panorama, surrounded
 
         place = surrounded(place, read_panorama(Path(table.panorama)))
+    place = replace(place, contact=table.contact)
     return at_dusk(place) if table.light == "dusk" else place
 
 

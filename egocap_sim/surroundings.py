@@ -38,6 +38,8 @@ class Place:
     background: Float[Array, "3"]  # linear colour where nothing is drawn
     room: Float[Array, "3"] = field(default_factory=lambda: np.full(3, 1000.0))
     """Half the length and width of a closed room around the origin, and its height, metres."""
+    contact: bool = False
+    """Whether the floor is darker under what touches it: `egocap_sim.render.contact`."""
 
 
 GROUNDS = ("floor", "yard", "rug", "court", "pavement")

@@ -92,7 +92,7 @@ class FisheyeRenderer(pyrender.Renderer):
         # About as fine on the floor as the image is there.
         finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = ShadowMap(1024 if finest > 250 else 640)
-        self._contact = ContactShade(len(actors)) if actors and place.meshes else None
+        self._contact = ContactShade(len(actors)) if actors and place.contact else None
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
         }

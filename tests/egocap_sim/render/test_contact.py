@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,8 +53,9 @@ def test_what_is_drawn_holds_all_that_is_dark(contact):
 @pytest.mark.parametrize(("height", "darker"), [(0.1, True), (1.0, False)])
 def test_only_the_floor_beside_a_low_ball_is_darkened(gl, height, darker):
     floor = sheet("floor", (-9, 9, 0), (18, 0, 0), (0, -18, 0), GREY)
+    place = replace(place_of(floor), contact=True)
     thing = Actor("ball", (ball("ball", (1.2, 0.0, height), (0.1,) * 3, GREY),))
-    with gl.FisheyeRenderer(looking_forward(equidistant()), [thing], place_of(floor)) as renderer:
+    with gl.FisheyeRenderer(looking_forward(equidistant()), [thing], place) as renderer:
         views = renderer.render(HEAD, {"ball": np.eye(4)[None]})
         image, parts, depth = views.images[0].copy(), views.parts()[0].copy(), views.depth()[0]
         at, _ = renderer.rig.mounts[0].camera.project(

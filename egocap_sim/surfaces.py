@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
@@ -72,7 +73,7 @@ def carpet(rng: np.random.Generator) -> Surface:
 
 def concrete(rng: np.random.Generator) -> Surface:
     """Smooth screed: clouds, and a few dark specks."""
-    value = 1 + 0.07 * noise(rng, 1, 40, 1.3) + 0.02 * noise(rng, 60, 250, 0.0)
+    value = 1 + 0.05 * noise(rng, 1, 40, 1.3) + 0.05 * noise(rng, 60, 250, 0.0)
     value = np.where(noise(rng, 20, 120, 0.3) > 3.0, 0.75, value)
     return Surface(_tinted(value, np.full(3, rng.uniform(0.45, 0.7))), 3.0)
 
@@ -179,9 +180,12 @@ def leaves(rng: np.random.Generator) -> Surface:
 
 
 def grass(rng: np.random.Generator) -> Surface:
-    """A lawn with drier patches."""
-    value = 1 + 0.16 * noise(rng, 60, 250, 0.0) + 0.10 * noise(rng, 1, 12)
-    return Surface(_tinted(value, np.array([0.36, 0.46, 0.20]) * rng.uniform(0.85, 1.15, 3)), 2.0)
+    """A lawn from above: blades over darker ones, here and there drier."""
+    value = _blades(rng) * (1 + 0.10 * noise(rng, 1, 12))
+    dry = np.clip(0.25 + 0.25 * noise(rng, 1, 60), 0.0, 1.0)[..., None]
+    green, straw = np.array([[0.33, 0.47, 0.18], [0.44, 0.46, 0.24]], np.float32)
+    tint = rng.uniform(0.85, 1.15, 3).astype(np.float32)
+    return Surface(_bytes(value[..., None] * tint * (green + dry * (straw - green))), 2.0)
 
 
 def paving(rng: np.random.Generator) -> Surface:
@@ -222,6 +226,23 @@ def even(colour: Float[Array, "3"]) -> Surface:
 
 FLOORS: tuple[Callable[[np.random.Generator], Surface], ...] = (planks, tiles, carpet, concrete)
 WALLS: tuple[Callable[[np.random.Generator], Surface], ...] = (plaster, plaster, wallpaper, bricks)
+
+
+def _blades(rng: np.random.Generator, tones: int = 24, each: int = 600) -> Float[Array, "S S"]:
+    """Brightness of short strokes in all directions, mean 1; a brighter one lies over a darker."""
+    longest, margin = 22, 24  # pixels
+    canvas = np.full((SIZE + 2 * margin, SIZE + 2 * margin), 60, np.uint8)
+    for tone in np.linspace(80, 200, tones):
+        root, angle = rng.uniform(0, SIZE, (each, 2)), rng.uniform(0, 2 * np.pi, each)
+        reach = np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(8, longest, (each, 1))
+        strokes = np.rint(np.stack([root, root + reach], 1) + margin).astype(np.int32)
+        cv2.polylines(canvas, list(strokes), False, tone, 1, cv2.LINE_AA)
+    for _ in range(2):  # rows, then columns: what reaches over an edge comes in at the other
+        inner = canvas[margin:-margin]
+        np.maximum(inner[:margin], canvas[-margin:], out=inner[:margin])
+        np.maximum(inner[-margin:], canvas[:margin], out=inner[-margin:])
+        canvas = inner.T
+    return canvas / np.float32(canvas.mean())
 
 
 def _filtered(

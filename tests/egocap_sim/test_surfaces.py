@@ -1,9 +1,9 @@
-"""Noise of textures: as strong, as fine and as even as asked."""
+"""Textures of surfaces: noise as strong, as fine and as even as asked; seamless blades."""
 
 import numpy as np
 import pytest
 
-from egocap_sim.surfaces import SIZE, grain, noise
+from egocap_sim.surfaces import SIZE, grain, grass, noise
 
 
 @pytest.mark.parametrize(("low", "high", "steep"), [(1, 6, 1.0), (20, 120, 0.3), (60, 250, 0.0)])
@@ -28,3 +28,12 @@ def test_grain_is_drawn_out_along_the_rows():
     field = grain(np.random.default_rng(0), 12)
     along, across = (np.square(np.diff(field, axis=a)).mean() for a in (1, 0))
     assert along < 0.05 * across
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_blades_of_grass_go_on_across_the_edge(axis):
+    lawn = grass(np.random.default_rng(0)).texture.astype(float).mean(2)
+    steps = np.abs(lawn - np.roll(lawn, 1, axis)).mean(1 - axis)
+    assert steps[0] == pytest.approx(np.median(steps), rel=0.15)  # the first is that over the edge
+    unlike = np.abs(lawn.take(0, axis) - lawn.take(SIZE // 2, axis)).mean()
+    assert steps[0] < 0.8 * unlike

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from egocap.errors import EgocapError
@@ -78,65 +79,83 @@ def progress(
 ) -> Iterator[Advance]:
     """Show how far some work is, on stderr: a bar on a terminal, a line now and then elsewhere.
 
-    Yields a function to call with the number of units just finished (1 by default). `every` is the
-    least time in seconds between two lines.
+    Yields a function to call with the number of units just finished (1 by default). The rate counts
+    from its first call on, which may tell what an earlier run left. `every` is the least time in
+    seconds between two lines.
     """
     report = _bar if sys.stderr.isatty() else _lines
-    with report(what, total, unit, every) as advance:
+    with report(what, _Pace(total, unit), every) as advance:
         yield advance
 
 
+class _Pace:
+    """How far work is, how fast it goes, and how long the rest takes at that rate."""
+
+    def __init__(self, total: int, unit: str) -> None:
+        self.total, self.unit, self.done = total, unit, 0
+        self._from: tuple[int, float] | None = None
+        self._start = time.monotonic()
+
+    def add(self, count: int) -> None:
+        self.done += count
+        if self._from is None:
+            self._from = self.done, time.monotonic()
+
+    def __str__(self) -> str:
+        shown = f"{self.done}/{self.total} {self.unit}"
+        before, since = self._from or (0, self._start)
+        if before == self.done:
+            if self.done < self.total:  # nothing to go by yet
+                return shown
+            before, since = 0, self._start
+        rate = (self.done - before) / max(time.monotonic() - since, 1e-9)
+        shown += f", {rate:.1f} {self.unit}/s"
+        if self.done < self.total:
+            shown += f", {timedelta(seconds=round((self.total - self.done) / rate))} left"
+        return shown
+
+
 @contextmanager
-def _bar(what: str, total: int, unit: str, every: float) -> Iterator[Advance]:
+def _bar(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
     from rich import progress as columns
     from rich.console import Console
 
     with columns.Progress(
         columns.TextColumn("{task.description}"),
         columns.BarColumn(),
-        columns.MofNCompleteColumn(),
-        columns.TextColumn("{task.fields[rate]}"),
-        columns.TimeRemainingColumn(),
+        columns.TextColumn("{task.fields[pace]}"),
         console=Console(stderr=True),
     ) as bar:
-        task = bar.add_task(what, total=total, rate="")
-        start, done = time.monotonic(), 0
+        task = bar.add_task(what, total=pace.total, pace="")
 
         def advance(count: int = 1) -> None:
-            nonlocal done
-            done += count
-            bar.update(task, completed=done, rate=_rate(done, start, unit))
+            pace.add(count)
+            bar.update(task, completed=pace.done, pace=str(pace))
 
         yield advance
 
 
 @contextmanager
-def _lines(what: str, total: int, unit: str, every: float) -> Iterator[Advance]:
-    start = last = time.monotonic()
-    done = said = 0
+def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
+    last, said = time.monotonic(), 0
 
     def advance(count: int = 1) -> None:
-        nonlocal done, last
-        done += count
-        if done < total and time.monotonic() - last >= every:
+        nonlocal last
+        pace.add(count)
+        if pace.done < pace.total and time.monotonic() - last >= every:
             last = time.monotonic()
             say()
 
     def say() -> None:
         nonlocal said
-        said = done
-        line = f"{what}: {done}/{total} {unit}, {_rate(done, start, unit)}"
-        print(line, file=sys.stderr, flush=True)
+        said = pace.done
+        print(f"{what}: {pace}", file=sys.stderr, flush=True)
 
     try:
         yield advance
     finally:
-        if done != said:
+        if pace.done != said:
             say()
-
-
-def _rate(done: int, start: float, unit: str) -> str:
-    return f"{done / max(time.monotonic() - start, 1e-9):.1f} {unit}/s"
 
 
 def _complain(prog: str, message: str) -> None:

@@ -239,7 +239,7 @@ def _as_json(summary: Summary) -> dict[str, object]:
     physics = vars(summary.physics) if summary.physics else None
     return {"folder": str(summary.folder), "frames": summary.frames, "rendered": summary.rendered,
             "seconds": summary.seconds, "bytes": summary.bytes, "physics": physics,
-            "episodes": summary.episodes}  # fmt: skip
+            "episodes": summary.episodes, "people": summary.people}  # fmt: skip
 
 
 def _print_summary(summary: Summary) -> None:
@@ -247,8 +247,8 @@ def _print_summary(summary: Summary) -> None:
     if not summary.rendered:
         print(f"{summary.folder}: {summary.frames} frames, {size:.0f} MB, already complete")
         return
-    among = f" in {summary.episodes} episodes" if summary.episodes else ""
-    print(f"{summary.folder}: {summary.frames} stereo frames{among}, {size:.0f} MB, "
+    print(f"{summary.folder}: {summary.frames} stereo frames of "
+          f"{summary.people} {'person' if summary.people == 1 else 'people'}, {size:.0f} MB, "
           f"{summary.frames_per_second:.1f} frames/s")  # fmt: skip
     if stats := summary.physics:
         print(f"physics: joints within {stats.joint_error_cm:.2f} cm of the reference (max "

@@ -63,6 +63,11 @@ class Summary:
     episodes: int = 0  # 0: a single sequence
 
     @property
+    def people(self) -> int:
+        """Wearers: every episode has another."""
+        return self.episodes or 1
+
+    @property
     def frames_per_second(self) -> float:
         """Stereo frames rendered and written a second in this run; nan when none were."""
         return self.rendered / self.seconds if self.rendered else float("nan")

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+import types
 from pathlib import Path
 
 import pytest
@@ -106,17 +107,38 @@ def test_a_closed_pipe_is_quiet():
         assert process.wait(20) == 1
 
 
-def test_progress_prints_plain_lines_where_there_is_no_terminal(capsys, monkeypatch):
-    now = iter(range(0, 1000, 2))
-    monkeypatch.setattr(commandline.time, "monotonic", lambda: float(next(now)))
+@pytest.fixture
+def clock(monkeypatch):
+    """Seconds that pass only when they are added."""
+    clock = types.SimpleNamespace(now=100.0)
+    monkeypatch.setattr(commandline.time, "monotonic", lambda: clock.now)
+    return clock
+
+
+def test_progress_prints_plain_lines_where_there_is_no_terminal(capsys, clock):
     with progress("render", 10) as advance:
         for _ in range(5):
+            clock.now += 4.0
             advance(2)
     captured = capsys.readouterr()
-    lines = captured.err.splitlines()
     assert captured.out == ""
-    assert 2 <= len(lines) <= 4
-    assert lines[-1].startswith("render: 10/10 frames, ")
+    assert captured.err.splitlines() == [
+        "render: 4/10 frames, 0.5 frames/s, 0:00:12 left",
+        "render: 8/10 frames, 0.5 frames/s, 0:00:04 left",
+        "render: 10/10 frames, 0.5 frames/s",
+    ]
+
+
+def test_progress_goes_by_the_rate_of_this_run(capsys, clock):
+    with progress("render", 1000, every=1.0) as advance:
+        advance(900)  # what an earlier run left
+        clock.now += 5.0
+        advance(10)
+        clock.now += 45.0
+        advance(90)
+    first, last = capsys.readouterr().err.splitlines()
+    assert first == "render: 910/1000 frames, 2.0 frames/s, 0:00:45 left"
+    assert last == "render: 1000/1000 frames, 2.0 frames/s"
 
 
 def test_progress_says_how_far_it_came_when_stopped(capsys):

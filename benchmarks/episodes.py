@@ -5,7 +5,8 @@
 
 `fps` counts a whole run, start-up included, `steady_fps` from when every worker has finished an
 episode. `preparation` is the share of the time of one process, after its first episode, that goes
-into all but drawing and writing frames: person, motion, physics, place, other people and renderer.
+into all but drawing and writing frames: person, motion, physics, place, other people and renderer;
+`renewal` is that less motion and physics, whose cost goes with the frames, not with the episodes.
 `--out FILE` keeps the result with command, machine and versions.
 """
 
@@ -58,27 +59,33 @@ def _preparation(scene: Any) -> dict[str, float]:
 
     folder = scene.episodes.clips
     clips = () if folder is None else catalogue(Path(folder), strict=False)
-    drawing = 0.0
+    spent = {"write_shard": 0.0, "_staged": 0.0}  # seconds in functions of `record`
 
-    def timed(*args: Any) -> Any:
-        nonlocal drawing
-        start = time.perf_counter()
-        try:
-            return write_shard(*args)
-        finally:
-            drawing += time.perf_counter() - start
+    def timed(name: str) -> Any:
+        function = getattr(record, name)
 
-    write_shard, start = record.write_shard, 0.0
-    episodes = plan(scene, [scene.frames])
-    with tempfile.TemporaryDirectory() as made, mock.patch.object(record, "write_shard", timed):
+        def call(*args: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return function(*args)
+            finally:
+                spent[name] += time.perf_counter() - start
+
+        return mock.patch.object(record, name, call)
+
+    start, episodes = 0.0, plan(scene, [scene.frames])
+    with tempfile.TemporaryDirectory() as made, timed("write_shard"), timed("_staged"):
         for episode in episodes:
             if episode.index == 1:
-                start, drawing = time.perf_counter(), 0.0
+                start = time.perf_counter()
+                spent.update(dict.fromkeys(spent, 0.0))
             make_episode(scene, episode, clips, Path(made) / str(episode.index))
     seconds = time.perf_counter() - start
+    preparing = seconds - spent["write_shard"]
     return {
-        "preparation": round(1.0 - drawing / seconds, 4),
-        "preparation_s": round((seconds - drawing) / (len(episodes) - 1), 3),
+        "preparation": round(preparing / seconds, 4),
+        "preparation_s": round(preparing / (len(episodes) - 1), 3),
+        "renewal": round((preparing - spent["_staged"]) / seconds, 4),
     }
 
 

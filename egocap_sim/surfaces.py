@@ -50,15 +50,15 @@ def planks(rng: np.random.Generator) -> Surface:
     return Surface(_tinted(value, wood), tile)
 
 
-def tiles(rng: np.random.Generator) -> Surface:
-    """Stone or ceramic tiles with grout, sometimes in two colours."""
+def tiles(rng: np.random.Generator, chequered: float = 0.4) -> Surface:
+    """Stone or ceramic tiles with grout, in two colours with this probability."""
     count, tile = 4, float(rng.uniform(1.2, 2.0))
     stone = rng.uniform(0.45, 0.85) * np.array(
         [1.0, rng.uniform(0.93, 1.0), rng.uniform(0.85, 1.0)]
     )
     i, j = np.meshgrid(np.arange(SIZE) * count // SIZE, np.arange(SIZE) * count // SIZE)
     tone = 1 + rng.normal(0, 0.03, (count, count))[j, i] + 0.04 * noise(rng, 2, 60)
-    if rng.random() < 0.4:
+    if rng.random() < chequered:
         tone = tone * np.where((i + j) % 2, 1.0, rng.uniform(0.45, 0.8))
     grout = ((np.arange(SIZE) * count) % SIZE) < rng.uniform(4, 7) * count
     tone = np.where(grout[:, None] | grout[None, :], rng.uniform(0.5, 0.8), tone)
@@ -66,8 +66,8 @@ def tiles(rng: np.random.Generator) -> Surface:
 
 
 def carpet(rng: np.random.Generator) -> Surface:
-    """Short pile in one colour, flecked, with faint worn patches."""
-    value = 1 + 0.10 * noise(rng, 60, 250, 0.0) + 0.04 * noise(rng, 1, 8)
+    """Short pile in one colour, flecked, hardly worn."""
+    value = 1 + 0.10 * noise(rng, 60, 250, 0.0) + 0.015 * noise(rng, 1, 8)
     return Surface(_tinted(value, _cloth_colour(rng)), float(rng.uniform(0.8, 1.2)))
 
 
@@ -190,7 +190,7 @@ def grass(rng: np.random.Generator) -> Surface:
 
 def paving(rng: np.random.Generator) -> Surface:
     """Concrete slabs outdoors."""
-    slabs = tiles(rng)
+    slabs = tiles(rng, chequered=0.0)
     worn = 1 + 0.06 * noise(rng, 2, 200, 0.5)
     return Surface(_bytes(slabs.texture / 255.0 * 0.85 * worn[..., None]), 2.0)
 

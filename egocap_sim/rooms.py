@@ -94,6 +94,7 @@ def corridor(rng: Rng, clear_radius: float) -> Place:
         sky=np.array([1.0, 1.0, 0.98]) * rng.uniform(0.35, 0.5),
         ground=np.full(3, rng.uniform(0.12, 0.2)),
         sky_axis=geometry.UP,
+        spread=0.2,  # a long lamp
     )
     grey = np.full(3, 0.4)
     return Place("corridor", tuple(meshes), light, grey, np.array([*half, height]))
@@ -111,6 +112,7 @@ def _indoor_light(rng: Rng, sunny: int) -> Light:
         sky=np.array([0.98, 1.0, 1.02]) * rng.uniform(0.34, 0.5),
         ground=np.array([1.0, 0.96, 0.9]) * rng.uniform(0.12, 0.2),
         sky_axis=geometry.unit(geometry.UP + 0.6 * toward),
+        spread=0.12,  # a window, or a large lamp
     )
 
 

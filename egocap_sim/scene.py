@@ -103,7 +103,7 @@ class PlaceTable(Strict):
     name: str = "room"
     clear_radius: Number = Field(default=2.0, ge=0.5, le=15)  # metres around the origin kept free
     light: Literal["day", "dusk"] = "day"
-    contact: Switch = False  # the floor is darker under what touches it
+    contact: Switch = True  # the floor is darker under what touches it
     textures: str | None = None  # folder of pictures for floors and walls, relative to the file
     panorama: str | None = None  # equirectangular picture of what is far away, in place of the sky
 

@@ -79,7 +79,7 @@ def place_of(scene: Scene, truth: Truth) -> Place:
         from egocap_sim.panorama import read_panorama, surrounded
 
         place = surrounded(place, read_panorama(Path(table.panorama)))
-    place = replace(place, contact=table.contact)
+    place = replace(place, contact=table.contact and bool(place.meshes))  # on a floor
     return at_dusk(place) if table.light == "dusk" else place
 
 

@@ -26,6 +26,8 @@ class Light:
     sky: Float[Array, "3"]  # ambient light on surfaces that face `sky_axis`
     ground: Float[Array, "3"]  # and on those that face away
     sky_axis: Float[Array, "3"]  # unit
+    spread: float = 0.0093
+    """Diameter over distance: the sun's. From 0.03 on, shadows are drawn with their penumbrae."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +73,12 @@ def at_dusk(place: Place) -> Place:
     return replace(
         place,
         meshes=meshes,
-        light=Light(
-            low,
-            light.color * [0.62, 0.38, 0.22],
-            light.sky * [0.50, 0.52, 0.66],
-            light.ground * 0.5,
-            light.sky_axis,
+        light=replace(
+            light,
+            direction=low,
+            color=light.color * [0.62, 0.38, 0.22],
+            sky=light.sky * [0.50, 0.52, 0.66],
+            ground=light.ground * 0.5,
         ),
         background=place.background * dim,
     )

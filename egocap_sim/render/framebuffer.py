@@ -1,4 +1,4 @@
-"""The pictures drawn into: the atlas (colour, labels, depth) and the shadow map."""
+"""The pictures drawn into: colour, labels and depth of the atlas."""
 
 from __future__ import annotations
 
@@ -150,63 +150,3 @@ class AtlasBuffer:
         status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
         assert status == GL.GL_FRAMEBUFFER_COMPLETE, f"framebuffer status {status:#x}"
         return frame
-
-
-class ShadowMap:
-    """Depth from the light, compared while it is sampled (four neighbours blended)."""
-
-    def __init__(self, size: int) -> None:
-        self.size = size
-        self._texture = GL.glGenTextures(1)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
-        GL.glTexImage2D(
-            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, size, size, 0,
-            GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, c_void_p(0),
-        )  # fmt: skip
-        for key, value in (
-            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
-            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
-            (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_BORDER),
-            (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_BORDER),
-            (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
-            (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
-        ):
-            GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
-        # Beyond the map everything is lit.
-        GL.glTexParameterfv(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
-        self._frame = GL.glGenFramebuffers(1)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
-        GL.glFramebufferTexture2D(
-            GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, self._texture, 0
-        )
-        GL.glDrawBuffer(GL.GL_NONE)
-        GL.glReadBuffer(GL.GL_NONE)
-
-    def begin(self) -> None:
-        """Clear and draw here."""
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
-        GL.glDisable(GL.GL_SCISSOR_TEST)
-        GL.glViewport(0, 0, self.size, self.size)
-        GL.glEnable(GL.GL_DEPTH_TEST)
-        GL.glDepthMask(GL.GL_TRUE)
-        GL.glDepthFunc(GL.GL_LESS)
-        GL.glCullFace(GL.GL_BACK)
-        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
-        GL.glEnable(GL.GL_DEPTH_CLAMP)  # casters behind the light still cast
-        GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
-        GL.glPolygonOffset(1.5, 2.0)
-
-    def end(self) -> None:
-        """Stop drawing."""
-        GL.glDisable(GL.GL_POLYGON_OFFSET_FILL)
-        GL.glDisable(GL.GL_DEPTH_CLAMP)
-
-    def bind(self, unit: int) -> None:
-        """Make it readable by shaders."""
-        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)  # pyright: ignore[reportOperatorIssue]
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
-
-    def free(self) -> None:
-        """Give the memory back."""
-        GL.glDeleteFramebuffers(1, [self._frame])
-        GL.glDeleteTextures([self._texture])

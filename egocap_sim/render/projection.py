@@ -10,6 +10,7 @@ from egocap import geometry
 from egocap_sim.fisheye import Tile
 
 SHADOW_HALF_WIDTH = 3.5  # metres around the wearer that the shadow map covers
+SHADOW_DEPTH = 16.0  # metres along the light that its depth, 0..1, covers
 TO_TEXTURE = np.array(
     [[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]], float
 )  # clip space -1..1 to 0..1
@@ -53,11 +54,23 @@ def of_light(
     R = np.stack([x, np.cross(z, x), z])  # light axes in rows; looks along -z
     pixel = 2 * SHADOW_HALF_WIDTH / size
     center = np.round(R @ focus / pixel) * pixel
-    half, depth = SHADOW_HALF_WIDTH, 8.0
+    half, depth = SHADOW_HALF_WIDTH, SHADOW_DEPTH / 2
     clip = np.eye(4)
     clip[:3, :3] = R / np.array([half, half, -depth])[:, None]
     clip[:3, 3] = -center / np.array([half, half, -depth])
     return clip
+
+
+def ground_depth(clip: Float[Array, "4 4"], size: int) -> Float[Array, "3"]:
+    """Depth (0..1) of the floor z = 0 in a shadow map of so many pixels, drawn through `clip`.
+
+    At the middle of a pixel it is the first + the second * column + the third * row.
+    """
+    to_world = np.linalg.inv(TO_TEXTURE @ clip)
+    right, up, away, origin = to_world[2]  # height over the floor, by texture coordinates and depth
+    slope = np.array([right, up]) / size
+    at_first = origin + slope.sum() / 2
+    return (-np.array([at_first, *slope]) / away).astype(np.float32)
 
 
 def depth_of(raw: Float[Array, "*n"], near: float, far: float) -> Float[Array, "*n"]:

@@ -21,9 +21,10 @@ from egocap_sim.place import Place
 from egocap_sim.render import projection
 from egocap_sim.render.batch import Batch, merge
 from egocap_sim.render.contact import ContactShade
-from egocap_sim.render.framebuffer import AtlasBuffer, ShadowMap, Window
+from egocap_sim.render.framebuffer import AtlasBuffer, Window
 from egocap_sim.render.gl import GL, Context, check, pyrender
 from egocap_sim.render.gpu import GpuBatch, Uniforms
+from egocap_sim.render.shadow import shadow_map
 from egocap_sim.render.views import Resampler, Views
 
 NEAR, FAR = 0.01, 60.0  # metres; 24 bits of depth leave 0.2 mm at 5 m
@@ -91,7 +92,7 @@ class FisheyeRenderer(pyrender.Renderer):
         self._update_context(self._scene, _SCENE)
         # About as fine on the floor as the image is there.
         finest = max(t.density for t in self._canvas.atlas.tiles)
-        self._shadow = ShadowMap(1024 if finest > 250 else 640)
+        self._shadow = shadow_map(place.light.spread, fine=finest > 250)
         self._contact = ContactShade(len(actors)) if actors and place.contact else None
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
@@ -232,7 +233,7 @@ class FisheyeRenderer(pyrender.Renderer):
             program = self._program(gpu, _SHADOW)
             self._uniforms.matrix(program, "clip_from_world", clip)
             gpu.draw(gpu.casts_shadow)
-        self._shadow.end()
+        self._shadow.end(clip)
         return projection.TO_TEXTURE @ clip
 
     def _draw_scene(self, shadow_from_world: Array) -> None:
@@ -257,10 +258,7 @@ class FisheyeRenderer(pyrender.Renderer):
         self._canvas.buffer.end()
 
     def _draw_contact(self, contact: ContactShade) -> None:
-        program = self._program_cache.get_program("contact.vert", "contact.frag")
-        if not program._in_context():
-            program._add_to_context()
-        program._bind()
+        program = self._compiled("contact")
         contact.begin()
         low, high = contact.boxes()
         for tile, clip, window in zip(
@@ -306,5 +304,15 @@ class FisheyeRenderer(pyrender.Renderer):
             flags,
             0 if flags == _SHADOW else pyrender.constants.ProgramFlags.USE_MATERIAL,
         )
+        if flags == _SCENE and self._shadow.defines:
+            return self._compiled("mesh", {**program.defines, **self._shadow.defines})
+        program._bind()
+        return program
+
+    def _compiled(self, name: str, defines: Mapping[str, int] | None = None):
+        """The program of a pair of shaders, bound."""
+        program = self._program_cache.get_program(f"{name}.vert", f"{name}.frag", defines=defines)
+        if not program._in_context():
+            program._add_to_context()
         program._bind()
         return program

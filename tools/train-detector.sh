@@ -10,8 +10,9 @@ set -eu
 work=$1 clips=$2 bin=${BIN:-.venv/bin}
 
 "$bin/egocap-sim" generate train-varied --frames 20000 --motions "$clips" --out "$work/varied"
+"$bin/egocap-sim" generate tools/training-all.toml --motions "$clips" --out "$work/all"
 "$bin/egocap-sim" generate tools/training-poses.toml --motions "$clips" --out "$work/poses"
 "$bin/egocap-sim" generate tools/training-bikes.toml --out "$work/bikes"
-"$bin/egocap" train "$work/varied" "$work/poses" "$work/bikes" --shares 4 3 1 --out "$work/run" \
+"$bin/egocap" train "$work/varied" "$work/all" "$work/poses" "$work/bikes" --shares 9 8 4 2 --out "$work/run" \
     --resume --start egocap/detect/shipped/default.safetensors --minutes 60 --learning-rate 0.001 \
     --average 0.997 --compile --seed 2

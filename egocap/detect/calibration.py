@@ -73,7 +73,8 @@ def fit_calibration(
     """The calibration that fits what a network said of N views to what was true of them.
 
     Confidence by maximum likelihood over joints in view; each factor of sigma so that the root mean
-    square of error / sigma along an axis is 1 over the joints it is for.
+    square of error / sigma along an axis is 1 over the joints it is for, and that are `present` by
+    what the network said: others are never detections, wherever they were placed.
 
     Args:
         info: what the network said, labels in the network's own (mirrored) order or the body's.
@@ -88,9 +89,9 @@ def fit_calibration(
         raise InputError(f"{int(in_view.sum())} joints to calibrate on", valid=f"{FEWEST} or more")
     scale, offset = _fit_logistic(margin(info)[in_view], seen[in_view])
     squared = 0.5 * np.square(errors / np.exp(np.clip(np.asarray(info[..., 3], float), -8.0, 8.0)))
-    seen = seen & in_view
+    found = in_view & present(info)
     return Calibration(
-        scale, offset, _half_log_mean(squared[seen]), _half_log_mean(squared[in_view & ~seen])
+        scale, offset, _half_log_mean(squared[found & seen]), _half_log_mean(squared[found & ~seen])
     )
 
 

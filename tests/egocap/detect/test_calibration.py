@@ -36,6 +36,14 @@ def test_joints_out_of_view_do_not_count():
     assert fit_calibration(info, worse, seen & in_view, in_view) == inside
 
 
+def test_joints_that_the_network_says_are_absent_do_not_count():
+    """One clip of a rig behind whose view the head was placed made every spread three times wider."""
+    info, errors, seen = said(np.random.default_rng(2))
+    worse = np.where(present(info), errors, 1e6)
+    every = np.ones_like(seen)
+    assert fit_calibration(info, worse, seen, every) == fit_calibration(info, errors, seen, every)
+
+
 def test_confidence_is_a_probability_and_sigma_blends():
     info = np.zeros((1, 18, 4))
     info[0, 0, :3] = 9.0, 0.0, 0.0

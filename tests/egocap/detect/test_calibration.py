@@ -37,7 +37,7 @@ def test_joints_out_of_view_do_not_count():
 
 
 def test_joints_that_the_network_says_are_absent_do_not_count():
-    """One clip of a rig behind whose view the head was placed made every spread three times wider."""
+    """One clip, of a rig that has the head behind it, made every spread three times wider."""
     info, errors, seen = said(np.random.default_rng(2))
     worse = np.where(present(info), errors, 1e6)
     every = np.ones_like(seen)

@@ -37,7 +37,7 @@ check: setup
 
 # A fixed small suite against recorded numbers; exit code 3 and a table when something got worse.
 check-evals: setup
-	$(BIN)/egocap-eval check --baseline evals/baselines/ci.json
+	$(BIN)/egocap-eval check --baseline evals/egocap_eval/baselines/ci.json
 
 clean:
 	rm -rf $(VENV) $(OUT)

@@ -27,12 +27,12 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402
 
+from egocap.cameras.rig_files import load_rig  # noqa: E402
 from egocap.detect.detector import Detector  # noqa: E402
 from egocap.detect.engine import Engine, available_cores, open_engine  # noqa: E402
-from egocap.detect.pictures import ahead  # noqa: E402
+from egocap.detect.input_images import ahead  # noqa: E402
 from egocap.detect.weights import Weights, open_weights, save_weights  # noqa: E402
 from egocap.errors import MachineError  # noqa: E402
-from egocap.rig import load_rig  # noqa: E402
 
 SPINNING = "onnxruntime-spin"  # its threads wait busily within a call
 ENGINES = ("onnxruntime", SPINNING, "openvino", "torch", "cuda")
@@ -161,7 +161,7 @@ def main() -> None:
     if options.json:
         print(json.dumps(report, indent=1))
     if options.out:
-        from evals.record import save_result
+        from egocap_eval.harness.result_file import save_result
 
         save_result(options.out, report, ["python", *sys.argv])
 

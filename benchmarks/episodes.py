@@ -27,9 +27,9 @@ SCENES = ("train-varied", "train-chroma")
 
 def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[str, Any]:
     """Generate a recording into a temporary folder, then some of its episodes in this process."""
-    from egocap_sim.builtin import builtin_file
-    from egocap_sim.record import generate
-    from egocap_sim.scene import Scene, load_scene
+    from egocap_sim.core.resources import builtin_file
+    from egocap_sim.record.recorder import generate
+    from egocap_sim.scene.config import Scene, load_scene
 
     content = load_scene(builtin_file("scene", name)).model_dump()
     content["frames"] = frames
@@ -53,16 +53,16 @@ def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[st
 
 def _preparation(scene: Any) -> dict[str, float]:
     """What is not drawing and writing, as a share of the time and in seconds an episode."""
-    from egocap_sim import record
-    from egocap_sim.episode_plan import catalogue, plan
-    from egocap_sim.episode_recorder import make_episode
+    from egocap_sim.record.episode_plan import catalogue, plan
+    from egocap_sim.record.episode_recorder import make_episode
+    from egocap_sim.record.recorder import recorder
 
     folder = scene.episodes.clips
     clips = () if folder is None else catalogue(Path(folder), strict=False)
     spent = {"write_shard": 0.0, "_staged": 0.0}  # seconds in functions of `record`
 
     def timed(name: str) -> Any:
-        function = getattr(record, name)
+        function = getattr(recorder, name)
 
         def call(*args: Any) -> Any:
             start = time.perf_counter()
@@ -71,7 +71,7 @@ def _preparation(scene: Any) -> dict[str, float]:
             finally:
                 spent[name] += time.perf_counter() - start
 
-        return mock.patch.object(record, name, call)
+        return mock.patch.object(recorder, name, call)
 
     start, episodes = 0.0, plan(scene, [scene.frames])
     with tempfile.TemporaryDirectory() as made, timed("write_shard"), timed("_staged"):
@@ -91,7 +91,7 @@ def _preparation(scene: Any) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print one line a scene, or keep the result."""
-    from evals.record import save_result
+    from egocap_eval.harness.result_file import save_result
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--scene", choices=SCENES, action="append")

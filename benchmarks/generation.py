@@ -26,9 +26,9 @@ SIZES = {"1280x1024": (1280, 1024), "640x512": (640, 512)}
 
 def measure(size: tuple[int, int], workers: int, frames: int) -> dict:
     """Generate one sequence into a temporary folder."""
-    from egocap_sim.builtin import builtin_file
-    from egocap_sim.record import generate
-    from egocap_sim.scene import Scene, load_scene
+    from egocap_sim.core.resources import builtin_file
+    from egocap_sim.record.recorder import generate
+    from egocap_sim.scene.config import Scene, load_scene
 
     content = load_scene(builtin_file("scene", "validation-walk")).model_dump()
     content["frames"], content["rig"]["size"] = frames, size
@@ -78,7 +78,7 @@ def _resident_mb(process: multiprocessing.process.BaseProcess) -> float:
 
 def main() -> None:
     """Measure and print one line a row, or keep the result."""
-    from evals.record import save_result
+    from egocap_eval.harness.result_file import save_result
 
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--frames", type=int, default=250)

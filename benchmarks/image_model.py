@@ -6,12 +6,12 @@
 
 SEQ is the first live sequence that `tools/measure-image-model.sh` makes. The pose is the one
 nearest to the truth of frame 0, the image that frame's. Colours are compared in three ways:
-`ratio`, the likelihood ratio of person and background (`egocap.track.palette`), which the tracker
+`ratio`, the likelihood ratio of person and background (`image_model.palette`), which the tracker
 uses; `paper`, appendix A; `cone`, the distance in the HSV cone.
 
 `ms` is the smallest of many calls, `median_ms` their median, by the wall; `cpu_ms` is the mean
 processor time of all threads, which other work on the machine disturbs less. The reference is
-`egocap.track.appearance` with autograd, single precision, on the rays that meet the body only: on
+`image_model.appearance` with autograd, single precision, on the rays that meet the body only: on
 all rays it would take several times longer.
 """
 
@@ -37,11 +37,11 @@ MEASURES = ("ratio", "paper", "cone")
 FIRST_CALL = """
 import time, numpy as np
 started = time.perf_counter()
-from egocap.body import Proportions
-from egocap.gaussians import GaussianBody
-from egocap.rig import load_rig
-from egocap.track.image_model import ImageModel
-from egocap.track.image_rays import image_rays
+from egocap.body.proportions import Proportions
+from egocap.body.gaussians import GaussianBody
+from egocap.cameras.rig import load_rig
+from egocap.image_model.model import ImageModel
+from egocap.image_model.image_rays import image_rays
 imported = time.perf_counter()
 body = GaussianBody.from_proportions(Proportions.from_lengths())
 rays = image_rays(load_rig("scenes/rigs/egorig1.toml"), 32, 32)
@@ -70,12 +70,12 @@ class Bench:
     """A coloured body before a frame of a sequence."""
 
     def __init__(self, folder: str) -> None:
-        from egocap.gaussians import GaussianBody
-        from egocap.sequence import Sequence
-        from egocap.track.colouring import colour_body
-        from egocap.track.image_rays import image_rays
-        from egocap.track.inverse import nearest_angles
-        from egocap.track.palette import learn_palette
+        from egocap.body.gaussians import GaussianBody
+        from egocap.data.sequence import Sequence
+        from egocap.image_model.colour_estimation import colour_body
+        from egocap.image_model.image_rays import image_rays
+        from egocap.image_model.palette import learn_palette
+        from egocap.pose.inverse_kinematics import nearest_angles
 
         self.sequence = sequence = Sequence(folder)
         truth = sequence.truth.joints_head
@@ -92,16 +92,16 @@ class Bench:
 
     def term(self, size: int = SIZE[0], threads: int | None = None):
         """The body's colours against the background's."""
-        from egocap.track.colour_term import ColourTerm, ColourTermConfig
+        from egocap.image_model.colour_term import ColourTerm, ColourTermConfig
 
         config = ColourTermConfig(size, weight=0.03)
         return ColourTerm(self.body, self.sequence.rig, self.palette, config, threads)
 
     def model(self, measure: str, threads: int | None = None):
         """A model and the frame's colours along its rays, as the measure has them."""
-        from egocap.track.colour import PAPER, ColourMeasure
-        from egocap.track.image_model import ImageModel
-        from egocap.track.image_rays import image_rays
+        from egocap.image_model.colour import PAPER, ColourMeasure
+        from egocap.image_model.image_rays import image_rays
+        from egocap.image_model.model import ImageModel
 
         if measure == "ratio":
             term = self.term(threads=threads)
@@ -133,7 +133,7 @@ class Bench:
 
     def stochastic(self) -> dict[str, Any]:
         """One step of the stochastic variant, and the scatter of its gradient."""
-        from egocap.track.stochastic import PixelSampler, gradient_scatter
+        from egocap.image_model.stochastic import PixelSampler, gradient_scatter
 
         model, colours = self.model("ratio")
         alone, _ = self.model("ratio", threads=1)
@@ -159,8 +159,8 @@ class Bench:
         """The torch reference on the rays that meet the body."""
         import torch
 
-        from egocap.track.appearance import colour_gradient
-        from egocap.track.image_reference import ReferenceModel
+        from egocap.image_model.appearance import colour_gradient
+        from egocap.image_model.reference import ReferenceModel
 
         model, colours = self.model(measure)
         reference = ReferenceModel(self.body, model.rays, model.measure, torch.float32)
@@ -172,8 +172,8 @@ class Bench:
 
     def live(self) -> dict[str, Any]:
         """Colour-only tracking of the upper body over the sequence, pictures in memory."""
-        from egocap.labels import UPPER
-        from egocap.track.live_colour import TERM, ColourTracker
+        from egocap.body.labels import UPPER
+        from egocap.track.colour_tracker import TERM, ColourTracker
 
         frames = list(self.sequence)
         truth = self.sequence.truth.joints_head
@@ -201,8 +201,8 @@ class Bench:
         """Many poses at once by the torch path, energy and gradient; `chunk` rays at a time."""
         import torch
 
-        from egocap.track.appearance import colour_gradient
-        from egocap.track.image_reference import ReferenceModel
+        from egocap.image_model.appearance import colour_gradient
+        from egocap.image_model.reference import ReferenceModel
 
         model, colours = self.model("ratio")
         reference = ReferenceModel(self.body, model.rays, dtype=torch.float32, device=device)
@@ -241,7 +241,7 @@ def first_call() -> dict[str, float]:
 def measured(words: argparse.Namespace) -> dict[str, Any]:
     """All times. Raises MachineError before the first when the device asked for is not there."""
     if words.device:
-        from egocap.track.appearance import torch_device
+        from egocap.image_model.appearance import torch_device
 
         torch_device(words.device)
     bench = Bench(words.sequence)
@@ -280,7 +280,7 @@ def main() -> int:
         return error.exit_code
     print(json.dumps(result, indent=2))
     if words.out:
-        from evals.record import save_result
+        from egocap_eval.harness.result_file import save_result
 
         result["load"] = list(os.getloadavg())
         name = Path(words.sequence).name

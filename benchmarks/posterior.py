@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from egocap.body import Proportions
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig_files import load_rig
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.posterior.information import (
     Noise,
@@ -31,8 +32,7 @@ from egocap.posterior.information import (
 from egocap.posterior.log_prob import log_posterior_of
 from egocap.posterior.result import Posterior, to_arviz
 from egocap.posterior.sampler import sample
-from egocap.posterior.simulation import draw_detections, draw_poses
-from egocap.rig import load_rig
+from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 
 ROOT = Path(__file__).resolve().parents[1]
 WALKERS, ROUNDS, MISSING = 96, 300, 0.3

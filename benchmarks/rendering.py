@@ -35,9 +35,9 @@ class Stage:
     """The scene of the benchmark: person, room, rig and the pose at a time."""
 
     def __init__(self, size: tuple[int, int]) -> None:
-        from egocap.rig import load_rig
-        from egocap_sim.human.wardrobe import make_person
-        from egocap_sim.place import make_place
+        from egocap.cameras.rig_files import load_rig
+        from egocap_sim.environment.place import make_place
+        from egocap_sim.human.clothing.wardrobe import make_person
 
         self.rig = load_rig(ROOT / "scenes/rigs/egorig1.toml").resized(*size)
         self.person = make_person(3, headgear="helmet")
@@ -50,7 +50,7 @@ class Stage:
     def pose(self, seconds: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Head pose and skinning transforms."""
         from egocap import geometry
-        from egocap_sim.bodies import BODIES, INDEX, PARENTS
+        from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 
         joints = self.person.joints
         T = np.zeros((len(BODIES), 4, 4))
@@ -104,8 +104,8 @@ def stock(size: tuple[int, int], frames: int, barrier, results) -> None:
     """The same with stock pyrender: one call a cube face, the person's meshes replaced a frame."""
     import cv2
 
-    from egocap_sim.fisheye import build_atlas
     from egocap_sim.render.batch import merge
+    from egocap_sim.render.fisheye import build_atlas
     from egocap_sim.render.gl import pyrender
 
     stage = Stage(size)
@@ -200,7 +200,7 @@ def main() -> None:
     if args.memory_frames:
         result["memory"] = measure(ours, SIZES[(args.size or [*SIZES])[0]], 1, args.memory_frames)
     if args.out:
-        from evals.record import save_result
+        from egocap_eval.harness.result_file import save_result
 
         save_result(
             args.out, result, shlex.join(["python", "benchmarks/rendering.py", *sys.argv[1:]])

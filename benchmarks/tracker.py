@@ -25,13 +25,14 @@ os.environ.update(ONE_CORE)  # before numpy is imported
 
 import numpy as np  # noqa: E402
 
-from egocap.body import Proportions  # noqa: E402
-from egocap.detect.simulated import parse_source, simulate_detections  # noqa: E402
-from egocap.results import Detections  # noqa: E402
-from egocap.rig import Rig, load_rig  # noqa: E402
-from egocap.skeleton import LIMITS, SPREAD, forward  # noqa: E402
-from egocap.track.config import TrackerConfig  # noqa: E402
-from egocap.track.posture import load_posture  # noqa: E402
+from egocap.body.proportions import Proportions  # noqa: E402
+from egocap.body.skeleton import LIMITS, SPREAD, forward  # noqa: E402
+from egocap.cameras.rig import Rig  # noqa: E402
+from egocap.cameras.rig_files import load_rig  # noqa: E402
+from egocap.data.detections import Detections  # noqa: E402
+from egocap.detect.synthetic import parse_source, simulate_detections  # noqa: E402
+from egocap.pose.config import TrackerConfig  # noqa: E402
+from egocap.pose.pose_prior import load_posture  # noqa: E402
 from egocap.track.tracker import track  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -167,5 +167,5 @@ def _log_to_stderr() -> None:
     """Messages of this project at INFO, of other packages at WARNING; EGOCAP_LOG=DEBUG for more."""
     logging.basicConfig(stream=sys.stderr, format="%(name)s: %(message)s", level=logging.WARNING)
     level = os.environ.get("EGOCAP_LOG", "INFO").upper()
-    for name in ("egocap", "egocap_sim", "evals"):
+    for name in ("egocap", "egocap_sim", "egocap_eval"):
         logging.getLogger(name).setLevel(level if level in logging.getLevelNamesMapping() else 20)

@@ -12,11 +12,11 @@ from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
 from egocap.commandline import DONE, USAGE, progress, run
-from egocap_sim.overrides import UNCHANGED, Overrides, as_long_as_its_clip, overridden, shown
+from egocap_sim.world.overrides import UNCHANGED, Overrides, as_long_as_its_clip, overridden, shown
 
 if TYPE_CHECKING:
-    from egocap_sim.record import Summary
-    from egocap_sim.scene import Scene
+    from egocap_sim.record.recorder import Summary
+    from egocap_sim.scene.config import Scene
 
 app = SubcommandApp()
 
@@ -45,8 +45,8 @@ def generate(
         json: print the summary as JSON; with several scenes, a list of them.
     """
     from egocap.errors import InputError
-    from egocap_sim.builtin import find_file
-    from egocap_sim.scene import load_scene
+    from egocap_sim.core.resources import find_file
+    from egocap_sim.scene.config import load_scene
 
     if not scenes:
         raise InputError("no scene given", valid="names or files of scenes")
@@ -82,8 +82,8 @@ def preview(sequence: Positional[Path], out: Path, rows: int = 6, width: int = 4
         rows: frames to show, spread over the sequence.
         width: width of one picture in pixels.
     """
-    from egocap.episodes import find_sequences
-    from egocap_sim.preview import save_contact_sheet
+    from egocap.data.dataset import find_sequences
+    from egocap_sim.export.preview import save_contact_sheet
 
     save_contact_sheet(find_sequences([sequence]), out, rows=rows, tile_width=width)
     print(out)
@@ -101,7 +101,7 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
     """
     from dataclasses import asdict
 
-    from egocap_sim.verify import verify as check
+    from egocap_sim.verify.verify import verify as check
 
     result = check(sequence, rays)
     if json:
@@ -134,8 +134,8 @@ def export(
         format: coco (keypoints JSON and images), unrealego (JSON a frame, in cm) or mp4 (to look
             at, joints drawn).
     """
-    from egocap.episodes import find_sequences
-    from egocap.sequence import Sequence
+    from egocap.data.dataset import find_sequences
+    from egocap.data.sequence import Sequence
     from egocap_sim.export import export as export_sequence
 
     found = find_sequences([sequence])
@@ -160,9 +160,9 @@ def stats(
         out: HTML file to write; it needs nothing beside itself.
         json: print the numbers as JSON.
     """
-    from egocap.episodes import find_sequences
+    from egocap.data.dataset import find_sequences
+    from egocap.data.sequence_writer import write_atomically
     from egocap.errors import InputError
-    from egocap.sequence_writer import write_atomically
     from egocap_sim.stats.collect import Statistics
     from egocap_sim.stats.page import render_page, summary
 
@@ -196,9 +196,9 @@ def stats(
 @app.command(name="list")
 def list_() -> int:
     """Name the built-in scenes, rigs, motions and sensors."""
-    from egocap_sim.builtin import builtin_names, rig_names
-    from egocap_sim.motion.procedural import MOTIONS
-    from egocap_sim.sensor.settings import PRESETS
+    from egocap_sim.core.resources import builtin_names, rig_names
+    from egocap_sim.motion.generators.registry import MOTIONS
+    from egocap_sim.sensor.config import PRESETS
 
     print("scenes: ", *builtin_names("scene"))
     print("rigs:   ", *rig_names())
@@ -222,8 +222,8 @@ def _generate(
     strict: bool,
 ) -> Summary:
     from egocap.errors import FileError
-    from egocap_sim.record import generate as generate_sequence
-    from egocap_sim.stage import SceneError
+    from egocap_sim.record.recorder import generate as generate_sequence
+    from egocap_sim.world.stage import SceneError
 
     try:
         with progress(scene.name, scene.frames) as advance:

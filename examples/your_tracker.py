@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from egocap.cli import detections_from
+from egocap.data.detections import Detections
+from egocap.data.plugins import Footage
+from egocap.data.sequence import open_sequence
+from egocap.detect.sources import detections_from
 from egocap.evaluate.predictions import Predictions, save_predictions
-from egocap.plugins import Footage
-from egocap.results import Detections
-from egocap.sequence import open_sequence
 
 
 def track(footage: Footage, detections: Detections | None) -> np.ndarray:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from egocap.errors import MachineError
-from egocap_sim.builtin import builtin_file
-from egocap_sim.record import generate
-from egocap_sim.scene import Scene, load_scene
+from egocap_sim.core.resources import builtin_file
+from egocap_sim.record.recorder import generate
+from egocap_sim.scene.config import Scene, load_scene
 
 
 @pytest.fixture(scope="session")

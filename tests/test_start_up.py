@@ -35,7 +35,7 @@ COMMANDS = {
         "view",
     ),
     "egocap_sim.cli": ("generate", "preview", "verify"),
-    "evals.cli": (
+    "egocap_eval.cli": (
         "pose",
         "augmentation",
         "training-set",

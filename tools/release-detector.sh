@@ -22,5 +22,5 @@ mkdir -p $shipped
 # Exit code 3: a target was missed, which the card says too.
 "$bin/egocap-eval" detector --heldout "$work/heldout" --motions "$motions" \
     --picture $results/detector.png --out $results/detector.json || [ $? = 3 ]
-"$bin/python" -m evals.model_card $shipped/default.safetensors $results/detector.json \
+"$bin/python" -m egocap_eval.detection.model_card $shipped/default.safetensors $results/detector.json \
     $shipped/default.md

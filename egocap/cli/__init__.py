@@ -1,6 +1,8 @@
-"""The command `egocap`: motion out of footage."""
+"""Command-line words in; files and printed results out: the command `egocap`.
+
+One module a group of commands. Nothing imports this room.
+"""
 
 from egocap.cli.program import main
-from egocap.cli.sources import detections_from
 
-__all__ = ["detections_from", "main"]
+__all__ = ["main"]

@@ -11,11 +11,11 @@ from tyro.conf import Positional
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
-from egocap.detect.training_config import TrainingConfig
+from egocap.detect.train.config import TrainingConfig
 from egocap.errors import InputError
 
 if TYPE_CHECKING:
-    from egocap.results import Detections
+    from egocap.data.detections import Detections
 
 
 @app.command
@@ -42,11 +42,11 @@ def detect(
     import time
 
     from egocap.commandline import progress
+    from egocap.data.detections import save_detections
+    from egocap.data.sequence import Sequence
+    from egocap.data.sequence_writer import disk_errors
     from egocap.detect import detector as learned
     from egocap.detect.weights import open_weights
-    from egocap.results import save_detections
-    from egocap.sequence import Sequence
-    from egocap.sequence_writer import disk_errors
 
     opened = Sequence(sequence)
     made = learned.Detector(opened.rig, open_weights(weights), engine, threads)  # type: ignore[arg-type]
@@ -83,7 +83,7 @@ def calibrate_detector(
     """
     import tempfile
 
-    from egocap.detect.calibrating import calibrate
+    from egocap.detect.train.calibrate import calibrate
     from egocap.detect.weights import open_weights
 
     with tempfile.TemporaryDirectory() as temporary:
@@ -133,7 +133,7 @@ def train(
     import subprocess
     import sys
 
-    from egocap.detect.training_run import (
+    from egocap.detect.train.run import (
         Request,
         command_for_devices,
         join_processes,

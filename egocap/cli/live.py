@@ -15,16 +15,16 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.commandline import DONE
 from egocap.errors import InputError
-from egocap.track.config import TrackerConfig
+from egocap.pose.config import TrackerConfig
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from numpy import ndarray as Array
 
-    from egocap.body import Proportions
-    from egocap.live import KnowsPerson, LiveReport, Source
-    from egocap.rig import Rig
-    from egocap.view.watching import Watcher
+    from egocap.body.proportions import Proportions
+    from egocap.cameras.rig import Rig
+    from egocap.view.capture import KnowsPerson, LiveReport, Source
+    from egocap.view.live_view import Watcher
 
 LIVE = TrackerConfig(smoothing="none")
 
@@ -66,9 +66,9 @@ def live(
         config: the tracker's settings; past frames alone count.
         json: print the summary as JSON.
     """
-    from egocap.body import Proportions
-    from egocap.results import save_track
-    from egocap.rig import load_rig
+    from egocap.body.proportions import Proportions
+    from egocap.cameras.rig_files import load_rig
+    from egocap.data.track import save_track
 
     loaded = load_rig(rig)
     if len(sources) != len(loaded.mounts):
@@ -100,7 +100,7 @@ class _Request:
 
     def opened(self, stack: ExitStack) -> list[Source]:
         """Sources that begin to run now and are closed with the stack."""
-        from egocap.live import Source
+        from egocap.view.capture import Source
 
         found = []
         for name in self.sources:
@@ -114,8 +114,8 @@ def _by_detections(
 ) -> tuple[LiveReport, KnowsPerson, str]:
     from egocap.detect.detector import Detector
     from egocap.detect.weights import open_weights
-    from egocap.live import follow_live
-    from egocap.track.live import LiveTracker
+    from egocap.track.online import LiveTracker
+    from egocap.view.capture import follow_live
 
     tracker = LiveTracker(request.rig, request.person, config)
     detector = Detector(request.rig, open_weights(weights) if weights else None)
@@ -127,8 +127,8 @@ def _by_detections(
 def _by_colour(
     stack: ExitStack, request: _Request, start: str
 ) -> tuple[LiveReport, KnowsPerson, str]:
-    from egocap.live import first_pictures, follow_pictures
-    from egocap.track.live_colour import ColourTracker
+    from egocap.track.colour_tracker import ColourTracker
+    from egocap.view.capture import first_pictures, follow_pictures
 
     tracker = ColourTracker(request.rig, request.person, _start_pose(start))
     tracker.learn(first_pictures(request.sources))
@@ -139,9 +139,9 @@ def _by_colour(
 
 def _watcher(stack: ExitStack, rig: Rig, view: bool, port: int, record: Path | None) -> Watcher:
     """Who is shown the poses; what it opens is closed with the stack."""
-    from egocap.view.film import Film
-    from egocap.view.stream import PictureStream
-    from egocap.view.watching import Watcher
+    from egocap.view.live_page import PictureStream
+    from egocap.view.live_view import Watcher
+    from egocap.view.video import Film
 
     film = None if record is None else stack.enter_context(Film(record))
     stream = None
@@ -153,8 +153,8 @@ def _watcher(stack: ExitStack, rig: Rig, view: bool, port: int, record: Path | N
 
 
 def _start_pose(start: str) -> Float[Array, "37"]:
-    from egocap.results import load_track
-    from egocap.track.starts import STARTS, start_poses
+    from egocap.data.track import load_track
+    from egocap.pose.initial_poses import STARTS, start_poses
 
     if start in STARTS:
         return start_poses()[list(STARTS).index(start)]

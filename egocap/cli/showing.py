@@ -9,8 +9,8 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.cli.registry import app
-from egocap.cli.sources import detections_from
 from egocap.commandline import DONE
+from egocap.detect.sources import detections_from
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 
 
@@ -31,9 +31,9 @@ def export(
         out: file to write.
         format: what to write.
     """
-    from egocap.io.arrays import write_arrays
-    from egocap.io.bvh import write_bvh
-    from egocap.results import load_track
+    from egocap.data.bvh import write_bvh
+    from egocap.data.track import load_track
+    from egocap.data.track_arrays import write_arrays
 
     found = load_track(track)
     {"bvh": write_bvh, "npz": write_arrays}[format](out, found)
@@ -72,8 +72,8 @@ def posterior(
     """
     import json as jsons
 
-    from egocap.posterior.command import write_posterior
-    from egocap.sequence import Sequence
+    from egocap.data.sequence import Sequence
+    from egocap.posterior.run import write_posterior
 
     opened = Sequence(sequence)
     found = detections_from(opened, detections, 0)
@@ -115,7 +115,7 @@ def view(
         gaussians: volumetric body to draw, json; by default one coloured by the frame itself.
         size: width and height at which a view is evaluated, pixels.
     """
-    from egocap.view.command import view_model
+    from egocap.view.render import view_model
 
     summary = view_model(sequence, frame, out, track, gaussians, size)
     print(f"{out}: energy {summary['energy']:.1f}, {summary['covered_pixels']:.0f} pixels covered")

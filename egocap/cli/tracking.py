@@ -11,14 +11,14 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.cli.registry import app
-from egocap.cli.sources import detections_from
 from egocap.commandline import DONE
-from egocap.track.config import TrackerConfig
-from egocap.track.fit_config import FitConfig
+from egocap.detect.sources import detections_from
+from egocap.fitting.config import FitConfig
+from egocap.pose.config import TrackerConfig
 
 if TYPE_CHECKING:
-    from egocap.results import Track
-    from egocap.track.fit_body import BodyFit
+    from egocap.data.track import Track
+    from egocap.fitting.fit_body import BodyFit
 
 
 @app.command
@@ -51,11 +51,12 @@ def track(
             `T_world_head` (4 x 4); the track then has its joints in that world, too.
         json: print the summary as JSON.
     """
-    from egocap import results
-    from egocap.body import Proportions
-    from egocap.io.head_pose import in_world
-    from egocap.sequence import Sequence
-    from egocap.sequence_writer import disk_errors
+    from egocap.body.proportions import Proportions
+    from egocap.data.detections import save_detections
+    from egocap.data.head_pose import in_world
+    from egocap.data.sequence import Sequence
+    from egocap.data.sequence_writer import disk_errors
+    from egocap.data.track import save_track
     from egocap.track.tracker import track as run_tracker
 
     opened = Sequence(sequence)
@@ -71,8 +72,8 @@ def track(
             with disk_errors(path.parent):
                 path.parent.mkdir(parents=True, exist_ok=True)
     if save_detections is not None:
-        results.save_detections(save_detections, found)
-    results.save_track(out, result)
+        save_detections(save_detections, found)
+    save_track(out, result)
     _print_summary(out, result, json)
     return DONE
 
@@ -104,10 +105,10 @@ def fit_body(
         shape: also find sizes and colours of the Gaussians from the images; json to write.
         json: print the report as JSON.
     """
-    from egocap.sequence import Sequence
-    from egocap.sequence_writer import disk_errors
-    from egocap.track.fit_body import first_seconds
-    from egocap.track.fit_body import fit_body as fit
+    from egocap.data.sequence import Sequence
+    from egocap.data.sequence_writer import disk_errors
+    from egocap.fitting.fit_body import first_seconds
+    from egocap.fitting.fit_body import fit_body as fit
 
     opened = Sequence(sequence)
     found = first_seconds(detections_from(opened, detections, seed), seconds)
@@ -118,7 +119,7 @@ def fit_body(
                 path.parent.mkdir(parents=True, exist_ok=True)
     sizes = None
     if shape is not None:
-        from egocap.track.body_shape import fit_shape
+        from egocap.fitting.appearance_fit import fit_shape
 
         frames = [(opened.frame(int(t)).images, result.angles[i]) for i, t in result.spread(6)]
         fitted = fit_shape(result.proportions, opened.rig, frames)
@@ -139,7 +140,7 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
         "detections_per_frame": float(result.detections_used.mean()),
     }  # fmt: skip
     if result.hidden is not None:
-        from egocap.results import HIDDEN
+        from egocap.data.track import HIDDEN
 
         shares = {name: float((result.hidden == code).mean()) for code, name in enumerate(HIDDEN)}
         summary["shares_of_joints"] = shares

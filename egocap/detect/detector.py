@@ -16,17 +16,17 @@ import numpy as np
 from jaxtyping import Float, Int64, UInt8
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABELS
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.data.sequence import Frame, Sequence
 from egocap.detect.calibration import present
+from egocap.detect.canonical_view import CanonicalView
 from egocap.detect.engine import Engine, EngineName, Outputs, open_engine
 from egocap.detect.heatmaps import modes
-from egocap.detect.pictures import ahead, as_rgb, recorded_pictures
-from egocap.detect.view import CanonicalView
+from egocap.detect.input_images import ahead, as_rgb, recorded_pictures
 from egocap.detect.weights import Weights, open_weights
 from egocap.errors import InputError
-from egocap.labels import LABELS
-from egocap.results import Detections
-from egocap.rig import Rig
-from egocap.sequence import Frame, Sequence
 
 log = logging.getLogger(__name__)
 

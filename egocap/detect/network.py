@@ -18,9 +18,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from egocap.detect.view import ViewSpec
+from egocap.body.labels import LABELS
+from egocap.detect.canonical_view import ViewSpec
 from egocap.errors import InputError
-from egocap.labels import LABELS
 
 VISIBLE, OCCLUDED, ABSENT = range(3)
 """Order of the first three numbers the network says of a label; the fourth is log sigma."""

@@ -17,10 +17,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from egocap.body.labels import LABELS
 from egocap.detect.calibration import Calibration
-from egocap.detect.view import ViewSpec
+from egocap.detect.canonical_view import ViewSpec
 from egocap.errors import FileError, InputError, MachineError
-from egocap.labels import LABELS
 
 if TYPE_CHECKING:
     from egocap.detect.network import DetectorNetwork

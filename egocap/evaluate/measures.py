@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABEL_INDEX
 from egocap.errors import InputError
-from egocap.evaluate import feet, metrics
+from egocap.evaluate import foot_contact, metrics
 from egocap.evaluate.protocol import BONES, LOWER_LIMBS, UPPER_LIMBS, Protocol, same_joints
 from egocap.geometry import transform
-from egocap.labels import LABEL_INDEX
 
 MM = 1e3  # millimetres a metre
 PCK_M = 0.15  # Mehta et al. 2017; FRAME takes 0.10
@@ -134,14 +134,16 @@ def _bones(scored: Scored) -> float:
 def _skate(scored: Scored) -> float:
     if scored.feet_world is None or scored.contact is None:
         return float("nan")
-    return feet.foot_skate(scored.feet_world, scored.contact[:, [1, 3]], scored.times)
+    return foot_contact.foot_skate(scored.feet_world, scored.contact[:, [1, 3]], scored.times)
 
 
 def _contact_f1(scored: Scored) -> float:
     if scored.feet_world is None or scored.contact is None or len(scored.times) < 2:
         return float("nan")
     planted = scored.contact[:, [0, 2]] | scored.contact[:, [1, 3]]
-    return feet.f1_score(feet.estimate_planted(scored.feet_world, scored.times), planted)
+    return foot_contact.f1_score(
+        foot_contact.estimate_planted(scored.feet_world, scored.times), planted
+    )
 
 
 def _where_seen(scored: Scored, seen: bool) -> float:

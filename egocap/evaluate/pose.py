@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABELS
+from egocap.data.input_checks import require_finite, require_same_times, require_shape
 from egocap.errors import InputError
 from egocap.evaluate import metrics
-from egocap.evaluate.checks import require_finite, require_same_times, require_shape
+from egocap.evaluate.ground_truth import Reference
 from egocap.evaluate.measures import MEASURES, MM, Scored, measure
 from egocap.evaluate.protocol import HIPS, PROTOCOLS, find_protocol
-from egocap.evaluate.reference import Reference
 from egocap.evaluate.report import Report
-from egocap.labels import LABELS
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +34,7 @@ def evaluate_pose(
     """Score tracked joints against true ones.
 
     Args:
-        predicted: tracked joints in the head frame, metres; labels in `egocap.labels.LABELS` order.
+        predicted: tracked joints in the head frame, metres; labels in `labels.LABELS` order.
         reference: the true ones.
         predicted_times: times of the tracked frames, to check that they are the same ones.
         valid: predicted joints that exist; all, when None. What the others hold is not read.

@@ -33,9 +33,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from egocap.body.joint_names import DATASET_NAMES, label_of
+from egocap.body.labels import LABELS
 from egocap.errors import FileError, InputError
-from egocap.joint_names import DATASET_NAMES, label_of
-from egocap.labels import LABELS
 
 log = logging.getLogger(__name__)
 
@@ -74,7 +74,7 @@ def load_predictions(path: str | Path) -> Predictions:
 
 def save_predictions(path: str | Path, predictions: Predictions) -> None:
     """Write predictions with our labels in metres: .npz or .jsonl, whole or not at all."""
-    from egocap.sequence_writer import write_atomically
+    from egocap.data.sequence_writer import write_atomically
 
     path = Path(path)
     if path.suffix not in SUFFIXES:

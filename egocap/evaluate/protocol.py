@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from egocap.body.joint_names import JOINT_SETS
+from egocap.body.labels import LABEL_INDEX, LIMBS
 from egocap.errors import InputError
 from egocap.evaluate.alignment import (
     align_rigid,
@@ -21,8 +23,6 @@ from egocap.evaluate.alignment import (
     resize_bones,
 )
 from egocap.evaluate.metrics import bone_lengths
-from egocap.joint_names import JOINT_SETS
-from egocap.labels import LABEL_INDEX, LIMBS
 
 HIPS = (LABEL_INDEX["left_hip"], LABEL_INDEX["right_hip"])
 
@@ -113,7 +113,7 @@ class Protocol:
     """How a 3-D error is measured: joints, frame and alignment, under a name to quote."""
 
     name: str
-    joints: tuple[int, ...]  # indices into `egocap.labels.LABELS`
+    joints: tuple[int, ...]  # indices into `egocap.body.labels.LABELS`
     alignment: str  # a key of `ALIGNMENTS`
     description: str
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from emcee.backends import Backend
 
+from egocap.data.sequence_writer import disk_errors
 from egocap.errors import FileError
-from egocap.sequence_writer import disk_errors
 
 KIND = "egocap-chain"
 EVERY_S = 5.0

@@ -1,6 +1,6 @@
 """What a frame's images say of a pose beyond its detections: the colour energy as a likelihood.
 
-    palette = learn_palette(body, rays, frames)                    # egocap.track.palette
+    palette = learn_palette(body, rays, frames)                    # egocap.image_model.palette
     said = ColourLikelihood(ColourTerm(body, rig, palette), frame.images, pose)
     density = log_posterior_of(detections, frame_number, rig, proportions, extra=said)
 
@@ -18,11 +18,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.results import Detections
-from egocap.sequence import Sequence as Footage
+from egocap.data.detections import Detections
+from egocap.data.sequence import Sequence as Footage
+from egocap.image_model.colour_term import ColourTerm
+from egocap.pose.config import TrackerConfig
 from egocap.track.colour_refinement import learned_term
-from egocap.track.colour_term import ColourTerm
-from egocap.track.config import TrackerConfig
 
 
 class ColourLikelihood:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from egocap.pose.kernel import chain
 from egocap.posterior.kernel import log_prior, project, scaled, to_camera
-from egocap.track.kernel import chain
 
 
 @njit(cache=True)

@@ -19,13 +19,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from egocap.body.skeleton import AGILITY, DOF_COUNT, LIMITS, HasOffsets, jacobian
+from egocap.cameras.rig import Rig
 from egocap.errors import InputError
+from egocap.pose.config import TrackerConfig
+from egocap.pose.energy import acceleration_stencil
+from egocap.pose.pose_prior import load_posture
 from egocap.posterior.measurement import REFERENCE_WIDTH
-from egocap.rig import Rig
-from egocap.skeleton import AGILITY, DOF_COUNT, LIMITS, HasOffsets, jacobian
-from egocap.track.config import TrackerConfig
-from egocap.track.energy import acceleration_stencil
-from egocap.track.posture import load_posture
 
 UNSEEN = 1e-9
 """Share of the largest information under which a direction counts as unseen."""

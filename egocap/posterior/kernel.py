@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from numba import njit, prange
 from numpy import ndarray as Array
 
-from egocap.track.kernel import chain
+from egocap.pose.kernel import chain
 
 
 class Skeleton(NamedTuple):

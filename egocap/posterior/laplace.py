@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.body.skeleton import DOF_COUNT, DOFS
+from egocap.pose.initial_poses import start_poses
+from egocap.pose.pose_prior import load_posture
 from egocap.posterior.log_prob import LogPosterior
-from egocap.posterior.simulation import draw_poses
-from egocap.skeleton import DOF_COUNT, DOFS
-from egocap.track.posture import load_posture
-from egocap.track.starts import start_poses
+from egocap.posterior.synthetic_pose import draw_poses
 
 DRAWN, A_LIMB = 16, 8
 """Starts drawn from the prior, and redrawings of every limb."""

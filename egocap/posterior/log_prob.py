@@ -19,21 +19,21 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.body import Proportions
-from egocap.posterior import curvature, kernel, parameters
-from egocap.posterior.config import PosteriorConfig
-from egocap.posterior.measurement import Measurement, measure
-from egocap.results import Detections
-from egocap.rig import Rig
-from egocap.skeleton import (
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import (
     DOF_COUNT,
     LABEL_POINTS,
     LIMITS,
     forward,
 )
-from egocap.track.config import TrackerConfig
-from egocap.track.kernel import make_model
-from egocap.track.posture import load_posture
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.pose.config import TrackerConfig
+from egocap.pose.kernel import make_model
+from egocap.pose.pose_prior import load_posture
+from egocap.posterior import curvature, kernel, parameters
+from egocap.posterior.config import PosteriorConfig
+from egocap.posterior.measurement import Measurement, measure
 
 Extra = Callable[[Float[Array, "W 37"]], Float[Array, "W"]]
 """A further log likelihood of the angles, such as minus the colour energy."""
@@ -90,7 +90,7 @@ class LogPosterior:
         return float(value), g, H
 
     def joints(self, thetas: Float[Array, "W N"]) -> Float[Array, "W 18 3"]:
-        """Joints in the head frame, metres, in the order of `egocap.labels.LABELS`."""
+        """Joints in the head frame, metres, in the order of `egocap.body.labels.LABELS`."""
         thetas = np.ascontiguousarray(thetas, float)
         out = np.empty((len(thetas), len(LABEL_POINTS), 3))
         kernel.joints(self.body, self.prior, thetas, out)

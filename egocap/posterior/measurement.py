@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.body import Proportions
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
 from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig
-from egocap.results import Detections
-from egocap.rig import Rig
 
 REFERENCE_WIDTH = 640
 """Image width in pixels to which spreads in `PosteriorConfig` refer."""

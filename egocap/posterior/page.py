@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from egocap.posterior import pictures
-from egocap.posterior.command import summary
+from egocap.cameras.rig import Rig
+from egocap.data.sequence_writer import disk_errors, write_atomically
+from egocap.posterior import plots
 from egocap.posterior.result import Posterior
-from egocap.rig import Rig
-from egocap.sequence_writer import disk_errors, write_atomically
+from egocap.posterior.run import summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,10 +49,10 @@ def write_page(
     """Draw a posterior and write the page, whole or not at all."""
     told = summary(posterior)
     drawn = [
-        ("Ellipsoids", pictures.draw_ellipsoids(posterior)),
-        ("Fan", pictures.draw_fan(posterior, rig, images)),
-        ("Corner", pictures.draw_corner(posterior)),
-        ("Traces", pictures.draw_traces(posterior)),
+        ("Ellipsoids", plots.draw_ellipsoids(posterior)),
+        ("Fan", plots.draw_fan(posterior, rig, images)),
+        ("Corner", plots.draw_corner(posterior)),
+        ("Traces", plots.draw_traces(posterior)),
     ]
     facts = (
         f"{told['steps']} steps of {posterior.draws.shape[0]} walkers in {told['seconds']} s, "

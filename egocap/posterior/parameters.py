@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from egocap.body.skeleton import DOFS, POINTS
 from egocap.posterior.config import PosteriorConfig
-from egocap.skeleton import DOFS, POINTS
 
 SCALES: dict[str, tuple[str, ...]] = {
     "trunk": ("neck", "upper_spine", "lower_spine"),

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.data.sequence_writer import disk_errors
 from egocap.errors import FileError
-from egocap.sequence_writer import disk_errors
 
 KIND, SCHEMA = "egocap-posterior", 1
 

@@ -1,8 +1,4 @@
-"""The tracker: poses from detections and from images."""
+"""Detections in every view, and optionally images, in; a track of 37 joint angles a frame out.
 
-import os
-
-# Threads that spin while they wait take the core from the one they wait for when the machine does
-# other things, too: an image then took three to eight times longer. Set here, before torch or numba
-# load OpenMP, which reads it once; whoever wants it otherwise sets it outside.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+`tracker` works on whole recordings, `online` on one frame after another.
+"""

@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.body import Proportions
-from egocap.rig import Rig
-from egocap.track.colour_term import ColourTerm, ColourTermConfig, felt_angles
-from egocap.track.config import TrackerConfig
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, felt_angles
+from egocap.pose.config import TrackerConfig
 
 Images = Callable[[int], Sequence[UInt8[Array, "H W 3"]]]
 """RGB images of all views at a frame."""

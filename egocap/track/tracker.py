@@ -11,20 +11,21 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
-from egocap.body import Proportions
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import forward
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.data.track import Track
 from egocap.errors import InputError
-from egocap.results import Detections, Track
-from egocap.rig import Rig
-from egocap.skeleton import forward
-from egocap.track.config import TrackerConfig
-from egocap.track.observations import Observations, observe
+from egocap.pose.config import TrackerConfig
+from egocap.pose.observations import Observations, observe
 
 if TYPE_CHECKING:
-    from egocap.track.alignment import Alignment
+    from egocap.image_model.colour_term import ColourTerm
+    from egocap.pose.kernel import Model
+    from egocap.pose.motion_prior import Guide
+    from egocap.track.camera_alignment import Alignment
     from egocap.track.colour_refinement import Images
-    from egocap.track.colour_term import ColourTerm
-    from egocap.track.kernel import Model
-    from egocap.track.motion_prior import Guide
 
 log = logging.getLogger(__name__)
 
@@ -56,10 +57,10 @@ def track(
         return _track_as_paper(detections, rig, proportions, config, images)
     from threadpoolctl import threadpool_limits
 
-    from egocap.track import kernel
-    from egocap.track.causal import term_energies
+    from egocap.pose import kernel
     from egocap.track.colour_refinement import ColourRefinement, learned_term
-    from egocap.track.hiding import why_hidden
+    from egocap.track.joint_occlusion import why_hidden
+    from egocap.track.online_filter import term_energies
     from egocap.track.uncertainty import confidences, joint_covariances
 
     model = kernel.make_model(proportions, config)
@@ -127,8 +128,8 @@ def _track_as_paper(
     detections: Detections, rig: Rig, proportions: Proportions, config: TrackerConfig,
     images: Images | None,
 ) -> Track:  # fmt: skip
-    from egocap.track.paper_config import PAPER_SOLVERS
-    from egocap.track.paper_tracker import refuse_unused, track_as_paper
+    from egocap.paper.config import PAPER_SOLVERS
+    from egocap.paper.tracker import refuse_unused, track_as_paper
 
     assert images is not None
     refuse_unused(config)
@@ -166,19 +167,19 @@ def _solve(
     observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig,
     clock: _Clock,
 ) -> _Solution:  # fmt: skip
-    from egocap.track import causal, smoothing
-    from egocap.track.motion_prior import NO_GUIDE
+    from egocap.pose.motion_prior import NO_GUIDE
+    from egocap.track import online_filter, smoother
 
     if config.smoothing == "interval":
-        angles, _ = causal.track_both_ways(observations, model, config)
+        angles, _ = online_filter.track_both_ways(observations, model, config)
         clock.lap("frames")
         solution = _solve_together(angles, observations, proportions, model, config)
         clock.lap("smoothing")
         return solution
-    angles, converged, taken = causal.follow(observations, model, config)
+    angles, converged, taken = online_filter.follow(observations, model, config)
     clock.lap("frames")
     if config.smoothing == "gaussian":
-        angles = smoothing.smooth_gaussian(angles, config.gaussian_frames)
+        angles = smoother.smooth_gaussian(angles, config.gaussian_frames)
         clock.lap("smoothing")
     return _Solution(angles, converged, taken, taken, {}, NO_GUIDE)
 
@@ -188,11 +189,11 @@ def _solve_together(
     model: Model, config: TrackerConfig,
 ) -> _Solution:  # fmt: skip
     """All frames at once; then once more with the places and accuracies that this brings out."""
-    from egocap.track.choice import can_choose, choose
-    from egocap.track.motion_prior import NO_GUIDE
-    from egocap.track.recalibration import independent, measure_accuracy, recalibrated
-    from egocap.track.restarts import restarted
-    from egocap.track.smoothing import smooth_interval
+    from egocap.pose.motion_prior import NO_GUIDE
+    from egocap.track.association import can_choose, choose
+    from egocap.track.multistart import restarted
+    from egocap.track.noise_estimation import independent, measure_accuracy, recalibrated
+    from egocap.track.smoother import smooth_interval
 
     choosing, taken = can_choose(observations, config), observations[:]
     if choosing:
@@ -236,7 +237,7 @@ def _looked_at(
 
     Without them a limb may come to lie where the images deny it again: they are looked at anew.
     """
-    from egocap.track.limb_evidence import denied, without
+    from egocap.track.appearance_check import denied, without
 
     total = 0
     for _ in range(_LOOKS):
@@ -263,9 +264,9 @@ def _guided(
     It takes what detections tell as linear about the motion that it is given. What it makes of
     the motion that it led to is taken where that fits the detections better.
     """
-    from egocap.track.motion_prior import guide_of
-    from egocap.track.restarts import moved, spliced
-    from egocap.track.smoothing import smooth_interval
+    from egocap.pose.motion_prior import guide_of
+    from egocap.track.multistart import moved, spliced
+    from egocap.track.smoother import smooth_interval
 
     guide = guide_of(angles, taken, model, config)
     angles, converged = smooth_interval(angles, taken, model, config, guide)
@@ -289,8 +290,8 @@ def _align(
     config: TrackerConfig,
 ) -> tuple[Float[Array, "T 37"], Observations, Alignment]:  # fmt: skip
     """Views' lags and rotations and the motion, in turn; the observations without them."""
-    from egocap.track.alignment import Alignment, improve
-    from egocap.track.smoothing import smooth_interval
+    from egocap.track.camera_alignment import Alignment, improve
+    from egocap.track.smoother import smooth_interval
 
     alignment, seen = Alignment.none(taken.weights.shape[1]), taken
     for _ in range(_ALIGNMENTS):
@@ -325,11 +326,11 @@ def _compile(
 
 def _compile_images(rig: Rig, proportions: Proportions, config: TrackerConfig) -> None:
     """The same for the kernels that draw the body and ask images about it."""
-    from egocap.gaussians import GaussianBody
-    from egocap.skeleton import DOF_COUNT
-    from egocap.track.image_kernel import Palettes
-    from egocap.track.image_model import ImageModel
-    from egocap.track.image_rays import image_rays
+    from egocap.body.gaussians import GaussianBody
+    from egocap.body.skeleton import DOF_COUNT
+    from egocap.image_model.image_kernel import Palettes
+    from egocap.image_model.image_rays import image_rays
+    from egocap.image_model.model import ImageModel
 
     model = ImageModel(GaussianBody.from_proportions(proportions), image_rays(rig, 16, 16))
     anywhere = np.zeros(DOF_COUNT)

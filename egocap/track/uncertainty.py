@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.skeleton import DOF_COUNT, SPREAD, HasOffsets, jacobian
-from egocap.track.config import TrackerConfig
-from egocap.track.kernel import Model, detections, priors
-from egocap.track.motion_prior import NO_GUIDE, Guide
-from egocap.track.observations import Observations
-from egocap.track.smoothing import BAND, MARGIN, WINDOW, interval_system
+from egocap.body.skeleton import DOF_COUNT, SPREAD, HasOffsets, jacobian
+from egocap.pose.config import TrackerConfig
+from egocap.pose.kernel import Model, detections, priors
+from egocap.pose.motion_prior import NO_GUIDE, Guide
+from egocap.pose.observations import Observations
+from egocap.track.smoother import BAND, MARGIN, WINDOW, interval_system
 
 RIGHT_M = 0.05
 """A joint is right when it lies within so many metres of the truth: a few centimetres are flesh."""

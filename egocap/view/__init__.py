@@ -1,1 +1,4 @@
-"""Pictures for people: what the method sees and makes of it."""
+"""Images, poses and the image model in; overlays, live pages and videos out.
+
+Nothing here changes a result.
+"""

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABELS, LIMBS
+from egocap.cameras.rig import Rig
 from egocap.geometry import unit
-from egocap.labels import LABELS, LIMBS
-from egocap.rig import Rig
 
 LEFT, RIGHT, MIDDLE = (80, 190, 255), (255, 150, 60), (235, 235, 235)  # RGB
 UNSURE = (120, 120, 120)

@@ -1,12 +1,15 @@
-"""Sequences in the forms that other people's code reads: `FORMATS` names what writes each."""
+"""Sequences in; the formats of other tools, and contact sheets, out.
+
+`FORMATS` names what writes each format.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
+from egocap.data.sequence import Sequence
 from egocap.errors import InputError
-from egocap.sequence import Sequence
 
 Advance = Callable[[int], None]
 Exporter = Callable[[Sequence, Path, Advance], None]

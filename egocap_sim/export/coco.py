@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.labels import LABELS, LIMBS
-from egocap.sequence import OUT_OF_VIEW, VISIBLE, Sequence, image_suffix
-from egocap.sequence_writer import disk_errors, write_atomically
+from egocap.body.labels import LABELS, LIMBS
+from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence, image_suffix
+from egocap.data.sequence_writer import disk_errors, write_atomically
+from egocap_sim.core.part_labels import WEARER_FIRST, WEARER_LAST
 from egocap_sim.export import new_folder
-from egocap_sim.parts import WEARER_FIRST, WEARER_LAST
 
 _CATEGORY = {
     "id": 1,

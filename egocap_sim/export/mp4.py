@@ -9,9 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from egocap.data.sequence import OUT_OF_VIEW, Sequence
 from egocap.errors import InputError, MachineError
-from egocap.sequence import OUT_OF_VIEW, Sequence
-from egocap_sim.preview import overlay
+from egocap_sim.export.preview import overlay
 
 WIDTH = 640  # pixels of each view, at most
 

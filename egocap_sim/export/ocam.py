@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.camera import Camera
+from egocap.cameras.camera import Camera
 
 _DEGREE = 9  # of the polynomial from pixels to rays
 _INVERSE_DEGREE = 14

@@ -14,12 +14,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from egocap.body.labels import LABEL_INDEX
+from egocap.data.sequence import Sequence
+from egocap.data.sequence_writer import disk_errors, write_atomically
 from egocap.errors import InputError
 from egocap.geometry import inverse, matrix_to_quaternion, transform
-from egocap.labels import LABEL_INDEX
-from egocap.sequence import Sequence
-from egocap.sequence_writer import disk_errors, write_atomically
-from egocap_sim.bodies import INDEX, LABEL_BODY
+from egocap_sim.core.bodies import INDEX, LABEL_BODY
 from egocap_sim.export import new_folder
 from egocap_sim.export.ocam import ocam_calibration
 

@@ -1,6 +1,9 @@
-"""Motions: read from files, or made; all as canonical clips."""
+"""Motion files, or the name of a built-in motion, in; canonical clips out.
 
-from egocap_sim.motion.clip import Clip as Clip
-from egocap_sim.motion.load import load_clip as load_clip
-from egocap_sim.motion.procedural import MOTIONS as MOTIONS
-from egocap_sim.motion.procedural import make_motion as make_motion
+`clips` reads, `generators` makes, `retarget` carries a clip over to a person.
+"""
+
+from egocap_sim.motion.clips.load import load_clip as load_clip
+from egocap_sim.motion.generators.registry import MOTIONS as MOTIONS
+from egocap_sim.motion.generators.registry import make_motion as make_motion
+from egocap_sim.motion.kinematics.clip import Clip as Clip

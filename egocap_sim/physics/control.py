@@ -19,13 +19,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
-from egocap_sim.bodies import FEET, INDEX
+from egocap_sim.core.bodies import FEET, INDEX
+from egocap_sim.physics.contact_forces import floor_pushes
 from egocap_sim.physics.model import FRICTION
-from egocap_sim.physics.pushes import floor_pushes
-from egocap_sim.physics.target import Target
+from egocap_sim.physics.reference import Target
 
 _PLAN_EVERY = 2  # steps between two plans, which change little from one to the next
-_SIDE = np.array([0, 0, 1, 1])  # of the feet, as egocap_sim.bodies.FEET
+_SIDE = np.array([0, 0, 1, 1])  # of the feet, as egocap_sim.core.bodies.FEET
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The person as a MuJoCo model: 21 bodies, a free root, 20 ball joints, feet that touch the floor.
 
 Masses are shares of the person's mass; shapes follow the skin each body owns, so that inertias are
-the person's own. Body i + 1 of the model is `egocap_sim.bodies.BODIES[i]`, its frame parallel to
+the person's own. Body i + 1 of the model is `core.bodies.BODIES[i]`, its frame parallel to
 the world at rest.
 
 Source: segment masses (mean of women and men) and the cut of the trunk from P. de Leva,
@@ -20,10 +20,10 @@ from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.geometry import GRAVITY
-from egocap_sim.bodies import BODIES, FEET, INDEX, PARENT
-from egocap_sim.human.person import Person
-from egocap_sim.human.soles import Sole, soles
-from egocap_sim.slabs import Slab
+from egocap_sim.core.bodies import BODIES, FEET, INDEX, PARENT
+from egocap_sim.core.ground_boxes import Slab
+from egocap_sim.human.body.person import Person
+from egocap_sim.human.body.soles import Sole, soles
 
 MASS_SHARE: dict[str, float] = {
     "pelvis": 0.1182, "spine": 0.1549, "chest": 0.1210, "neck": 0.0110, "head": 0.0571,

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import KDTree
 
 from egocap.errors import InputError
-from egocap_sim.mesh import Mesh
+from egocap_sim.assets.mesh import Mesh
 from egocap_sim.render.textures import GLOW, Layer
 
 OPENING = 0.15  # metres from its edge that the inside of a double-sided mesh is drawn

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap import geometry
-from egocap_sim.fisheye import Tile
+from egocap_sim.render.fisheye import Tile
 
 SHADOW_HALF_WIDTH = 3.5  # metres around the wearer that the shadow map covers
 SHADOW_DEPTH = 16.0  # metres along the light that its depth, 0..1, covers

@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from egocap.camera import Camera
+from egocap.cameras.camera import Camera
 from egocap.errors import InputError
-from egocap_sim.fisheye import Atlas, build_atlas
-from egocap_sim.mesh import Actor
-from egocap_sim.place import Place
+from egocap_sim.assets.mesh import Actor
+from egocap_sim.environment.place import Place
 from egocap_sim.render import projection
 from egocap_sim.render.batch import Batch, merge
 from egocap_sim.render.contact import ContactShade
+from egocap_sim.render.fisheye import Atlas, build_atlas
 from egocap_sim.render.framebuffer import AtlasBuffer, Window
 from egocap_sim.render.gl import GL, Context, check, pyrender
 from egocap_sim.render.gpu import GpuBatch, Uniforms
@@ -56,7 +56,7 @@ class FisheyeRenderer(pyrender.Renderer):
     """Draws a rig's views of actors in a place, in this process and thread.
 
     Parameters: `samples` is 0, or 4 for anti-aliased outlines at about three times the cost;
-    `face_size` as in `egocap_sim.fisheye.build_atlas`; `coarse` is the sharpness, as there, of what
+    `face_size` as in `fisheye.build_atlas`; `coarse` is the sharpness, as there, of what
     is asked for so.
     Raises: MachineError without OpenGL, InputError for actors of the same name.
     The same inputs give the same bytes on the same driver. Close it, or use it in a `with`.

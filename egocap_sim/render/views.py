@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap_sim.fisheye import Atlas
+from egocap_sim.render.fisheye import Atlas
 
 if TYPE_CHECKING:
     from egocap_sim.render.renderer import FisheyeRenderer
@@ -112,7 +112,7 @@ class Views:
         )
 
     def parts(self) -> tuple[UInt8[Array, "H W"], ...]:
-        """Part label of every pixel of every view (`egocap_sim.parts`), 0 outside the lens."""
+        """Part label of every pixel of every view (`core.part_labels`), 0 outside the lens."""
         return tuple(self.parts_of(v, slice(None)) for v in range(len(self.images)))
 
     def parts_of(self, view: int, rows: slice) -> UInt8[Array, "h W"]:

@@ -1,0 +1,4 @@
+"""Perfect images in; images with the faults of a real camera out.
+
+Every fault is a setting of `config`, off by default, and drawn from the seed by `faults`.
+"""

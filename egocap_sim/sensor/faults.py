@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from egocap.cameras.rig import Mount, Rig
+from egocap.data.sequence import BLACK
 from egocap.geometry import axis_angle, unit
-from egocap.rig import Mount, Rig
-from egocap.sequence import BLACK
-from egocap_sim.sensor.settings import SensorTable
+from egocap_sim.sensor.config import SensorTable
 
 _WAVES = 5  # sines of which the wander of the exposure is made
 _PERIOD_S = (2.0, 20.0)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap_sim.sensor.settings import SensorTable
+from egocap_sim.sensor.config import SensorTable
 from egocap_sim.sensor.timing import row_time
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.camera import Camera
-from egocap_sim.pixel_rays import pixel_rays
+from egocap.cameras.camera import Camera
+from egocap_sim.render.pixel_rays import pixel_rays
 
 DECODING = (np.arange(256, dtype=np.float32) / 255.0) ** 2
 """Linear light of the 256 displayed values, float32."""

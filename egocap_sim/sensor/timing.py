@@ -89,6 +89,6 @@ def add_subframe(
 ) -> None:
     """Add rows of a rendered sub-frame to those of a picture, in linear light, by their weights.
 
-    The readable form of `egocap_sim.sensor.kernel.add_light`.
+    The readable form of `egocap_sim.sensor.sensor_kernel.add_light`.
     """
     picture += weight[:, None, None] * decode(subframe)

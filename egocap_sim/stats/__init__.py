@@ -1,1 +1,4 @@
-"""What a set of sequences contains: numbers gathered sequence by sequence, and one page of them."""
+"""Sequences in; counts of what they contain, and one HTML page of them, out.
+
+They are read one by one: memory does not grow with their number.
+"""

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy import ndarray as Array
 
-from egocap.labels import LABELS
+from egocap.body.labels import LABELS
 from egocap_sim.stats.collect import (
     ANGLES,
     CAUSES,

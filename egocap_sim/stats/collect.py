@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABEL_INDEX, LABELS
+from egocap.data.sequence import VISIBLE, Manifest, Sequence, Truth
 from egocap.geometry import GRAVITY, unit
-from egocap.labels import LABEL_INDEX, LABELS
 from egocap.schema import read_json
-from egocap.sequence import VISIBLE, Manifest, Sequence, Truth
 
 CAUSES = ("visible", "out of view", "hidden by the wearer", "hidden by others")
 HEAT = (40, 50)  # rows, columns of the image position maps

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from egocap.labels import LABELS
+from egocap.body.labels import LABELS
 from egocap_sim.stats.collect import CAUSES, Statistics
 
 _ROWS_SHOWN = 200

@@ -7,16 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from egocap.errors import InputError
-from egocap.results import load_detections, load_track, save_detections, save_track
-from egocap.rig import load_rig
-from egocap.sequence import Sequence
-from egocap.track.config import TrackerConfig
-from egocap.track.fit_body import fit_body
-from egocap.track.tracker import track
 from tests.egocap.test_cli import complaint, egocap, tracked
 from tests.egocap.track.conftest import make_motion
+
+from egocap.cameras.rig_files import load_rig
+from egocap.data.detections import load_detections, save_detections
+from egocap.data.sequence import Sequence
+from egocap.data.track import load_track, save_track
+from egocap.errors import InputError
+from egocap.fitting.fit_body import fit_body
+from egocap.pose.config import TrackerConfig
+from egocap.track.tracker import track
 
 __all__ = ["egocap", "tracked"]  # fixtures
 

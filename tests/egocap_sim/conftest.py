@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from egocap.body.labels import LABELS
 from egocap.geometry import FORWARD, UP, axis_angle
-from egocap.labels import LABELS
-from egocap_sim.bodies import BODIES, INDEX, PARENT, PARENTS
-from egocap_sim.human.person import Person
-from egocap_sim.mesh import Actor
-from egocap_sim.motion import figure
+from egocap_sim.assets.mesh import Actor
+from egocap_sim.core.bodies import BODIES, INDEX, PARENT, PARENTS
+from egocap_sim.human.body.person import Person
+from egocap_sim.motion.kinematics import figure
 
 
 def _rest_joints(toe_out: float) -> np.ndarray:

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.sequence import Sequence, load_manifest
+from egocap.data.sequence import Sequence, load_manifest
 from egocap_sim import cli
-from egocap_sim.builtin import builtin_file
-from egocap_sim.overrides import Overrides, as_long_as_its_clip, overridden
-from egocap_sim.scene import Scene, to_toml
-from egocap_sim.verify import verify
+from egocap_sim.core.resources import builtin_file
+from egocap_sim.scene.config import Scene, to_toml
+from egocap_sim.verify.verify import verify
+from egocap_sim.world.overrides import Overrides, as_long_as_its_clip, overridden
 
 GOOD = 'name = "x"\nframes = 2\n[motion]\nname = "idle"\n[rig]\nsize = [96, 64]\n'
 
@@ -256,12 +256,12 @@ def test_a_motion_file_decides_how_long_a_sequence_is(monkeypatch):
     """As long as the clip, unless frames are asked for; more than it has is refused."""
     import numpy as np
 
-    from egocap_sim.builtin import builtin_file
-    from egocap_sim.motion.clip import Clip
-    from egocap_sim.scene import load_scene
+    from egocap_sim.core.resources import builtin_file
+    from egocap_sim.motion.kinematics.clip import Clip
+    from egocap_sim.scene.config import load_scene
 
     clip = Clip("two seconds", 60.0, np.zeros((121, 21, 3)), np.tile(np.eye(3), (121, 21, 1, 1)))
-    monkeypatch.setattr("egocap_sim.motion.load.load_clip", lambda *args, **options: clip)
+    monkeypatch.setattr("egocap_sim.motion.clips.load.load_clip", lambda *args, **options: clip)
     scene = load_scene(builtin_file("scene", "validation-gesture"))
     for asked, frames in (
         (Overrides(motion="clip.bvh"), 60),

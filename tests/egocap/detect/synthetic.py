@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from egocap.detect.data import HIDDEN, OUTSIDE, SEEN, Views, ViewStore
+from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, Views, ViewStore
 
 SIZE = 64
 

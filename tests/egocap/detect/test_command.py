@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from egocap import cli
+from egocap.data.detections import load_detections
+from egocap.data.track import load_track
 from egocap.detect.weights import open_weights
-from egocap.results import load_detections, load_track
 
 
 @pytest.fixture

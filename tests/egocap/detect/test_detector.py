@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from egocap.body.labels import MIRROR
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig
+from egocap.data.detections import load_detections, save_detections
+from egocap.data.sequence import Frame, Sequence
 from egocap.detect.calibration import Calibration
+from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.detect.detector import MODES, Detector, detect, joined, missing_pictures
 from egocap.detect.engine import Engine
-from egocap.detect.view import CanonicalView, ViewSpec
 from egocap.detect.weights import Weights, open_weights
 from egocap.errors import FileError, InputError
-from egocap.labels import MIRROR
-from egocap.results import load_detections, save_detections
-from egocap.rig import Rig, load_rig
-from egocap.sequence import Frame, Sequence
 
 STRIDE, SPEC = 4, ViewSpec()
 COLOURS = np.array([[60 + 90 * (i % 3), 60 + 90 * (i // 3 % 3), 60 + 90 * (i // 9)]

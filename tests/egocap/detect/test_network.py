@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from egocap.detect.canonical_view import ViewSpec
 from egocap.detect.network import (
     CONFIGS,
     NetworkConfig,
@@ -12,7 +13,6 @@ from egocap.detect.network import (
     config_from_dict,
     config_named,
 )
-from egocap.detect.view import ViewSpec
 from egocap.errors import InputError
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from egocap.detect.calibration import Calibration
+from egocap.detect.canonical_view import ViewSpec
 from egocap.detect.network import CONFIGS, build_network
-from egocap.detect.view import ViewSpec
 from egocap.detect.weights import (
     load_weights,
     open_weights,

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from egocap.body.labels import LABELS
 from egocap.errors import InputError
 from egocap.evaluate import evaluate_detections
-from egocap.labels import LABELS
 
 WIDTHS = np.array([1280, 1280])
 

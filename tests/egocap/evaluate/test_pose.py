@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import procrustes
 
+from egocap.body.labels import LABELS
 from egocap.errors import InputError
 from egocap.evaluate import Reference, evaluate_pose
-from egocap.labels import LABELS
 
 KEYS = {
     "mpjpe_mm", "pa_mpjpe_mm", "upper_mm", "lower_mm", "median_mm", "p95_mm", "accel_error",

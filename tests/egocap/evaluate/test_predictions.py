@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from egocap.body.joint_names import DATASET_NAMES
+from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.errors import FileError
 from egocap.evaluate.predictions import Predictions, load_predictions, save_predictions
-from egocap.joint_names import DATASET_NAMES
-from egocap.labels import LABEL_INDEX, LABELS
 
 
 def predictions(frames=5):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from egocap.body.labels import LABELS
 from egocap.errors import InputError
 from egocap.evaluate.protocol import (
     BONES,
@@ -9,7 +10,6 @@ from egocap.evaluate.protocol import (
     UPPER_LIMBS,
     find_protocol,
 )
-from egocap.labels import LABELS
 
 
 def test_egocap_17_is_all_joints_but_the_head_untouched():

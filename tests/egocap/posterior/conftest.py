@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from egocap.body import Proportions
-from egocap.rig import load_rig
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig_files import load_rig
 
 ROOT = Path(__file__).parents[3]
 

@@ -4,14 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from egocap.cli import detections_from
+from egocap.data.sequence import open_sequence
+from egocap.detect.sources import detections_from
 from egocap.posterior import sampler
 from egocap.posterior.colour import ColourLikelihood, colour_likelihood
-from egocap.posterior.command import sample_frame
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.posterior.log_prob import log_posterior_of
-from egocap.posterior.simulation import draw_detections, draw_poses
-from egocap.sequence import open_sequence
+from egocap.posterior.run import sample_frame
+from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 from egocap.track.tracker import track
 
 

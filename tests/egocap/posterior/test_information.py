@@ -5,7 +5,11 @@ import time
 import numpy as np
 import pytest
 
+from egocap.body.skeleton import AGILITY, forward, jacobian
 from egocap.errors import InputError
+from egocap.pose.config import TrackerConfig
+from egocap.pose.energy import acceleration_stencil
+from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.information import (
     Noise,
@@ -21,11 +25,7 @@ from egocap.posterior.information import (
     smoothed_covariance,
 )
 from egocap.posterior.log_prob import log_posterior_of
-from egocap.posterior.simulation import draw_detections, draw_noise, draw_poses
-from egocap.skeleton import AGILITY, forward, jacobian
-from egocap.track.config import TrackerConfig
-from egocap.track.energy import acceleration_stencil
-from egocap.track.posture import load_posture
+from egocap.posterior.synthetic_pose import draw_detections, draw_noise, draw_poses
 
 
 def test_information_is_the_curvature_of_the_log_likelihood(rig, person):

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from egocap.body.skeleton import forward
 from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.log_prob import log_posterior_of, readable_log_posterior
 from egocap.posterior.parameters import SCALES
-from egocap.posterior.simulation import draw_detections, draw_poses
-from egocap.skeleton import forward
+from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 
 
 @pytest.fixture

@@ -6,15 +6,15 @@ import emcee
 import numpy as np
 import pytest
 
+from egocap.body.skeleton import DOF_INDEX, forward
 from egocap.errors import FileError, InputError
+from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.posterior.log_prob import log_posterior_of
 from egocap.posterior.moves import Crank, Hop, Mixture, Snooker
 from egocap.posterior.result import load_posterior, save_posterior
 from egocap.posterior.sampler import examine, sample, split_rhat
-from egocap.posterior.simulation import draw_detections, draw_poses
-from egocap.skeleton import DOF_INDEX, forward
-from egocap.track.posture import load_posture
+from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 
 CONFIG = PosteriorConfig(model_error_m=0.0)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from egocap.errors import InputError
+from egocap.pose.config import TrackerConfig
 from egocap.track.colour_refinement import surest_frames
-from egocap.track.config import TrackerConfig
 from egocap.track.tracker import track
 
 

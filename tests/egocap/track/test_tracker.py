@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from egocap.body import Proportions
-from egocap.detect.simulated import LEARNED_LIKE
-from egocap.errors import InputError
-from egocap.results import Detections, load_track, save_track
-from egocap.track.config import TrackerConfig
-from egocap.track.tracker import track
 from tests.egocap.track.conftest import make_motion
+
+from egocap.body.proportions import Proportions
+from egocap.data.detections import Detections
+from egocap.data.track import load_track, save_track
+from egocap.detect.synthetic import LEARNED_LIKE
+from egocap.errors import InputError
+from egocap.pose.config import TrackerConfig
+from egocap.track.tracker import track
 
 
 def run(motion, detections, **settings):

@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
+from tests.egocap.track.conftest import make_motion
 
-from egocap.skeleton import AGILITY
-from egocap.track import kernel, smoothing
-from egocap.track.config import TrackerConfig
-from egocap.track.energy import acceleration_stencil
-from egocap.track.motion_prior import NO_GUIDE
-from egocap.track.observations import observe
+from egocap.body.skeleton import AGILITY
+from egocap.pose import kernel
+from egocap.pose.config import TrackerConfig
+from egocap.pose.energy import acceleration_stencil
+from egocap.pose.motion_prior import NO_GUIDE
+from egocap.pose.observations import observe
+from egocap.track import smoother
 from egocap.track.tracker import track
 from egocap.track.uncertainty import banded_inverse, confidences
-from tests.egocap.track.conftest import make_motion
 
 CONFIG = TrackerConfig()
 
@@ -22,7 +23,7 @@ def test_blocks_of_the_inverse_against_the_dense_one(motion, frames):
     model = kernel.make_model(motion.person, CONFIG)
     size = frames * 37
     bands, g = np.zeros((75, size), order="F"), np.zeros(size)
-    smoothing.assemble(
+    smoother.assemble(
         model, motion.angles[:frames], seen.centres, seen.rays, seen.whiten, seen.weights, 5.0,
         acceleration_stencil(seen.times), AGILITY, NO_GUIDE.mean, NO_GUIDE.precision, bands, g,
     )  # fmt: skip

@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 import pytest
 
-from egocap.body import Proportions
+from egocap.body.gaussians import GaussianBody
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError, MachineError
-from egocap.gaussians import GaussianBody
-from egocap.rig import load_rig
-from egocap.view.command import view_model
 from egocap.view.model import draw_model
+from egocap.view.render import view_model
 
 
 class OneFrame:

@@ -7,16 +7,17 @@ import cv2
 import numpy as np
 import pytest
 
-from egocap.camera import Camera, load_camera
+from egocap.body.labels import LABEL_INDEX, LABELS
+from egocap.cameras.camera import Camera
+from egocap.cameras.camera_files import load_camera
+from egocap.cameras.rig_files import load_rig
+from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
 from egocap.errors import InputError
-from egocap.labels import LABEL_INDEX, LABELS
-from egocap.rig import load_rig
-from egocap.sequence import OUT_OF_VIEW, VISIBLE, Sequence
-from egocap_sim.builtin import builtin_file
+from egocap_sim.core.resources import builtin_file
 from egocap_sim.export import FORMATS, export
 from egocap_sim.export.ocam import ocam_calibration
 from egocap_sim.export.unrealego import JOINTS
-from egocap_sim.rig_sampler import sample_rig
+from egocap_sim.scene.rig_sampler import sample_rig
 
 
 @pytest.fixture(scope="module")

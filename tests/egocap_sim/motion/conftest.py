@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from egocap_sim.bodies import BODIES, INDEX, PARENTS
-from egocap_sim.motion import figure
-from egocap_sim.motion.clip import Clip
+from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
+from egocap_sim.motion.kinematics import figure
+from egocap_sim.motion.kinematics.clip import Clip
 
 SHARED = Path(__file__).parents[4] / "shared" / "motions"
 
@@ -93,7 +93,7 @@ def bvh_file(tmp_path: Path) -> Callable[..., Path]:
 @pytest.fixture(scope="session")
 def active() -> Clip:
     """A walk with a stop and some gestures: every joint moves."""
-    from egocap_sim.motion.procedural import make_motion
+    from egocap_sim.motion.generators.registry import make_motion
 
     rng = np.random.default_rng(11)
     return make_motion("sequence", 14.0, rng, 30.0, parts=("walk", "explain", "squat"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from egocap.errors import InputError
-from egocap_sim.bodies import BODIES, FEET, PARENTS
+from egocap_sim.core.bodies import BODIES, FEET, PARENTS
 from egocap_sim.physics.model import FLOOR, MASS_SHARE, build_model, segment_masses
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from egocap import geometry
-from egocap.camera import Camera
+from egocap.cameras.camera import Camera
+from egocap.cameras.rig import Mount, Rig
 from egocap.errors import MachineError
-from egocap.rig import Mount, Rig
-from egocap_sim.place import Light, Place
+from egocap_sim.environment.place import Light, Place
 
 
 @pytest.fixture(scope="session")

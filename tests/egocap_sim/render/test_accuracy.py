@@ -11,9 +11,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from egocap.camera import Camera, load_camera
-from egocap_sim import surfaces
-from egocap_sim.shapes import ball
+from egocap.cameras.camera import Camera
+from egocap.cameras.camera_files import load_camera
+from egocap_sim.assets import textures
+from egocap_sim.assets.primitives import ball
 
 from .conftest import looking_forward, place_of
 
@@ -68,7 +69,7 @@ def shared_calibration():
 def _errors(gl, camera: Camera, samples: int) -> tuple[np.ndarray, np.ndarray]:
     """Pixels between rendered centroid and outline centroid, and centre, of every marker."""
     R_world_camera = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    white = surfaces.even(np.ones(3)).texture
+    white = textures.even(np.ones(3)).texture
     markers = list(_markers(camera, np.random.default_rng(0)))
     balls = [
         ball("marker", R_world_camera @ p, (r, r, r), white, rings=24, glows=True)

@@ -9,13 +9,13 @@ import pytest
 
 from egocap import geometry
 from egocap.errors import InputError
-from egocap_sim import surfaces
+from egocap_sim.assets import textures
+from egocap_sim.assets.primitives import ball, box, sheet
 from egocap_sim.render.batch import merge
 from egocap_sim.render.projection import may_see, of_light, of_tile
-from egocap_sim.shapes import ball, box, sheet
 
-GREY = surfaces.even(np.full(3, 0.5)).texture
-RED = surfaces.even(np.array([1.0, 0.0, 0.0])).texture
+GREY = textures.even(np.full(3, 0.5)).texture
+RED = textures.even(np.array([1.0, 0.0, 0.0])).texture
 
 
 def _skinned(rng):
@@ -95,7 +95,7 @@ def test_skin_is_smooth_across_seams_and_boxes_keep_their_edges():
 
 
 def test_culling_never_drops_a_box_that_shows():
-    from egocap_sim.fisheye import build_atlas
+    from egocap_sim.render.fisheye import build_atlas
 
     from .conftest import equidistant
 

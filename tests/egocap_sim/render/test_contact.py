@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from egocap import geometry
-from egocap_sim import surfaces
-from egocap_sim.mesh import Actor
-from egocap_sim.shapes import ball, sheet
+from egocap_sim.assets import textures
+from egocap_sim.assets.mesh import Actor
+from egocap_sim.assets.primitives import ball, sheet
 
 from .conftest import equidistant, looking_forward, place_of
 
-GREY = surfaces.even(np.full(3, 0.6)).texture
+GREY = textures.even(np.full(3, 0.6)).texture
 HEAD = geometry.rigid(np.eye(3), np.array([0.0, 0.0, 1.5]))
 
 

@@ -9,14 +9,15 @@ import pytest
 
 from egocap import geometry
 from egocap.errors import InputError
-from egocap_sim import parts, surfaces
-from egocap_sim.mesh import Actor, Mesh
-from egocap_sim.shapes import ball, box, sheet
+from egocap_sim.assets import textures
+from egocap_sim.assets.mesh import Actor, Mesh
+from egocap_sim.assets.primitives import ball, box, sheet
+from egocap_sim.core import part_labels
 
 from .conftest import equidistant, looking_forward, place_of, plain_light
 
-GREY = surfaces.even(np.full(3, 0.6)).texture
-RED, GREEN = (surfaces.even(np.array(c)).texture for c in ([0.9, 0.1, 0.1], [0.1, 0.8, 0.1]))
+GREY = textures.even(np.full(3, 0.6)).texture
+RED, GREEN = (textures.even(np.array(c)).texture for c in ([0.9, 0.1, 0.1], [0.1, 0.8, 0.1]))
 HEAD = geometry.rigid(np.eye(3), np.array([0.0, 0.0, 1.5]))
 
 
@@ -182,7 +183,7 @@ def test_two_actors_of_one_name_are_refused(gl):
 
 def test_what_was_drawn_before_leaves_no_trace(gl):
     """Contexts are kept for the next renderer: of another place, size and number of samples."""
-    from egocap_sim.place import make_place
+    from egocap_sim.environment.place import make_place
 
     def picture(kind: str, camera, samples: int = 0) -> bytes:
         place = make_place(kind, np.random.default_rng(4))
@@ -201,7 +202,7 @@ def test_what_was_drawn_before_leaves_no_trace(gl):
 
 @pytest.mark.parametrize("samples", [0, 4])
 def test_the_same_inputs_give_the_same_bytes(gl, samples):
-    from egocap_sim.place import make_place
+    from egocap_sim.environment.place import make_place
 
     pictures = []
     for _ in range(2):
@@ -251,4 +252,4 @@ def test_closing_twice_is_harmless_and_another_renderer_still_works(gl):
     with second:
         again = second.render(HEAD, {})
         np.testing.assert_array_equal(views.images[0], again.images[0])
-        assert (again.parts()[0] == parts.ROOM).any()
+        assert (again.parts()[0] == part_labels.ROOM).any()

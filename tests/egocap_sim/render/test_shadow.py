@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from egocap import geometry
-from egocap_sim import surfaces
+from egocap_sim.assets import textures
+from egocap_sim.assets.primitives import box, sheet
 from egocap_sim.render.projection import TO_TEXTURE, ground_depth, of_light
-from egocap_sim.shapes import box, sheet
 
 from .conftest import equidistant, looking_forward, place_of, plain_light
 
-GREY = surfaces.even(np.full(3, 0.6)).texture
+GREY = textures.even(np.full(3, 0.6)).texture
 HEAD = geometry.rigid(np.eye(3), np.array([0.0, 0.0, 1.5]))
 FLOOR = sheet("floor", (-20, 20, 0), (40, 0, 0), (0, -40, 0), GREY)
 

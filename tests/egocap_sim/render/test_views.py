@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from egocap_sim.fisheye import build_atlas
+from egocap_sim.render.fisheye import build_atlas
 from egocap_sim.render.views import Resampler
 
 from .conftest import equidistant

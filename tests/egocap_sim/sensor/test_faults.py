@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from egocap.rig import load_rig
-from egocap.sequence import BLACK
-from egocap_sim.builtin import builtin_file
+from egocap.cameras.rig_files import load_rig
+from egocap.data.sequence import BLACK
+from egocap_sim.core.resources import builtin_file
+from egocap_sim.sensor.config import PRESETS, SensorTable
 from egocap_sim.sensor.faults import miscalibrated, sources, wander
-from egocap_sim.sensor.settings import PRESETS, SensorTable
 
 
 def test_frames_are_dropped_at_the_rate_and_repeat_the_last_good_one():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egocap.camera import Camera
+from egocap.cameras.camera import Camera
 from egocap_sim.sensor.light import compress, decode, encode, expose, noisy, vignette
 
 LEVELS = np.arange(256, dtype=np.uint8).reshape(16, 16)[..., None].repeat(3, -1)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from egocap.data.sequence import SensorTruth, Sequence
 from egocap.errors import FileError
-from egocap.sequence import SensorTruth, Sequence
-from egocap_sim.builtin import builtin_file
-from egocap_sim.record import generate
-from egocap_sim.scene import Scene, load_scene, to_toml
-from egocap_sim.verify import verify
+from egocap_sim.core.resources import builtin_file
+from egocap_sim.record.recorder import generate
+from egocap_sim.scene.config import Scene, load_scene, to_toml
+from egocap_sim.verify.verify import verify
 
 FRAMES = 6
 

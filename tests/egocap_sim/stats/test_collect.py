@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.episodes import find_sequences
+from egocap.body.labels import LABEL_INDEX, LABELS
+from egocap.data.dataset import find_sequences
+from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
 from egocap.errors import FileError, InputError
-from egocap.labels import LABEL_INDEX, LABELS
-from egocap.sequence import OUT_OF_VIEW, VISIBLE, Sequence
 from egocap_sim.stats.collect import Statistics, joint_bend
 from egocap_sim.stats.page import render_page, summary
 

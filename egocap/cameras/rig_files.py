@@ -1,0 +1,218 @@
+"""Rig files: TOML for people, JSON (also with exact matrices) for programs.
+
+Angles are in degrees here and nowhere else. A camera without
+rotation looks straight ahead, image up = head up; `pitch` turns the optical axis down, `yaw` to the
+left, `roll` turns the camera clockwise about its optical axis as seen from behind it.
+"""
+
+from __future__ import annotations
+
+from math import degrees, radians
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from egocap.cameras.camera import Camera
+from egocap.cameras.camera_files import camera_from_dict, load_camera
+from egocap.cameras.rig import SCHEMA, Mount, Rig
+from egocap.errors import FileError, InputError
+from egocap.geometry import LEFT, UP, axis_angle, rigid
+from egocap.schema import Number, Strict, checked, read_json, read_toml
+
+MAX_FOV = 300.0  # degrees; no lens sees more, and past it the polynomial models lose meaning
+
+Metres = tuple[Number, Number, Number]
+Matrix = tuple[Metres, Metres, Metres]
+Row4 = tuple[Number, Number, Number, Number]
+
+# Columns: where the camera's x (right), y (down) and z (ahead) point in the head frame.
+R_HEAD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+class CameraEntry(Strict):
+    """One camera of a rig: where it sits, where it looks, and its lens."""
+
+    name: str = Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9_-]+$")
+    position: Metres = Field(description="metres, head frame: forward, left, up of the skull base")
+    pitch: Number = Field(default=0.0, ge=-180, le=180, description="degrees below horizontal")
+    yaw: Number = Field(default=0.0, ge=-180, le=180, description="degrees to the left")
+    roll: Number = Field(default=0.0, ge=-180, le=180, description="degrees about the optical axis")
+    rotation: Matrix | None = Field(
+        default=None, description="R_head_camera, in place of the angles"
+    )
+    lens: dict[str, Any] | None = Field(default=None, description="in place of the rig's lens")
+    calibration: str | None = Field(
+        default=None, description="file beside the rig's, in place of a lens"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CameraEntry:
+        if np.abs(self.position).max() > 2.0:
+            raise ValueError("position is more than 2 m from the head")
+        if self.rotation is not None:
+            if {"pitch", "yaw", "roll"} & self.model_fields_set:
+                raise ValueError("give rotation or pitch, yaw and roll, not both")
+            R = np.array(self.rotation)
+            if abs(R @ R.T - np.eye(3)).max() > 1e-4 or np.linalg.det(R) < 0:
+                raise ValueError("rotation is not orthonormal and right-handed")
+        if self.lens is not None and self.calibration is not None:
+            raise ValueError("give lens or calibration, not both")
+        return self
+
+    def T_head_camera(self) -> np.ndarray:
+        """Pose of the camera in the head frame."""
+        if self.rotation is not None:
+            u, _, v = np.linalg.svd(np.array(self.rotation))  # a file's digits are rounded
+            return rigid(u @ v, np.array(self.position))
+        return rigid(looking(self.pitch, self.yaw, self.roll), np.array(self.position))
+
+
+class Stereo(Strict):
+    """Two cameras, mirror images of each other: 'left' and 'right'."""
+
+    baseline: Number = Field(gt=0, le=2, description="metres between the cameras")
+    forward: Number = Field(ge=-2, le=2, description="metres in front of the skull base")
+    up: Number = Field(ge=-2, le=2, description="metres above the skull base")
+    pitch: Number = Field(ge=-180, le=180, description="degrees below horizontal")
+    toe_out: Number = Field(
+        default=0.0, ge=-90, le=90, description="degrees each camera turns outwards"
+    )
+    calibration: tuple[str, str] | None = Field(default=None, description="files: left, right")
+
+    def entries(self) -> tuple[CameraEntry, CameraEntry]:
+        """The two cameras written out."""
+        files = self.calibration or (None, None)
+        left, right = (
+            CameraEntry(
+                name=name,
+                position=(self.forward, side * self.baseline / 2, self.up),
+                pitch=self.pitch,
+                yaw=side * self.toe_out,
+                calibration=file,
+            )
+            for name, side, file in zip(("left", "right"), (1, -1), files, strict=True)
+        )
+        return left, right
+
+
+class RigFile(Strict):
+    """A rig as people write it."""
+
+    name: str = Field(min_length=1, max_length=80)
+    description: str = ""
+    frame_rate: Number = Field(default=30.0, gt=0, le=1000, description="Hz")
+    lens: dict[str, Any] | None = Field(default=None, description="of every camera without its own")
+    stereo: Stereo | None = None
+    cameras: tuple[CameraEntry, ...] | None = Field(default=None, min_length=1, max_length=16)
+
+    @model_validator(mode="after")
+    def _one_arrangement(self) -> RigFile:
+        if (self.stereo is None) == (self.cameras is None):
+            raise ValueError("give either a [stereo] table or [[cameras]]")
+        return self
+
+
+class ExactMount(Strict):
+    """One camera of rig.json."""
+
+    name: str = Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9_-]+$")
+    camera: dict[str, Any]
+    T_head_camera: tuple[Row4, Row4, Row4, Row4]
+
+
+class ExactRig(Strict):
+    """rig.json of a sequence, as `Rig.to_json` writes it."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    name: str = Field(max_length=80)
+    frame_rate: Number = Field(default=30.0, gt=0, le=1000)
+    mounts: tuple[ExactMount, ...] = Field(min_length=1, max_length=16)
+
+
+def looking(pitch: float, yaw: float = 0.0, roll: float = 0.0) -> np.ndarray:
+    """R_head_camera (3, 3) of a camera turned by angles in degrees (see the module's text)."""
+    ahead = np.array([0.0, 0.0, 1.0])
+    turned = axis_angle(UP, radians(yaw)) @ axis_angle(LEFT, radians(pitch))
+    return turned @ R_HEAD_AHEAD @ axis_angle(ahead, radians(roll))
+
+
+def load_rig(path: str | Path) -> Rig:
+    """The rig in a file: .json, or TOML under any other ending. Raises FileError."""
+    path = Path(path)
+    data = read_json(path) if path.suffix.lower() == ".json" else read_toml(path)
+    return parse_rig(data, path)
+
+
+def parse_rig(data: Any, where: str | Path) -> Rig:
+    """The rig a dictionary describes; calibration files are looked for beside `where`."""
+    if isinstance(data, dict) and "mounts" in data:
+        return _exact(data, where)
+    if isinstance(data, dict) and not {"stereo", "cameras"} & data.keys():
+        _refuse_camera(data, where)
+    file = checked(RigFile, data, where)
+    if file.stereo is not None:
+        entries, keys = file.stereo.entries(), ("stereo", "stereo")
+    else:
+        entries = file.cameras or ()
+        keys = tuple(f"cameras.{i}" for i in range(len(entries)))
+    mounts = [
+        Mount(entry.name, _camera(entry, file.lens, where, key), entry.T_head_camera())
+        for entry, key in zip(entries, keys, strict=True)
+    ]
+    return _rig(file.name, mounts, file.frame_rate, where)
+
+
+def _refuse_camera(data: dict[str, Any], where: str | Path) -> None:
+    """Raise FileError when what should be a rig is the calibration of a single camera."""
+    try:
+        camera_from_dict(data, where)
+    except FileError:
+        return
+    raise FileError(where, "holds one camera, not a rig",
+                    valid="a rig file in which a camera's `calibration` names it")  # fmt: skip
+
+
+def _exact(data: dict[str, Any], where: str | Path) -> Rig:
+    schema = data.get("schema")
+    if isinstance(schema, int) and schema > SCHEMA:
+        raise FileError(where, f"written by a newer version (schema {schema})", key="schema",
+                        valid=f"up to {SCHEMA}")  # fmt: skip
+    file = checked(ExactRig, data, where)
+    mounts = []
+    for i, entry in enumerate(file.mounts):
+        camera = camera_from_dict(entry.camera, where, f"mounts.{i}.camera")
+        try:
+            mounts.append(Mount(entry.name, camera, np.array(entry.T_head_camera)))
+        except InputError as error:
+            raise FileError(where, str(error), key=f"mounts.{i}.T_head_camera") from None
+    return _rig(file.name, mounts, file.frame_rate, where)
+
+
+def _camera(
+    entry: CameraEntry, shared: dict[str, Any] | None, where: str | Path, key: str
+) -> Camera:
+    if entry.calibration is not None:
+        key += ".calibration"
+        camera = load_camera(Path(where).parent / entry.calibration)
+    elif entry.lens is not None:
+        key += ".lens"
+        camera = camera_from_dict(entry.lens, where, key)
+    elif shared is not None:
+        key = "lens"
+        camera = camera_from_dict(shared, where, key)
+    else:
+        raise FileError(where, "no lens", key=key, valid="lens, calibration, or the rig's [lens]")
+    fov = degrees(2 * camera.max_angle)
+    if fov > MAX_FOV:
+        raise FileError(where, f"a field of view of {fov:.1f} degrees", key=key + ".fov",
+                        valid=f"above 0, up to {MAX_FOV:g}")  # fmt: skip
+    return camera
+
+
+def _rig(name: str, mounts: list[Mount], frame_rate: float, where: str | Path) -> Rig:
+    try:
+        return Rig(name, tuple(mounts), frame_rate)
+    except InputError as error:
+        raise FileError(where, str(error), key="cameras") from None

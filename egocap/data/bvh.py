@@ -1,0 +1,176 @@
+"""A track as a BVH file, which Blender and other animation tools open.
+
+The file's skeleton stands on its hips as such tools expect, though the tracker's hangs from the
+head: the same bodies and joints, told from the other end. Where the head pose is known the person
+moves through the world; else the head stays where it is. Metres; y up, facing z, left is x.
+
+Source: the format, Meredith & Maddock 2001, "Motion capture file formats explained".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.body.skeleton import JOINTS, POINT_INDEX, joint_rotations, points
+from egocap.data.track import Track
+from egocap.errors import FileError, InputError, MachineError
+
+_TO_FILE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""Axes of the project (x forward, y left, z up) to those of the file (x left, y up, z forward)."""
+_CHANNELS = "Zrotation Xrotation Yrotation"
+_HEAD = "skull"  # the body above the neck joint
+_SIDES = {"left": "Left", "right": "Right"}
+_LIMBS = {
+    "clavicle": ("Shoulder", "shoulder"), "shoulder": ("Arm", "elbow"), "elbow": ("ForeArm",
+    "wrist"), "wrist": ("Hand", "hand"), "hip": ("UpLeg", "knee"), "knee": ("Leg", "ankle"),
+    "ankle": ("Foot", "foot"),
+}  # fmt: skip
+"""Joint -> its name in the file, and the point at the end of its bone."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """One joint of the file: the body that it turns, and where it hangs in its parent's."""
+
+    name: str
+    body: str  # joint of the tracker whose frame it has, or `_HEAD`
+    offset: Float[Array, "3"]  # in the parent's frame at rest, metres
+    children: list[_Node] = field(default_factory=list)
+    end: Float[Array, "3"] | None = None  # where its bone ends, for the last of a limb
+
+
+def write_bvh(path: str | Path, track: Track) -> None:
+    """Write a track as BVH, whole or not at all.
+
+    Raises InputError when the track does not hold its skeleton or has uneven times, FileError or
+    MachineError where the file cannot be written.
+    """
+    path, text = Path(path), bvh_text(track)
+    part = path.with_name(path.name + ".part")
+    if path.is_dir():
+        raise FileError(path, "is a folder", valid="the name of a file")
+    try:
+        part.write_text(text, encoding="ascii")
+        part.replace(path)
+    except OSError as error:
+        raise MachineError(f"cannot write {path}: {error.strerror}") from None
+
+
+def bvh_text(track: Track) -> str:
+    """The file's content. Raises InputError as `write_bvh`."""
+    if track.offsets is None:
+        raise InputError("the track does not hold its skeleton", valid="a track of schema 2")
+    root = _hierarchy(np.asarray(track.offsets))
+    nodes = list(_walk(root))
+    world = _body_rotations(track)
+    columns = [_root_position(track)]
+    parent = {id(child): node for node in nodes for child in node.children}
+    for node in nodes:
+        R = world[node.body]
+        above = parent.get(id(node))
+        local = R if above is None else np.swapaxes(world[above.body], -1, -2) @ R
+        columns.append(_euler_degrees(_TO_FILE @ local @ _TO_FILE.T))
+    lines = ["HIERARCHY", *_describe(root, 0, first=True), "MOTION", f"Frames: {len(track.times)}",
+             f"Frame Time: {_frame_time(track):.8f}"]  # fmt: skip
+    lines += [" ".join(f"{value:.6f}" for value in row) for row in np.concatenate(columns, axis=1)]
+    return "\n".join(lines) + "\n"
+
+
+def _hierarchy(offsets: Float[Array, "22 3"]) -> _Node:
+    """Hips at the lower spine's joint; from there the legs, and the spine up to the head."""
+    at = {name: offsets[i] for name, i in POINT_INDEX.items()}
+    root = _Node("Hips", "lower_spine", np.zeros(3))
+    spine = _Node("Spine", "upper_spine", np.zeros(3))
+    neck = _Node("Neck", "neck", -at["lower_spine"])
+    neck.children.append(_Node("Head", _HEAD, -at["upper_spine"], [], at["head"] - at["neck"]))
+    for side in _SIDES:
+        root.children.append(_limb(side, ("hip", "knee", "ankle"), at[f"{side}_hip"], at))
+        clavicle = at[f"{side}_clavicle"] - at["lower_spine"]
+        spine.children.append(_limb(side, ("clavicle", "shoulder", "elbow", "wrist"), clavicle, at))
+    spine.children.append(neck)
+    root.children.append(spine)
+    return root
+
+
+def _limb(
+    side: str, joints: tuple[str, ...], offset: Float[Array, "3"], at: dict[str, Array]
+) -> _Node:
+    name, tip = _LIMBS[joints[0]]
+    node = _Node(_SIDES[side] + name, f"{side}_{joints[0]}", offset)
+    if len(joints) > 1:
+        node.children.append(_limb(side, joints[1:], at[f"{side}_{joints[1]}"], at))
+        return node
+    return _Node(node.name, node.body, offset, [], at[f"{side}_{tip}"])
+
+
+def _walk(node: _Node) -> Iterator[_Node]:
+    """Nodes in the order of the file."""
+    yield node
+    for child in node.children:
+        yield from _walk(child)
+
+
+def _describe(node: _Node, depth: int, *, first: bool = False) -> list[str]:
+    pad = "\t" * depth
+    x, y, z = _TO_FILE @ node.offset
+    channels = f"CHANNELS 6 Xposition Yposition Zposition {_CHANNELS}" if first else (
+        f"CHANNELS 3 {_CHANNELS}"
+    )  # fmt: skip
+    lines = [f"{pad}{'ROOT' if first else 'JOINT'} {node.name}", f"{pad}{{",
+             f"{pad}\tOFFSET {x:.6f} {y:.6f} {z:.6f}", f"{pad}\t{channels}"]  # fmt: skip
+    for child in node.children:
+        lines += _describe(child, depth + 1)
+    if node.end is not None:
+        x, y, z = _TO_FILE @ node.end
+        lines += [f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET {x:.6f} {y:.6f} {z:.6f}",
+                  f"{pad}\t}}"]  # fmt: skip
+    return [*lines, f"{pad}}}"]
+
+
+def _body_rotations(track: Track) -> dict[str, Float[Array, "T 3 3"]]:
+    """Rotation of every body, in the world where it is known, else in the head frame."""
+    frames = joint_rotations(track.angles)  # (T, 17, 3, 3)
+    T = len(track.times)
+    head = np.broadcast_to(np.eye(3), (T, 3, 3))
+    if track.T_world_head is not None:
+        head = track.T_world_head[:, :3, :3]
+    rotations = {joint.name: head @ frames[:, i] for i, joint in enumerate(JOINTS)}
+    return rotations | {_HEAD: head}
+
+
+def _root_position(track: Track) -> Float[Array, "T 3"]:
+    proportions = _Offsets(np.asarray(track.offsets))
+    hips = points(proportions, track.angles)[:, POINT_INDEX["lower_spine"]]
+    if track.T_world_head is not None:
+        T = track.T_world_head
+        hips = np.einsum("tij,tj->ti", T[:, :3, :3], hips) + T[:, :3, 3]
+    return hips @ _TO_FILE.T
+
+
+@dataclass(frozen=True, eq=False)
+class _Offsets:
+    offsets: Float[Array, "22 3"]
+
+
+def _euler_degrees(R: Float[Array, "T 3 3"]) -> Float[Array, "T 3"]:
+    """Angles of turns about z, then the turned x, then the turned y, without jumps of a turn."""
+    from scipy.spatial.transform import Rotation
+
+    angles = Rotation.from_matrix(R).as_euler("ZXY")
+    return np.rad2deg(np.unwrap(angles, axis=0))
+
+
+def _frame_time(track: Track) -> float:
+    """Seconds a frame; BVH knows one for all."""
+    if len(track.times) < 2:
+        return 1.0 / 30.0
+    steps = np.diff(track.times)
+    if steps.max() - steps.min() > 0.02 * steps.mean():
+        raise InputError("the track's frames are not evenly spaced", valid="an even frame rate")
+    return float(steps.mean())

@@ -1,0 +1,79 @@
+"""Body parts detected in every view, in memory and as npz files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.data.results import Layout, load_result, save_result
+from egocap.errors import FileError
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """Body parts found in every view, in pixels of the rig's own image size.
+
+    A missing detection has `valid` False; its other values mean nothing. A joint that the camera
+    does not see but whose place was guessed is a detection too: low `confidence`, wide `sigma`.
+    """
+
+    times: Float[Array, "T"]  # seconds
+    points: Float[Array, "T V 18 2"]  # pixels
+    sigma: Float[Array, "T V 18"]  # standard deviation of a point along each axis, pixels
+    confidence: Float[Array, "T V 18"]  # probability that the camera sees the joint
+    valid: Bool[Array, "T V 18"]  # a detection was made, of a seen joint or of a hidden one
+    source: str  # how they were made, e.g. "simulated:2.0"
+    modes: Float[Array, "T V 18 K 2"] | None = None  # pixels, where else it may be; likeliest first
+    mode_weights: Float[Array, "T V 18 K"] | None = None  # of each mode, 0 for none; sum up to 1
+
+    def __getitem__(self, rows: slice) -> Detections:
+        """Detections of some of the frames; arrays are views of these."""
+        arrays = {name: a[rows] for name, a in vars(self).items() if isinstance(a, np.ndarray)}
+        return replace(self, **arrays)
+
+    @property
+    def candidates(self) -> tuple[Float[Array, "T V 18 K 2"], Float[Array, "T V 18 K"]]:
+        """Modes and their weights; the point alone, with weight 1, where no modes were kept."""
+        if self.modes is None or self.mode_weights is None:
+            return self.points[..., None, :], self.valid[..., None].astype(float)
+        return self.modes, self.mode_weights
+
+
+_LAYOUT: Layout = {
+    "times": ("f", ("T",)), "points": ("f", ("T", "V", 18, 2)), "sigma": ("f", ("T", "V", 18)),
+    "confidence": ("f", ("T", "V", 18)), "valid": ("b", ("T", "V", 18)), "source": ("U", ()),
+    "modes": ("f", ("T", "V", 18, "K", 2)), "mode_weights": ("f", ("T", "V", 18, "K")),
+}  # fmt: skip
+
+
+def save_detections(path: str | Path, detections: Detections) -> None:
+    """Write detections as npz, whole or not at all."""
+    save_result(Path(path), "egocap-detections", detections)
+
+
+def load_detections(path: str | Path) -> Detections:
+    """Read detections; FileError names the array that is missing, damaged, of a wrong shape, or
+    holds something impossible for a valid detection."""
+    found = load_result(Path(path), "egocap-detections", Detections, _LAYOUT)
+    if (found.modes is None) != (found.mode_weights is None):
+        raise FileError(path, "has one of 'modes' and 'mode_weights'", valid="both or none")
+    modes, weights = found.candidates
+    total = np.where(np.isfinite(weights) & (weights >= 0.0), weights, np.inf).sum(-1)
+    placed = (np.isfinite(modes).all(-1) | ~(weights > 0.0)).all(-1)
+    for name, good, valid in (
+        ("points", np.isfinite(found.points).all(-1), "finite pixels"),
+        ("sigma", np.isfinite(found.sigma) & (found.sigma >= 0.0), "finite pixels, 0 or more"),
+        ("confidence", (found.confidence >= 0.0) & (found.confidence <= 1.0), "0 to 1"),
+        ("modes", placed, "finite pixels where the weight is not 0"),
+        ("mode_weights", total <= 1.0 + 1e-6, "0 or more, adding up to 1 at most"),
+    ):
+        bad = np.argwhere(found.valid & ~good)
+        if len(bad):
+            frame, view, joint = bad[0]
+            what = f"wrong for label {joint} in view {view} of frame {frame}"
+            raise FileError(path, what, key=name, valid=f"{valid} wherever 'valid' is true")
+    return found

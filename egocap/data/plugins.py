@@ -1,0 +1,97 @@
+"""How another detector or tracker plugs in: two call signatures and two entry-point groups.
+
+A package names its function in its pyproject.toml,
+
+    [project.entry-points."egocap.trackers"]
+    mine = "my_package:track"
+
+and `egocap-eval pose SEQ --tracker mine` (or `--tracker my_package:track`, without installing
+anything) runs and scores it. Neither kind is ever handed the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any, Protocol
+
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.data.sequence import Frame, Sequence
+from egocap.errors import InputError
+
+DETECTORS, TRACKERS = "egocap.detectors", "egocap.trackers"
+
+
+class Footage:
+    """What a method may know of a sequence: pictures, times, cameras and body proportions."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        self._frame = sequence.frame
+        self.rig: Rig = sequence.rig
+        self.proportions: Proportions = sequence.proportions
+        self.times: Float[Array, "T"] = sequence.times
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self._frame(i) for i in range(len(self)))
+
+    def frame(self, index: int) -> Frame:
+        """The pictures of one frame."""
+        return self._frame(index)
+
+    def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
+        """RGB images of all views at a frame, as `egocap.track.tracker.track` takes them."""
+        return self._frame(index).images
+
+
+class Detector(Protocol):
+    """Finds the 18 labels in every view of every frame."""
+
+    def __call__(self, footage: Footage) -> Detections: ...
+
+
+class Tracker(Protocol):
+    """Finds joints in 3-D, in the head frame: an array (T, 18, 3) in metres, labels in the order of
+    `labels.LABELS`, NaN for a joint it does not know; or a `Track`. `detections` are those
+    that were asked for with --detections, None when none were."""
+
+    def __call__(self, footage: Footage, detections: Detections | None) -> Any: ...
+
+
+def installed(group: str) -> list[str]:
+    """Names of the installed plug-ins of a group."""
+    return sorted({point.name for point in entry_points(group=group)})
+
+
+def find_plugin(group: str, name: str) -> Callable[..., Any]:
+    """The function of an installed plug-in, or of "module:function".
+
+    Raises:
+        InputError: there is none, it cannot be imported, or it is no function.
+    """
+    for point in entry_points(group=group):
+        if point.name == name:
+            return _loaded(point.load, name)
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        names = [*installed(group), "MODULE:FUNCTION"]
+        raise InputError(f"no plug-in '{name}' in {group}", valid=names)
+    return _loaded(lambda: getattr(import_module(module), attribute), name)
+
+
+def _loaded(load: Callable[[], Any], name: str) -> Callable[..., Any]:
+    try:
+        found = load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"plug-in '{name}' cannot be loaded: {error}") from None
+    if not callable(found):
+        raise InputError(f"plug-in '{name}' is a {type(found).__name__}", valid="a function")
+    return found

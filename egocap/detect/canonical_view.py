@@ -1,0 +1,194 @@
+"""Canonical views: every camera of every rig, resampled to the one view the detector knows.
+
+A canonical view is a fisheye image r = f sin(k theta) / k about an axis fixed in the head frame:
+below the camera, a little behind and towards the middle of the body, with the head's forward
+direction up. Cameras on the head's right side are mirrored. So neither lens nor mounting angle nor
+side reach the network; where the camera sits does. The middle, where the legs are smallest, is
+magnified most.
+Source: mirroring, EgoCap paper, section 4.3.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from math import cos, pi, radians, sin
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.body.labels import MIRROR
+from egocap.cameras.rig import Mount
+from egocap.errors import InputError
+
+_SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel that bilinear sampling still averages
+_MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
+
+
+@dataclass(frozen=True)
+class ViewSpec:
+    """The canonical view's size and projection. Raises InputError for an impossible one."""
+
+    width: int = 256  # pixels
+    height: int = 224
+    focal: float = 104.0  # pixels per radian on the axis
+    compression: float = 0.75  # k of r = focal sin(k theta) / k; 0 is the equidistant lens
+    pitch_deg: float = 105.0  # of the axis, below the head's forward direction
+    toe_in_deg: float = 8.0  # of the axis, towards the body's middle plane
+
+    def __post_init__(self) -> None:
+        if not (8 <= self.width <= 4096 and 8 <= self.height <= 4096):
+            raise InputError(f"canonical view of {self.width} x {self.height}", valid="8 to 4096")
+        if not (self.focal > 0.0 and 0.0 <= self.compression <= 1.0):
+            raise InputError(
+                f"canonical view with focal {self.focal}, compression {self.compression}",
+                valid="focal above 0, compression 0 to 1",
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready form: the fields."""
+        return asdict(self)
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """Rows: right, down and forward of the view of a left camera, in the head frame."""
+        pitch, toe = radians(self.pitch_deg), radians(self.toe_in_deg)
+        forward = np.array([cos(pitch), 0.0, -sin(pitch)])
+        down = np.array([-sin(pitch), 0.0, -cos(pitch)])
+        right = np.array([0.0, -1.0, 0.0])
+        return np.stack(
+            [right * cos(toe) - forward * sin(toe), down, forward * cos(toe) + right * sin(toe)]
+        )
+
+    def rays(self, points: Float[Array, "*n 2"]) -> tuple[Float[Array, "*n 3"], Bool[Array, "*n"]]:
+        """Unit directions in the head frame (left camera) and validity of canonical points."""
+        offset = (np.asarray(points, float) - self._centre) / self.focal
+        radius = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 1e-12)
+        k = self.compression
+        if k > 0.0:
+            inside = k * radius < sin(min(k * pi, pi / 2))
+            theta = np.arcsin(np.clip(k * radius, 0.0, 1.0)) / k
+        else:
+            inside, theta = radius < pi, radius
+        xy = offset * (np.sin(theta) / radius)[..., None]
+        return np.concatenate([xy, np.cos(theta)[..., None]], -1) @ self.axes, inside
+
+    def points(self, rays: Float[Array, "*n 3"]) -> tuple[Float[Array, "*n 2"], Bool[Array, "*n"]]:
+        """Canonical points and validity (inside the view) of directions in the head frame."""
+        x, y, z = np.moveaxis(np.asarray(rays, float) @ self.axes.T, -1, 0)
+        rho = np.maximum(np.hypot(x, y), 1e-12)
+        theta = np.arctan2(rho, z)
+        k = self.compression
+        radius = np.sin(np.minimum(k * theta, pi / 2)) / k if k > 0.0 else theta
+        scale = self.focal * radius / rho
+        points = np.stack([x * scale, y * scale], -1) + self._centre
+        inside = (points >= -0.5).all(-1) & (points <= np.array(self.size) - 0.5).all(-1)
+        return points, inside & (k * theta < pi / 2)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.width, self.height
+
+    @property
+    def _centre(self) -> Float[Array, "2"]:
+        return (np.array(self.size) - 1.0) / 2.0
+
+
+class CanonicalView:
+    """One mounted camera's images and pixels, taken to the canonical view and back."""
+
+    def __init__(self, mount: Mount, spec: ViewSpec | None = None) -> None:
+        self.spec = spec or ViewSpec()
+        self.mirrored = bool(mount.T_head_camera[1, 3] < 0.0)
+        self._mount = mount
+        v, u = np.mgrid[: self.spec.height, : self.spec.width]
+        pixels, self.mask = self.to_camera(np.stack([u, v], -1))
+        self._shrink = max(1, int(self._typical_magnification() / _SHRINK_ABOVE + 0.5))
+        self._maps = self._fixed_maps(pixels)
+
+    def image(self, picture: UInt8[Array, "h w 3"], nearest: bool = False) -> UInt8[Array, "H W 3"]:
+        """A picture of the camera as the canonical view; black where the camera sees nothing.
+
+        `nearest` is for pictures of labels, which do not mix; they may have one channel (h, w).
+        Raises InputError for a picture that is not the camera's.
+        """
+        import cv2
+
+        camera = self._mount.camera
+        if picture.shape[:2] != (camera.height, camera.width) or picture.dtype != np.uint8:
+            raise InputError(
+                f"a picture of shape {picture.shape}, {picture.dtype}, for the view "
+                f"'{self._mount.name}'",
+                valid=f"({camera.height}, {camera.width}, 3), uint8",
+            )
+        s, interpolation = self._shrink, cv2.INTER_LINEAR
+        if nearest:
+            interpolation = cv2.INTER_NEAREST
+        if s > 1:
+            size = self._shrunk_size
+            picture = cv2.resize(
+                picture, size, interpolation=cv2.INTER_NEAREST if nearest else cv2.INTER_AREA
+            )
+        return cv2.remap(picture, *self._maps, interpolation, borderMode=cv2.BORDER_CONSTANT)
+
+    def to_view(self, pixels: Float[Array, "*n 2"]) -> tuple[Any, Any]:
+        """Canonical points (..., 2) and validity of the camera's pixels (..., 2).
+
+        Valid: the camera sees the pixel, and the canonical view holds it.
+        """
+        rays, seen = self._mount.camera.ray(np.asarray(pixels, float))
+        points, inside = self.spec.points(self._turned(rays @ self._mount.T_head_camera[:3, :3].T))
+        return points, seen & inside
+
+    def to_camera(self, points: Float[Array, "*n 2"]) -> tuple[Any, Any]:
+        """The camera's pixels (..., 2) and validity of canonical points (..., 2); undoes `to_view`.
+
+        Valid: within the canonical lens, and the camera sees it.
+        """
+        rays, defined = self.spec.rays(points)
+        pixels, seen = self._mount.camera.project(
+            self._turned(rays) @ self._mount.T_head_camera[:3, :3]
+        )
+        return pixels, seen & defined
+
+    def magnification(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
+        """Camera pixels per canonical pixel at canonical points: the root of the area's ratio."""
+        points, step = np.asarray(points, float), 0.5
+        along = [
+            (self.to_camera(points + d)[0] - self.to_camera(points - d)[0]) / (2 * step)
+            for d in (np.array([step, 0.0]), np.array([0.0, step]))
+        ]
+        area = along[0][..., 0] * along[1][..., 1] - along[0][..., 1] * along[1][..., 0]
+        return np.sqrt(np.abs(area))
+
+    def labels(self, values: Array, axis: int) -> Array:
+        """Values of the 18 labels along `axis` with left and right swapped in a mirrored view.
+
+        Takes the body's labels to the network's and back: it is its own inverse.
+        """
+        return np.take(values, MIRROR, axis) if self.mirrored else values
+
+    def _turned(self, rays: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+        return rays * _MIRROR_Y if self.mirrored else rays
+
+    def _typical_magnification(self) -> float:
+        v, u = np.mgrid[0 : self.spec.height : 8, 0 : self.spec.width : 8]
+        points = np.stack([u, v], -1)
+        seen = self.to_camera(points)[1]
+        return float(np.median(self.magnification(points)[seen])) if seen.any() else 1.0
+
+    @property
+    def _shrunk_size(self) -> tuple[int, int]:
+        camera, s = self._mount.camera, self._shrink
+        return max(1, round(camera.width / s)), max(1, round(camera.height / s))
+
+    def _fixed_maps(self, pixels: Float[Array, "H W 2"]) -> tuple[Array, Array]:
+        import cv2
+
+        camera = self._mount.camera
+        scale = np.array(self._shrunk_size) / (camera.width, camera.height)
+        at = ((pixels + 0.5) * scale - 0.5).astype(np.float32)
+        at[~self.mask] = -9.0  # outside: the border's black
+        return cv2.convertMaps(at[..., 0].copy(), at[..., 1].copy(), cv2.CV_16SC2)

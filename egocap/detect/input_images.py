@@ -1,0 +1,87 @@
+"""Pictures as they come: of a sequence or a camera, grey or 16 bits deep, whole or missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+
+from egocap.data.sequence import Sequence
+from egocap.errors import FileError, InputError
+
+ENOUGH = 640
+"""Width [px] from which on a canonical view gains nothing from more: JPEGs are decoded smaller."""
+
+_KINDS = "uint8 or uint16, (H, W), (H, W, 1) or RGB (H, W, 3)"
+_Made = TypeVar("_Made")
+
+
+def as_rgb(picture: Array) -> UInt8[Array, "H W 3"]:
+    """A picture as 8-bit RGB: grey ones get three equal channels, 16 bits their upper eight.
+
+    Raises InputError for anything else; a picture with alpha has to be flattened by its owner.
+    """
+    picture = np.asarray(picture)
+    if picture.ndim == 2:
+        picture = picture[..., None]
+    deep = picture.dtype == np.uint16
+    if picture.ndim != 3 or picture.shape[2] not in (1, 3) or 0 in picture.shape:
+        raise InputError(f"a picture of shape {picture.shape}", valid=_KINDS)
+    if not deep and picture.dtype != np.uint8:
+        raise InputError(f"a picture of {picture.dtype}", valid=_KINDS)
+    if deep:
+        picture = (picture >> 8).astype(np.uint8)
+    return np.repeat(picture, 3, 2) if picture.shape[2] == 1 else picture
+
+
+def recorded_pictures(sequence: Sequence, index: int) -> tuple[UInt8[Array, "h w 3"] | None, ...]:
+    """The pictures of one frame, no larger than a detector needs; None for a view not recorded.
+
+    Raises FileError for a damaged picture.
+    """
+    return tuple(_recorded(sequence, index, v) for v in range(len(sequence.manifest.views)))
+
+
+def ahead(jobs: Iterator[Any], make: Any, count: int = 2) -> Iterator[Any]:
+    """make(job) of every job in order, made by a thread up to `count` jobs ahead."""
+    waiting: list[Future[Any]] = []
+    with ThreadPoolExecutor(1, thread_name_prefix="pictures") as pool:
+        try:
+            for job in jobs:
+                waiting.append(pool.submit(make, job))
+                if len(waiting) > count:
+                    yield waiting.pop(0).result()
+            while waiting:
+                yield waiting.pop(0).result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _recorded(sequence: Sequence, index: int, view: int) -> UInt8[Array, "h w 3"] | None:
+    import cv2
+
+    name = sequence.manifest.views[view]
+    suffixes = [f"{name}.{kind}" for kind in ("jpg", "png") if f"{name}.{kind}"
+                in sequence.files(index)]  # fmt: skip
+    if not suffixes:
+        return None
+    data = np.frombuffer(sequence.read(index, suffixes[0]), np.uint8)
+    flags = _flags(sequence.rig.cameras[view].width) if suffixes[0].endswith("jpg") else 0
+    picture = cv2.imdecode(data, flags | cv2.IMREAD_COLOR_RGB) if len(data) else None
+    if picture is None:
+        raise FileError(sequence.folder, f"frame {index}: '{suffixes[0]}' is damaged")
+    return as_rgb(picture)
+
+
+def _flags(width: int) -> int:
+    import cv2
+
+    smaller = ((8, cv2.IMREAD_REDUCED_GRAYSCALE_8), (4, cv2.IMREAD_REDUCED_GRAYSCALE_4),
+               (2, cv2.IMREAD_REDUCED_GRAYSCALE_2))  # fmt: skip
+    # These flags say the factor alone once IMREAD_COLOR_RGB is set beside them.
+    return next((flags for factor, flags in smaller if width // factor >= ENOUGH), 0)

@@ -1,0 +1,222 @@
+"""Augmentation of canonical views: other backgrounds, other colours, other shapes, worse cameras.
+
+Every function takes and returns pixels of canonical views (H, W, 3), uint8 RGB, and draws from an
+explicit generator. Points move with pixels. Recolouring multiplies the colour of whole parts, so
+shading and texture stay; it and the background need part labels.
+Source: EgoCap paper, section 4.3.1 (background, intrinsic recolouring, gamma, scale). Clothes of
+the background's colour are ours.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.detect.train.config import AugmentationConfig
+from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, Example
+
+WEARER = np.isin(np.arange(256), np.arange(1, 22)) | (np.arange(256) == 40)
+"""Part labels of the person who wears the rig, and of the rig (`egocap_sim.core.part_labels`)."""
+
+OUTFIT: tuple[tuple[int, ...], ...] = (
+    (2, 3, 6, 7, 10, 11), (8, 12), (1, 14, 18), (15, 19), (16, 17, 20, 21), (4, 5, 9, 13),
+)  # fmt: skip
+"""Parts that a garment or skin covers together: shirt, sleeves, hips and thighs, shins, shoes,
+skin."""
+_LEAST_PX = 30  # of a garment, and of what is behind it
+_DIM = 16.0  # added to levels 0 to 255
+
+
+def augment(
+    example: Example,
+    config: AugmentationConfig,
+    rng: np.random.Generator,
+    other: Example | None = None,
+) -> Example:
+    """An example changed in every way `config` asks for; `other` lends its image as background.
+
+    Background and recolouring leave examples without part labels as they are.
+    """
+    image, parts = example.image, example.parts
+    background, recolour = rng.random() < config.background, rng.random() < config.recolour
+    if parts is not None and recolour:
+        image = recoloured(image, parts, rng)
+    if parts is not None and background and other is not None:
+        image = replaced_background(image, parts, other.image, rng)
+    if parts is not None and rng.random() < config.camouflage:
+        image = camouflaged(image, parts, rng)
+    image, points, state = moved(image, example.points, example.state, config, rng)
+    if rng.random() < config.occluders:
+        image, state = occluded(image, points, state, rng)
+    if rng.random() < config.blur:
+        image = blurred(image, rng)
+    image = toned(image, config, rng)
+    if rng.random() < config.noise:
+        image = noisy(image, rng)
+    if rng.random() < config.jpeg:
+        image = recompressed(image, rng)
+    return Example(image, points, state)
+
+
+def recoloured(
+    image: UInt8[Array, "H W 3"], parts: UInt8[Array, "H W"], rng: np.random.Generator
+) -> UInt8[Array, "H W 3"]:
+    """Clothes and skin in other colours: one factor for each colour channel of each garment."""
+    gain = np.ones((256, 3), np.float32)
+    for garment, covered in enumerate(OUTFIT):
+        if rng.random() < 0.7:
+            spread = 0.12 if garment == len(OUTFIT) - 1 else 0.5  # skin stays skin
+            factor = np.exp(rng.normal(0.0, 0.35) + rng.normal(0.0, spread, 3))
+            gain[list(covered)] = np.clip(factor, 0.2, 4.0)
+    # a shift of hue besides: channels change places in the clothes, not on skin
+    order = rng.permutation(3) if rng.random() < 0.4 else np.arange(3)
+    clothes = np.zeros(256, bool)
+    clothes[[p for covered in OUTFIT[:-1] for p in covered]] = True
+    source = np.where(clothes[parts][..., None], image[..., order], image)
+    return np.minimum(source * gain[parts], 255.0).astype(np.uint8)
+
+
+def camouflaged(
+    image: UInt8[Array, "H W 3"], parts: UInt8[Array, "H W"], rng: np.random.Generator
+) -> UInt8[Array, "H W 3"]:
+    """One garment in the colour of what is behind it, about: tan trousers before a tan floor."""
+    covered = OUTFIT[int(rng.integers(len(OUTFIT) - 1))]  # not the skin
+    worn = np.isin(parts, covered)
+    if np.count_nonzero(worn) < _LEAST_PX:
+        return image
+    near = cv2.dilate(worn.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    behind = near & ~WEARER[parts] & image.any(-1)  # the black round the lens's circle is nothing
+    if np.count_nonzero(behind) < _LEAST_PX:
+        return image
+    colour = image[behind].mean(0) * np.exp(rng.normal(0.0, 0.12, 3))
+    light = image[worn].mean(1) + _DIM  # of dark cloth, little more than noise is left
+    shading = np.clip(light / light.mean(), 0.5, 1.5)
+    image = image.copy()
+    image[worn] = np.minimum(colour * shading[:, None], 255.0).astype(np.uint8)
+    return image
+
+
+def replaced_background(
+    image: UInt8[Array, "H W 3"],
+    parts: UInt8[Array, "H W"],
+    other: UInt8[Array, "H W 3"],
+    rng: np.random.Generator,
+) -> UInt8[Array, "H W 3"]:
+    """The wearer before another image, turned so that its own wearer is never upright there."""
+    behind = np.ascontiguousarray(other)
+    height, width = parts.shape
+    angle, zoom = rng.uniform(75.0, 285.0), np.exp(rng.uniform(np.log(1.3), np.log(3.0)))
+    M = cv2.getRotationMatrix2D(
+        (float(rng.uniform(0, width)), float(rng.uniform(0, height))), angle, zoom
+    )
+    behind = cv2.warpAffine(behind, M, (width, height), borderMode=cv2.BORDER_REFLECT_101)
+    wearer = WEARER[parts]
+    lens = image.any(-1)  # the black round the lens's circle stays black
+    alpha = cv2.blur((wearer | ~lens).astype(np.float32), (3, 3))[..., None]
+    return (image * alpha + behind * (1.0 - alpha)).astype(np.uint8)
+
+
+def moved(
+    image: UInt8[Array, "H W 3"],
+    points: Float[Array, "18 2"],
+    state: UInt8[Array, "18"],
+    config: AugmentationConfig,
+    rng: np.random.Generator,
+) -> tuple[UInt8[Array, "H W 3"], Float[Array, "18 2"], UInt8[Array, "18"]]:
+    """Scaled, turned and shifted about the image's centre; what leaves it is OUTSIDE."""
+    height, width = image.shape[:2]
+    scale = 1.0 + rng.uniform(-config.scale, config.scale)
+    angle = rng.uniform(-config.rotation_deg, config.rotation_deg)
+    shift = rng.uniform(-config.shift, config.shift, 2) * width
+    if scale == 1.0 and angle == 0.0 and not shift.any():
+        return image, points, state
+    M = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), angle, scale)
+    M[:, 2] += shift
+    image = cv2.warpAffine(image, M, (width, height), flags=cv2.INTER_LINEAR)
+    points = points @ M[:, :2].T + M[:, 2]
+    inside = (points >= -0.5).all(-1) & (points <= (width - 0.5, height - 0.5)).all(-1)
+    return image, points, np.where(inside, state, OUTSIDE).astype(np.uint8)
+
+
+def occluded(
+    image: UInt8[Array, "H W 3"],
+    points: Float[Array, "18 2"],
+    state: UInt8[Array, "18"],
+    rng: np.random.Generator,
+) -> tuple[UInt8[Array, "H W 3"], UInt8[Array, "18"]]:
+    """One to three flat shapes in front; labels under them are HIDDEN."""
+    height, width = image.shape[:2]
+    cover = np.zeros((height, width), np.uint8)
+    image = image.copy()
+    for _ in range(rng.integers(1, 4)):
+        shape = np.zeros_like(cover)
+        centre = (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
+        if rng.random() < 0.5:
+            axes = tuple(int(a) for a in rng.uniform(0.02, 0.13, 2) * width)
+            cv2.ellipse(shape, centre, axes, float(rng.uniform(0, 180)), 0, 360, 1, -1)
+        else:
+            corners = np.array(centre) + rng.normal(0, 0.08 * width, (4, 2))
+            cv2.fillPoly(shape, [cv2.convexHull(corners.astype(np.int32))], 1)
+        colour = rng.integers(0, 256, 3)
+        texture = rng.normal(0, 20, (max(1, height // 8), max(1, width // 8), 1))
+        texture = cv2.resize(texture.astype(np.float32), (width, height))[..., None]
+        painted = np.clip(colour + texture, 0, 255).astype(np.uint8)
+        image = np.where(shape[..., None] > 0, painted, image)
+        cover |= shape
+    at = np.clip(np.rint(points).astype(int), 0, (width - 1, height - 1))
+    under = (cover[at[:, 1], at[:, 0]] > 0) & (state == SEEN)
+    return image, np.where(under, HIDDEN, state).astype(np.uint8)
+
+
+def blurred(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
+    """Out of focus, or moved during the exposure."""
+    if rng.random() < 0.5:
+        return cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.3, 1.2)))
+    length, angle = rng.uniform(1.0, 6.0), rng.uniform(0.0, np.pi)
+    size = 9
+    kernel = np.zeros((size, size), np.float32)
+    for s in np.linspace(-0.5, 0.5, 16) * length:
+        at = (size // 2 + s * np.cos(angle), size // 2 + s * np.sin(angle))
+        kernel[int(np.rint(at[1])), int(np.rint(at[0]))] += 1.0 / 16
+    return cv2.filter2D(image, -1, kernel)
+
+
+def toned(
+    image: UInt8[Array, "H W 3"], config: AugmentationConfig, rng: np.random.Generator
+) -> UInt8[Array, "H W 3"]:
+    """Another gamma; perhaps another colour temperature, contrast and saturation too."""
+    gamma = np.exp(rng.uniform(-1.0, 1.0) * np.log(config.gamma))
+    curve = np.linspace(0.0, 1.0, 256)[:, None] ** gamma * np.ones(3)
+    if rng.random() < config.colour:
+        warmth = rng.normal(0.0, 0.12)
+        contrast, brightness = rng.uniform(0.7, 1.3), rng.normal(0.0, 0.06)
+        curve = (curve * np.exp([warmth, rng.normal(0.0, 0.04), -warmth]) - 0.5) * contrast
+        curve = curve + 0.5 + brightness
+        if rng.random() < 0.3:
+            grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[..., None]
+            keep = rng.uniform(0.0, 1.3)
+            image = cv2.addWeighted(image, keep, np.repeat(grey, 3, 2), 1.0 - keep, 0.0)
+    table = np.clip(np.rint(curve * 255.0), 0, 255).astype(np.uint8)
+    return cv2.LUT(image, table[None])
+
+
+def noisy(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
+    """Sensor noise, grey or coloured."""
+    height, width = image.shape[:2]
+    channels = 3 if rng.random() < 0.5 else 1
+    # 8-bit uniform draws are much cheaper than normal ones; the mean of two is nearly normal
+    raw = rng.integers(0, 256, (2, height, width, channels), np.uint8).astype(np.float32).sum(0)
+    sigma = rng.uniform(1.0, 12.0)
+    return np.clip(image + (raw - 255.0) * (sigma / 104.5), 0, 255).astype(np.uint8)
+
+
+def recompressed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
+    """Through JPEG at a low or fair quality."""
+    import simplejpeg
+
+    data = simplejpeg.encode_jpeg(
+        np.ascontiguousarray(image), quality=int(rng.integers(30, 90)), colorsubsampling="420"
+    )
+    return simplejpeg.decode_jpeg(data)

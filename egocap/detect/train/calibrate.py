@@ -1,0 +1,78 @@
+"""Calibrating weights on annotated footage that they were not trained on."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence as Several
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.commandline import progress
+from egocap.data.dataset import find_sequences
+from egocap.detect.calibration import Calibration, fit_calibration
+from egocap.detect.engine import Engine, EngineName, open_engine
+from egocap.detect.heatmaps import decode
+from egocap.detect.train.examples import OUTSIDE, SEEN, ViewStore, build_store
+from egocap.detect.weights import Weights, with_calibration
+
+_BATCH = 8  # views at once
+
+
+@dataclass(frozen=True, eq=False)
+class Said:
+    """What a network said of N annotated views, and what is true of them."""
+
+    info: Float[Array, "N 18 4"]
+    errors: Float[Array, "N 18"]  # from the true place, canonical pixels
+    state: UInt8[Array, "N 18"]  # `egocap.detect.train.examples`: SEEN, HIDDEN, OUTSIDE
+
+
+def calibrate(
+    weights: Weights,
+    paths: Several[Path],
+    store: Path,
+    out: Path,
+    engine: EngineName = "auto",
+    threads: int | None = None,
+) -> Calibration:
+    """Fit the calibration of `weights` on annotated sequences and write them with it to `out`.
+
+    `paths` are sequences or folders of them, `store` a folder for the views made of them. The same
+    files give the same calibration. Raises FileError or InputError where there is nothing to fit.
+    """
+    folders = find_sequences(paths)
+    views = build_store(folders, weights.view, store)
+    said = listen(open_engine(weights, engine, threads), weights.stride, views)
+    seen, in_view = said.state == SEEN, said.state != OUTSIDE
+    found = fit_calibration(said.info, said.errors, seen, in_view)
+    account: dict[str, Any] = {
+        "views": len(said.info), "sequences": len(folders),
+        "joints_seen": int(seen.sum()), "joints_hidden": int((in_view & ~seen).sum()),
+        "manifests_sha256": _checksum(folders),
+    }  # fmt: skip
+    with_calibration(weights, found, dict(weights.training) | {"calibration": account}, out)
+    return found
+
+
+def listen(engine: Engine, stride: int, store: ViewStore) -> Said:
+    """Run a network on every view of a store."""
+    columns: list[tuple[Array, ...]] = []
+    with progress("calibrating", len(store), unit="views") as advance:
+        for views in store.sequences:
+            for start in range(0, len(views), _BATCH):
+                rows = slice(start, start + _BATCH)
+                heat, info = engine.run(np.ascontiguousarray(views.images[rows]))
+                off = decode(heat, stride).points - views.points[rows]
+                columns.append((info, np.linalg.norm(off, axis=-1), views.state[rows]))
+                advance(len(info))
+    return Said(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+
+
+def _checksum(folders: Several[Path]) -> str:
+    manifests = sorted((folder / "manifest.json").read_bytes() for folder in folders)
+    return hashlib.sha256(b"".join(manifests)).hexdigest()

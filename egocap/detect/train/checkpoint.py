@@ -1,0 +1,105 @@
+"""A training run's files, whole or absent: checkpoint.pt to go on, final.safetensors to use."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from egocap.errors import FileError
+
+if TYPE_CHECKING:
+    from egocap.detect.network import DetectorNetwork
+    from egocap.detect.train.validation import Scores
+
+CHECKPOINT, FINAL = "checkpoint.pt", "final.safetensors"
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """State dictionaries of a run that can go on."""
+
+    network: dict[str, Any]
+    average: dict[str, Any]
+    optimiser: dict[str, Any]
+    state: dict[str, Any]
+    config: dict[str, Any]  # of the network
+
+
+def save_checkpoint(
+    folder: Path,
+    network: DetectorNetwork,
+    average: DetectorNetwork,
+    optimiser: torch.optim.Optimizer,
+    state: dict[str, Any],
+) -> Path:
+    """Write the folder's checkpoint, replacing the one before in one step."""
+    path = folder / CHECKPOINT
+    part = path.with_name(CHECKPOINT + ".part")
+    torch.save(
+        {
+            "network": network.state_dict(), "average": average.state_dict(),
+            "optimiser": optimiser.state_dict(), "state": state,
+            "config": json.dumps(network.config.to_dict()),
+        },
+        part,
+    )  # fmt: skip
+    part.replace(path)
+    return path
+
+
+def load_checkpoint(folder: Path, device: torch.device | str = "cpu") -> Checkpoint | None:
+    """The folder's checkpoint; None when there is none. Raises FileError for a damaged one."""
+    path = folder / CHECKPOINT
+    if not path.exists():
+        return None
+    try:
+        found = torch.load(path, map_location=device, weights_only=True)
+        return Checkpoint(
+            found["network"], found["average"], found["optimiser"], found["state"],
+            json.loads(found["config"]),
+        )  # fmt: skip
+    except (RuntimeError, pickle.UnpicklingError, KeyError, TypeError, ValueError, EOFError) as e:
+        raise FileError(
+            path, f"not a whole checkpoint: {str(e).splitlines()[0] if str(e) else type(e)}",
+            valid="one written by egocap train; delete it to begin anew",
+        ) from None  # fmt: skip
+
+
+def save_run_weights(folder: Path, network: DetectorNetwork, scores: Scores | None) -> Path:
+    """Write final.safetensors: weights, the network's configuration and its scores."""
+    from safetensors.torch import save_file
+
+    path = folder / FINAL
+    part = path.with_name(FINAL + ".part")
+    metadata = {"config": json.dumps(network.config.to_dict())}
+    if scores is not None:
+        metadata["scores"] = json.dumps(scores.to_dict())
+    tensors = {k: v.detach().cpu().contiguous().clone() for k, v in network.state_dict().items()}
+    save_file(tensors, part, metadata)
+    part.replace(path)
+    return path
+
+
+def load_run_weights(path: Path) -> dict[str, torch.Tensor]:
+    """State dictionary in a final.safetensors or checkpoint.pt (its averaged weights), for a warm
+    start. Raises FileError."""
+    if path.is_dir():
+        path = path / FINAL if (path / FINAL).exists() else path / CHECKPOINT
+    if not path.exists():
+        raise FileError(path, "no such file", valid=f"a run's folder, {FINAL} or {CHECKPOINT}")
+    if path.suffix == ".pt":
+        found = load_checkpoint(path.parent)
+        assert found is not None
+        return found.average
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    try:
+        return load_file(path)
+    except (SafetensorError, OSError) as error:
+        raise FileError(path, f"not a whole safetensors file: {error}") from None

@@ -1,0 +1,116 @@
+"""A training run's record: log.csv, validation.csv, curves.png, and a line now and then."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from egocap.detect.train.loss import Losses
+    from egocap.detect.train.trainer import RunState
+    from egocap.detect.train.validation import Scores
+
+log = logging.getLogger(__name__)
+
+TERMS = ("heat", "place", "visibility", "spread")
+_EVERY = 20  # steps between two rows of log.csv, which are means over them
+_SAY_S = 30.0  # seconds between two lines on stderr
+
+
+class RunLog:
+    """Appends to a run folder's record."""
+
+    def __init__(self, folder: Path, fresh: bool) -> None:
+        self._folder = folder
+        self._sums, self._count = np.zeros(len(TERMS)), 0
+        self._said, self._views_said = time.monotonic(), -1
+        if fresh:
+            _row(folder / "log.csv", ("step", "seconds", "views", "rate", *TERMS), fresh=True)
+            (folder / "validation.csv").unlink(missing_ok=True)
+
+    def step(
+        self, state: RunState, terms: Losses, rate: float, progress: float, left: float
+    ) -> None:
+        """Add a step's losses; writes and says something now and then."""
+        self._sums += [float(getattr(terms, name).detach()) for name in TERMS]
+        self._count += 1
+        now = time.monotonic()
+        if now - self._said >= _SAY_S or self._views_said < 0:
+            speed = (state.views - self._views_said) / max(now - self._said, 1e-9)
+            speed = speed if self._views_said >= 0 else 0.0
+            self._said, self._views_said = now, state.views
+            heat = self._sums[0] / self._count
+            log.info(
+                "step %d, %.1f %%, %.0f views/s, %.0f min left, heat %.3f",
+                state.step, 100 * progress, speed, left / 60, heat,
+            )  # fmt: skip
+        if state.step % _EVERY == 0:
+            means = [f"{v:.5f}" for v in self._sums / self._count]
+            row = (state.step, f"{state.seconds:.1f}", state.views, f"{rate:.3e}", *means)
+            _row(self._folder / "log.csv", row)
+            self._sums[:], self._count = 0.0, 0
+
+    def validation(self, state: RunState, scores: Scores) -> None:
+        """Add a validation and draw the curves."""
+        values = scores.to_dict()
+        path = self._folder / "validation.csv"
+        if not path.exists():
+            _row(path, ("step", "seconds", "views", *values))
+        rounded = [f"{v:.4f}" for v in values.values()]
+        _row(path, (state.step, f"{state.seconds:.1f}", state.views, *rounded))
+        log.info(
+            "step %d: PCK %.1f, AUC %.1f, error %.1f px, wrists %.1f, ankles %.1f",
+            state.step, scores.pck, scores.auc, scores.error_px, scores.pck_wrist,
+            scores.pck_ankle,
+        )  # fmt: skip
+        draw_curves(self._folder)
+
+    def close(self) -> None:
+        """Draw the curves a last time."""
+        draw_curves(self._folder)
+
+
+def draw_curves(folder: Path) -> Path | None:
+    """curves.png from log.csv and validation.csv; None without either."""
+    losses, scores = _read(folder / "log.csv"), _read(folder / "validation.csv")
+    if not losses and not scores:
+        return None
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(11, 4), layout="constrained")
+    for name in TERMS if losses else ():
+        left.plot(losses["views"], losses[name], label=name, linewidth=0.8)
+    left.set(xlabel="views", ylabel="loss", title="training")
+    left.legend()
+    for name in ("pck", "auc", "pck_wrist", "pck_ankle", "pck_foot") if scores else ():
+        right.plot(scores["views"], scores[name], label=name, marker=".")
+    right.set(xlabel="views", ylabel="%", title="held out", ylim=(0, 100))
+    right.legend()
+    path = folder / "curves.png"
+    part = path.with_name("curves.part.png")
+    figure.savefig(part, dpi=90)
+    pyplot.close(figure)
+    part.replace(path)
+    return path
+
+
+def _row(path: Path, values: Any, fresh: bool = False) -> None:
+    with path.open("w" if fresh else "a", newline="") as file:
+        csv.writer(file).writerow(values)
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    if not path.exists():
+        return {}
+    with path.open(newline="") as file:
+        head, *rows = csv.reader(file)
+    rows = [r for r in rows if len(r) == len(head)]
+    return dict(zip(head, np.array(rows, float).T, strict=True)) if rows else {}

@@ -1,0 +1,255 @@
+"""Training examples: canonical views of annotated sequences, read once and kept on disk.
+
+Every sequence becomes a small folder of plain arrays in a store: images, part labels where they
+were recorded, and what each view's annotation says of the 18 labels. Training then reads views at
+random from memory maps, whatever the number of sequences. A damaged shard is left out, with a
+warning and a count.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import shutil
+from collections.abc import Sequence as Several
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.commandline import progress
+from egocap.data.sequence import (
+    OUT_OF_VIEW,
+    VISIBLE,
+    Sequence,
+    image_suffix,
+    open_sequence,
+)
+from egocap.detect.canonical_view import CanonicalView, ViewSpec
+from egocap.errors import EgocapError, FileError
+
+log = logging.getLogger(__name__)
+
+SEEN, HIDDEN, OUTSIDE = range(3)
+"""States of a label in a canonical view: visible, in view but occluded, outside the view."""
+
+_FORMAT = 1  # of the store
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """One canonical view and its labels."""
+
+    image: UInt8[Array, "H W 3"]
+    points: Float[Array, "18 2"]  # pixels
+    state: UInt8[Array, "18"]  # SEEN, HIDDEN, OUTSIDE
+    parts: UInt8[Array, "H W"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Canonical views of one sequence and their labels, in the network's (mirrored) order."""
+
+    images: UInt8[Array, "N H W 3"]
+    parts: UInt8[Array, "N H W"] | None  # `egocap_sim.core.part_labels`; None: not recorded
+    points: Float[Array, "N 18 2"]  # canonical pixels; meaningless where OUTSIDE
+    state: UInt8[Array, "N 18"]  # SEEN, HIDDEN, OUTSIDE
+    magnification: Float[Array, "N 18"]  # pixels of a 640 pixels wide camera per canonical pixel
+    skipped: int = 0  # views whose shard was damaged
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewStore:
+    """Views of many sequences as one list."""
+
+    sequences: tuple[Views, ...]
+    skipped: int = 0  # views left out because they could not be read
+    odds: tuple[float, ...] | None = None  # of drawing a view of each sequence; None: all alike
+
+    def __post_init__(self) -> None:
+        counts = np.array([len(views) for views in self.sequences])
+        odds = np.ones(len(counts)) if self.odds is None else np.array(self.odds)
+        object.__setattr__(self, "_ends", np.cumsum(counts))
+        object.__setattr__(self, "_mass", np.cumsum(counts * odds))
+
+    def __len__(self) -> int:
+        return int(self._ends[-1]) if len(self.sequences) else 0  # type: ignore[attr-defined]
+
+    def locate(self, index: int) -> tuple[Views, int]:
+        """The sequence's views that hold view `index`, and its row there."""
+        which = int(np.searchsorted(self._ends, index, side="right"))  # type: ignore[attr-defined]
+        views = self.sequences[which]
+        return views, index - (int(self._ends[which]) - len(views))  # type: ignore[attr-defined]
+
+    def draw(self, rng: np.random.Generator) -> tuple[Views, int]:
+        """A view at random, by the odds: its sequence's views, and its row there."""
+        mass: Array = self._mass  # type: ignore[attr-defined]
+        which = int(np.searchsorted(mass, rng.random() * mass[-1], side="right"))
+        views = self.sequences[min(which, len(mass) - 1)]
+        return views, int(rng.integers(len(views)))
+
+
+def mixed(stores: Several[ViewStore], shares: Several[float]) -> ViewStore:
+    """Several stores as one, which is drawn from by their shares."""
+    odds = (
+        (share / len(store),) * len(store.sequences)
+        for share, store in zip(shares, stores, strict=True)
+    )
+    return ViewStore(
+        tuple(chain.from_iterable(store.sequences for store in stores)),
+        sum(store.skipped for store in stores),
+        tuple(chain.from_iterable(odds)),
+    )
+
+
+def build_store(folders: Several[Path], spec: ViewSpec, store: Path) -> ViewStore:
+    """Views of all sequences, taken from the store or made there first.
+
+    Sequences that cannot be opened, and shards that cannot be read, are left out with a warning.
+    Raises FileError when nothing is left.
+    """
+    store.mkdir(parents=True, exist_ok=True)
+    kept, skipped = [], 0
+    with progress("reading sequences", len(folders), unit="sequences") as advance:
+        for folder in folders:
+            try:
+                views = sequence_views(folder, spec, store)
+                kept.append(views)
+                skipped += views.skipped
+            except EgocapError as error:
+                log.warning("left out: %s", error)
+                skipped += 1
+            advance()
+    if skipped:
+        log.warning("%d views or sequences were left out because they are damaged", skipped)
+    kept = [views for views in kept if len(views)]
+    if not kept:
+        raise FileError(folders[0], "none of the sequences can be read")
+    return ViewStore(tuple(kept), skipped)
+
+
+def sequence_views(folder: Path, spec: ViewSpec, store: Path) -> Views:
+    """Views of one sequence, from the store or made there first. Raises FileError."""
+    sequence = open_sequence(folder)
+    place = store / _key(sequence, spec)
+    if not (place / "labels.npz").exists():
+        part = place.with_name(f"{place.name}.{os.getpid()}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        try:
+            _write(sequence, spec, part)
+            if not place.exists():
+                part.rename(place)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    return _read(place)
+
+
+def _key(sequence: Sequence, spec: ViewSpec) -> str:
+    manifest = sequence.manifest
+    what = [_FORMAT, spec.to_dict(), manifest.config_sha256, [s.sha256 for s in manifest.shards]]
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]
+
+
+def _write(sequence: Sequence, spec: ViewSpec, place: Path) -> None:
+    canonical = [CanonicalView(mount, spec) for mount in sequence.rig.mounts]
+    with_parts = f"{sequence.rig.views[0]}.mask.png" in sequence.files(0)
+    images, parts, labels, skipped = [], [], [], 0
+    for shard in sequence.manifest.shards:
+        try:
+            found = [
+                _view(sequence, shard.first + row, v, view, with_parts)
+                for row in range(len(shard.frames))
+                for v, view in enumerate(canonical)
+                if not _dropped(sequence, shard.first + row, v)
+            ]
+        except (EgocapError, ValueError, KeyError) as error:
+            log.warning("shard %s of %s is left out: %s", shard.name, sequence.folder, error)
+            skipped += len(shard.frames) * len(canonical)
+            continue
+        images += [f[0] for f in found]
+        parts += [f[1] for f in found]
+        labels += [f[2] for f in found]
+    size = (0, spec.height, spec.width)
+    np.save(place / "images.npy", np.stack(images) if images else np.zeros((*size, 3), np.uint8))
+    if with_parts:
+        np.save(place / "parts.npy", np.stack(parts) if parts else np.zeros(size, np.uint8))
+    columns = [np.array(c) for c in zip(*labels, strict=True)] or [
+        np.zeros((0, 18, 2)), np.zeros((0, 18), np.uint8), np.zeros((0, 18))
+    ]  # fmt: skip
+    np.savez(
+        place / "labels.npz",
+        points=columns[0].astype(np.float32),
+        state=columns[1].astype(np.uint8),
+        magnification=columns[2].astype(np.float32),
+        skipped=skipped,
+    )
+
+
+def _dropped(sequence: Sequence, index: int, view: int) -> bool:
+    """Whether the picture is not of the instant that its annotation describes."""
+    return sequence.sensor is not None and bool(sequence.sensor.dropped[index, view])
+
+
+def _view(
+    sequence: Sequence, index: int, v: int, view: CanonicalView, with_parts: bool
+) -> tuple[Array, Array | None, tuple[Array, Array, Array]]:
+    name = sequence.rig.views[v]
+    image = view.image(_decoded(sequence.read(index, image_suffix(sequence, index, name))))
+    parts = None
+    if with_parts:
+        mask = sequence.mask(index, name)
+        if mask is None:
+            raise FileError(sequence.folder, f"frame {index} of '{name}' has no part labels")
+        parts = view.image(mask, nearest=True)
+    return image, parts, _labels(sequence, index, name, view)
+
+
+def _labels(
+    sequence: Sequence, index: int, name: str, view: CanonicalView
+) -> tuple[Array, Array, Array]:
+    """Points, states and magnification of the 18 labels, as the network should see them."""
+    annotation = sequence.annotation(index)
+    pixels = np.array(annotation["joints_2d"][name], float)
+    seen = np.array(annotation["visibility"][name])
+    points, inside = view.to_view(pixels)
+    inside &= seen != OUT_OF_VIEW
+    state = np.where(inside, np.where(seen == VISIBLE, SEEN, HIDDEN), OUTSIDE)
+    points = np.where(inside[:, None], points, 0.0)
+    width = sequence.rig.mounts[sequence.rig.views.index(name)].camera.width
+    scale = np.where(inside, view.magnification(points), 1.0) * (640.0 / width)
+    return tuple(view.labels(a, 0) for a in (points, state, scale))  # type: ignore[return-value]
+
+
+def _decoded(data: bytes) -> UInt8[Array, "h w 3"]:
+    if data[:2] == b"\xff\xd8":
+        import simplejpeg
+
+        return simplejpeg.decode_jpeg(data)
+    import cv2
+
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
+    if image is None:
+        raise ValueError("an image is damaged")
+    return image
+
+
+def _read(place: Path) -> Views:
+    with np.load(place / "labels.npz", allow_pickle=False) as labels:
+        points, state = labels["points"], labels["state"]
+        magnification, skipped = labels["magnification"], int(labels["skipped"])
+    images = np.load(place / "images.npy", mmap_mode="r" if len(points) else None)
+    parts = place / "parts.npy"
+    return Views(
+        images,
+        np.load(parts, mmap_mode="r" if len(points) else None) if parts.exists() else None,
+        points, state, magnification, skipped,
+    )  # fmt: skip

@@ -1,0 +1,248 @@
+"""One training run from its command: data found or simulated, split, trained on, exported."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import shlex
+import sys
+from dataclasses import asdict, dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from egocap.data.dataset import find_sequences
+from egocap.detect.network import NetworkConfig, config_named
+from egocap.detect.train.checkpoint import CHECKPOINT, FINAL, load_run_weights
+from egocap.detect.train.examples import ViewStore, build_store, mixed
+from egocap.detect.train.simulation import simulate_for_rig
+from egocap.detect.train.trainer import Outcome, Trainer, TrainingConfig
+from egocap.detect.weights import open_weights, save_weights
+from egocap.errors import FileError, InputError, MachineError
+
+if TYPE_CHECKING:
+    import torch
+
+log = logging.getLogger(__name__)
+
+RUN = "run.json"
+SIMULATION_SHARE = 0.35  # of the minutes of a run that starts from a rig
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to train, on what, where. Raises InputError for what contradicts itself."""
+
+    out: Path
+    data: tuple[Path, ...] = ()
+    rig: Path | None = None
+    config: str = "default"
+    held_out: float = 0.08  # share of the sequences kept for validation
+    start: Path | None = None  # weights to begin from
+    resume: bool = False
+    store: Path | None = None
+    backgrounds: tuple[Path, ...] = ()  # whose images may replace backgrounds; the data's if none
+    shares: tuple[float, ...] = ()  # of each of `data` in the training; if none: by its views
+
+    def __post_init__(self) -> None:
+        if not self.data and self.rig is None:
+            raise InputError("nothing to train on", valid="folders of sequences, or --rig FILE")
+        if not 0.0 <= self.held_out <= 0.5:
+            raise InputError(f"held-out share {self.held_out}", valid="0 to 0.5")
+        if self.shares and (len(self.shares) != len(self.data) or min(self.shares) <= 0):
+            raise InputError(
+                f"shares {', '.join(map(str, self.shares))} for {len(self.data)} folders of data",
+                valid="one above 0 for each",
+            )
+        if self.shares and self.rig is not None:
+            raise InputError("shares do not cover what is simulated for a rig", valid="one of both")
+
+
+def train_detector(request: Request, training: TrainingConfig) -> Outcome:
+    """Train a detector; the weights come out as `out`/detector.safetensors.
+
+    Raises InputError or FileError for data, weights or a run folder that do not fit.
+    """
+    network = config_named(request.config)
+    start = _start(request, network)
+    _prepare(request, training, network)
+    if request.rig is not None:
+        share = 0.0 if (request.out / CHECKPOINT).exists() else SIMULATION_SHARE
+        data = simulate_for_rig(
+            request.rig, request.out / "simulated", 60.0 * share * training.minutes, training.seed
+        )
+        training = _shortened(training, 1.0 - SIMULATION_SHARE)
+        request = _with_data(request, data)
+    kept, held_out = _stores(request, network)
+    log.info("%d views to train on, %d held out", len(kept), len(held_out) if held_out else 0)
+    trainer = Trainer(
+        network, training, kept, held_out, request.out, start, _backgrounds(request, network)
+    )
+    if request.resume and trainer.resume():
+        log.info("going on from step %d", trainer.state.step)
+    outcome = trainer.run()
+    if outcome.weights is not None:
+        save_weights(
+            weights_path(request.out), trainer.average,
+            _account(request, training, kept, outcome),
+        )  # fmt: skip
+    return outcome
+
+
+def weights_path(out: Path) -> Path:
+    """The file of weights that a run ends with."""
+    return out / "detector.safetensors"
+
+
+def split(folders: list[Path], share: float) -> tuple[list[Path], list[Path]]:
+    """Sequences to train on and to validate on: every n-th is held out, people never shared."""
+    if share == 0.0 or len(folders) < 2:
+        return folders, []
+    every = max(2, round(1.0 / share))
+    return (
+        [f for i, f in enumerate(folders) if i % every],
+        [f for i, f in enumerate(folders) if i % every == 0],
+    )
+
+
+def join_processes() -> None:
+    """Join the other processes that torchrun started, if it did."""
+    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+        return
+    import torch
+
+    cuda = torch.cuda.is_available()
+    if cuda:
+        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+    torch.distributed.init_process_group("nccl" if cuda else "gloo")
+
+
+def command_for_devices(words: list[str]) -> list[str] | None:
+    """The command that runs `words` of egocap on all GPUs; None where there are not several."""
+    import torch
+
+    if "WORLD_SIZE" in os.environ or torch.cuda.device_count() < 2:
+        return None
+    count = str(torch.cuda.device_count())
+    launcher = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", count]
+    return [sys.executable, *launcher, "-m", "egocap", *words]
+
+
+def _prepare(request: Request, training: TrainingConfig, network: NetworkConfig) -> None:
+    """Make the run's folder, or check that the one there is this run's."""
+    what = {"network": network.to_dict(), "seed": training.seed, "batch": training.batch}
+    path = request.out / RUN
+    if (request.out / CHECKPOINT).exists() or (request.out / FINAL).exists():
+        if not request.resume:
+            raise InputError(
+                f"{request.out} holds a run already", valid="another --out, or --resume to go on"
+            )
+        try:
+            before = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise FileError(path, "cannot be read", valid="the run.json of a run") from None
+        if before != json.loads(json.dumps(what)):
+            raise InputError(
+                f"{request.out} holds a run with another network, seed or batch",
+                valid="the same --config, --seed and --batch, or another --out",
+            )
+        return
+    try:
+        request.out.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(what, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise MachineError(f"cannot write {request.out}: {error.strerror}") from None
+
+
+def _start(request: Request, network: NetworkConfig) -> dict[str, torch.Tensor] | None:
+    """Weights to begin from. Raises FileError when they are of another network."""
+    if request.start is None:
+        return None
+    if request.start.suffix == ".safetensors" and request.start.name != FINAL:
+        state = open_weights(request.start).network().state_dict()
+    else:
+        state = load_run_weights(request.start)
+    from egocap.detect.network import build_network
+
+    wanted = build_network(network).state_dict()
+    if {k: v.shape for k, v in wanted.items()} != {k: v.shape for k, v in state.items()}:
+        raise FileError(
+            request.start, f"weights of another network than '{request.config}'",
+            valid="weights trained with the same --config",
+        )  # fmt: skip
+    return state
+
+
+def _stores(request: Request, network: NetworkConfig) -> tuple[ViewStore, ViewStore | None]:
+    import torch
+
+    store = request.store or request.out / "views"
+    several = torch.distributed.is_available() and torch.distributed.is_initialized()
+    if several and torch.distributed.get_rank() != 0:
+        torch.distributed.barrier()  # the first process fills the store
+    if request.shares:  # each part of the data is split by itself, so that none is all held out
+        parts = [split(find_sequences([data]), request.held_out) for data in request.data]
+    else:
+        parts = [split(find_sequences(request.data), request.held_out)]
+    trained = [build_store(kept, network.view, store) for kept, _ in parts]
+    held_out = list(chain.from_iterable(checked for _, checked in parts))
+    stores = (
+        mixed(trained, request.shares or (1.0,)),
+        build_store(held_out, network.view, store) if held_out else None,
+    )
+    if several and torch.distributed.get_rank() == 0:
+        torch.distributed.barrier()
+    return stores
+
+
+def _backgrounds(request: Request, network: NetworkConfig) -> ViewStore | None:
+    if not request.backgrounds:
+        return None
+    store = request.store or request.out / "views"
+    return build_store(find_sequences(request.backgrounds), network.view, store)
+
+
+def _account(
+    request: Request, training: TrainingConfig, kept: ViewStore, outcome: Outcome
+) -> dict[str, Any]:
+    """How the weights were made, for their file."""
+    return {
+        "command": shlex.join(["egocap", *map(_without_folder, sys.argv[1:])]),
+        "data": [path.name for path in request.data],
+        "shares": list(request.shares),
+        "start": _origin(request.start),
+        "sequences": len(kept.sequences), "views": len(kept), "views_left_out": kept.skipped,
+        "steps": outcome.state.step, "views_seen": outcome.state.views,
+        "seconds": round(outcome.state.seconds, 1),
+        "training": asdict(training),
+        "scores": None if outcome.scores is None else outcome.scores.to_dict(),
+    }  # fmt: skip
+
+
+def _without_folder(word: str) -> str:
+    """A word of the command; of an absolute path the name, since weights are handed on."""
+    return Path(word).name if word.startswith("/") else word
+
+
+def _origin(start: Path | None) -> dict[str, Any] | None:
+    """What a run began from, with that one's own account where it has one."""
+    if start is None:
+        return None
+    if start.suffix != ".safetensors" or start.name == FINAL:
+        return {"name": start.name}
+    weights = open_weights(start)
+    training = {k: v for k, v in weights.training.items() if k != "scores"}
+    return {"name": weights.name, "sha256": weights.sha256, "training": training}
+
+
+def _shortened(training: TrainingConfig, share: float) -> TrainingConfig:
+    from dataclasses import replace
+
+    return replace(training, minutes=training.minutes * share)
+
+
+def _with_data(request: Request, data: Path) -> Request:
+    from dataclasses import replace
+
+    return replace(request, data=(*request.data, data))

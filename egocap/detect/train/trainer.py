@@ -1,0 +1,277 @@
+"""Training the detector: batches, schedule, averages, checkpoints; any device, one or several.
+
+A run is a folder: config.json, log.csv and curves.png (`train.curves`), checkpoint.pt to go
+on from, and final.safetensors, the averaged weights with calibrated spreads. A batch depends on the
+seed, the process and the step alone, so a run that was killed and resumed goes on as if it had not
+been.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
+
+from egocap.detect.network import DetectorNetwork, NetworkConfig, build_network
+from egocap.detect.train.augmentation import augment
+from egocap.detect.train.checkpoint import load_checkpoint, save_checkpoint, save_run_weights
+from egocap.detect.train.config import TrainingConfig
+from egocap.detect.train.curves import RunLog
+from egocap.detect.train.examples import Example, Views, ViewStore
+from egocap.detect.train.interruption import Interruption
+from egocap.detect.train.loss import Losses, losses
+from egocap.detect.train.validation import Scores, predict, score, sigma_bias
+
+log = logging.getLogger(__name__)
+
+
+@dataclass
+class RunState:
+    """What a checkpoint holds besides weights: where the run stands."""
+
+    step: int = 0
+    seconds: float = 0.0  # spent in training steps, over all sessions
+    views: int = 0  # seen, over all processes
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    finished: bool  # False: interrupted, and resumable
+    state: RunState
+    scores: Scores | None  # of the final weights on the held-out views
+    weights: Path | None  # final.safetensors
+
+
+class Trainer:
+    """One run in one process (of several, each with a device of its own)."""
+
+    def __init__(
+        self,
+        network: NetworkConfig,
+        config: TrainingConfig,
+        training: ViewStore,
+        validation: ViewStore | None,
+        folder: Path,
+        start: dict[str, Any] | None = None,
+        backgrounds: ViewStore | None = None,
+    ) -> None:
+        """`start` is a state dictionary to begin from (a warm start). Backgrounds are drawn from
+        `backgrounds`, or from the training views themselves."""
+        self.config, self.folder = config, folder
+        self.training, self.validation = training, validation
+        self.backgrounds = training if backgrounds is None else backgrounds
+        self.rank, self.world = (
+            int(os.environ.get("RANK", "0")),
+            int(os.environ.get("WORLD_SIZE", "1")),
+        )
+        self.device = _device(int(os.environ.get("LOCAL_RANK", "0")))
+        torch.manual_seed(config.seed)
+        self.network = build_network(network)
+        if start is not None:
+            self.network.load_state_dict(start)
+        self.network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.average = build_network(network).to(self.device)
+        self.average.load_state_dict(self.network.state_dict())
+        self.average.eval()
+        self.optimiser = torch.optim.AdamW(
+            _groups(self.network, config.weight_decay), lr=config.learning_rate, fused=True
+        )
+        self.state = RunState()
+        self._run: nn.Module = self.network
+        if self.world > 1:
+            self._run = nn.parallel.DistributedDataParallel(self.network)
+        if config.compile:
+            self._run = torch.compile(self._run)  # type: ignore[assignment]
+
+    def resume(self) -> bool:
+        """Go on from the folder's checkpoint; False when there is none. Raises FileError."""
+        found = load_checkpoint(self.folder, self.device)
+        if found is None:
+            return False
+        self.network.load_state_dict(found.network)
+        self.average.load_state_dict(found.average)
+        self.optimiser.load_state_dict(found.optimiser)
+        self.state = RunState(**found.state)
+        return True
+
+    def run(self) -> Outcome:
+        """Train to the end, or until interrupted; validate, log and checkpoint on the way."""
+        record = RunLog(self.folder, fresh=self.state.step == 0) if self.rank == 0 else None
+        since_check = since_validation = self.state.seconds
+        self.network.train()
+        with Interruption() as stop:
+            for batch in self._batches():
+                begun = time.monotonic()
+                terms = self._step(batch)
+                self.state.step += 1
+                self.state.views += len(batch[0]) * self.world
+                spent = time.monotonic() - begun + self._waited
+                self.state.seconds = self._agreed_seconds(self.state.seconds + spent)
+                done = self.progress() >= 1.0
+                if record is not None:
+                    record.step(self.state, terms, self._rate(), self.progress(), self._left())
+                if self._due(since_validation, self.config.validate_minutes) and not done:
+                    since_validation = self.state.seconds
+                    self._validate(record)
+                if self._due(since_check, self.config.checkpoint_minutes) and not done:
+                    since_check = self.state.seconds
+                    self._checkpoint()
+                if done or self._agreed(stop.requested):
+                    break
+        self._checkpoint()
+        if self.progress() < 1.0:
+            return Outcome(False, self.state, None, None)
+        return self._finish(record)
+
+    def progress(self) -> float:
+        """From 0 to 1, by steps or by the clock."""
+        if self.config.steps:
+            return self.state.step / self.config.steps
+        return self.state.seconds / (60.0 * self.config.minutes)
+
+    def _step(self, batch: tuple[torch.Tensor, ...]) -> Losses:
+        images, points, state = (t.to(self.device, non_blocking=True) for t in batch)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self._rate()
+        with torch.autocast(self.device.type, torch.bfloat16):
+            heat, info = self._run(images)
+        stride = self.network.config.stride
+        terms = losses(heat.float(), info.float(), points, state, stride, self.config.loss)
+        terms.total(self.config.loss).backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
+        self.optimiser.step()
+        self.optimiser.zero_grad(set_to_none=True)
+        self._move_average()
+        return terms
+
+    def _rate(self) -> float:
+        """One cycle: a linear rise, then half a cosine down to a hundredth."""
+        done, rise = min(self.progress(), 1.0), self.config.warm_up
+        if done < rise:
+            return self.config.learning_rate * (0.05 + 0.95 * done / rise)
+        fall = (done - rise) / max(1.0 - rise, 1e-9)
+        return self.config.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * fall)))
+
+    @torch.no_grad()
+    def _move_average(self) -> None:
+        decay = min(self.config.average, (1.0 + self.state.step) / (10.0 + self.state.step))
+        mine, theirs = self.average.state_dict(), self.network.state_dict()
+        floats = [k for k, v in mine.items() if v.is_floating_point()]
+        move = get_ema_multi_avg_fn(decay)
+        move([mine[k] for k in floats], [theirs[k] for k in floats], self.state.step)
+
+    def _batches(self) -> Iterator[tuple[torch.Tensor, ...]]:
+        """Batches from the current step on, each made while the one before is trained on."""
+        with ThreadPoolExecutor(1) as pool:
+            step = self.state.step
+            ahead = [pool.submit(self._batch, step), pool.submit(self._batch, step + 1)]
+            while True:
+                begun = time.monotonic()
+                batch = ahead.pop(0).result()
+                self._waited = time.monotonic() - begun
+                step += 1
+                ahead.append(pool.submit(self._batch, step + 1))
+                yield batch
+
+    def _batch(self, step: int) -> tuple[torch.Tensor, ...]:
+        rng = np.random.default_rng([self.config.seed, self.rank, step])
+        made = []
+        for _ in range(self.config.batch):
+            view, other = self.training.draw(rng), self.backgrounds.draw(rng)
+            changes = self.config.augmentation
+            made.append(augment(example(*view), changes, rng, example(*other)))
+        return (
+            torch.from_numpy(np.stack([e.image for e in made])),
+            torch.from_numpy(np.stack([e.points for e in made]).astype(np.float32)),
+            torch.from_numpy(np.stack([e.state for e in made]).astype(np.int64)),
+        )
+
+    def _validate(self, record: RunLog | None) -> Scores | None:
+        if self.validation is None or record is None:
+            return None
+        scores = score(predict(self.average, self.validation, self._held_out()))
+        record.validation(self.state, scores)
+        return scores
+
+    def _held_out(self) -> np.ndarray:
+        """The same views every time, spread over the held-out sequences."""
+        assert self.validation is not None
+        count = min(self.config.validation_views, len(self.validation))
+        return np.unique(np.linspace(0, len(self.validation) - 1, count).astype(int))
+
+    def _checkpoint(self) -> None:
+        if self.rank == 0:
+            save_checkpoint(
+                self.folder, self.network, self.average, self.optimiser, asdict(self.state)
+            )
+
+    def _finish(self, record: RunLog | None) -> Outcome:
+        if self.rank != 0 or record is None:
+            return Outcome(True, self.state, None, None)
+        scores = None
+        if self.validation is not None:
+            indices = self._held_out()
+            bias = sigma_bias(predict(self.average, self.validation, indices))
+            self.average.info.log_sigma_bias.add_(torch.from_numpy(bias))
+            scores = score(predict(self.average, self.validation, indices))
+            record.validation(self.state, scores)
+        path = save_run_weights(self.folder, self.average, scores)
+        record.close()
+        return Outcome(True, self.state, scores, path)
+
+    def _left(self) -> float:
+        """Seconds of training still to go, by its speed so far."""
+        done = self.progress()
+        return self.state.seconds * max(1.0 - done, 0.0) / max(done, 1e-9)
+
+    def _due(self, since: float, minutes: float) -> bool:
+        return self.state.seconds - since >= 60.0 * minutes
+
+    def _agreed_seconds(self, seconds: float) -> float:
+        """The first process's clock, so that all stop at the same step."""
+        if self.world == 1:
+            return seconds
+        clock = torch.tensor(seconds, device=self.device)
+        torch.distributed.broadcast(clock, 0)
+        return float(clock)
+
+    def _agreed(self, stop: bool) -> bool:
+        if self.world == 1:
+            return stop
+        flag = torch.tensor(float(stop), device=self.device)
+        torch.distributed.all_reduce(flag, torch.distributed.ReduceOp.MAX)
+        return bool(flag > 0)
+
+
+def example(views: Views, row: int) -> Example:
+    """One view of a sequence, read from disk."""
+    parts = None if views.parts is None else np.asarray(views.parts[row])
+    return Example(
+        np.asarray(views.images[row]), views.points[row].astype(float), views.state[row], parts
+    )
+
+
+def _device(local_rank: int) -> torch.device:
+    if torch.cuda.is_available():
+        return torch.device("cuda", local_rank)
+    return torch.device("cpu")
+
+
+def _groups(network: DetectorNetwork, decay: float) -> list[dict[str, Any]]:
+    """Weights of convolutions and linear layers decay, scales and biases do not."""
+    weights = [p for p in network.parameters() if p.ndim > 1]
+    others = [p for p in network.parameters() if p.ndim <= 1]
+    return [{"params": weights, "weight_decay": decay}, {"params": others, "weight_decay": 0.0}]

@@ -1,0 +1,120 @@
+"""Sizes and colours of a person's Gaussians from images in which the pose is known.
+
+Colours are learned at the present sizes, sizes are found with the present colours, in turn: every
+part, left and right together, has one factor on its radii that lowers the colour energy of all
+frames. A factor that nothing shows stays at 1 by its prior.
+
+Source: EgoCap 2016, section 4.1, where Rhodin et al. 2016 fit sizes by the outline. Here the
+outline is where the colours change from the person's to the background's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.body.gaussians import GaussianBody
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.errors import InputError
+from egocap.image_model.colour_estimation import colour_body
+from egocap.image_model.image_kernel import Palettes
+from egocap.image_model.image_rays import ImageRays, image_rays, ray_colours
+from egocap.image_model.model import ImageModel
+from egocap.image_model.palette import Background, Palette, colour_bins, learn_palette
+
+SPREAD = 0.12
+"""Scatter of a part's radius among people, in logarithms."""
+WEIGHT = 0.02
+"""Weight of one pixel at `RAYS` rays: neighbouring pixels err together."""
+RAYS = 28_000
+STEPS = (0.08, 0.04, 0.02)
+"""Steps in logarithms by which sizes are tried, round after round."""
+
+Frames = Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]]
+"""Images of all views and pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeFit:
+    """The Gaussians of a person."""
+
+    body: GaussianBody  # with sizes, and the mean colour of each
+    palette: Palette  # their colours in full
+    scales: dict[str, float]  # of every part's radii against the average
+
+
+def fit_shape(proportions: Proportions, rig: Rig, frames: Frames, size: int = 96) -> ShapeFit:
+    """Sizes and colours of the Gaussians of a person from frames of known pose.
+
+    Images are reduced to `size` pixels a side. Raises InputError without frames, and where none
+    shows the body.
+    """
+    if not frames:
+        raise InputError("no frames to find sizes and colours in")
+    rays = image_rays(rig, size, size)
+    plain = GaussianBody.from_proportions(proportions)
+    kinds = np.array([_kind(part) for part in plain.parts])
+    scales = {str(kind): 0.0 for kind in dict.fromkeys(kinds)}
+    bins = [colour_bins(ray_colours(rays, images)) for images, _ in frames]
+    body, palette = plain, learn_palette(plain, rays, frames)
+    for step in STEPS:
+        seen = _against_background(body, palette, rays, frames, bins)
+        for kind in scales:
+            scales[kind] = _better(plain, kinds, scales, kind, step, rays, frames, seen)
+        body = resized(plain, _factors(kinds, scales))
+        palette = learn_palette(body, rays, frames)
+    images, angles = frames[0]
+    body = colour_body(body, rays, images, angles)
+    return ShapeFit(body, palette, {k: round(float(np.exp(v)), 3) for k, v in scales.items()})
+
+
+def resized(body: GaussianBody, factors: Float[Array, "91"]) -> GaussianBody:
+    """The body with every Gaussian's radius times a factor, as opaque along its axis as before."""
+    return replace(body, sigma=body.sigma * factors, density=body.density / factors)
+
+
+def _kind(part: str) -> str:
+    return part.removeprefix("left_").removeprefix("right_")
+
+
+def _factors(kinds: Array, scales: dict[str, float]) -> Float[Array, "91"]:
+    return np.exp([scales[str(kind)] for kind in kinds])
+
+
+def _against_background(
+    body: GaussianBody, palette: Palette, rays: ImageRays, frames: Frames, bins
+) -> list[Palettes]:
+    """What `ImageModel.evaluate` takes of every frame."""
+    model = ImageModel(body, rays)
+    blank = np.zeros((len(rays), 3), np.float32)
+    found = []
+    for (_, angles), of_frame in zip(frames, bins, strict=True):
+        background = Background()
+        model.evaluate(angles, blank)
+        background.see(of_frame, model.opacity)
+        found.append(background.against(palette, of_frame))
+    return found
+
+
+def _better(plain, kinds, scales, kind, step, rays, frames, seen) -> float:
+    """Logarithm of one part's size, walked downhill in steps."""
+
+    def energy(log_size: float) -> float:
+        body = resized(plain, _factors(kinds, scales | {kind: log_size}))
+        model = ImageModel(body, rays)
+        pixels = sum(
+            model.evaluate(angles, colours).energy
+            for (_, angles), colours in zip(frames, seen, strict=True)
+        )
+        return WEIGHT * RAYS / len(rays) * pixels + 0.5 * (log_size / SPREAD) ** 2
+
+    at, lowest = scales[kind], energy(scales[kind])
+    for direction in (step, -step):
+        while abs(at + direction) <= 3.0 * SPREAD and (trial := energy(at + direction)) < lowest:
+            at, lowest = at + direction, trial
+    return at

@@ -1,0 +1,191 @@
+"""A person's bone lengths from detections over many frames, and how well they are known.
+
+Poses of the frames that differ most and the components of one body are found together: bundle
+adjustment (`fit_problem`). The energy is the tracker's own, a frame at a time, plus the prior over
+bodies.
+
+Source: EgoCap 2016, section 4.1 (personalisation from few poses).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import POINTS, SPREAD
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.errors import InputError
+from egocap.fitting.body_prior import BodyPrior, length_spread, proportions_of
+from egocap.fitting.bundle_adjustment import (
+    FitProblem,
+    information,
+    linearised,
+    observations_at,
+    solve,
+    without_bias,
+)
+from egocap.fitting.config import FitConfig
+from egocap.pose.config import TrackerConfig
+from egocap.pose.observations import observe
+
+SYSTEMATIC_M = 0.003
+"""Scatter of a bone's length that no number of frames takes away: detectors mark joints by skin."""
+WELL = 0.03
+"""Relative standard deviation up to which a bone counts as well determined."""
+LEARNED_SHARE = 0.8
+"""Share of its scatter among people of one stature below which a bone's own must come for it to
+count as seen: other bones tell of the stature, but not more."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFit:
+    """A person, and what is known of them. Not converging is no error."""
+
+    proportions: Proportions
+    std: Float[Array, "22"]  # of the length of the bone to each point, metres
+    prior_std: Float[Array, "22"]  # the same before anything was seen
+    usual_std: Float[Array, "22"]  # the same among people of one stature
+    components: Float[Array, "K"]  # `body_prior.COMPONENTS`, metres
+    covariance: Float[Array, "K K"]
+    frames: Int[Array, "F"]  # which took part
+    angles: Float[Array, "F 37"]  # their poses, radians
+    detections: int  # how many took part
+    seen: Int[Array, "18"]  # how many of each label
+    residual: float  # root mean square, in the detections' standard deviations
+    converged: bool
+    config: dict[str, object] = field(default_factory=dict)
+
+    @property
+    def relative_std(self) -> Float[Array, "22"]:
+        """Standard deviation of every bone as a share of its length; 0 where there is none."""
+        lengths = np.linalg.norm(self.proportions.offsets, axis=1)
+        return np.where(lengths > 1e-6, self.std / np.maximum(lengths, 1e-6), 0.0)
+
+    def spread(self, count: int) -> list[tuple[int, int]]:
+        """Row in `angles` and number of the frame, for so many frames spread over those used."""
+        rows = np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int))
+        return [(int(row), int(self.frames[row])) for row in rows]
+
+    @property
+    def well_determined(self) -> Bool[Array, "22"]:
+        """Bones that are known well, and that from the detections, not from the prior."""
+        return (self.relative_std <= WELL) & self.learned
+
+    @property
+    def learned(self) -> Bool[Array, "22"]:
+        """Bones of which the detections told more than the stature does."""
+        return self.std < LEARNED_SHARE * self.usual_std
+
+    def report(self) -> dict[str, dict[str, float | str]]:
+        """Length in metres, standard deviation in %, and what they rest on, by bone."""
+        lengths = self.proportions.bone_lengths
+        lines: dict[str, dict[str, float | str]] = {}
+        for i, name in enumerate(POINTS):
+            if lengths[name] > 1e-6:
+                seen = "well" if self.well_determined[i] else "badly"
+                verdict = seen if self.learned[i] else "prior"
+                lines[name] = {
+                    "length_m": round(lengths[name], 4),
+                    "std_percent": round(100.0 * float(self.relative_std[i]), 2),
+                    "determined": verdict,
+                }
+        return lines
+
+
+def fit_body(
+    detections: Detections,
+    rig: Rig,
+    height: float | None = None,
+    config: FitConfig = FitConfig(),  # noqa: B008 (frozen)
+    tracker: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
+) -> BodyFit:
+    """The proportions of the person whom detections in all views of a rig show.
+
+    `height` in metres, where it is known, is a strong prior. Bones that no detection tells of stay
+    at the prior, and `report` says so. Raises InputError for a height that no adult has, when there
+    are no detections at all, and as `tracker.track`.
+    """
+    from egocap.track.tracker import track
+
+    prior = BodyPrior.of(height)
+    average = proportions_of(prior.mean)
+    followed = track(detections, rig, average, tracker)
+    observations = observe(detections, rig, average, tracker)
+    used = np.count_nonzero(observations.weights, axis=(1, 2))
+    if not used.any():
+        raise InputError("no detection to fit a body to")
+    frames = _chosen(followed.angles, used, config.frames)
+    of_frames = observations_at(observations, frames)
+    problem = FitProblem(of_frames, prior, tracker)
+    poses, components, converged = solve(problem, followed.angles[frames], prior.mean, config)
+    poses, unbiased = without_bias(problem, poses, components)
+    return _finished(problem, poses, unbiased, unbiased - components, converged, frames)
+
+
+def first_seconds(detections: Detections, seconds: float) -> Detections:
+    """The first seconds of some detections. Raises InputError for no time at all."""
+    if not seconds > 0.0:
+        raise InputError(f"the first {seconds} s", valid="above 0")
+    times = np.asarray(detections.times, float)
+    count = int(np.count_nonzero(times <= times[:1] + seconds)) if len(times) else 0
+    parts = {
+        name: getattr(detections, name)[:count]
+        for name in ("times", "points", "sigma", "confidence", "valid", "modes", "mode_weights")
+        if getattr(detections, name) is not None
+    }
+    return replace(detections, **parts)
+
+
+def _chosen(angles: Float[Array, "T 37"], used: Int[Array, "T"], count: int) -> Int[Array, "F"]:
+    """Frames that differ most from each other, among those with enough detections.
+
+    Farthest-point selection: similar poses tell the same thing twice.
+    """
+    able = np.flatnonzero(used >= 0.5 * np.median(used[used > 0]))
+    if len(able) <= count:
+        return able
+    scaled = angles[able] / SPREAD
+    picked = [int(np.argmax(used[able]))]
+    distance = np.full(len(able), np.inf)
+    while len(picked) < count:
+        distance = np.minimum(distance, ((scaled - scaled[picked[-1]]) ** 2).sum(1))
+        picked.append(int(np.argmax(distance)))
+    return able[np.sort(picked)]
+
+
+def _finished(
+    problem: FitProblem,
+    poses: Float[Array, "T 37"],
+    components: Float[Array, "K"],
+    corrected: Float[Array, "K"],
+    converged: bool,
+    frames: Int[Array, "T"],
+) -> BodyFit:
+    system = linearised(problem, poses, components)
+    weights = problem.observations.weights
+    used = weights > 0.0
+    # Detections that are worse than they say make the body less sure; better ones do not help.
+    typical = float(np.median(system.squared[used]) / (2.0 * np.log(2.0)))
+    covariance = np.linalg.inv(information(system)) * max(1.0, typical)
+    covariance += np.outer(corrected, corrected)  # no correction is surer than its size
+    prior_std = length_spread(components, problem.prior.covariance)
+    std = np.minimum(np.hypot(length_spread(components, covariance), SYSTEMATIC_M), prior_std)
+    return BodyFit(
+        proportions=proportions_of(components),
+        std=std,
+        prior_std=prior_std,
+        usual_std=length_spread(components, problem.prior.individual),
+        components=components,
+        covariance=covariance,
+        frames=frames,
+        angles=poses,
+        detections=int(used.sum()),
+        seen=used.sum((0, 1)),
+        residual=float(np.sqrt(system.squared[used].mean() / 2.0)),
+        converged=converged,
+    )

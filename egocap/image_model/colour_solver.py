@@ -1,0 +1,246 @@
+"""Minimise the colour energy with the priors: damped Gauss-Newton, and the paper's descent.
+
+The energies of `egocap.pose.energy` are negative log-posteriors; the colour energy joins them
+times `ImageSolverConfig.lambda_colour`, so that it and the pose prior, the limits and the motion
+prediction can be weighed against each other as in equation 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from numpy import ndarray as Array
+
+from egocap.body.skeleton import DOF_COUNT, DOFS, SPREAD
+from egocap.errors import InputError
+from egocap.image_model.colour_term import felt_angles
+from egocap.image_model.image_kernel import Palettes
+from egocap.image_model.model import Evaluation, ImageModel
+from egocap.image_model.stochastic import PixelSampler
+from egocap.pose.config import TrackerConfig
+from egocap.pose.energy import predict
+from egocap.pose.kernel import detections, make_model, priors, smoothness
+from egocap.pose.observations import Observations
+from egocap.pose.solver import cholesky_solve
+
+UPPER_BODY: Bool[Array, "37"] = np.array([not n.split("_")[1].startswith(("hip", "knee", "ankle"))
+                                          for n in DOFS])  # fmt: skip
+"""Angles of spine, neck and arms: what the paper's live test tracks."""
+
+
+@dataclass(frozen=True)
+class ImageSolverConfig:
+    """Settings of the colour-based solver."""
+
+    lambda_colour: float = 0.02
+    """Weight of the colour energy: of one pixel that fits wholly or not at all. Neighbouring pixels
+    err together, so that each counts far less than a measurement of its own."""
+    reference_rays: int = 28_000
+    """Number of rays at which `lambda_colour` holds; with fewer, each weighs more."""
+    iterations: int = 8
+    """Gauss-Newton steps a frame."""
+    stochastic_iterations: int = 50
+    """Steps a frame of the stochastic descent."""
+    stochastic_rays: int = 600
+    """Rays a step."""
+    stochastic_keep: float = 0.5
+    """Share of the Gaussians that a ray's derivative goes to."""
+    step: float = 0.02
+    """First step of the stochastic descent, in spreads of each angle; it decays to a tenth."""
+    tolerance: float = 1e-3
+    """A frame has converged when a step lowers its energy by less than this share of the first."""
+
+    def __post_init__(self) -> None:
+        for name in ("reference_rays", "iterations", "stochastic_iterations", "stochastic_rays",
+                     "stochastic_keep", "step"):  # fmt: skip
+            if not 0 < getattr(self, name) < float("inf"):
+                raise InputError(f"{name} = {getattr(self, name)}", valid="above 0")
+        if self.stochastic_keep > 1.0:
+            raise InputError(f"stochastic_keep = {self.stochastic_keep}", valid="up to 1")
+        for name in ("lambda_colour", "tolerance"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise InputError(f"{name} = {getattr(self, name)}", valid="a number from 0")
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A minimised pose. Not converging is no error."""
+
+    angles: Float[Array, "37"]
+    energy: float
+    converged: bool
+    steps: int
+    colour: Evaluation | None = None  # there, unweighted, where the model has seen no pose since
+
+
+class ImageSolver:
+    """Finds poses that explain images, from colours alone.
+
+    `free` are the angles that may move; the others stay at their start. Detections of the same
+    frames join the colours when `observations` are given to `solve`.
+    """
+
+    def __init__(
+        self,
+        model: ImageModel,
+        config: ImageSolverConfig = ImageSolverConfig(),
+        priors_config: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
+        free: Bool[Array, "37"] | None = None,
+    ) -> None:
+        self.model, self.config, self.priors_config = model, config, priors_config
+        self.free = np.ones(DOF_COUNT, bool) if free is None else np.asarray(free, bool)
+        self._skeleton = make_model(model.body.proportions, priors_config)
+        self._weight = config.lambda_colour * config.reference_rays / len(model.rays)
+        self._sampler = PixelSampler(model)
+
+    def solve(
+        self,
+        colours: Float32[Array, "P 3"] | Palettes,
+        start: Float[Array, "37"],
+        predicted: Float[Array, "37"] | None = None,
+        scatter: Float[Array, "37"] | None = None,
+        observations: Observations | None = None,
+        frame: int = 0,
+    ) -> Solution:
+        """Damped Gauss-Newton from a start.
+
+        A prediction with its scatter pulls when given, and so do the detections of one frame; then
+        the colours move only limbs that were detected (`colour_term.felt_angles`).
+        """
+        angles, damping = np.array(start, float), 1e-3
+        seen = _detected(observations, frame)
+        energy, gradient, H, colour = self._total(colours, angles, predicted, scatter, seen)
+        first, steps, done = abs(energy), 0, False
+        while steps < self.config.iterations and not done:
+            trial = angles + self._step(gradient, H, damping)
+            new, new_gradient, new_H, there = self._total(colours, trial, predicted, scatter, seen)
+            steps += 1
+            if new < energy:
+                done = energy - new < self.config.tolerance * first
+                angles, energy, gradient, H, colour = trial, new, new_gradient, new_H, there
+                damping = max(0.2 * damping, 1e-6)
+            else:
+                done, colour = damping > 1e4, None
+                damping *= 10.0
+        return Solution(angles, energy, done, steps, colour)
+
+    def energy(
+        self,
+        colours: Float32[Array, "P 3"] | Palettes,
+        angles: Float[Array, "37"],
+        observations: Observations | None = None,
+        frame: int = 0,
+    ) -> float:
+        """What `solve` lowers, at a pose: colours, priors and, when given, detections."""
+        colour, seen = self.model.evaluate(angles, colours), _detected(observations, frame)
+        energy, gradient, H = self._with_priors(colour, angles, None, None)
+        if seen is None:
+            return energy
+        scale = float(self.priors_config.robust_scale)
+        return energy + detections(self._skeleton, angles, *seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
+
+    def descend(
+        self,
+        colours: Float32[Array, "P 3"] | Palettes,
+        start: Float[Array, "37"],
+        rng: np.random.Generator,
+        predicted: Float[Array, "37"] | None = None,
+        scatter: Float[Array, "37"] | None = None,
+    ) -> Solution:
+        """The paper's stochastic descent: random pixels and random Gaussians every step.
+
+        Steps are scaled to each angle by Adam (Kingma & Ba 2015), as angles differ in their pull.
+        """
+        angles, config = np.array(start, float), self.config
+        mean, square = np.zeros(DOF_COUNT), np.zeros(DOF_COUNT)
+        self._sampler.aim(colours, angles)
+        for i in range(config.stochastic_iterations):
+            estimate = self._sampler.estimate(
+                colours, angles, config.stochastic_rays, config.stochastic_keep, rng
+            )
+            _, gradient, _ = self._with_priors(estimate, angles, predicted, scatter)
+            gradient = np.where(self.free, gradient * SPREAD, 0.0)
+            mean, square = 0.8 * mean + 0.2 * gradient, 0.95 * square + 0.05 * gradient**2
+            corrected = mean / (1.0 - 0.8 ** (i + 1))
+            root = np.sqrt(square / (1.0 - 0.95 ** (i + 1)))
+            rate = config.step * 0.1 ** (i / config.stochastic_iterations)
+            angles -= rate * SPREAD * corrected / (root + 1e-6 + 0.1 * root.max())
+        energy, _, _, colour = self._total(colours, angles, predicted, scatter)
+        return Solution(angles, energy, True, config.stochastic_iterations, colour)
+
+    def _total(self, colours, angles, predicted, scatter, seen=None):
+        colour = evaluation = self.model.evaluate(angles, colours, curvature=True)
+        if seen is not None and evaluation.curvature is not None:
+            felt = felt_angles((seen[-1] > 0.0).any(0))
+            evaluation = Evaluation(
+                evaluation.energy, evaluation.gradient * felt,
+                evaluation.curvature * np.outer(felt, felt),
+            )  # fmt: skip
+        energy, gradient, H = self._with_priors(evaluation, angles, predicted, scatter)
+        if seen is not None:
+            scale = float(self.priors_config.robust_scale)
+            energy += detections(self._skeleton, angles, *seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
+        return energy, gradient, H, colour
+
+    def _with_priors(
+        self, colour: Evaluation, angles: Float[Array, "37"], predicted, scatter
+    ) -> tuple[float, Float[Array, "37"], Float[Array, "37 37"]]:
+        """Energy, gradient and the lower triangle of the Gauss-Newton matrix of all terms."""
+        H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
+        energy = priors(self._skeleton, angles, H, g)
+        if predicted is not None:
+            energy += smoothness(self._skeleton, angles, predicted, scatter, H, g)
+        if colour.curvature is not None:
+            H += self._weight * colour.curvature
+        return energy + self._weight * colour.energy, g + self._weight * colour.gradient, H
+
+    def _step(self, gradient, H, damping) -> Float[Array, "37"]:
+        step, L = np.zeros(DOF_COUNT), np.zeros((DOF_COUNT, DOF_COUNT))
+        free = np.flatnonzero(self.free)
+        inner = np.ascontiguousarray(H[np.ix_(free, free)]) + 1e-9 * np.eye(len(free))
+        x, right = np.zeros(len(free)), -gradient[free]
+        while not cholesky_solve(inner, damping, right, L, x):
+            damping = max(10.0 * damping, 1e-6)
+        longest = np.abs(x).max()
+        # Beyond a third of a radian the images have little to do with the linearisation.
+        step[free] = x * min(1.0, 0.3 / max(longest, 1e-12))
+        return step
+
+
+def _detected(observations: Observations | None, frame: int):
+    if observations is None:
+        return None
+    of_frame = (a[frame] for a in (observations.rays, observations.whiten, observations.weights))
+    return observations.centres, *of_frame
+
+
+def track_colours(
+    solver: ImageSolver,
+    frames,
+    start: Float[Array, "37"],
+    fps: float,
+    rng: np.random.Generator | None = None,
+) -> list[Solution]:
+    """Follow a pose through the colours of successive frames, each from its past alone.
+
+    Frames are what `ImageModel.evaluate` takes; a generator that calls `ColourTerm.see` gives each
+    frame's colours against the background at the last pose, when that frame's turn comes.
+
+    `start` is the pose at the first frame. With `rng` every frame is solved by the stochastic
+    descent, else by Gauss-Newton.
+    """
+    found: list[Solution] = []
+    scatter = np.maximum(solver.priors_config.speed / fps * SPREAD, 1e-3)
+    last = before = np.asarray(start, float)
+    for colours in frames:
+        predicted = predict(last, before, solver.priors_config.zeta)
+        predicted = np.where(solver.free, predicted, start)
+        if rng is None:
+            solution = solver.solve(colours, predicted, predicted, scatter)
+        else:
+            solution = solver.descend(colours, predicted, rng, predicted, scatter)
+        last, before = solution.angles, last
+        found.append(solution)
+    return found

@@ -1,0 +1,171 @@
+"""The images' term of the energy, for one frame after another: what a solver adds to its own sums.
+
+    term = ColourTerm(body, rig, palette)
+    term.see(frame.images, predicted)       # once a frame
+    energy += term.add(angles, H, g)        # once a step
+    term.settle(angles)                     # once a frame, to follow the light
+
+The term is a negative log-likelihood times `weight`. Neighbouring pixels err together, as the body
+is not made of spheres and cloth folds, so that a pixel counts far less than a measurement of its
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt8
+from numpy import ndarray as Array
+
+from egocap.body.gaussians import GaussianBody
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import LABEL_POINTS, MOVES
+from egocap.cameras.rig import Rig
+from egocap.errors import InputError
+from egocap.image_model.illumination import Illumination, learn_in_light
+from egocap.image_model.image_kernel import Palettes
+from egocap.image_model.image_rays import image_rays, ray_colours, require_pictures
+from egocap.image_model.model import Evaluation, ImageModel
+from egocap.image_model.palette import Background, Palette, colour_bins, learn_palette
+
+NEEDED = 2
+"""Joints of a limb that must have been detected before the images may move it."""
+
+
+def felt_angles(detected: Bool[Array, "18"]) -> Bool[Array, "37"]:
+    """Which angles the images may move, where `detected` joints were found in any view.
+
+    A limb that the body hides has almost no pixels, and those that the model wrongly gives it, past
+    the rim of a trunk that is too thin, would drag it far: nothing else holds it. An angle is felt
+    when two joints that it moves were detected, or all that it moves.
+    """
+    moved = MOVES[list(LABEL_POINTS)]
+    return (moved & detected[:, None]).sum(0) >= np.minimum(moved.sum(0), NEEDED)
+
+
+@dataclass(frozen=True)
+class ColourTermConfig:
+    """Settings of the colour term."""
+
+    size: int = 128
+    """Width and height in pixels to which every view is reduced."""
+    weight: float = 0.01
+    """Weight of one pixel that fits wholly or not at all, at `reference_rays`."""
+    reference_rays: int = 28_000
+    """Number of rays at which `weight` holds; with fewer, each weighs more."""
+
+    def __post_init__(self) -> None:
+        if not 16 <= self.size <= 512:
+            raise InputError(f"images of {self.size} pixels", valid="16 to 512")
+        if not 0.0 <= self.weight < float("inf"):
+            raise InputError(f"weight = {self.weight}", valid="a number from 0")
+        if self.reference_rays < 1:
+            raise InputError(f"reference_rays = {self.reference_rays}", valid="from 1")
+
+
+class ColourTerm:
+    """A person's colours against those behind them, in one frame after another.
+
+    Not to be shared between Python threads.
+    """
+
+    def __init__(
+        self,
+        body: GaussianBody,
+        rig: Rig,
+        palette: Palette,
+        config: ColourTermConfig = ColourTermConfig(),
+        threads: int | None = None,
+        light: Illumination | None = None,
+    ) -> None:
+        self.config, self.palette, self.light = config, palette, light
+        self.model = ImageModel(body, image_rays(rig, config.size, config.size), threads=threads)
+        self.weight = config.weight * config.reference_rays / len(self.model.rays)
+        self._background = Background()
+        self._seen: Palettes | None = None
+        self._hsv: Float32[Array, "P 3"] | None = None
+        self.visibility: Float32[Array, "P 91"] | None = None
+        """Of every Gaussian along every ray, at the pose that `see` was given last."""
+
+    @classmethod
+    def learned(
+        cls, rig: Rig, proportions: Proportions,
+        frames: Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]],
+        config: ColourTermConfig, follow_light: bool = True,
+    ) -> ColourTerm:  # fmt: skip
+        """Of a person in the colours that images of known poses show.
+
+        Raises InputError for pictures that are not of the rig's shape.
+        """
+        require_pictures(rig, frames[0][0])
+        body = GaussianBody.from_proportions(proportions)
+        rays, light = image_rays(rig, config.size, config.size), None
+        if follow_light:
+            palette, light = learn_in_light(body, rig, rays, frames)
+        else:
+            palette = learn_palette(body, rays, frames)
+        return cls(body, rig, palette, config, light=light)
+
+    def see(
+        self, images: Sequence[UInt8[Array, "H W 3"]], pose: Float[Array, "37"] | None = None
+    ) -> Palettes:
+        """Take in a frame's RGB images; returns what `ImageModel.evaluate` takes as its colours.
+
+        The background is read off where the body at `pose` is not. Without a pose it is that at
+        which `add` was called last, which spares an evaluation; the first frame needs one. Raises
+        InputError for another number of images than of views, or without a pose at first.
+        """
+        if pose is not None:
+            self.visibility = self.model.visibility(pose)
+            opacity = self.visibility.sum(axis=1)
+        elif self._seen is None:
+            raise InputError("the first frame's colours need a pose to tell body from background")
+        else:
+            opacity = self.model.opacity
+        if self.light is not None and self._seen is None and pose is not None:
+            self.light.meet(self._colours(images), pose)
+        self._hsv = self._colours(images)
+        bins = colour_bins(self._hsv)
+        self._background.see(bins, opacity)
+        self._seen = self._background.against(self.palette, bins)
+        return self._seen
+
+    def settle(self, angles: Float[Array, "37"]) -> None:
+        """Tell the pose that the last frame came to: the light is followed by it."""
+        if self.light is not None and self._hsv is not None:
+            self.light.follow(self._hsv, angles)
+
+    def _colours(self, images: Sequence[UInt8[Array, "H W 3"]]) -> Float32[Array, "P 3"]:
+        return ray_colours(self.model.rays, images, None if self.light is None else self.light.gain)
+
+    def forget(self) -> None:
+        """Forget the background: the next frame does not follow the last."""
+        self._background, self._seen = Background(), None
+
+    def add(
+        self,
+        angles: Float[Array, "37"],
+        H: Float[Array, "37 37"],
+        g: Float[Array, "37"],
+        felt: Bool[Array, "37"] | None = None,
+        found: Evaluation | None = None,
+    ) -> float:
+        """Energy at a pose; its gradient is added to g, its Gauss-Newton matrix to H.
+
+        All are times the weight. The matrix is whole: lower and upper triangle. Angles that are not
+        `felt` get nothing; see `felt_angles`. `found` is what the model found there when it was
+        asked last, and spares asking again. Raises InputError before the first frame.
+        """
+        if self._seen is None:
+            raise InputError("the colour term has seen no frame yet", valid="see() first")
+        if found is None:
+            found = self.model.evaluate(angles, self._seen, curvature=True)
+        assert found.curvature is not None
+        gradient, curvature = found.gradient, found.curvature
+        if felt is not None:
+            gradient, curvature = gradient * felt, curvature * np.outer(felt, felt)
+        H += self.weight * curvature
+        g += self.weight * gradient
+        return self.weight * found.energy

@@ -1,0 +1,149 @@
+"""What colours each Gaussian of a person shows, against those of the background: a likelihood.
+
+The paper's measure asks how unlike a pixel and a Gaussian are. Where the background is like the
+person, that rewards a body that swells over it: the energy has no say about what lies behind. Here
+the image is a mixture: along a ray, Gaussian q is seen with probability V_q and the background with
+the rest. With p_q and p_0 the distributions of their colours, the dissimilarity of a colour c is
+
+    d_q(c) = clip(log(p_0(c) / p_q(c)) / LOG_RATIO, -1, 1),
+
+the log-likelihood ratio: -1 for a colour that is the Gaussian's own, 1 for one that is not, and 0
+where a colour tells nothing, be it that body and background share it or that neither has it.
+
+Distributions are histograms over brightness and two chromaticities that shading does not change,
+smoothed. A Gaussian's own pixels count first; those of its part, of the whole person, and an even
+floor fill in what it has not shown. The background's is read off every frame where the body is not.
+
+Source: likelihood-ratio region tracking, e.g. Prisacariu & Reid 2012, "PWP3D: real-time
+segmentation and tracking of 3D objects"; Bibby & Reid 2008, "Robust real-time visual tracking using
+pixel-wise posteriors"; the place in the energy is EgoCap 2016, equation 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int32, UInt8
+from numpy import ndarray as Array
+
+from egocap.body.gaussians import GaussianBody
+from egocap.errors import InputError
+from egocap.image_model.image_kernel import Palettes
+from egocap.image_model.image_rays import ImageRays, ray_colours
+
+VALUES, CHROMAS = 10, 12
+"""Bins of brightness, and of each chromaticity."""
+BINS = VALUES * CHROMAS * CHROMAS
+LOG_RATIO = 3.0
+"""Logarithm of the ratio of likelihoods that counts in full."""
+DIM = 0.1
+"""Brightness at which a hue is half as reliable."""
+OWN_PIXELS, PART_PIXELS = 4.0, 12.0
+"""Pixels at which a Gaussian's own colours weigh as much as its part's, and those as all's."""
+FLOOR = 0.02
+"""Share of a distribution that lies evenly over all colours."""
+CLEAR = 0.1
+"""Opacity under which a ray shows the background."""
+MEMORY = 0.95
+"""Share of the background's histogram that stays from frame to frame."""
+_BLUR = (1.0, 0.8, 0.8)
+
+
+def colour_bins(hsv: Float[Array, "P 3"]) -> Int32[Array, "P"]:
+    """The bin of each colour, given in hue, saturation and value from 0 to 1."""
+    hue, saturation, value = np.moveaxis(np.asarray(hsv, np.float32), -1, 0)
+    reach = np.sqrt(saturation * value / (value + np.float32(DIM)))  # finer near grey
+    angle = np.float32(2.0 * np.pi) * hue
+    u, v = reach * np.cos(angle), reach * np.sin(angle)
+    row = np.minimum((np.sqrt(value) * VALUES).astype(np.int32), VALUES - 1)
+    first, second = (
+        np.clip(((x + 1.0) * (CHROMAS / 2)).astype(np.int32), 0, CHROMAS - 1) for x in (u, v)
+    )
+    return (row * CHROMAS + first) * CHROMAS + second
+
+
+@dataclass(frozen=True, eq=False)
+class Palette:
+    """The colours of a person's Gaussians."""
+
+    log_density: Float32[Array, "G K"]  # of every Gaussian over `colour_bins`, of probabilities
+
+    @classmethod
+    def learn(
+        cls,
+        body: GaussianBody,
+        seen: Sequence[Float32[Array, "P G"]],
+        bins: Sequence[Int32[Array, "P"]],
+    ) -> Palette:
+        """From frames at known poses: visibility of every Gaussian along every ray, and bins.
+
+        Raises InputError when there is no frame or none shows the body.
+        """
+        counts = np.zeros((len(body.parts), BINS))
+        for weights, at in zip(seen, bins, strict=True):
+            sure = weights.astype(float) ** 2
+            for q in np.flatnonzero(sure.sum(0) > 0.0):
+                counts[q] += np.bincount(at, sure[:, q], BINS)
+        if not counts.sum() > 0.0:
+            raise InputError("no frame shows the body, so that its colours cannot be learned")
+        plain = np.array([n.removeprefix("left_").removeprefix("right_") for n in body.parts])
+        everything = _shares(counts.sum(0))
+        filled = np.empty_like(counts)
+        for q in range(len(counts)):
+            part = counts[plain == plain[q]].sum(0)
+            part = (part + PART_PIXELS * everything) / (part.sum() + PART_PIXELS)
+            filled[q] = (counts[q] + OWN_PIXELS * part) / (counts[q].sum() + OWN_PIXELS)
+        return cls(np.log(_smooth(filled)).astype(np.float32))
+
+
+def learn_palette(
+    body: GaussianBody,
+    rays: ImageRays,
+    frames: Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]],
+) -> Palette:
+    """The colours of a body in frames of which images and pose are known.
+
+    Raises InputError as `Palette.learn`.
+    """
+    from egocap.image_model.model import ImageModel
+
+    model = ImageModel(body, rays)
+    seen = [model.visibility(angles) for _, angles in frames]
+    bins = [colour_bins(ray_colours(rays, images)) for images, _ in frames]
+    return Palette.learn(body, seen, bins)
+
+
+class Background:
+    """The colours behind the body, followed from frame to frame."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(BINS)
+
+    def see(self, bins: Int32[Array, "P"], opacity: Float32[Array, "P"]) -> None:
+        """Take in a frame whose rays the body covers by `opacity`."""
+        new = np.bincount(bins[opacity < CLEAR], minlength=BINS)
+        self._counts = MEMORY * self._counts + (1.0 - MEMORY) * _shares(new)
+
+    def against(self, palette: Palette, bins: Int32[Array, "P"]) -> Palettes:
+        """What `ImageModel.evaluate` takes: the rays' bins, and every Gaussian's dissimilarity."""
+        behind = np.log(_smooth(_shares(self._counts)[None])).astype(np.float32)
+        unlike = np.clip((behind - palette.log_density) / np.float32(LOG_RATIO), -1.0, 1.0)
+        return Palettes(bins, np.ascontiguousarray(unlike, np.float32))
+
+
+def _shares(counts: Float[Array, "K"]) -> Float[Array, "K"]:
+    total = counts.sum()
+    return counts / total if total > 0.0 else np.full(len(counts), 1.0 / len(counts))
+
+
+def _smooth(shares: Float[Array, "G K"]) -> Float[Array, "G K"]:
+    """Histograms blurred over neighbouring bins, with an even floor."""
+    from scipy.ndimage import gaussian_filter
+
+    grid = shares.reshape(-1, VALUES, CHROMAS, CHROMAS)
+    blurred = gaussian_filter(grid, (0.0, *_BLUR), mode="nearest", truncate=2.5).reshape(
+        shares.shape
+    )
+    return (1.0 - FLOOR) * blurred / blurred.sum(-1, keepdims=True) + FLOOR / BINS

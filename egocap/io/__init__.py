@@ -1,1 +1,0 @@
-"""Other programs' files: motion for animation tools, head poses from elsewhere."""

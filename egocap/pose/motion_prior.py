@@ -1,0 +1,240 @@
+"""How people's joint angles go together over time: a stationary Gaussian process, learned.
+
+A leg that the body hides is told by the other leg half a step ago, by the swing of the arms and by
+where it was last seen: by how every angle goes with every other, now and up to two seconds apart.
+These covariances are learned from motions (`python -m egocap_eval.priors.learn_motion`).
+Given what a track's detections say about the angles, the process says what the angles were, hidden
+ones included; the smoother is then guided by it. Knots lie a tenth of a second apart; windows of
+them are solved at once, and each keeps its middle.
+
+Source: Rasmussen & Williams 2006, "Gaussian Processes for Machine Learning", sections 2.2 and 9.1;
+Wang, Fleet & Hertzmann 2008, "Gaussian process dynamical models for human motion", for the idea.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.body.skeleton import DOF_COUNT, DOFS, MIRROR_DOFS, MIRROR_SIGNS
+from egocap.errors import FileError
+from egocap.pose.config import TrackerConfig
+from egocap.pose.kernel import Model, detections
+from egocap.pose.observations import Observations
+
+FILE = Path(__file__).with_name("motion_prior.npz")
+STEP_S = 0.1
+LAGS = 21
+"""Knots in a window: two seconds."""
+_HOP = 10  # knots that a window contributes
+_SLACK = np.deg2rad(2.0)
+"""Scatter of every angle about the process, so that nothing counts as impossible."""
+_LONGEST_KNOTS = 150  # of one motion: longer ones count no more
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPrior:
+    """Mean [rad] of the angles and their covariances [rad^2] at lags of `STEP_S`."""
+
+    mean: Float[Array, "37"]
+    covariances: Float[Array, "21 37 37"]  # of angles with those so many knots before
+
+    @cached_property
+    def window(self) -> Float[Array, "777 777"]:
+        """Covariance of all angles at all knots of a window."""
+        blocks = [
+            [self.covariances[i - j] if i >= j else self.covariances[j - i].T for j in range(LAGS)]
+            for i in range(LAGS)
+        ]
+        return np.block(blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """What the process says of every frame: a Gaussian over its angles."""
+
+    mean: Float[Array, "T 37"]  # rad
+    precision: Float[Array, "T 37 37"]  # rad^-2
+
+    def __getitem__(self, frames: slice) -> Guide:
+        """Some of the frames."""
+        return Guide(self.mean[frames], self.precision[frames])
+
+    def replaced(self, other: Guide, frames: Bool[Array, "T"]) -> Guide:
+        """This, and another one in some frames."""
+        return Guide(
+            np.where(frames[:, None], other.mean, self.mean),
+            np.where(frames[:, None, None], other.precision, self.precision),
+        )
+
+
+NO_GUIDE = Guide(np.zeros((0, DOF_COUNT)), np.zeros((0, DOF_COUNT, DOF_COUNT)))
+
+
+def learn_motion_prior(motions: Sequence[Float[Array, "T 37"]], fps: float) -> MotionPrior:
+    """Mean and covariances of some motions and their mirrors.
+
+    Sums over pairs are divided by the number of all frames, not of pairs, which keeps the process
+    possible (positive definite) and trusts long lags less.
+    """
+    stride = round(STEP_S * fps)
+    parts = [
+        part[start::stride]
+        for motion in motions
+        for part in (motion, motion[:, MIRROR_DOFS] * MIRROR_SIGNS)
+        for start in range(stride)
+    ]
+    shares = [min(1.0, _LONGEST_KNOTS / max(len(part), 1)) for part in parts]
+    total = sum(share * len(part) for share, part in zip(shares, parts, strict=True))
+    mean = sum(share * part.sum(0) for share, part in zip(shares, parts, strict=True)) / total
+    covariances = np.zeros((LAGS, DOF_COUNT, DOF_COUNT))
+    for share, part in zip(shares, parts, strict=True):
+        away = part - mean
+        for lag in range(min(LAGS, len(part))):
+            covariances[lag] += share * away[lag:].T @ away[: len(away) - lag] / total
+    covariances[0] += _SLACK**2 * np.eye(DOF_COUNT)
+    return MotionPrior(np.asarray(mean), covariances)
+
+
+def save_motion_prior(prior: MotionPrior, path: Path = FILE) -> None:
+    """Write a learned prior as npz, in single precision."""
+    np.savez_compressed(
+        path, dofs=np.array(DOFS), mean=prior.mean.astype(np.float32),
+        covariances=prior.covariances.astype(np.float32),
+    )  # fmt: skip
+
+
+@cache
+def load_motion_prior(path: Path = FILE) -> MotionPrior:
+    """Read a learned prior. Raises FileError."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            found = {name: archive[name] for name in archive.files}
+        prior = MotionPrior(found["mean"].astype(float), found["covariances"].astype(float))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        raise FileError(path, "not a motion prior") from None
+    shapes = prior.mean.shape, prior.covariances.shape
+    if tuple(found.get("dofs", ())) != DOFS or shapes != (
+        (DOF_COUNT,), (LAGS, DOF_COUNT, DOF_COUNT)
+    ):  # fmt: skip
+        raise FileError(path, "not for this skeleton's angles", key="dofs")
+    if not np.isfinite(prior.covariances).all() or np.linalg.eigvalsh(prior.window)[0] <= 0:
+        raise FileError(path, "not positive definite", key="covariances")
+    return prior
+
+
+def guide_of(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
+) -> Guide:
+    """What the learned process makes of a track's detections, taken as linear about the track."""
+    prior = load_motion_prior()
+    information, pull = _information(angles, observations, model, config)
+    mean = np.empty_like(angles)
+    precision = np.empty((len(angles), DOF_COUNT, DOF_COUNT))
+    for part in _stretches(observations.times):
+        mean[part], precision[part] = _guide_stretch(
+            observations.times[part], angles[part], information[part], pull[part], prior
+        )
+    return Guide(mean, precision)
+
+
+def _information(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
+) -> tuple[Float[Array, "T 37 37"], Float[Array, "T 37"]]:
+    """Every frame's Gauss-Newton matrix and negative gradient of its detections."""
+    information = np.zeros((len(angles), DOF_COUNT, DOF_COUNT))
+    pull = np.zeros_like(angles)
+    for t, pose in enumerate(np.ascontiguousarray(angles)):
+        detections(
+            model, pose, observations.centres, observations.rays[t], observations.whiten[t],
+            observations.weights[t], float(config.robust_scale), information[t], pull[t],
+        )  # fmt: skip
+    information += np.swapaxes(np.tril(information, -1), 1, 2)
+    return config.motion_share * information, -config.motion_share * pull
+
+
+def _stretches(times: Float[Array, "T"]) -> Iterator[slice]:
+    """Frames without a gap longer than a window."""
+    breaks = np.flatnonzero(np.diff(times) > LAGS * STEP_S) + 1
+    edges = [0, *breaks.tolist(), len(times)]
+    yield from (slice(a, b) for a, b in pairwise(edges))
+
+
+def _guide_stretch(
+    times: Float[Array, "T"], angles: Float[Array, "T 37"], information: Float[Array, "T 37 37"],
+    pull: Float[Array, "T 37"], prior: MotionPrior,
+) -> tuple[Float[Array, "T 37"], Float[Array, "T 37 37"]]:  # fmt: skip
+    from scipy.interpolate import make_interp_spline
+
+    count = max(1, round((times[-1] - times[0]) / STEP_S) + 1)
+    knots = times[0] + STEP_S * np.arange(count)
+    nearest = np.clip(np.round((times - times[0]) / STEP_S).astype(int), 0, count - 1)
+    at_knots = np.stack([np.interp(knots, times, column) for column in angles.T], -1)
+    matrices, targets = np.zeros((count, DOF_COUNT, DOF_COUNT)), np.zeros((count, DOF_COUNT))
+    # A frame tells of its knot by how far it lies from where the track was then, not now.
+    departure = at_knots - prior.mean
+    np.add.at(matrices, nearest, information)
+    np.add.at(targets, nearest, pull + np.einsum("tij,tj->ti", information, departure[nearest]))
+    means, covariances = condition(matrices, targets, prior)
+    means += prior.mean
+    degree = min(3, count - 1)
+    spline = make_interp_spline(knots, means, k=degree) if count > 1 else lambda _: means
+    mean = np.asarray(spline(np.minimum(times, knots[-1])))
+    precision = np.linalg.inv(covariances + _SLACK**2 * np.eye(DOF_COUNT))
+    return np.broadcast_to(mean, angles.shape), precision[nearest]
+
+
+def condition(
+    information: Float[Array, "N 37 37"], targets: Float[Array, "N 37"], prior: MotionPrior
+) -> tuple[Float[Array, "N 37"], Float[Array, "N 37 37"]]:
+    """Departure from the mean and covariance at every knot, given Gaussian information there.
+
+    `targets` are the information matrices times the departures that they point at. Where the window
+    ends, what lies beyond is left out: at least half a second on either side is heard.
+    """
+    from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+    count, n = targets.shape
+    means, covariances = np.empty((count, n)), np.empty((count, n, n))
+    for first in range(0, count, _HOP):
+        last = min(first + _HOP, count)
+        low = max(0, min(first - (LAGS - _HOP) // 2, count - LAGS))
+        high = min(low + LAGS, count)
+        # What is kept comes last, so that it is what is left when the rest is eliminated.
+        order = [*range(low, first), *range(last, high), *range(first, last)]
+        L = _ordered_precision(prior, tuple(k - low for k in order)).copy()
+        for i, k in enumerate(order):
+            L[i * n : (i + 1) * n, i * n : (i + 1) * n] += information[k]
+        L = cholesky(L, lower=True, overwrite_a=True, check_finite=False)
+        solved = cho_solve((L, True), targets[order].ravel(), check_finite=False)
+        kept = (last - first) * n
+        means[first:last] = solved[-kept:].reshape(-1, n)
+        rest = solve_triangular(L[-kept:, -kept:], np.eye(kept), lower=True, check_finite=False)
+        for i, k in enumerate(range(first, last)):
+            column = rest[i * n :, i * n : (i + 1) * n]
+            covariances[k] = column.T @ column
+    return means, covariances
+
+
+@lru_cache(maxsize=16)
+def _ordered_precision(prior: MotionPrior, knots: tuple[int, ...]) -> Float[Array, "N N"]:
+    """Inverse of the covariance of a window's first knots, these in the order given."""
+    n = DOF_COUNT
+    precision = _precision(prior, len(knots) * n)
+    rows = (n * np.array(knots)[:, None] + np.arange(n)).ravel()
+    return precision[np.ix_(rows, rows)]
+
+
+@lru_cache(maxsize=16)
+def _precision(prior: MotionPrior, size: int) -> Float[Array, "N N"]:
+    precision = np.linalg.inv(prior.window[:size, :size])
+    return (precision + precision.T) / 2.0

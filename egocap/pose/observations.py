@@ -1,0 +1,164 @@
+"""Detections as the solver takes them: rays in the head frame, whitened by their accuracy.
+
+A detector may have found a joint in several places, or taken left for right. Such other places are
+`modes`; `egocap.track.association` picks among them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.errors import InputError
+from egocap.geometry import unit
+from egocap.pose.config import TrackerConfig
+
+REFERENCE_WIDTH = 640
+"""Image width in pixels to which `TrackerConfig.pixel_floor` refers."""
+EVEN_SIGMA = 4.0
+"""Standard deviation of every detection, pixels at that width, where `TrackerConfig.spread` is off:
+about what the shipped detector's are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Rays to the detected joints. Missing ones have weight 0 and finite, meaningless values."""
+
+    times: Float[Array, "T"]
+    centres: Float[Array, "V 3"]  # cameras in the head frame, metres
+    rays: Float[Array, "T V 18 3"]  # unit, head frame
+    whiten: Float[Array, "T V 18 2 3"]  # direction across the ray -> standard deviations
+    weights: Float[Array, "T V 18"]  # 0 for missing
+    modes: Modes | None = None  # other places; None: there are none
+
+    @property
+    def reversed(self) -> Observations:
+        """The same with time running backwards."""
+        flipped = self[::-1]
+        return replace(flipped, times=-flipped.times)
+
+    def __getitem__(self, frames: slice) -> Observations:
+        """Some of the frames, in a copy."""
+        modes = None if self.modes is None else self.modes[frames]
+        return replace(
+            self, times=self.times[frames], rays=np.array(self.rays[frames]),
+            whiten=self.whiten[frames].copy(), weights=self.weights[frames].copy(), modes=modes,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """K other places where every joint may be, likeliest first."""
+
+    rays: Float[Array, "T K V 18 3"]
+    whiten: Float[Array, "T K V 18 2 3"]
+    weights: Float[Array, "T K V 18"]  # 0 where there is no such place
+    price: Float[Array, "T K V 18"]  # energy that taking it costs, 0 or more
+
+    def __getitem__(self, frames: slice) -> Modes:
+        """Some of the frames, in a copy."""
+        parts = (self.rays, self.whiten, self.weights, self.price)
+        return Modes(*(np.ascontiguousarray(a[frames]) for a in parts))
+
+
+def observe(
+    detections: Detections, rig: Rig, proportions: Proportions, config: TrackerConfig
+) -> Observations:
+    """Cast the detections into rays of the head frame.
+
+    A pixel's accuracy becomes an angular covariance by the camera's local resolution; to it comes
+    the scatter of true joints about the tracker's skeleton, seen from the rest pose's distance.
+    Detections outside the image or lens, or with values that are not finite, count as missing.
+    Raises InputError when the number of views does not match the rig.
+    """
+    V = detections.valid.shape[1]
+    if len(rig.mounts) != V:
+        raise InputError(f"detections of {V} views with a rig of {len(rig.mounts)}")
+    centres = np.array([m.T_head_camera[:3, 3] for m in rig.mounts])
+    usable = detections.valid & np.isfinite(detections.sigma) & np.isfinite(detections.confidence)
+    caster = _Caster(detections, usable, rig, proportions, config)
+    first = caster.cast(detections.points)
+    modes = None
+    if config.modes and detections.modes is not None and detections.mode_weights is not None:
+        modes = _cast_modes(caster, detections.modes, detections.mode_weights)
+    return Observations(np.asarray(detections.times, float), centres, *first, modes)
+
+
+def _cast_modes(
+    caster: _Caster, places: Float[Array, "T V 18 K 2"], shares: Float[Array, "T V 18 K"]
+) -> Modes | None:
+    """The modes after the first, each at the price of its being less likely."""
+    there = (shares > 0.0) & (shares[..., :1] > 0.0)
+    most = [k for k in range(1, places.shape[3]) if there[..., k].any()]
+    if not most:
+        return None
+    cast = [caster.cast(np.where(there[..., k, None], places[..., k, :], np.nan)) for k in most]
+    safe = np.where(there, shares, 1.0)
+    price = [np.maximum(np.log(safe[..., 0] / safe[..., k]), 0.0) for k in most]
+    rays, whiten, weights = (np.stack(parts, 1) for parts in zip(*cast, strict=True))
+    return Modes(rays, whiten, weights, np.stack(price, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Caster:
+    """Casts places in the images into whitened rays."""
+
+    detections: Detections
+    usable: Bool[Array, "T V 18"]
+    rig: Rig
+    proportions: Proportions
+    config: TrackerConfig
+
+    def cast(
+        self, points: Float[Array, "T V 18 2"]
+    ) -> tuple[Float[Array, "T V 18 3"], Float[Array, "T V 18 2 3"], Float[Array, "T V 18"]]:
+        """Rays, whiteners and weights of some places, which are missing where not finite."""
+        found, config = self.detections, self.config
+        rays, whiten = np.zeros((*points.shape[:3], 3)), np.zeros((*points.shape[:3], 2, 3))
+        usable = self.usable & np.isfinite(points).all(-1)
+        for v, mount in enumerate(self.rig.mounts):
+            camera, R = mount.camera, mount.T_head_camera[:3, :3]
+            pixels = np.where(usable[:, v, :, None], points[:, v], camera.centre)
+            ray, seen = camera.ray(pixels)
+            _, J, _ = camera.project_jacobian(ray)
+            floor = config.pixel_floor * camera.width / REFERENCE_WIDTH
+            even = EVEN_SIGMA * camera.width / REFERENCE_WIDTH
+            stated = found.sigma[:, v] if config.spread else np.full_like(found.sigma[:, v], even)
+            sigma = np.where(usable[:, v], np.maximum(stated, floor), floor)
+            centre = mount.T_head_camera[:3, 3]
+            distance = np.linalg.norm(self.proportions.rest_joints - centre, axis=-1)
+            model = config.model_error_m / np.maximum(distance, 0.05)
+            whiten[:, v] = _whitener(ray, J, sigma, model) @ R.T
+            rays[:, v] = ray @ R.T
+            usable[:, v] &= seen
+        trust = config.guess_weight + (1.0 - config.guess_weight) * found.confidence
+        return rays, whiten, np.where(usable, config.lambda_detection * trust, 0.0)
+
+
+def _whitener(
+    ray: Float[Array, "T 18 3"],
+    J: Float[Array, "T 18 2 3"],
+    sigma: Float[Array, "T 18"],
+    model: Float[Array, "18"],
+) -> Float[Array, "T 18 2 3"]:
+    """Maps W with |W d| the distance of a direction d from the ray in standard deviations."""
+    tangent = tangent_basis(ray)
+    to_angle = np.linalg.inv(J @ np.swapaxes(tangent, -1, -2)) * sigma[..., None, None]
+    covariance = to_angle @ np.swapaxes(to_angle, -1, -2)
+    covariance = covariance + np.square(model)[:, None, None] * np.eye(2)
+    # With inv(covariance) = L L^T, |L^T x| is x in standard deviations.
+    L = np.linalg.cholesky(np.linalg.inv(covariance))
+    return np.swapaxes(L, -1, -2) @ tangent
+
+
+def tangent_basis(rays: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2 3"]:
+    """Two unit vectors across each unit ray and each other."""
+    helper = np.eye(3)[np.argmin(np.abs(rays), axis=-1)]
+    first = unit(np.cross(rays, helper))
+    return np.stack([first, np.cross(rays, first)], -2)

@@ -1,0 +1,175 @@
+"""Pictures of a posterior: ellipsoids, a fan of poses, corner plot, traces, reliability."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.body.labels import LABELS, LIMBS
+from egocap.cameras.rig import Rig
+from egocap.posterior.result import Posterior
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHELL = 2.796
+"""Radius in standard deviations of the ellipsoid that holds 95 % of a 3-D Gaussian."""
+LEFT_COLOUR, RIGHT_COLOUR, MIDDLE_COLOUR = "#c2410c", "#1d4ed8", "#374151"
+_FAN = 60
+
+
+def draw_ellipsoids(posterior: Posterior) -> Figure:
+    """The mean pose from the front and from the side, 95 % ellipses of every joint."""
+    figure, panels = _figure(1, 2, (9.0, 6.5))
+    mean, covariance = posterior.joint_mean, posterior.joint_covariance
+    for axes, across, name in zip(panels, (1, 0), ("from the front", "from the left"), strict=True):
+        sign = -1.0 if across == 1 else 1.0  # from the front, the person's left is on the right
+        plane, signs = [across, 2], np.array([-sign, 1.0])
+        for a, b in LIMBS:
+            ends = mean[[a, b]][:, plane] * signs
+            axes.plot(*ends.T, color=_limb_colour(a, b), lw=1.5, alpha=0.8)
+        for j, label in enumerate(LABELS):
+            block = covariance[j][np.ix_(plane, plane)] * np.outer(signs, signs)
+            axes.add_patch(_ellipse(mean[j, plane] * signs, block, _label_colour(label)))
+        axes.set_aspect("equal")
+        axes.set_title(name)
+        axes.set_xlabel("metres")
+    panels[0].set_ylabel("up of the skull base, metres")
+    figure.suptitle("Mean pose and 95 % regions of the joints")
+    return figure
+
+
+def draw_fan(
+    posterior: Posterior, rig: Rig, images: Sequence[UInt8[Array, "H W 3"]] | None = None
+) -> Figure:
+    """Sampled poses over every view's image, black where there is none."""
+    figure, panels = _figure(1, len(rig.mounts), (6.0 * len(rig.mounts), 5.2))
+    rng = np.random.default_rng(0)
+    poses = posterior.flat_joints
+    chosen = poses[rng.choice(len(poses), min(_FAN, len(poses)), replace=False)]
+    pixels, valid = rig.project(chosen)  # (V, B, 18, 2)
+    for v, axes in enumerate(panels):
+        camera = rig.cameras[v]
+        image = (
+            np.zeros((camera.height, camera.width, 3), np.uint8) if images is None else images[v]
+        )
+        axes.imshow(image)
+        for points, seen in zip(pixels[v], valid[v], strict=True):
+            for a, b in LIMBS:
+                if seen[a] and seen[b]:
+                    axes.plot(*points[[a, b]].T, color=_limb_colour(a, b), lw=0.7, alpha=0.35)
+        axes.set_xlim(0, camera.width)
+        axes.set_ylim(camera.height, 0)
+        axes.set_axis_off()
+        axes.set_title(rig.views[v])
+    figure.suptitle(f"{len(chosen)} poses drawn from the posterior")
+    return figure
+
+
+def draw_corner(posterior: Posterior, parameters: Sequence[str] | None = None) -> Figure:
+    """Histograms of chosen parameters, alone and in pairs; by default the five least certain."""
+    names = list(parameters or _least_certain(posterior, 5))
+    columns = [posterior.names.index(name) for name in names]
+    values = np.rad2deg(posterior.flat[:, columns])
+    n = len(names)
+    figure, panels = _figure(n, n, (1.9 * n, 1.9 * n), squeeze=False)
+    ranges = [tuple(np.quantile(values[:, i], (0.001, 0.999))) for i in range(n)]
+    for r in range(n):
+        for c in range(n):
+            axes = panels[r * n + c]
+            if c > r:
+                axes.set_axis_off()
+                continue
+            if c == r:
+                axes.hist(values[:, c], bins=40, range=ranges[c], color="#64748b")
+            else:
+                axes.hist2d(values[:, c], values[:, r], bins=40, cmap="Blues",
+                            range=(ranges[c], ranges[r]))  # fmt: skip
+            axes.tick_params(labelsize=6, labelbottom=r == n - 1, labelleft=c == 0 and r > 0)
+            if r == n - 1:
+                axes.set_xlabel(names[c].replace("_", " "), fontsize=7)
+            if c == 0 and r > 0:
+                axes.set_ylabel(names[r].replace("_", " "), fontsize=7)
+    figure.suptitle("Least certain angles, degrees")
+    return figure
+
+
+def draw_traces(posterior: Posterior) -> Figure:
+    """Walkers over time and autocorrelation, of the three slowest parameters."""
+    slowest = np.argsort(-posterior.autocorrelation)[:3]
+    figure, panels = _figure(3, 2, (9.0, 6.0))
+    for row, i in enumerate(slowest):
+        left, right = panels[2 * row], panels[2 * row + 1]
+        walkers = np.rad2deg(posterior.draws[:24, :, i])
+        left.plot(walkers.T, lw=0.4, alpha=0.7)
+        left.set_ylabel(posterior.names[i].replace("_", "\n"), fontsize=7)
+        function = _autocorrelation(posterior.draws[..., i])
+        every = (posterior.steps - posterior.burn_in) / posterior.draws.shape[1]
+        right.plot(np.arange(len(function)) * every, function, color="#0f766e")
+        right.axhline(0.0, color="#9ca3af", lw=0.7)
+        right.axvline(posterior.autocorrelation[i], color="#b91c1c", lw=0.8, ls="--")
+    panels[0].set_title("24 walkers, degrees")
+    panels[1].set_title("autocorrelation; dashed: integrated time")
+    panels[-2].set_xlabel("kept draw")
+    panels[-1].set_xlabel("steps")
+    return figure
+
+
+def draw_reliability(
+    curves: Mapping[str, tuple[Float[Array, "L"], Float[Array, "L"], Float[Array, "L"]]],
+) -> Figure:
+    """Share of truths inside regions against the share they should hold.
+
+    Each curve has nominal levels, coverages and the half length of their error bars, 0 to 1.
+    """
+    figure, (axes,) = _figure(1, 1, (5.0, 5.0))
+    axes.plot([0, 1], [0, 1], color="#9ca3af", lw=1, label="calibrated")
+    for name, (nominal, found, error) in curves.items():
+        axes.errorbar(nominal, found, yerr=error, marker="o", ms=3, capsize=2, lw=1, label=name)
+    axes.set_xlabel("nominal share of the region")
+    axes.set_ylabel("share of true joints inside")
+    axes.set_aspect("equal")
+    axes.legend()
+    return figure
+
+
+def _figure(rows: int, columns: int, size: tuple[float, float], **more: Any) -> Any:
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=size, layout="constrained")
+    panels = figure.subplots(rows, columns, **more)
+    return figure, list(np.ravel(panels))
+
+
+def _ellipse(centre: Float[Array, "2"], covariance: Float[Array, "2 2"], colour: str) -> Any:
+    from matplotlib.patches import Ellipse
+
+    values, vectors = np.linalg.eigh(covariance)
+    width, height = 2.0 * SHELL * np.sqrt(np.maximum(values, 0.0))
+    angle = np.rad2deg(np.arctan2(vectors[1, 0], vectors[0, 0]))
+    return Ellipse(tuple(centre), width, height, angle=angle, color=colour, alpha=0.35, lw=0)
+
+
+def _least_certain(posterior: Posterior, count: int) -> list[str]:
+    spread = posterior.flat[:, :37].std(0)
+    return [posterior.names[i] for i in np.argsort(-spread)[:count]]
+
+
+def _autocorrelation(draws: Float[Array, "W S"]) -> Float[Array, "L"]:
+    from emcee.autocorr import function_1d
+
+    with np.errstate(invalid="ignore"):
+        return np.nanmean([function_1d(walker) for walker in draws], axis=0)[: draws.shape[1] // 2]
+
+
+def _label_colour(label: str) -> str:
+    side = label.split("_")[0]
+    return {"left": LEFT_COLOUR, "right": RIGHT_COLOUR}.get(side, MIDDLE_COLOUR)
+
+
+def _limb_colour(a: int, b: int) -> str:
+    return _label_colour(LABELS[b] if LABELS[a] in ("head", "neck") else LABELS[a])

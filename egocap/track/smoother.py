@@ -1,0 +1,160 @@
+"""All frames together: fixed-interval smoothing, and the paper's Gaussian low-pass.
+
+The interval smoother minimises the sum of all frames' energies and of the accelerations between
+them, by damped Gauss-Newton. The unknowns of a frame meet those of the next two only, so the normal
+equations are banded and a step costs a fraction of a millisecond a frame. Where a joint is hidden,
+its motion before and after carries it; where it is seen, neighbouring frames average its noise.
+
+Source: Bell 1994, "The iterated Kalman smoother as a Gauss-Newton method", SIAM J. Optimization;
+Gaussian low-pass: EgoCap 2016, section 4.4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numba import njit
+from numpy import ndarray as Array
+
+from egocap.body.skeleton import AGILITY, DOF_COUNT
+from egocap.pose.config import TrackerConfig
+from egocap.pose.energy import acceleration_stencil
+from egocap.pose.kernel import Model, detections, priors, pulled
+from egocap.pose.motion_prior import NO_GUIDE, Guide
+from egocap.pose.observations import Observations
+
+WINDOW, MARGIN = 400, 40
+"""Frames solved at once, and frames on either side that only lend them their context."""
+BAND = 2 * DOF_COUNT
+_SETTLED = 1e-3
+"""A frame whose last step was under so many radians counts as converged, whatever its window."""
+
+
+def smooth_interval(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    guide: Guide = NO_GUIDE,
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
+    """Refine a causal track with the future. Returns angles and convergence of every frame.
+
+    Long motions are solved in overlapping windows, so that memory stays flat. A guide pulls every
+    frame towards what the motion prior expects, with `lambda_motion`.
+    """
+    refined, converged = angles.copy(), np.zeros(len(angles), bool)
+    for first in range(0, len(angles), WINDOW):
+        last = min(first + WINDOW, len(angles))
+        low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
+        window = slice(low, high)
+        solved, done = _solve_window(
+            angles[window], observations[window], model, config, guide[window]
+        )
+        refined[first:last] = solved[first - low : last - low]
+        converged[first:last] = done[first - low : last - low]
+    return refined, converged
+
+
+def interval_system(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    guide: Guide = NO_GUIDE,
+) -> tuple[float, Float[Array, "75 N"], Float[Array, "N"]]:  # fmt: skip
+    """What `smooth_interval` minimises, its Gauss-Newton matrix as LAPACK's band, its gradient."""
+    size = len(angles) * DOF_COUNT
+    bands, gradient = np.zeros((BAND + 1, size), order="F"), np.zeros(size)
+    energy = assemble(
+        model, np.ascontiguousarray(angles), observations.centres, observations.rays,
+        observations.whiten, observations.weights, float(config.robust_scale),
+        acceleration_stencil(observations.times), config.acceleration * AGILITY, guide.mean,
+        config.lambda_motion * guide.precision, bands, gradient,
+    )  # fmt: skip
+    return float(energy), bands, gradient
+
+
+def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[Array, "T 37"]:
+    """Gaussian low-pass over five frames, renormalised at the ends."""
+    if sigma_frames <= 0:
+        return angles
+    offsets = np.arange(-2, 3)
+    taps = np.exp(-0.5 * (offsets / sigma_frames) ** 2)
+    inside = np.pad(np.ones(len(angles)), 2)
+    padded = np.pad(angles, ((2, 2), (0, 0)))
+    windows = np.arange(len(angles))[:, None] + np.arange(5)  # (T, 5)
+    weights = taps * inside[windows]
+    total = np.einsum("tk,tkd->td", weights, padded[windows])
+    return total / weights.sum(axis=1, keepdims=True)
+
+
+def _solve_window(
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    guide: Guide,
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
+    from scipy.linalg import LinAlgError, solveh_banded
+
+    known = observations, model, config, guide
+    energy, bands, gradient = interval_system(angles, *known)
+    damping, last_step = 1e-4, np.full(angles.shape, np.inf)
+    for _ in range(int(config.max_iterations)):
+        damped = bands.copy(order="F")
+        damped[0] *= 1.0 + damping
+        try:
+            step = solveh_banded(damped, -gradient, lower=True, overwrite_ab=True)
+        except LinAlgError:
+            damping = max(10.0 * damping, 1e-6)
+            continue
+        step = np.clip(step, -0.5, 0.5).reshape(angles.shape)
+        trial = angles + step
+        new, new_bands, new_gradient = interval_system(trial, *known)
+        if new > energy:
+            damping = max(10.0 * damping, 1e-3)
+            continue
+        gain, energy, last_step = energy - new, new, step
+        angles, bands, gradient = trial, new_bands, new_gradient
+        damping = max(0.1 * damping, 1e-9)
+        if gain <= config.tolerance * energy:
+            return angles, np.ones(len(angles), bool)
+    return angles, np.abs(last_step).max(axis=1) < _SETTLED
+
+
+@njit(cache=True)
+def assemble(
+    model, angles, centres, rays, whiten, weights, scale, stencil, density, goal, pull, bands,
+    gradient,
+):  # fmt: skip
+    """Energy of a window; its Gauss-Newton matrix into `bands` (75, T*37), gradient into (T*37,).
+
+    Frames are pulled to `goal` (T, 37) with the precision `pull` (T, 37, 37); both may be empty.
+
+    `bands[k, i]` is element (i + k, i), as LAPACK stores a symmetric band.
+    """
+    frames, dofs = angles.shape
+    H, g = np.empty((dofs, dofs)), np.empty(dofs)
+    energy = 0.0
+    for t in range(frames):
+        H[:] = 0.0
+        g[:] = 0.0
+        energy += detections(model, angles[t], centres, rays[t], whiten[t], weights[t], scale, H, g)
+        energy += priors(model, angles[t], H, g)
+        if len(goal) > 0:
+            energy += pulled(angles[t], goal[t], pull[t], H, g)
+        for c in range(dofs):
+            gradient[t * dofs + c] += g[c]
+            for r in range(c, dofs):
+                bands[r - c, t * dofs + c] += H[r, c]
+    for t in range(frames - 2):
+        s0, s1, s2 = stencil[t, 0], stencil[t, 1], stencil[t, 2]
+        for d in range(dofs):
+            x = s0 * angles[t, d] + s1 * angles[t + 1, d] + s2 * angles[t + 2, d]
+            x /= density[d]
+            root = np.sqrt(1.0 + x * x)
+            energy += root - 1.0
+            slope = x / root / density[d]
+            w = 1.0 / root / density[d] ** 2
+            i, j, k = t * dofs + d, (t + 1) * dofs + d, (t + 2) * dofs + d
+            gradient[i] += slope * s0
+            gradient[j] += slope * s1
+            gradient[k] += slope * s2
+            bands[0, i] += w * s0 * s0
+            bands[0, j] += w * s1 * s1
+            bands[0, k] += w * s2 * s2
+            bands[dofs, i] += w * s0 * s1
+            bands[dofs, j] += w * s1 * s2
+            bands[2 * dofs, i] += w * s0 * s2
+    return energy

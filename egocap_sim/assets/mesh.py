@@ -1,0 +1,39 @@
+"""Triangle meshes as the renderer takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxtyping import Float, Int, UInt8
+from numpy import ndarray as Array
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A textured triangle mesh, rigid or skinned to an actor's bodies.
+
+    A rigid mesh has `bones` None and its vertices in world coordinates. A skinned one has its
+    vertices in the actor's rest pose; a posed vertex is sum_k weights_k * S[bones_k] @ vertex, with
+    S (B, 4, 4) the actor's skinning transforms of the frame.
+    """
+
+    name: str
+    vertices: Float[Array, "N 3"]  # metres
+    faces: Int[Array, "F 3"]  # counter-clockwise seen from outside
+    uv: Float[Array, "N 2"]  # texture coordinates; (0, 0) is the top-left of `texture`; wraps
+    texture: UInt8[Array, "H W 3"]  # sRGB
+    parts: UInt8[Array, "N"]  # part label of each vertex (see egocap_sim.core.part_labels)
+    bones: Int[Array, "N 4"] | None = None
+    weights: Float[Array, "N 4"] | None = None  # rows sum to one
+    shininess: float = 0.0  # strength of a soft highlight, 0 to 1
+    casts_shadow: bool = True
+    double_sided: bool = False
+    glows: bool = False  # shines by itself: a lamp, a window, the sky
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """Something drawn: meshes that move together under one set of skinning transforms."""
+
+    name: str
+    meshes: tuple[Mesh, ...]

@@ -1,0 +1,58 @@
+"""Where the files that come with the program are: the one place that knows.
+
+In a checkout they lie in `scenes/` at the root; a wheel carries the same folder inside the package.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from egocap.errors import InputError
+
+KINDS: dict[str, str] = {"scene": ".", "rig": "rigs"}
+"""Kinds of built-in file, and their folder under scenes/."""
+SAMPLED = "sampled"
+"""The name of no file: a rig drawn from the scene's seed."""
+
+
+def builtin_folder() -> Path:
+    """The folder of the built-in scenes."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "scenes"
+    return inside if inside.is_dir() else package.parent / "scenes"
+
+
+def builtin_names(kind: str) -> tuple[str, ...]:
+    """Names of the built-in files of a kind ('scene' or 'rig'), sorted."""
+    return tuple(sorted(p.stem for p in (builtin_folder() / KINDS[kind]).glob("*.toml")))
+
+
+def builtin_file(kind: str, name: str) -> Path:
+    """The path of a built-in file. Raises InputError naming the ones there are."""
+    if name not in builtin_names(kind):
+        raise InputError(f"no built-in {kind} '{name}'", valid=builtin_names(kind))
+    return builtin_folder() / KINDS[kind] / f"{name}.toml"
+
+
+def rig_names() -> tuple[str, ...]:
+    """What a rig may be called: the built-in files, and SAMPLED."""
+    return (*builtin_names("rig"), SAMPLED)
+
+
+def rig_file(name: str) -> Path:
+    """The path of a built-in rig's file. Raises InputError naming all that a rig may be called."""
+    if name not in builtin_names("rig"):
+        raise InputError(f"no rig '{name}'", valid=rig_names())
+    return builtin_file("rig", name)
+
+
+def find_file(kind: str, name_or_path: str | Path) -> Path:
+    """A file given by path, or by the name of a built-in one.
+
+    Text that looks like a path (an ending or a slash), or names what is there, is a path.
+    Raises InputError for a name that is neither.
+    """
+    path = Path(name_or_path)
+    if path.suffix or len(path.parts) > 1 or path.exists():
+        return path
+    return builtin_file(kind, str(name_or_path))

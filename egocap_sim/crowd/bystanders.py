@@ -1,0 +1,283 @@
+"""Other people: who they are, what they do, and where, so that nobody walks into anybody.
+
+They are played back without forces. Each is made and placed after the ones before it; a place is
+taken when, at every moment, all limbs keep clear of the wearer's, of the others' and of things.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.errors import InputError
+from egocap.geometry import UP, axis_angle, rigid
+from egocap_sim.assets.actors import Extra
+from egocap_sim.assets.mesh_simplify import simplify
+from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
+from egocap_sim.crowd.greeting import Offer, greeting, meet, offer_of, place_of_greeter
+from egocap_sim.crowd.wandering import stroll
+from egocap_sim.human.body.person import Person
+from egocap_sim.motion.clips.concatenation import concatenate
+from egocap_sim.motion.generators.course import straight
+from egocap_sim.motion.generators.gestures import GESTURES
+from egocap_sim.motion.generators.registry import make_motion
+from egocap_sim.motion.generators.stance import draw_style
+from egocap_sim.motion.generators.walk import WalkParams, walk_along
+from egocap_sim.motion.kinematics import figure
+from egocap_sim.motion.kinematics.clip import Clip
+from egocap_sim.motion.kinematics.posing import pose_figure
+from egocap_sim.motion.retarget.kinematic_playback import sample_reference
+from egocap_sim.motion.retarget.retarget import retarget
+from egocap_sim.scene.config import OthersTable
+from egocap_sim.truth.truth import label_positions
+
+CELL_M = 0.025  # of the coarser meshes others are drawn with
+GAP_M = 0.25  # least distance between points inside two people's limbs
+CAMERA_GAP_M = 0.38  # and from them to the cameras: a chest reaches 0.2 m from its middle
+TRIES = 60  # placements tried for one person
+_RATE = 60.0  # frames a second of made motions
+_CHECK_S = 0.1  # spacing of the moments at which distances are checked
+
+Rng = np.random.Generator
+Bodies = Float[Array, "T 21 4 4"]
+
+
+def make_others(
+    table: OthersTable,
+    rng: Rng,
+    times: Float[Array, "T"],
+    wearer: Bodies,
+    bounds_m: float,
+    cameras: Float[Array, "T V 3"],
+    blocked: Sequence[tuple[Float[Array, "2"], float]] = (),
+    person: Person | None = None,
+) -> list[Extra]:
+    """The other people of a scene, posed at the frame times [s].
+
+    They keep away from the `cameras`, which stick out from the wearer's head, stay within
+    `bounds_m` of the origin and out of `blocked`, circles (centre, radius) on the floor.
+    `person` is the wearer, whose hand is shaken. Raises InputError when there is no room for all
+    of them.
+    """
+    crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, blocked)
+    if person is not None:
+        crowd.offer, crowd.wearer = offer_of(person, wearer), person
+    return [crowd.add(i) for i in range(table.count)]
+
+
+class _Crowd:
+    """Everyone so far, and the search for the next one's place."""
+
+    def __init__(self, table, rng, times, wearer, bounds_m, cameras, blocked) -> None:
+        self.table, self.rng, self.times, self.bounds_m = table, rng, times, bounds_m
+        self.blocked = blocked
+        self.offer: Offer | None = None
+        self.wearer: Person | None = None
+        step = max(1, round(_CHECK_S * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))
+        self.checked = np.arange(0, len(times), step)
+        self.cameras = cameras[self.checked]
+        self.wearer_xy = wearer[:, 0, :2, 3]
+        self.limbs = [limb_points(wearer[self.checked])]
+        self.pelvises = [self.wearer_xy]
+
+    def add(self, i: int) -> Extra:
+        """Find the next person's motion and place."""
+        from egocap_sim.human.clothing.wardrobe import make_person
+
+        name = f"other-{i + 1}"
+        person = make_person(int(self.rng.integers(2**31)), bystander=True, name=name)
+        behaviour = self.table.behaviours[i % len(self.table.behaviours)]
+        bodies = None
+        for act in dict.fromkeys((behaviour, "gesture", "stand")):  # who cannot walk by, stands
+            bodies = BEHAVIOURS[act](self, person)
+            if bodies is not None:
+                break
+        if bodies is None:
+            raise InputError(
+                f"no room for person {i + 1} of {self.table.count} beside the wearer",
+                valid="fewer [others], a larger farthest_m or a larger [place] clear_radius",
+            )
+        self.limbs.append(limb_points(bodies[self.checked]))
+        self.pelvises.append(bodies[:, 0, :2, 3])
+        meshes = tuple(simplify(mesh, CELL_M) for mesh in person.actor.meshes)
+        actor = replace(person.actor, meshes=meshes)
+        skinning = bodies @ rigid(np.eye(3), -person.joints)
+        return Extra(actor, skinning, label_positions(person, bodies))
+
+    def is_free(self, bodies: Bodies, greets: bool = False) -> bool:
+        """Whether someone may move like this: in bounds, clear of everyone and of things.
+
+        Who `greets` may touch the wearer with the right arm.
+        """
+        limbs = limb_points(bodies[self.checked])
+        if np.linalg.norm(limbs[..., :2], axis=-1).max() > self.bounds_m:
+            return False
+        eyes = np.linalg.norm(limbs[:, :, None] - self.cameras[:, None], axis=-1)
+        if eyes.min() < CAMERA_GAP_M:
+            return False
+        for centre, radius in self.blocked:
+            if np.linalg.norm(limbs[..., :2] - centre, axis=-1).min() < radius + 0.1:
+                return False
+        first, *rest = self.limbs
+        aloof = np.delete(limbs, RIGHT_ARM, axis=1) if greets else limbs
+        alone = np.delete(first, RIGHT_ARM, axis=1) if greets else first
+        return bool(apart(aloof, alone, GAP_M).all()) and all(
+            apart(limbs, other, GAP_M).all() for other in rest
+        )
+
+    def place(self, local: Bodies, arrival: int = 0) -> Bodies | None:
+        """Put a motion near the wearer, facing it in frame `arrival`; None when there is no room.
+
+        `local` starts at the origin. Nearer places are likelier; where there is none as near as was
+        asked, farther ones are tried.
+        """
+        at, facing = local[arrival, 0, :2, 3], local[arrival, INDEX["chest"], :2, 0]
+        heading = np.arctan2(facing[1], facing[0])
+        near, farthest = self.table.nearest_m, self.table.farthest_m
+        for attempt in range(3 * TRIES):
+            stretch = max(0.0, attempt / TRIES - 1.0) / 2.0
+            far = farthest + stretch * max(0.0, self.bounds_m - farthest)
+            centre = self.wearer_xy[int(self.rng.integers(len(self.wearer_xy)))]
+            around = self._seen_side(self.rng)
+            spot = centre + self.rng.uniform() ** 1.5 * (far - near) * around + near * around
+            towards = self.wearer_xy[arrival] - spot
+            yaw = np.arctan2(towards[1], towards[0]) - heading + self.rng.normal(0.0, 0.25)
+            R = axis_angle(UP, float(yaw))
+            there = rigid(R, np.array([*spot, 0.0]) - R @ np.array([*at, 0.0])) @ local
+            if self.is_free(there):
+                return there
+        return None
+
+    def _seen_side(self, rng: Rng) -> Float[Array, "2"]:
+        """A direction from the wearer, mostly one that it faces at the start."""
+        angle = float(np.clip(rng.normal(0.0, 1.1), -np.pi, np.pi))
+        return np.array([np.cos(angle), np.sin(angle)])
+
+    @property
+    def seconds(self) -> float:
+        return max(float(self.times[-1] - self.times[0]), 0.5)
+
+    def played(self, clip: Clip, person: Person, from_origin: bool = True) -> Bodies:
+        return sample_reference(
+            person, retarget(clip, person, from_origin=from_origin), self.times - self.times[0]
+        )
+
+
+def _stand(crowd: _Crowd, person: Person) -> Bodies | None:
+    """Stand and look around."""
+    motion = ("idle", "look_around")[int(crowd.rng.integers(2))]
+    clip = make_motion(motion, crowd.seconds + 0.5, crowd.rng)
+    return crowd.place(crowd.played(clip, person))
+
+
+def _gesture(crowd: _Crowd, person: Person) -> Bodies | None:
+    """Stand and talk to the wearer with the hands."""
+    kinds = ("explain", "wave", "point", "hands_together", "touch_head")
+    assert set(kinds) <= GESTURES.keys()
+    clip = make_motion("gestures", crowd.seconds + 0.5, crowd.rng, kinds=kinds)
+    return crowd.place(crowd.played(clip, person))
+
+
+def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
+    """Come up to the wearer and talk."""
+    rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.2))
+    length = float(min(rng.uniform(0.8, 2.5), max(0.5, 0.5 * speed * crowd.seconds)))
+    scale = leg_length(person) / leg_length_of_figure()
+    course, seconds = straight(length / scale, speed / scale)
+    t = np.arange(round(seconds * _RATE) + 1) / _RATE
+    params = WalkParams(speed=speed / scale)
+    steps = pose_figure("walk", _RATE, walk_along(course, t, rng, params, draw_style(rng)))
+    talk = make_motion("gestures", max(crowd.seconds - seconds, 0.0) + 1.0, rng)
+    local = crowd.played(concatenate("approach", [steps, talk]), person)
+    return crowd.place(
+        local, arrival=int(np.searchsorted(crowd.times - crowd.times[0], seconds) - 1)
+    )
+
+
+def _walk_by(crowd: _Crowd, person: Person) -> Bodies | None:
+    """Walk about and past the wearer, turning aside in time."""
+    rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.3))
+    scale = leg_length(person) / leg_length_of_figure()
+    params = WalkParams(speed=speed / scale)
+    for course in stroll(
+        rng, crowd.times, crowd.pelvises, crowd.blocked, speed, crowd.bounds_m - 0.35,
+        crowd.table.farthest_m, scale,
+    ):  # fmt: skip
+        t = np.arange(round((crowd.seconds + 0.2) * _RATE) + 1) / _RATE
+        steps = pose_figure("walk", _RATE, walk_along(course, t, rng, params, draw_style(rng)))
+        bodies = crowd.played(steps, person, from_origin=False)
+        if crowd.is_free(bodies):
+            return bodies
+    return None
+
+
+def _shake_hands(crowd: _Crowd, person: Person) -> Bodies | None:
+    """Stand opposite the wearer and shake the hand that is held out."""
+    offer, wearer = crowd.offer, crowd.wearer
+    if offer is None or wearer is None:
+        return None
+    clip = greeting(offer, crowd.times, crowd.rng, _RATE)
+    there = place_of_greeter(offer, wearer, person) @ crowd.played(clip, person)
+    fps = (len(crowd.times) - 1) / crowd.seconds
+    bodies = meet(offer, person, there, fps)
+    return bodies if crowd.is_free(bodies, greets=True) else None
+
+
+BEHAVIOURS: dict[str, Callable[[_Crowd, Person], Bodies | None]] = {
+    "walk_by": _walk_by, "stand": _stand, "gesture": _gesture, "approach": _approach,
+    "shake_hands": _shake_hands,
+}  # fmt: skip
+
+
+def limb_points(bodies: Bodies) -> Float[Array, "T P 3"]:
+    """Points inside a body at which distances are checked: joints, middles of bones, hands."""
+    p = bodies[..., :3, 3]
+    parents = np.array(PARENTS[1:])
+    middles = (p[:, 1:] + p[:, parents]) / 2
+    hands = [
+        2.0 * p[:, INDEX[s + "hand"]] - p[:, INDEX[s + "forearm"]] for s in ("l_", "r_")
+    ]  # as far again would be a forearm's length: half of it is where fingers end
+    tips = [
+        (h + p[:, INDEX[s + "hand"]]) / 2 for h, s in zip(hands, ("l_", "r_"), strict=True)
+    ]  # fmt: skip
+    return np.concatenate([p, middles, np.stack(tips, 1)], 1)
+
+
+RIGHT_ARM = tuple(
+    i
+    for i, body in enumerate([*BODIES, *BODIES[1:], "l_hand", "r_hand"])
+    if body in ("r_forearm", "r_hand")
+)
+"""Columns of `limb_points` beyond the right elbow."""
+
+
+def apart(a: Float[Array, "T P 3"], b: Float[Array, "T P 3"], gap: float) -> Bool[Array, "T"]:
+    """At which moments all points of one keep a distance [m] from all of the other."""
+    far = np.linalg.norm(a[:, 0] - b[:, 0], axis=-1) > 2.4  # two people's reach
+    result = np.ones(len(a), bool)
+    for k in np.flatnonzero(~far):
+        d = a[k, :, None] - b[k, None]
+        result[k] = np.einsum("pqi,pqi->pq", d, d).min() >= gap * gap
+    return result
+
+
+def leg_length(person: Person) -> float:
+    """Hip to knee to ankle at rest, metres."""
+    return _leg(person.joints)
+
+
+def leg_length_of_figure() -> float:
+    """The same of the figure that procedural motions are made on."""
+    return _leg(figure.REST)
+
+
+def _leg(joints: Float[Array, "21 3"]) -> float:
+    chain = joints[[INDEX["l_thigh"], INDEX["l_calf"], INDEX["l_foot"]]]
+    return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
+
+
+assert len(PARENTS) == len(BODIES)

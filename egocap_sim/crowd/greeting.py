@@ -1,0 +1,102 @@
+"""Somebody who shakes the wearer's hand whenever it is held out: where they stand, their arm."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.ndimage import gaussian_filter1d
+
+from egocap.geometry import UP, axis_angle, rigid, transform
+from egocap_sim.core.bodies import INDEX
+from egocap_sim.human.body.person import Person
+from egocap_sim.motion.generators.handshake import OFFERED, RIGHT
+from egocap_sim.motion.generators.keyframes import DOWN, Score
+from egocap_sim.motion.generators.stance import draw_style
+from egocap_sim.motion.kinematics.clip import Clip
+from egocap_sim.motion.kinematics.curves import minimum_jerk
+from egocap_sim.motion.kinematics.legs import bend_arm
+from egocap_sim.motion.retarget.foot_planting import body_positions
+from egocap_sim.motion.retarget.palms import palm_of
+
+Bodies = Float[Array, "T 21 4 4"]
+_OUT_M = (0.26, 0.40)  # of the palm before the shoulder: the hand begins to be, and is, held out
+_STILL_M = 0.20  # a hand held out in places farther apart is not met by somebody who stands
+_NEARER = 0.88  # of the wearer's distance from the hands: the wearer leans forward, too
+_LEAD_S = 0.55  # before the wearer's hand is out the other's sets off
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Offer:
+    """A hand held out: how far at each moment (0 to 1), and where its palm is."""
+
+    share: Float[Array, "T"]
+    palm: Float[Array, "T 3"]
+    stands: Float[Array, "2"]  # of the wearer, while the hand is out
+    place: Float[Array, "2"]  # of the hand, on the floor
+
+
+def offer_of(wearer: Person, bodies: Bodies) -> Offer | None:
+    """When and where the wearer holds the right hand out; None where it never does so in one
+    place."""
+    palm = palm_of(wearer, "r")
+    at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
+    chest, shoulder = bodies[:, INDEX["chest"]], bodies[:, INDEX["r_upperarm"], :3, 3]
+    ahead = chest[:, :3, 0] * [1.0, 1.0, 0.0]
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    out = ((at - shoulder) * ahead).sum(1)
+    level = np.abs(at[:, 2] - shoulder[:, 2] + 0.33) < 0.2
+    share = minimum_jerk((out - _OUT_M[0]) / (_OUT_M[1] - _OUT_M[0])) * level
+    held = share > 0.95
+    if held.sum() < 5 or np.linalg.norm(at[held] - at[held].mean(0), axis=1).max() > _STILL_M:
+        return None
+    return Offer(share, at, bodies[held, 0, :2, 3].mean(0), at[held].mean(0)[:2])
+
+
+def place_of_greeter(offer: Offer, wearer: Person, person: Person) -> Float[Array, "4 4"]:
+    """Opposite the wearer, the hand between them: where a motion from the origin along x goes."""
+    away = offer.place - offer.stands
+    reach = _arm(person) / _arm(wearer)
+    at = offer.place + _NEARER * min(max(reach, 0.8), 1.1) * away
+    # Both right hands are to the side of the line between the bodies: turned half way around.
+    side = np.arctan2(-offered_side(), 1.0)
+    yaw = np.arctan2(-away[1], -away[0]) - side
+    return rigid(axis_angle(UP, float(yaw)), np.array([*at, 0.0]))
+
+
+def offered_side() -> float:
+    """Tangent of the angle at which a held out right hand lies to the left of straight ahead."""
+    x, y, _ = OFFERED.wrist
+    return float(-(0.19 + y) / (x + 0.09))  # the shoulder is 0.19 m to the right
+
+
+def greeting(offer: Offer, times: Float[Array, "T"], rng: np.random.Generator, fps: float) -> Clip:
+    """The other's motion: the hand goes out as the wearer's does."""
+    score = Score(draw_style(rng), rng)
+    score.gaze(0.0, 0.05)
+    out = offer.share > 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]]))).reshape(-1, 2)
+    for first, end in edges:
+        start, stop = times[first] - times[0], times[min(end, len(times) - 1)] - times[0]
+        score.clock = max(score.clock, start - _LEAD_S)
+        score.hand(RIGHT, OFFERED, max(0.3, start + 0.15 - score.clock))
+        score.clock = max(stop - 0.1, score.clock + 0.35)
+        score.clock = score.hand(RIGHT, DOWN, 0.8)
+    t = np.arange(round((float(times[-1] - times[0]) + 0.5) * fps) + 1) / fps
+    return score.clip("greeting", t, fps)
+
+
+def meet(offer: Offer, person: Person, bodies: Bodies, fps: float) -> Bodies:
+    """Bend the other's right arm so that the palms meet while the hand is held out."""
+    palm = palm_of(person, "r")
+    at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
+    smooth = gaussian_filter1d(offer.share, 0.06 * fps, mode="nearest")
+    R = bend_arm(bodies[..., :3, 3], bodies[..., :3, :3], "r", smooth[:, None] * (offer.palm - at))
+    return rigid(R, body_positions(person, bodies[:, 0, :3, 3], R))
+
+
+def _arm(person: Person) -> float:
+    chain = person.joints[[INDEX["r_upperarm"], INDEX["r_forearm"], INDEX["r_hand"]]]
+    return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())

@@ -1,0 +1,99 @@
+"""What a place is: meshes at rest, light, and the colour behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.geometry import unit
+from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.primitives import sheet
+from egocap_sim.assets.textures import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """One distant main light that throws shadows, and ambient light from above and below.
+
+    Colours are linear, 1 being what turns a white surface into a white pixel.
+    """
+
+    direction: Float[Array, "3"]  # unit, world, the way the light travels
+    color: Float[Array, "3"]
+    sky: Float[Array, "3"]  # ambient light on surfaces that face `sky_axis`
+    ground: Float[Array, "3"]  # and on those that face away
+    sky_axis: Float[Array, "3"]  # unit
+    spread: float = 0.0093
+    """Diameter over distance: the sun's. From 0.03 on, shadows are drawn with their penumbrae."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Everything around the person, at rest in the world; the floor is z = 0."""
+
+    name: str
+    meshes: tuple[Mesh, ...]
+    light: Light
+    background: Float[Array, "3"]  # linear colour where nothing is drawn
+    room: Float[Array, "3"] = field(default_factory=lambda: np.full(3, 1000.0))
+    """Half the length and width of a closed room around the origin, and its height, metres."""
+    contact: bool = False
+    """Whether the floor is darker under what touches it: `egocap_sim.render.contact`."""
+
+
+GROUNDS = ("floor", "yard", "rug", "court", "pavement")
+"""Names of the meshes that are stood on."""
+
+
+def with_bounced_light(place: Place) -> Place:
+    """The place with light from below in the colour of its ground."""
+    colours = [(m.texture / 255.0) ** 2 for m in place.meshes if m.name in GROUNDS]
+    if not colours:
+        return place
+    light = place.light
+    albedo = np.mean([c.mean((0, 1)) for c in colours], axis=0)
+    arrives = 0.55 * light.color * max(-float(light.direction[2]), 0.0) + 0.5 * light.sky
+    ground = 0.45 * light.ground + 0.55 * albedo * arrives
+    return replace(place, light=replace(light, ground=ground))
+
+
+def at_dusk(place: Place) -> Place:
+    """The place with the sun low and red, the sky dim and blue, and what glows turned down."""
+    light = place.light
+    flat = light.direction * [1.0, 1.0, 0.0]
+    low = unit(flat / max(np.linalg.norm(flat), 1e-9) - [0.0, 0.0, 0.55])
+    dim = np.array([0.42, 0.34, 0.40])
+    meshes = tuple(
+        replace(m, texture=np.round(m.texture * dim).astype(np.uint8)) if m.glows else m
+        for m in place.meshes
+    )
+    return replace(
+        place,
+        meshes=meshes,
+        light=replace(
+            light,
+            direction=low,
+            color=light.color * [0.62, 0.38, 0.22],
+            sky=light.sky * [0.50, 0.52, 0.66],
+            ground=light.ground * 0.5,
+        ),
+        background=place.background * dim,
+    )
+
+
+def direction_of(azimuth: float, elevation: float) -> Array:
+    """Unit vector at an azimuth and an elevation, radians."""
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
+def floor(half: Array, surface: Surface, cells: int = 1) -> Mesh:
+    """A floor `half` metres (x, y) to each side."""
+    x, y = half
+    return sheet(
+        "floor", (-x, y, 0), (2 * x, 0, 0), (0, -2 * y, 0), surface.texture, surface.tile,
+        cells=cells,
+    )  # fmt: skip

@@ -1,0 +1,65 @@
+"""A user's folder of pictures, papered over the floors and walls of a place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+
+from egocap.errors import FileError
+from egocap_sim.assets.textures import SIZE
+from egocap_sim.environment.surroundings import Place
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp")
+PAPERED = ("floor", "yard", "wall", "picture", "house", "pavement", "court")
+"""Names of the meshes that take a picture."""
+
+
+def picture_files(folder: Path) -> list[Path]:
+    """The pictures in a folder, sorted. Raises FileError where there are none."""
+    if not folder.is_dir():
+        raise FileError(folder, "no such folder", valid="a folder of pictures")
+    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+    if not found:
+        raise FileError(folder, "has no pictures", valid=f"files that end in {', '.join(SUFFIXES)}")
+    return found
+
+
+def decode_picture(path: Path, valid: str) -> UInt8[Array, "H W 3"]:
+    """A picture as it is (RGB). Raises FileError, which names what is `valid`, if unreadable."""
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if len(data) else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise FileError(path, "is not a readable picture", valid=valid)
+    return image
+
+
+def read_picture(path: Path) -> UInt8[Array, "S S 3"]:
+    """A picture as a texture (RGB). Raises FileError for one that cannot be read."""
+    image = decode_picture(path, "JPEG, PNG, WebP or BMP")
+    return cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
+
+
+def papered(place: Place, files: Sequence[Path], rng: np.random.Generator) -> Place:
+    """A place whose floor, walls and pictures show pictures drawn from files."""
+    chosen: dict[Path, Array] = {}
+    meshes = []
+    for mesh in place.meshes:
+        if mesh.name in PAPERED:
+            path = files[int(rng.integers(len(files)))]
+            if path not in chosen:
+                chosen[path] = read_picture(path)
+            mesh = replace(mesh, texture=chosen[path])
+        meshes.append(mesh)
+    return replace(place, meshes=tuple(meshes))

@@ -1,0 +1,74 @@
+"""Where skin is in the shade, redder or hardened: pictures in the layout of the skin's texture.
+
+Made once, from the undecimated mesh, and kept with the export.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numpy import ndarray as Array
+from scipy.interpolate import LinearNDInterpolator
+
+from egocap.geometry import unit
+from egocap_sim.human.body.normals import vertex_normals
+
+SIZE = 512  # px
+OPEN, RED, NAIL = range(3)  # channels
+
+
+def skin_maps(
+    vertices: Float[Array, "N 3"],
+    faces: Int[Array, "F 3"],
+    face_uv: Int[Array, "F 3"],
+    uv: Float[Array, "U 2"],
+    openness: Float[Array, "N"],
+    bone: Int[Array, "N"],
+    bone_names: list[str],
+    heads: Float[Array, "B 3"],
+) -> UInt8[Array, "512 512 3"]:
+    """Shares from 0 to 255: openness to light, redness (joints, cheeks, nose), finger nails."""
+    normals = vertex_normals(vertices, faces)
+    at = {name: heads[i] for i, name in enumerate(bone_names)}
+    red, nail = np.zeros(len(vertices)), np.zeros(len(vertices))
+
+    def near(point: Array, radius: float) -> Array:
+        return np.exp(-0.5 * (np.linalg.norm(vertices - point, axis=1) / radius) ** 2)
+
+    for side in "LR":
+        for joint, radius in (("lowerarm01", 0.03), ("lowerleg01", 0.045), ("foot", 0.03)):
+            red = np.maximum(red, 0.6 * near(at[f"{joint}.{side}"], radius))
+        for finger in range(1, 6):
+            chain = [at[f"finger{finger}-{k}.{side}"] for k in (1, 2, 3)]
+            for joint in chain:
+                red = np.maximum(red, 0.8 * near(joint, 0.009))
+            mine = bone == bone_names.index(f"finger{finger}-3.{side}")
+            nail = np.maximum(nail, _nail(vertices, normals, mine, *chain))
+    face = (vertices[:, 2] > at["head"][2]) & (normals[:, 0] > 0.2)
+    tip = vertices[np.argmax(np.where(face, vertices[:, 0], -np.inf))]
+    red = np.maximum(red, 0.8 * near(tip, 0.012) * face)
+    for y in (0.035, -0.035):
+        red = np.maximum(red, 0.5 * near(tip + [-0.025, y, 0.005], 0.018) * face)
+    pairs = np.unique(np.stack([face_uv.ravel(), faces.ravel()], 1), axis=0)
+    place, vertex = uv[pairs[:, 0]], pairs[:, 1]
+    values = np.stack([openness, red, nail], 1)[vertex]
+    centre = (np.arange(SIZE) + 0.5) / SIZE
+    grid = np.stack(np.meshgrid(centre, centre), -1).reshape(-1, 2)
+    picture = LinearNDInterpolator(place, values, fill_value=0.5)(grid).reshape(SIZE, SIZE, 3)
+    return np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8)
+
+
+def _nail(
+    vertices: Array, normals: Array, mine: Array, first: Array, second: Array, third: Array
+) -> Float[Array, "N"]:
+    """1 on the back of a finger's last third: opposite to where the finger bends."""
+    if not mine.any():
+        return np.zeros(len(vertices))
+    along = unit(third - second)
+    back = unit(unit(second - first) - along)
+    back = unit(back - (back @ along) * along)
+    reach = (vertices - third) @ along
+    length = reach[mine].max()
+    inside = np.clip((reach / length - 0.42) / 0.1, 0, 1)
+    upward = np.clip((normals @ back - 0.5) / 0.2, 0, 1)
+    return np.where(mine, inside * upward, 0.0)

@@ -1,0 +1,290 @@
+"""What tailors add to cloth: seams, hems, cuffs, plackets with buttons, zips, pockets, belts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap_sim.human.body.body_chart import TORSO
+from egocap_sim.human.clothing.panels import ARMS, GIRTH, LEGS, REACH, Panel
+
+LINE = cv2.LINE_8  # without anti-aliasing: the same bytes with every build of OpenCV
+STITCH, SEAM = -0.22, -0.3  # relief of a stitched line and of a seam
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Places along the pieces (m): heights on the torso, minus ways down the limbs."""
+
+    crotch: float = 0.8
+    waist: float = 1.0
+    chest: float = 1.3
+    neck: float = 1.45
+    elbow: float = -0.28
+    knee: float = -0.42
+    accent: tuple[float, float, float] = (40.0, 36.0, 34.0)  # sRGB 0-255 of belt, buttons, print
+
+    def creases(self, panel: Panel) -> list[tuple[float, float, float]]:
+        """Where cloth crumples on a panel: centre (m), width (m), strength."""
+        if panel.piece == TORSO:
+            return [(self.waist, 0.07, 0.6), (panel.bottom, 0.05, 0.3)]
+        joint = self.elbow if panel.piece in ARMS else self.knee
+        found = [(panel.top, 0.06, 0.5)]
+        if panel.bottom < joint:
+            found.append((joint, 0.055, 1.0))
+        if panel.bottom < 1.6 * joint:  # long ones bunch at the wrist and the ankle
+            found.append((panel.bottom + 0.03, 0.05, 0.9))
+        return found
+
+
+@dataclass(eq=False)
+class Canvas:
+    """A panel while it is painted: its colours (0-255) and the relief that will shade them."""
+
+    panel: Panel
+    image: Float[Array, "H W 3"]
+    marks: Marks
+    rng: np.random.Generator
+    relief: Float[Array, "H W"] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.relief = np.zeros(self.image.shape[:2], np.float32)
+
+    def px(self, turn: float, along: float) -> tuple[int, int]:
+        """Pixel of a place."""
+        return round(float(self.panel.x(turn))), round(float(self.panel.y(along)))
+
+    def metres(self, length: float) -> int:
+        """Rows that so many metres take, at least one."""
+        return max(1, round(length / (self.panel.top - self.panel.bottom) * self.panel.height))
+
+    def turns(self, length: float) -> float:
+        """Turn that so many metres take around the piece."""
+        return length / GIRTH[self.panel.piece]
+
+    def line(self, places: list[tuple[float, float]], strength: float, width: int = 1) -> None:
+        """Press a line into the cloth."""
+        points = np.array([self.px(*p) for p in places], np.int32)
+        cv2.polylines(self.relief, [points], False, strength, width, LINE)
+
+    def band(self, low: float, high: float) -> slice:
+        """Rows between two places along the piece."""
+        first, last = sorted((self.px(0, high)[1], self.px(0, low)[1]))
+        return slice(max(first, 0), max(last, 0))
+
+
+def hems(canvas: Canvas) -> None:
+    """A stitched line above the lower edge."""
+    place = canvas.panel.bottom + 0.022
+    if canvas.panel.top - canvas.panel.bottom > 0.06:
+        canvas.line([(0, place), (REACH, place)], STITCH)
+        canvas.relief[canvas.band(canvas.panel.bottom, place)] += 0.04
+
+
+def ribs(canvas: Canvas) -> None:
+    """Ribbed cuffs and waistband."""
+    rows = canvas.band(canvas.panel.bottom, canvas.panel.bottom + 0.055)
+    count = round(GIRTH[canvas.panel.piece] / 0.012)
+    wave = 0.12 * np.sign(np.sin(2 * np.pi * canvas.panel.turns * count))
+    canvas.relief[rows] += wave[None, :].astype(np.float32) - 0.05
+    place = canvas.panel.bottom + 0.055
+    canvas.line([(0, place), (REACH, place)], SEAM, 2)
+
+
+def side_seams(canvas: Canvas) -> None:
+    """Seams at the sides of the torso, inside and outside of the legs, under the arms."""
+    places = (0.02,) if canvas.panel.piece in ARMS else (0.25, 0.75)
+    for turn in places:
+        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], SEAM)
+
+
+def placket(canvas: Canvas) -> None:
+    """A band down the front with buttons."""
+    if canvas.panel.piece != TORSO:
+        return _cuffs(canvas)
+    half, front = canvas.turns(0.017), 0.5
+    for turn in (front - half, front + half):
+        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
+    canvas.line([(front - half - canvas.turns(0.003), canvas.panel.top),
+                 (front - half - canvas.turns(0.003), canvas.panel.bottom)], SEAM)  # fmt: skip
+    for place in np.arange(canvas.marks.neck - 0.05, canvas.panel.bottom + 0.03, -0.085):
+        centre = canvas.px(front, float(place))
+        radius = max(2, canvas.metres(0.006))
+        cv2.circle(canvas.relief, (centre[0] + 1, centre[1] + 1), radius + 1, -0.25, -1, LINE)
+        cv2.circle(canvas.image, centre, radius, _button(canvas), -1, LINE)
+        cv2.circle(canvas.relief, centre, radius, 0.12, -1, LINE)
+    return None
+
+
+def _button(canvas: Canvas) -> tuple[float, float, float]:
+    """Light buttons on dark cloth and on light cloth alike are common; never invisible."""
+    dark = canvas.image.mean() < 110
+    return (205.0, 200.0, 190.0) if dark else (238.0, 236.0, 230.0)
+
+
+def _cuffs(canvas: Canvas) -> None:
+    if canvas.panel.piece in ARMS and canvas.panel.bottom < canvas.marks.elbow - 0.1:
+        place = canvas.panel.bottom + 0.06
+        canvas.line([(0, place), (REACH, place)], SEAM, 2)
+        x, y = canvas.px(0.62, canvas.panel.bottom + 0.03)
+        cv2.circle(canvas.image, (x, y), 2, _button(canvas), -1, LINE)
+
+
+def zipper(canvas: Canvas) -> None:
+    """A metal zip down the front."""
+    if canvas.panel.piece != TORSO:
+        return
+    x, _ = canvas.px(0.5, 0.0)
+    half = max(1, round(float(canvas.panel.x(canvas.turns(0.005)))))
+    rows = np.arange(canvas.panel.height)
+    teeth = np.where((rows // 2) % 2 == 0, 190.0, 110.0).astype(np.float32)
+    canvas.image[:, x - half : x + half] = teeth[:, None, None]
+    for side in (-1, 1):
+        turn = 0.5 + side * canvas.turns(0.014)
+        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
+
+
+def edges(canvas: Canvas) -> None:
+    """The stitched edges of a front that stands open, patch pockets low at its sides."""
+    if canvas.panel.piece != TORSO:
+        return
+    for side in (-1, 1):
+        turn = 0.5 + side * canvas.turns(0.075)
+        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
+        _patch(canvas, 0.5 + side * canvas.turns(0.16), canvas.panel.bottom + 0.2, 0.12, 0.13)
+
+
+def kangaroo(canvas: Canvas) -> None:
+    """A hoodie's pocket over the belly."""
+    if canvas.panel.piece != TORSO:
+        return
+    low = max(canvas.panel.bottom + 0.06, canvas.marks.crotch)
+    high, wide, narrow = low + 0.19, canvas.turns(0.15), canvas.turns(0.09)
+    outline = [(0.5 - wide, low), (0.5 - wide, low + 0.07), (0.5 - narrow, high),
+               (0.5 + narrow, high), (0.5 + wide, low + 0.07), (0.5 + wide, low)]  # fmt: skip
+    canvas.line(outline, SEAM, 2)
+    canvas.line([outline[1], outline[2]], -0.4, 3)
+    canvas.line([outline[3], outline[4]], -0.4, 3)
+    for side in (-1, 1):  # the hood's cords
+        turn = 0.5 + side * canvas.turns(0.035)
+        start, end = canvas.px(turn, canvas.marks.neck), canvas.px(turn, canvas.marks.neck - 0.2)
+        cv2.line(canvas.relief, (start[0] + 1, start[1]), (end[0] + 1, end[1]), -0.3, 2, LINE)
+        cv2.line(canvas.image, start, end, (225.0, 222.0, 215.0), 2, LINE)
+
+
+def chest_pocket(canvas: Canvas) -> None:
+    """A patch pocket on the left chest."""
+    if canvas.panel.piece == TORSO:
+        _patch(canvas, 0.5 + canvas.turns(0.085), canvas.marks.chest, 0.10, 0.12)
+
+
+def front_pockets(canvas: Canvas) -> None:
+    """Trousers: slanted pockets, the fly, and a waistband."""
+    if canvas.panel.piece != TORSO:
+        return
+    top = canvas.panel.top - 0.04
+    for side in (-1, 1):
+        inner, outer = 0.5 + side * canvas.turns(0.10), 0.5 + side * canvas.turns(0.20)
+        curve = [(inner, top), (inner + 0.2 * (outer - inner), top - 0.05),
+                 (inner + 0.55 * (outer - inner), top - 0.085), (outer, top - 0.10)]  # fmt: skip
+        canvas.line(curve, -0.38, 2)
+    fly = 0.5 + canvas.turns(0.028)
+    canvas.line([(0.5, top), (0.5, canvas.marks.crotch)], SEAM, 2)
+    canvas.line([(fly, top), (fly, top - 0.11), (0.5, top - 0.15)], STITCH)
+    canvas.line([(0, top), (REACH, top)], SEAM, 2)
+
+
+def back_pockets(canvas: Canvas) -> None:
+    """Two patch pockets behind."""
+    if canvas.panel.piece == TORSO:
+        top = canvas.panel.top - 0.12
+        for turn in (canvas.turns(0.095), 1 - canvas.turns(0.095)):
+            _patch(canvas, turn, top, 0.13, 0.14)
+
+
+def _patch(canvas: Canvas, turn: float, top: float, width: float, height: float) -> None:
+    half = canvas.turns(width) / 2
+    outline = [(turn - half, top), (turn - half, top - 0.85 * height), (turn, top - height),
+               (turn + half, top - 0.85 * height), (turn + half, top)]  # fmt: skip
+    canvas.line([*outline, outline[0]], SEAM)
+    canvas.line([(turn - half, top - 0.012), (turn + half, top - 0.012)], STITCH)
+
+
+def belt(canvas: Canvas) -> None:
+    """A belt in the accent colour, its buckle and loops."""
+    if canvas.panel.piece != TORSO:
+        return
+    rows = canvas.band(canvas.panel.top - 0.036, canvas.panel.top)
+    canvas.image[rows] = np.array(canvas.marks.accent, np.float32)
+    canvas.relief[rows] += 0.05
+    x, y = canvas.px(0.5, canvas.panel.top - 0.018)
+    half = round(float(canvas.panel.x(canvas.turns(0.024))))
+    tall = max(3, canvas.metres(0.018))
+    cv2.rectangle(canvas.image, (x - half, y - tall), (x + half, y + tall), (190.0, 186.0, 175.0),
+                  2, LINE)  # fmt: skip
+    for edge in (canvas.panel.top - 0.036,):
+        canvas.line([(0, edge), (REACH, edge)], -0.4, 2)
+
+
+def faded(canvas: Canvas) -> None:
+    """Denim worn light on the thighs and the knees, with stitched yellow seams."""
+    if canvas.panel.piece not in LEGS:
+        return
+    turns, along = canvas.panel.turns % 1, canvas.panel.along
+    front = np.exp(-0.5 * ((turns - 0.5) / 0.13) ** 2)[None, :]
+    thigh = np.exp(-0.5 * ((along + 0.2) / 0.12) ** 2)
+    knee = np.exp(-0.5 * ((along - canvas.marks.knee) / 0.07) ** 2)
+    share = (0.30 * front * (thigh + knee)[:, None])[..., None].astype(np.float32)
+    canvas.image += share * (np.array([205.0, 212.0, 222.0], np.float32) - canvas.image)
+
+
+def pressed(canvas: Canvas) -> None:
+    """The ironed crease down the front of trouser legs."""
+    if canvas.panel.piece in LEGS:
+        canvas.line([(0.5, canvas.panel.top), (0.5, canvas.panel.bottom)], 0.14, 2)
+
+
+def motif(canvas: Canvas) -> None:
+    """A print on the chest: a disc, bars or blocks in the accent colour."""
+    if canvas.panel.piece != TORSO:
+        return
+    color = tuple(float(c) for c in canvas.marks.accent)
+    kind = int(canvas.rng.integers(3))
+    x, y = canvas.px(0.5, canvas.marks.chest - 0.02)
+    half, tall = round(float(canvas.panel.x(canvas.turns(0.09)))), canvas.metres(0.08)
+    if kind == 0:
+        cv2.ellipse(canvas.image, (x, y), (half, tall), 0, 0, 360, color, -1, LINE)
+        inner = tuple(float(c) for c in canvas.image[0, 0])
+        cv2.ellipse(canvas.image, (x, y), (half // 2, tall // 2), 0, 0, 360, inner, -1, LINE)
+    elif kind == 1:
+        for i in range(3):
+            row, right = y + (i - 1) * tall // 2, x + half - i * half // 3
+            cv2.rectangle(canvas.image, (x - half, row), (right, row + tall // 4), color, -1, LINE)
+    else:
+        grid = np.repeat(np.repeat(canvas.rng.random((3, 5)) < 0.55, tall // 3, 0), half // 3, 1)
+        patch = canvas.image[y - tall // 2 :, x - half :][: grid.shape[0], : grid.shape[1]]
+        patch[grid[: patch.shape[0], : patch.shape[1]]] = color
+
+
+def gradient(canvas: Canvas) -> None:
+    """Dip-dyed: the colour runs into the accent toward the lower edge."""
+    along = canvas.panel.along
+    start = canvas.marks.chest if canvas.panel.piece == TORSO else -0.08
+    share = np.clip((start - along) / max(start - canvas.panel.bottom, 0.05), 0, 1)
+    share = (share * share * (3 - 2 * share)).astype(np.float32)[:, None, None]
+    canvas.image += share * (np.array(canvas.marks.accent, np.float32) - canvas.image)
+
+
+DETAILS: dict[str, Callable[[Canvas], None]] = {
+    "hems": hems, "ribs": ribs, "side_seams": side_seams, "placket": placket, "zip": zipper,
+    "edges": edges, "kangaroo": kangaroo, "chest_pocket": chest_pocket,
+    "front_pockets": front_pockets, "back_pockets": back_pockets, "belt": belt,
+    "faded": faded, "pressed": pressed, "motif": motif,
+    "gradient": gradient,
+}  # fmt: skip
+"""Details by name. Each is offered every panel of a garment and paints where it belongs."""

@@ -1,0 +1,293 @@
+"""The wardrobe's cuts: tops and bottoms as shells around a person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap_sim.core.bodies import INDEX
+from egocap_sim.human.body.anny_model import BareBody
+from egocap_sim.human.body.body_chart import LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, TORSO, Chart
+from egocap_sim.human.clothing.details import Marks
+from egocap_sim.human.clothing.drape import hang
+from egocap_sim.human.clothing.shell import ELSEWHERE, Cut, Level, Shell, make_shell
+from egocap_sim.human.clothing.skirts import Skirt
+
+PLAIN = ("side_seams", "hems")
+SHIRT = ("side_seams", "hems", "placket", "chest_pocket")
+TROUSERS = ("side_seams", "hems", "front_pockets", "back_pockets")
+
+
+@dataclass(frozen=True)
+class Top:
+    """A garment of the upper body; lengths are shares, cloth distances metres."""
+
+    sleeve: float  # 0 shoulder, 1 elbow, 2 wrist
+    hem: float  # 0 crotch, 1 waist
+    collar: float  # m above the ring around the base of the neck; below it if negative
+    gap: float
+    ease: float  # looseness of the torso
+    sleeve_ease: float
+    details: tuple[str, ...] = PLAIN  # of `egocap_sim.human.clothing.details`
+    crumple: float = 1.0  # depth of folds
+    armhole: float | None = None  # m around the shoulder joint left bare, in place of a sleeve
+    opening: float | None = None  # m, half the width of an open front
+    inner: str | None = None  # the top worn under an open front
+    trim: str | None = None  # of `TRIMS`: what lies around the neck
+    skirt: Skirt | None = None  # of a dress
+
+
+@dataclass(frozen=True)
+class Bottom:
+    """A garment of the legs."""
+
+    leg: float  # 0 hip, 1 knee, 2 ankle
+    gap: float
+    ease: float  # looseness at the hem, growing from the hip
+    details: tuple[str, ...] = TROUSERS
+    crumple: float = 1.0
+
+
+@dataclass(frozen=True)
+class Trim:
+    """A second layer around the neck: folded collars, ribbed necks, a hood on the shoulders."""
+
+    width: float  # m from the garment's edge down
+    gap: float  # m over the garment
+    bulge: float = 0.0  # m more behind, in its middle
+    notch: float | None = None  # m it stands open at the throat
+
+
+TRIMS: dict[str, Trim] = {
+    "rib": Trim(0.020, 0.0025),
+    "collar": Trim(0.042, 0.006, notch=0.010),
+    "lapel": Trim(0.055, 0.007, notch=0.05),
+    "hood": Trim(0.085, 0.010, bulge=0.055, notch=0.03),
+}
+TOPS: dict[str, Top] = {
+    "tshirt": Top(0.55, 0.22, 0.0, 0.006, 0.012, 0.016, trim="rib"),
+    "print_tshirt": Top(0.6, 0.2, 0.0, 0.006, 0.016, 0.02, (*PLAIN, "motif"), trim="rib"),
+    "slim_tshirt": Top(0.42, 0.45, -0.02, 0.006, 0.004, 0.004, crumple=0.6),
+    "tank_top": Top(0.0, 0.35, -0.035, 0.006, 0.006, 0.004, crumple=0.7, armhole=0.095),
+    "longsleeve": Top(1.92, 0.25, 0.0, 0.006, 0.010, 0.007, trim="rib"),
+    "shirt": Top(1.95, 0.12, 0.022, 0.007, 0.018, 0.014, SHIRT, 1.2, trim="collar"),
+    "polo": Top(0.5, 0.2, 0.016, 0.006, 0.012, 0.014, trim="collar"),
+    "sweater": Top(1.95, 0.28, 0.01, 0.010, 0.020, 0.016, ("ribs",), 0.8, trim="rib"),
+    "hoodie": Top(1.97, 0.22, 0.012, 0.012, 0.028, 0.024, ("ribs", "kangaroo"), 1.1, trim="hood"),
+    "jacket": Top(
+        1.97, 0.10, 0.02, 0.022, 0.030, 0.026, (*PLAIN, "edges"), 1.2,
+        opening=0.045, inner="tshirt", trim="lapel",
+    ),
+    "zip_jacket": Top(
+        1.97, 0.10, 0.03, 0.014, 0.034, 0.026, (*PLAIN, "zip"), 1.2, trim="rib"
+    ),
+    "vest": Top(
+        0.0, 0.15, 0.0, 0.022, 0.026, 0.02, (*PLAIN, "edges"), 0.7,
+        armhole=0.08, opening=0.035, inner="longsleeve",
+    ),
+    "dress": Top(
+        0.35, 1.0, -0.02, 0.006, 0.006, 0.012, ("side_seams",), 0.7,
+        skirt=Skirt(0.95, 0.22, 0.012),
+    ),
+    "summer_dress": Top(
+        0.0, 1.0, -0.04, 0.006, 0.004, 0.004, ("side_seams",), 0.6,
+        armhole=0.09, skirt=Skirt(1.25, 0.16, 0.010, 11),
+    ),
+}  # fmt: skip
+BOTTOMS: dict[str, Bottom | Skirt | None] = {
+    "shorts": Bottom(0.78, 0.007, 0.030),
+    "tight_shorts": Bottom(0.55, 0.004, 0.0, PLAIN, 0.3),
+    "slim_trousers": Bottom(1.86, 0.005, 0.003, crumple=0.8),
+    "trousers": Bottom(1.96, 0.006, 0.018),
+    "wide_trousers": Bottom(1.99, 0.005, 0.045, ("side_seams", "front_pockets", "pressed")),
+    "leggings": Bottom(1.80, 0.004, 0.0, ("side_seams",), 0.25),
+    "skirt": Skirt(0.85, 0.20, 0.010),
+    "pleated_skirt": Skirt(0.62, 0.30, 0.016, 14),
+    "long_skirt": Skirt(1.45, 0.14, 0.010, 8),
+    "none": None,  # under a dress
+}
+UNDER_DRESSES = ("none", "leggings", "tight_shorts")
+
+SOCKS: dict[str, float] = {"ankle_socks": 0.06, "crew_socks": 0.16}  # m above the ankle
+HANGING = 0.008  # m of ease from which cloth falls freely
+NECK_RADIUS, STRAP = 0.06, 0.04  # m: of the ring that `Chart.neck` counts from, of a shoulder
+THIGH_GRIP = 0.5  # how much a hanging hem still follows the thighs under it
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A garment on a person: its cloth and the skin it hides."""
+
+    shell: Shell
+    covered: Bool[Array, "N"]
+
+
+def fit_top(body: BareBody, chart: Chart, top: Top, tucked: bool = False) -> Fitted:
+    """Put a top on a person; `tucked` into a skirt, it ends tight at the waist."""
+    z = body.vertices[:, 2]
+    crotch, waist, chest = levels(body)
+    at_waist = tucked or top.skirt is not None
+    hem = waist - 0.02 if at_waist else crotch + 0.03 + top.hem * (waist - crotch - 0.03)
+    arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
+    sleeve_end = _along(top.sleeve, chart.elbow, chart.wrist) - chart.arm
+    edges = [
+        np.where(arm, sleeve_end, ELSEWHERE)
+        if top.armhole is None
+        else _armholes(body, chart, top),
+        np.where(chart.piece == TORSO, top.collar - chart.neck, ELSEWHERE),
+    ]
+    if top.opening is not None:
+        edges.append(_open_front(body, top.opening))
+    margin = _margin(max(top.ease, top.sleeve_ease))
+    cut = Cut(edges, Level(hem, above=True, where=~arm), margin=margin)
+    drop = np.clip((chest - z) / (chest - hem), 0, 1)
+    # Shoulders carry the cloth; it falls freely from the chest down and along the sleeves.
+    ease = top.ease * (0.25 + 0.75 * drop)
+    if at_waist:
+        ease = ease * np.clip((z - hem - 0.02) / 0.10, 0.05, 1)
+    sleeve = top.sleeve_ease * np.clip(chart.arm / 0.12, 0.2, 1)
+    collar_ease = np.clip((top.collar - chart.neck) / 0.08, 0.2, 1)
+    looseness = np.where(arm, sleeve, ease * collar_ease)
+    gap = top.gap + 0.004 * drop * ~arm * (not at_waist)  # over the waistband below
+    free = top.ease >= HANGING and not at_waist
+
+    def fall(cloth: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
+        centre = body.joints[INDEX["pelvis"], :2] * [1, 0]
+        return hang(cloth, ~arm, centre, chest - 0.02, hem, min(1.0, top.ease / 0.014))
+
+    shell = make_shell(
+        body, chart, cut, gap, looseness, _hips(body, chart), fall=fall if free else None
+    )
+    legs = np.isin(shell.piece, (LEFT_LEG, RIGHT_LEG))
+    return Fitted(
+        replace(
+            shell,
+            piece=np.where(legs, TORSO, shell.piece),
+            weights=_let_go(shell.weights) if free else shell.weights,
+        ),
+        cut.covered(body.vertices),
+    )
+
+
+def fit_trim(body: BareBody, chart: Chart, top: Top) -> Shell:
+    """What lies around the neck of a top, outside it."""
+    assert top.trim is not None
+    trim = TRIMS[top.trim]
+    inside = top.collar + 0.002 - chart.neck
+    edges = [
+        np.where(chart.piece == TORSO, inside, -ELSEWHERE),
+        np.where(chart.piece == TORSO, trim.width - inside, ELSEWHERE),
+    ]
+    if trim.notch is not None:
+        wider = trim.notch + 0.5 * np.clip(inside, 0, None)
+        edges.append(_open_front(body, wider))
+    behind = np.clip((body.joints[INDEX["neck"], 0] - body.vertices[:, 0]) / 0.06 + 0.3, 0, 1)
+    middle = np.sin(np.pi * np.clip(inside / trim.width, 0, 1))
+    collar_ease = np.clip(inside / 0.08, 0.2, 1)
+    gap = top.gap + 0.25 * top.ease * collar_ease + trim.gap
+    looseness = trim.bulge * behind * middle
+    return make_shell(body, chart, Cut(edges), gap + looseness, 0 * looseness, rounds=4)
+
+
+def _armholes(body: BareBody, chart: Chart, top: Top) -> Float[Array, "N"]:
+    """Distance inside the edges around both shoulders."""
+    assert top.armhole is not None
+    arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
+    joints = body.joints[[INDEX["l_upperarm"], INDEX["r_upperarm"]]] - [0, 0, 0.01]
+    away = np.min([np.linalg.norm(body.vertices - joint, axis=1) for joint in joints], axis=0)
+    # Narrow shoulders and a wide neck leave less: the straps keep their width.
+    radius = min(top.armhole, joints[0, 1] - NECK_RADIUS - max(-top.collar, 0) - STRAP)
+    return np.where(arm, np.minimum(-0.01 - chart.arm, away - radius), away - radius)
+
+
+def _open_front(body: BareBody, half: Array | float) -> Float[Array, "N"]:
+    """Distance inside the edges of a front that stands open by `half` (m) on each side."""
+    joints = body.joints
+    order = ["pelvis", "spine", "chest", "neck", "head"]
+    middle = np.interp(body.vertices[:, 2], *joints[[INDEX[n] for n in order]][:, [2, 0]].T)
+    front = body.vertices[:, 0] > middle
+    return np.where(front, np.abs(body.vertices[:, 1]) - half, ELSEWHERE)
+
+
+def _let_go(weights: Float[Array, "M 21"]) -> Float[Array, "M 21"]:
+    """Give half of the thighs' hold on a hem back to the pelvis."""
+    loose = weights.copy()
+    for thigh in (INDEX["l_thigh"], INDEX["r_thigh"]):
+        loose[:, INDEX["pelvis"]] += (1 - THIGH_GRIP) * loose[:, thigh]
+        loose[:, thigh] *= THIGH_GRIP
+    return loose
+
+
+def fit_bottom(body: BareBody, chart: Chart, bottom: Bottom, buried: Bool[Array, "N"]) -> Fitted:
+    """Put trousers or shorts on a person; `buried` is what the top hides of them."""
+    z = body.vertices[:, 2]
+    waist = levels(body)[1]
+    leg = np.isin(chart.piece, (LEFT_LEG, RIGHT_LEG))
+    arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
+    length = _along(bottom.leg, chart.knee, chart.ankle)
+    cut = Cut(
+        [
+            np.where(arm, -ELSEWHERE, ELSEWHERE),
+            np.where(leg, length - chart.leg, ELSEWHERE),
+        ],
+        Level(waist, above=False, where=~arm),
+        margin=_margin(bottom.ease),
+    )
+    looseness = bottom.ease * np.where(leg, np.clip(chart.leg / length, 0.05, 1), 0.05)
+    gap = np.full(len(z), bottom.gap)
+    shell = make_shell(body, chart, cut, gap, looseness, _hips(body, chart), buried)
+    return Fitted(shell, cut.covered(body.vertices))
+
+
+def fit_socks(body: BareBody, chart: Chart, rise: float, buried: Bool[Array, "N"]) -> Fitted:
+    """Put socks on a person; `buried` is what shoes and trousers hide of them."""
+    leg = np.isin(chart.piece, (LEFT_LEG, RIGHT_LEG))
+    cut = Cut([np.where(leg, chart.leg - (chart.ankle - rise), -ELSEWHERE)], margin=0.012)
+    gap = np.full(len(leg), 0.0025)
+    shell = make_shell(body, chart, cut, gap, 0 * gap, buried=buried, rounds=4)
+    return Fitted(shell, cut.covered(body.vertices))
+
+
+def _margin(ease: float) -> float:
+    """How deep (m) under its hems skin can be seen: less under tight cloth."""
+    return 0.02 + 0.8 * ease
+
+
+def _hips(body: BareBody, chart: Chart) -> Float[Array, "N"]:
+    """1 from the crotch to the waist and 0 elsewhere: where cloth spans from leg to leg."""
+    z = body.vertices[:, 2]
+    crotch, waist, _ = levels(body)
+    rise = np.clip((z - crotch + 0.05) / 0.08, 0, 1) * np.clip((waist + 0.1 - z) / 0.1, 0, 1)
+    return np.where(np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM)), 0.0, rise)
+
+
+def marks(body: BareBody, chart: Chart, accent: Float[Array, "3"]) -> Marks:
+    """Where details go on a person; `accent` is the sRGB colour (0 to 1) of belts and prints."""
+    crotch, waist, chest = levels(body)
+    red, green, blue = (float(255 * c) for c in accent)
+    return Marks(
+        crotch=crotch,
+        waist=waist,
+        chest=chest,
+        neck=float(body.joints[INDEX["l_clavicle"], 2]),
+        elbow=-chart.elbow,
+        knee=-chart.knee,
+        accent=(red, green, blue),
+    )
+
+
+def levels(body: BareBody) -> tuple[float, float, float]:
+    """Heights (m) of the crotch, the waist and the chest."""
+    joints = body.joints[:, 2]
+    middle = (np.abs(body.vertices[:, 1]) < 0.02) & (body.vertices[:, 2] > 0.3 * body.height_m)
+    crotch = float(body.vertices[middle, 2].min())
+    waist = float(joints[INDEX["spine"]] + 0.02 * body.height_m / 1.75)
+    return crotch, waist, float(joints[INDEX["chest"]] + 0.10)
+
+
+def _along(share: float, first: float, second: float) -> float:
+    """Metres along a limb from a share: 1 is its first joint below the root, 2 the second."""
+    return float(np.interp(share, [0, 1, 2], [0, first, second]))

@@ -1,0 +1,124 @@
+"""Cloth unrolled: where each piece of a garment lies in the garment's texture, in metres.
+
+A piece (torso, sleeve, trouser leg) is a cylinder cut open on its hidden side. Across it runs the
+turn (0 to 1) around the piece, down it the metres along it, so that folds, seams and pockets can
+be painted where they belong. Sleeves and legs lie side by side below the torso.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.geometry import unit
+from egocap_sim.core.bodies import INDEX
+from egocap_sim.human.body.anny_model import BareBody
+from egocap_sim.human.body.body_chart import LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, TORSO
+
+SIZE = 512  # px of a garment's texture
+REACH = 1.12  # turns a panel shows: triangles on the seam run beyond the first
+GIRTH = {TORSO: 0.96, LEFT_ARM: 0.30, RIGHT_ARM: 0.30, LEFT_LEG: 0.48, RIGHT_LEG: 0.48}  # m
+LIMBS = {
+    LEFT_ARM: ("l_upperarm", "l_forearm", "l_hand"),
+    RIGHT_ARM: ("r_upperarm", "r_forearm", "r_hand"),
+    LEFT_LEG: ("l_thigh", "l_calf", "l_foot"),
+    RIGHT_LEG: ("r_thigh", "r_calf", "r_foot"),
+}
+ARMS, LEGS = (LEFT_ARM, RIGHT_ARM), (LEFT_LEG, RIGHT_LEG)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A piece's rectangle in the texture (px) and what it shows: `along` falls down the rows."""
+
+    piece: int
+    column: int
+    row: int
+    width: int
+    height: int
+    top: float  # m along the piece at the upper edge
+    bottom: float
+
+    @property
+    def turns(self) -> Float[Array, "W"]:
+        """Turn of each column."""
+        return (np.arange(self.width) + 0.5) / self.width * REACH
+
+    @property
+    def along(self) -> Float[Array, "H"]:
+        """Metres along the piece of each row."""
+        rows = (np.arange(self.height) + 0.5) / self.height
+        return self.top + rows * (self.bottom - self.top)
+
+    def x(self, turn: Array | float) -> Array | float:
+        """Column, from the panel's left edge, of a turn."""
+        return np.asarray(turn) / REACH * self.width
+
+    def y(self, along: Array | float) -> Array | float:
+        """Row, from the panel's upper edge, of a place along the piece."""
+        return (np.asarray(along) - self.top) / (self.bottom - self.top) * self.height
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the texture."""
+        return (
+            slice(self.row, self.row + self.height),
+            slice(self.column, self.column + self.width),
+        )
+
+    def uv(self, turn: Array, along: Array) -> Float[Array, "N 2"]:
+        """Texture coordinates, half a pixel away from the neighbours' rows."""
+        x = self.column + self.x(turn)
+        y = self.row + np.clip(self.y(along), 1.0, self.height - 1.0)
+        return np.stack([x, y], 1) / SIZE
+
+
+def lay_out(spans: Mapping[int, tuple[float, float]]) -> dict[int, Panel]:
+    """Give pieces their panels; `spans` is the greatest and the least `along` of each."""
+    torso = [p for p in spans if p == TORSO]
+    limbs = sorted(p for p in spans if p != TORSO)
+    tall = max((spans[p][0] - spans[p][1] for p in limbs), default=0.0)
+    length = spans[TORSO][0] - spans[TORSO][1] if torso else 0.0
+    rows = round(SIZE * length / max(length + tall, 1e-6)) if limbs else SIZE
+    rows = int(np.clip(rows, 32, SIZE - 32)) if torso and limbs else rows
+    panels = {}
+    if torso:
+        panels[TORSO] = Panel(TORSO, 0, 0, SIZE, rows, *spans[TORSO])
+    for i, piece in enumerate(limbs):
+        width = SIZE // len(limbs)
+        panels[piece] = Panel(piece, i * width, rows if torso else 0, width,
+                              SIZE - rows if torso else SIZE, *spans[piece])  # fmt: skip
+    return panels
+
+
+def unroll(
+    piece: int, points: Float[Array, "N 3"], body: BareBody
+) -> tuple[Float[Array, "N"], Float[Array, "N"]]:
+    """Turns (0 to 1) around a piece's axis, from its hidden side, and metres along it.
+
+    Half a turn is the front of the torso and of the legs and the outer side of the arms. `along`
+    is the height on the torso, and minus the way from the shoulder or hip on a limb.
+    """
+    if piece == TORSO:
+        low, high = body.joints[INDEX["pelvis"]], body.joints[INDEX["neck"]]
+        x = points[:, 0] - (low[0] + high[0]) / 2
+        radius = np.hypot(x, points[:, 1])
+        # Over the shoulders cloth runs inward rather than up: count both ways as length.
+        slope = np.clip((points[:, 2] - (high[2] - 0.16)) / 0.10, 0, 1)
+        turn = np.arctan2(points[:, 1], x) / (2 * np.pi) + 0.5
+        return turn, points[:, 2] + slope * np.maximum(0, 0.2 - radius)
+    a, b, c = (body.joints[INDEX[name]] for name in LIMBS[piece])
+    first, second = unit(b - a), unit(c - b)
+    length = np.linalg.norm(b - a)
+    upper = np.minimum((points - a) @ first, length)
+    lower = np.maximum((points - b) @ second, 0.0)
+    out = points - (a + upper[:, None] * first + lower[:, None] * second)
+    axis = unit(c - a)
+    hidden = np.array([0, -np.sign(a[1]), -0.3]) if piece in ARMS else np.array([-1.0, 0, 0])
+    e1 = unit(-hidden + (hidden @ axis) * axis)
+    turn = np.arctan2(out @ np.cross(axis, e1), out @ e1) / (2 * np.pi) + 0.5
+    return turn, -(upper + lower)

@@ -1,0 +1,204 @@
+"""Garment shells: the skin's surface pushed outward, smoothed, cut along hems and turned in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from egocap.geometry import unit
+from egocap_sim.core.bodies import BODIES
+from egocap_sim.human.body.anny_model import BareBody, anatomy
+from egocap_sim.human.body.body_chart import TORSO, Chart
+from egocap_sim.human.body.numbering import distinct
+from egocap_sim.human.body.skin_patch import patch_of
+
+APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
+SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
+ELSEWHERE = 1.0  # m inside: what an edge says of parts of the body that it does not concern
+TIGHT, WIDE = 2, 24  # rounds of averaging of the skin weights
+HEM_FOLD = 0.7  # share of the gap to the skin by which a hem's edge is turned in
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """An edge at one height (m) of the cloth itself: cloth lies above it, or below it."""
+
+    height: float
+    above: bool
+    where: Bool[Array, "N"]  # vertices it concerns
+
+    def inside(self, points: Float[Array, "N 3"]) -> Float[Array, "N"]:
+        """Distance inside the edge of vertices at these points."""
+        depth = points[:, 2] - self.height
+        return np.where(self.where, depth if self.above else -depth, ELSEWHERE)
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Where a garment is: distances (m) inside each edge; cloth lies where all are above 0.
+
+    Skin more than `margin` inside every edge counts as hidden: enough for hems to move. Where
+    `level` is given, cloth also ends at that height, wherever `levelled`.
+    """
+
+    edges: Sequence[Float[Array, "N"]]
+    level: Level | None = None
+    margin: float = 0.05
+
+    def edges_at(self, points: Float[Array, "N 3"]) -> list[Float[Array, "N"]]:
+        """Distances inside each edge of cloth (or skin) whose vertices are at these points."""
+        return [*self.edges, *([self.level.inside(points)] if self.level else [])]
+
+    def covered(self, skin: Float[Array, "N 3"]) -> Bool[Array, "N"]:
+        """The skin's vertices that cannot be seen."""
+        return np.min(self.edges_at(skin), axis=0) > self.margin
+
+
+@dataclass(frozen=True, eq=False)
+class Shell:
+    """Cloth at rest, before its fabric is laid on."""
+
+    vertices: Float[Array, "M 3"]
+    skin: Float[Array, "M 3"]  # the point of the skin under each vertex
+    faces: Int[Array, "F 3"]
+    weights: Float[Array, "M 21"]
+    piece: Int[Array, "M"]  # of `chart`
+    light: Float[Array, "M"]  # openness of the body there: dark in armpits and between the legs
+
+
+def make_shell(
+    body: BareBody,
+    chart: Chart,
+    cut: Cut,
+    gap: Float[Array, "N"],
+    looseness: Float[Array, "N"],
+    drape: Float[Array, "N"] | None = None,
+    buried: Bool[Array, "N"] | None = None,
+    rounds: int = SMOOTHING,
+    fall: Callable[[Float[Array, "N 3"]], Float[Array, "N 3"]] | None = None,
+) -> Shell:
+    """Cut a garment from the body.
+
+    `gap` (m) is the least distance to the skin along its normal, `looseness` (m) is added to it
+    before the cloth is smoothed in so many `rounds` of averaging. `drape` (0 to 1) is how far the
+    cloth bends wider than the skin under it, as between the legs. Triangles all of whose corners
+    are `buried` (under another garment) are left out. `fall` moves the smoothed cloth before it is
+    cut.
+    """
+    near = np.min(cut.edges_at(body.vertices), axis=0) > -APRON
+    # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
+    flat = cut.covered(body.vertices) & (chart.piece == TORSO)
+    least = np.where(flat, np.maximum(gap - 0.006, 0.0015), gap)
+    patch = patch_of(near)
+    outward = unit(patch.smoothed(chart.normals, 4))
+    cloth = body.vertices + outward * (gap + looseness)[:, None]
+    cloth = patch.smoothed_over(cloth, body.vertices, chart.normals, least, rounds)
+    if fall is not None:
+        cloth = fall(cloth)
+    weights = patch.smoothed(skin_weights(), TIGHT)
+    if drape is not None:
+        wide = patch.smoothed(weights, WIDE - TIGHT)
+        weights = weights + drape[:, None] * (wide - weights)
+    faces = anatomy().faces
+    faces = faces[near.take(faces.T).all(0)]
+    if buried is not None:
+        faces = faces[~buried.take(faces.T).all(0)]
+    # Cloth bridges the skin's small hollows.
+    light = patch.smoothed(anatomy().openness.astype(float)[:, None], 4)[:, 0]
+    mix = sp.csr_matrix(sp.identity(len(near)))
+    for edge in cut.edges_at(cloth):
+        faces, step = clip(faces, mix @ edge)
+        mix = sp.csr_matrix(step @ mix)
+    return _turn_hems(
+        Shell(
+            vertices=mix @ cloth,
+            skin=mix @ body.vertices,
+            faces=faces,
+            weights=mix @ weights,
+            piece=chart.piece[mix.indices[mix.indptr[:-1]]],
+            light=mix @ light,
+        )
+    )
+
+
+@cache
+def skin_weights() -> Float[Array, "N 21"]:
+    """Weights of the skin's vertices on all bodies."""
+    shape = anatomy()
+    weights = np.zeros((len(shape.bones), len(BODIES)))
+    np.put_along_axis(weights, shape.bones, shape.weights, 1)
+    return weights
+
+
+def clip(
+    faces: Int[Array, "F 3"], value: Float[Array, "N"]
+) -> tuple[Int[Array, "G 3"], sp.csr_matrix]:
+    """Cut triangles along the line where `value` is zero and keep the side above it.
+
+    Returns the new triangles and the matrix (M, N) that makes attributes of the new vertices from
+    those of the old.
+    """
+    inside = value > 0
+    count = inside.take(faces.T).sum(0)
+    whole = faces[count == 3]
+    # Turn the partly kept triangles so that the corner that stands alone comes first.
+    lone = _alone_first(faces[count == 1], inside)
+    pair = _alone_first(faces[count == 2], ~inside)
+    crossed = np.concatenate([lone[:, [0, 1]], lone[:, [0, 2]], pair[:, [0, 1]], pair[:, [0, 2]]])
+    n, crossed = len(value), crossed.astype(np.int64)
+    key, index = np.unique(crossed.min(1) * n + crossed.max(1), return_inverse=True)
+    low, high, index = key // n, key % n, index + n
+    a, b, c, d = np.split(index, np.cumsum([len(lone), len(lone), len(pair)]))
+    cut = np.concatenate(
+        [
+            whole,
+            np.stack([lone[:, 0], a, b], 1),
+            np.stack([c, pair[:, 1], pair[:, 2]], 1),
+            np.stack([c, pair[:, 2], d], 1),
+        ]
+    )
+    share = value[low] / (value[low] - value[high])
+    rows = np.concatenate([np.arange(n), n + np.arange(len(key)), n + np.arange(len(key))])
+    columns = np.concatenate([np.arange(n), low, high])
+    amount = np.concatenate([np.ones(n), 1 - share, share])
+    mix = sp.csr_matrix((amount, (rows, columns)), shape=(n + len(key), n))
+    first, index = distinct(cut.ravel())
+    return index.reshape(-1, 3), mix[cut.ravel()[first]]
+
+
+def border(faces: Int[Array, "F 3"]) -> Int[Array, "E 2"]:
+    """Directed edges that have a triangle on one side only."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    key = np.minimum(*edges.T) * (faces.max(initial=0) + 1) + np.maximum(*edges.T)
+    _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+    return edges[count[index] == 1]
+
+
+def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array, "F 3"]:
+    start = mask[faces].argmax(1)
+    return np.take_along_axis(faces, (start[:, None] + np.arange(3)) % 3, 1)
+
+
+def _turn_hems(shell: Shell) -> Shell:
+    """Add a narrow strip inside every edge, so that cloth has a thickness where it ends."""
+    edges = border(shell.faces)
+    rim = np.unique(edges)
+    place = np.zeros(len(shell.vertices), int)
+    place[rim] = len(shell.vertices) + np.arange(len(rim))
+    a, b = edges.T
+    strip = np.concatenate([np.stack([b, a, place[a]], 1), np.stack([b, place[a], place[b]], 1)])
+    turned = shell.vertices[rim] * (1 - HEM_FOLD) + shell.skin[rim] * HEM_FOLD
+    return Shell(
+        vertices=np.concatenate([shell.vertices, turned]),
+        skin=np.concatenate([shell.skin, shell.skin[rim]]),
+        faces=np.concatenate([shell.faces, strip]),
+        weights=np.concatenate([shell.weights, shell.weights[rim]]),
+        piece=np.concatenate([shell.piece, shell.piece[rim]]),
+        light=np.concatenate([shell.light, 0.6 * shell.light[rim]]),
+    )

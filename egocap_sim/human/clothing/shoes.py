@@ -1,0 +1,184 @@
+"""Shoes: closed hulls around the feet, their soles flat on the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray as Array
+from scipy.spatial import ConvexHull, KDTree
+
+from egocap_sim.assets.mesh import Mesh
+from egocap_sim.core.bodies import INDEX
+from egocap_sim.human.body.anny_model import BareBody, anatomy
+from egocap_sim.human.body.skin import PART_OF_BODY
+from egocap_sim.human.body.skin_patch import patch_of
+from egocap_sim.human.clothing.sewing import strongest
+from egocap_sim.human.clothing.shell import skin_weights
+
+DIRECTIONS = 28  # corners of each ring
+SOLE_ROWS = 0.25  # share of the texture, from its foot, that shows the sole
+
+
+@dataclass(frozen=True)
+class Shoe:
+    """A shoe: how high it reaches above the ankle joint (m) and how thick its sole is drawn (m)."""
+
+    collar: float
+    sole: float
+    room: float  # m around the foot
+    laced: bool = True
+
+
+SHOES: dict[str, Shoe] = {
+    "sneakers": Shoe(0.0, 0.026, 0.007),
+    "loafers": Shoe(-0.012, 0.016, 0.004, laced=False),
+    "high_tops": Shoe(0.05, 0.024, 0.008),
+    "boots": Shoe(0.09, 0.030, 0.010),
+}
+
+
+def make_shoes(
+    body: BareBody, shoe: Shoe, texture: UInt8[Array, "H W 3"]
+) -> tuple[Mesh, Bool[Array, "N"]]:
+    """Both shoes as one mesh, and the skin they hide.
+
+    Every level is the outline, seen from above, of what the foot has at or above that level, so
+    that the shell is wider below and nothing of the foot can stand out of it. The foot's own
+    lowest point is on the floor and so is the sole: its thickness is only drawn.
+    """
+    shape = anatomy()
+    vertices, faces, uv = [], [], []
+    covered = np.zeros(len(body.vertices), bool)
+    for side in ("l_", "r_"):
+        top = body.joints[INDEX[side + "foot"], 2] + shoe.collar
+        leg = np.isin(shape.owner, [INDEX[side + b] for b in ("calf", "foot", "toe")])
+        foot = leg & (body.vertices[:, 2] < top + 0.035)
+        covered |= foot & (body.vertices[:, 2] < top - 0.025)
+        ring_points, ring_uv = _rings(body.vertices[foot], top, shoe)
+        start = sum(len(v) for v in vertices)
+        faces.append(_skin_rings(len(ring_points)) + start)
+        vertices.append(ring_points.reshape(-1, 3))
+        uv.append(ring_uv.reshape(-1, 2))
+    vertices = np.concatenate(vertices)
+    weights = _weights_near(body, vertices)
+    bones, weights = strongest(weights)
+    mesh = Mesh(
+        name="shoes",
+        vertices=vertices,
+        faces=np.concatenate(faces).astype(np.int32),
+        uv=np.concatenate(uv),
+        texture=texture,
+        parts=PART_OF_BODY[bones[:, 0]],
+        bones=bones,
+        weights=weights,
+        shininess=0.15,
+        double_sided=True,
+    )
+    return mesh, covered
+
+
+def shoe_texture(
+    upper: UInt8[Array, "N N 3"], sole: Float[Array, "3"], laced: bool = True
+) -> UInt8[Array, "H W 3"]:
+    """The upper's fabric, stitched, above a plain band for the sole.
+
+    Columns run from the heel to the tip, rows from the collar down.
+    """
+    image = np.tile(upper, (4, 4, 1))
+    n = len(image)
+    rows = round(n * SOLE_ROWS)
+    for place in (0.17, 0.80):  # heel counter and toe cap
+        column = slice(round(place * n), round(place * n) + 4)
+        image[:, column] = np.rint(0.6 * image[:, column])
+    lace = 225 if upper.mean() < 150 else 70
+    for place in np.linspace(0.50, 0.70, 6) if laced else ():
+        image[n // 12 : n // 3, round(place * n) : round(place * n) + 7] = lace
+    image[-rows:] = np.rint(sole * 255)
+    image[-rows : -rows + 6] = np.rint(sole * 160)
+    return image
+
+
+def _rings(
+    foot: Float[Array, "N 3"], top: float, shoe: Shoe
+) -> tuple[Float[Array, "L D 3"], Float[Array, "L D 2"]]:
+    """Rings from the middle of the sole, up around the foot, to the collar turned inward."""
+    heel, tip = foot[:, :2].min(0), foot[:, :2].max(0)
+    outlines, heights, rows = [], [], []
+
+    def add(outline: Array, z: float, row: float) -> None:
+        outlines.append(outline)
+        heights.append(z)
+        rows.append(row)
+
+    base = _outline(foot, 0.0, shoe.room + 0.004)
+    middle = base.mean(0)
+    foot_of_texture = 1 - SOLE_ROWS
+    add(middle + 0.02 * (base - middle), 0.0, 0.999)
+    add(middle + 0.97 * (base - middle), 0.0, 0.97)
+    add(base, 0.004, 0.94)
+    add(base, shoe.sole, foot_of_texture + 0.01)
+    add(middle + 0.975 * (base - middle), shoe.sole + 0.001, foot_of_texture - 0.01)
+    levels = np.linspace(shoe.sole + 0.012, top, 7)
+    for z in levels:
+        share = (z - shoe.sole) / (top - shoe.sole)
+        add(_outline(foot, z - 0.012, shoe.room), z, (1 - share) * (foot_of_texture - 0.02))
+    collar = outlines[-1]
+    add(collar.mean(0) + 0.88 * (collar - collar.mean(0)), top - 0.004, 0.0)
+    points = np.concatenate(
+        [
+            np.array(outlines),
+            np.broadcast_to(np.array(heights)[:, None, None], (len(rows), DIRECTIONS, 1)),
+        ],
+        2,
+    )
+    u = (points[..., 0] - heel[0]) / (tip[0] - heel[0])
+    return points, np.stack([u, np.broadcast_to(np.array(rows)[:, None], u.shape)], 2)
+
+
+def _outline(foot: Float[Array, "N 3"], z: float, room: float) -> Float[Array, "D 2"]:
+    """Convex outline of the foot above a level, rounded outward by `room` (m), evenly spaced."""
+    points = foot[foot[:, 2] >= z, :2]
+    corners = points[ConvexHull(points).vertices]
+    angle = 2 * np.pi * np.arange(16) / 16
+    circle = room * np.stack([np.cos(angle), np.sin(angle)], 1)
+    rounded = (corners[:, None] + circle).reshape(-1, 2)
+    loop = rounded[ConvexHull(rounded).vertices]
+    # Rings start at the heel so that corresponding corners lie above each other.
+    loop = np.roll(loop, -int(loop[:, 0].argmin()), 0)
+    closed = np.concatenate([loop, loop[:1]])
+    travelled = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = travelled[-1] * np.arange(DIRECTIONS) / DIRECTIONS
+    return np.stack([np.interp(at, travelled, closed[:, i]) for i in range(2)], 1)
+
+
+def _skin_rings(count: int) -> Array:
+    """Triangles between rings stacked upward, each counter-clockwise seen from above."""
+    ring = np.arange(DIRECTIONS)
+    after = (ring + 1) % DIRECTIONS
+    strips = []
+    for low in range(count - 1):
+        a, b = low * DIRECTIONS, (low + 1) * DIRECTIONS
+        strips.append(np.stack([a + ring, a + after, b + after], 1))
+        strips.append(np.stack([a + ring, b + after, b + ring], 1))
+    return np.concatenate(strips)
+
+
+def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "M 21"]:
+    """Skin weights of the nearest skin, averaged, each shoe following its own leg only."""
+    weights, low = _smooth_weights(), body.vertices[:, 2] < body.joints[INDEX["l_calf"], 2]
+    result = np.zeros((len(points), weights.shape[1]))
+    for sign in (1, -1):
+        mine, skin = sign * points[:, 1] > 0, low & (sign * body.vertices[:, 1] > 0)
+        _, near = KDTree(body.vertices[skin]).query(points[mine], k=12)
+        result[mine] = weights[skin][near].mean(1)
+    return result
+
+
+@cache
+def _smooth_weights() -> Float[Array, "N 21"]:
+    """Weights of the skin, averaged, so that shoes bend less sharply."""
+    weights = skin_weights()
+    return patch_of(np.ones(len(weights), bool)).smoothed(weights, 4)

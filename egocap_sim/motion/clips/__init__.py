@@ -1,0 +1,4 @@
+"""BVH and npz files in; cleaned, canonical clips out.
+
+A new naming convention is one table in `skeleton_names`.
+"""

@@ -1,0 +1,84 @@
+"""Motion files as read and cleaned before: kept on disk, since cleaning one takes seconds.
+
+What is kept goes by the content of the file, the options it was read with and the code that cleaned
+it, so that nothing stale is ever found. A file that cannot be understood is not kept.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import tempfile
+import zipfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from egocap_sim.human.body.anny_export import cache_folder
+from egocap_sim.motion.clips import load
+from egocap_sim.motion.kinematics.clip import Clip
+
+READERS = (
+    "core/bodies.py", "motion/clips/bone_calibration.py", "motion/clips/bvh.py",
+    "motion/clips/cleaning.py", "motion/clips/load.py", "motion/clips/npz.py",
+    "motion/clips/skeleton_names.py", "motion/kinematics/clip.py",
+)  # fmt: skip
+"""The sources that decide what a file is read as."""
+
+log = logging.getLogger(__name__)
+
+
+def stored_clip(
+    path: Path, *, up: str | None = None, unit: str | float | None = None, names: Path | None = None
+) -> Clip:
+    """The clip of `load.load_clip`, with the same errors, read from the store where it is there."""
+    try:
+        kept = _place(path, up, unit, names)
+    except OSError:  # what cannot be read is an error there
+        return load.load_clip(path, up=up, unit=unit, names=names)
+    if kept.exists():
+        try:
+            with np.load(kept, allow_pickle=False) as file:
+                fps, positions, rotations = (file[k] for k in ("fps", "positions", "rotations"))
+            return Clip(path.stem, float(fps), positions, rotations, canonical=True)
+        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            log.warning("%s is damaged (%s); reading %s again", kept, error, path)
+    clip = load.load_clip(path, up=up, unit=unit, names=names)
+    try:
+        _save(kept, clip)
+    except OSError as error:  # it is only slower without
+        log.warning("%s cannot be kept in %s: %s", path.name, kept.parent, error.strerror or error)
+    return clip
+
+
+def _place(path: Path, up: str | None, unit: str | float | None, names: Path | None) -> Path:
+    digest = hashlib.sha256(f"{_reader()} {path.name} {up} {unit}".encode())
+    for file in (path,) if names is None else (path, names):
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return cache_folder() / "clips" / f"{digest.hexdigest()[:32]}.npz"
+
+
+@cache
+def _reader() -> str:
+    """Fingerprint of the code that reads and cleans."""
+    from egocap import geometry
+
+    folder = Path(__file__).parents[2]
+    digest = hashlib.sha256(Path(geometry.__file__).read_bytes())
+    for name in READERS:
+        digest.update((folder / name).read_bytes())
+    return digest.hexdigest()
+
+
+def _save(path: Path, clip: Clip) -> None:
+    assert clip.canonical
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, fps=clip.fps, positions=clip.positions, rotations=clip.rotations)
+        Path(name).replace(path)
+    finally:
+        Path(name).unlink(missing_ok=True)

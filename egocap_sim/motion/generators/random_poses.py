@@ -1,0 +1,130 @@
+"""Pose after pose, drawn at random from all that a person can do and hold on the spot.
+
+Hands anywhere within reach, at the face, behind the head, crossed, on the body, the legs, the feet
+and the floor; head, trunk and hips turned and bent within their limits; squatting low, kneeling,
+bent far forward, on one foot: what ordinary motions show seldom or never, so that a detector has
+seen it. A draw in which a limb would pass through the body, or a joint beyond its limit, is drawn
+again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap_sim.motion.generators.keyframes import HAND_SPEED, REACTION
+from egocap_sim.motion.generators.pose_sampling import LEGS, possible
+from egocap_sim.motion.generators.stance import Style, draw_style
+from egocap_sim.motion.generators.touches import with_hands
+from egocap_sim.motion.generators.whole_pose import WholePose, pass_through
+from egocap_sim.motion.kinematics.clip import Clip
+
+_TRIES = 12
+_HOLD_S = (0.0, 0.5)
+_FOOT_SPEED = 1.3  # m/s, mean
+_HIP_SPEED, _TURN_SPEED, _STEP_S = 0.5, 1.0, 0.5  # m/s, rad/s; seconds a foot takes to a new place
+_TURN_MOST, _SLOWED = 12.0, 4  # rad/s of any body, and how often a clip is slowed for it
+_TOUCHES = 0.45, 0.75  # share of hands that touch something: standing, and low
+_LOW = {"bend": 0.85, "crouch": 0.75, "kneel": 0.5, "stride": 0.4, "balance": 0.2}  # else none
+
+
+@dataclass(frozen=True)
+class PosesParams:
+    """Random reachable poses, one after another."""
+
+    pace: float = 1.0
+    """Factor on the duration of a move, 0.5 to 2."""
+    size: float = 1.0
+    """Factor on how far head, trunk and hips go, 0.4 to 1.15."""
+    kinds: tuple[str, ...] = ()
+    """Names of kinds of poses; empty: all of them, the ordinary ones oftener."""
+
+
+def poses(t: Float[Array, "T"], rng: np.random.Generator, params: PosesParams, fps: float) -> Clip:
+    """Pose after pose, drawn at random from all that can be held on the spot."""
+    style = draw_style(rng)
+    keys, times = [WholePose()], [(0.0, float(rng.uniform(0.05, 0.3)))]
+    while times[-1][1] < t[-1]:
+        pose = draw_pose(rng, params.size, params.kinds)
+        way = [pose]
+        if keys[-1].on_one_foot or pose.on_one_foot:
+            way.insert(0, WholePose(hands=pose.hands))  # no hop from one foot to the other
+        for pose in way:
+            begin = times[-1][1]
+            seconds = _seconds(keys[-1], pose) * float(rng.uniform(0.85, 1.4))
+            keys.append(pose)
+            times.append((begin, begin + seconds * params.pace * style.tempo))
+        keys.append(pose)
+        held = times[-1][1] + float(rng.uniform(*_HOLD_S)) * params.pace
+        times.append((times[-1][1], held))
+    return _unhurried(keys, np.array(times), t, style, int(rng.integers(2**53)), fps)
+
+
+def _unhurried(
+    keys: list[WholePose], times: Float[Array, "K 2"], t: Float[Array, "T"], style: Style,
+    seed: int, fps: float,
+) -> Clip:  # fmt: skip
+    """Pass through poses; a move in which a limb would whip round takes longer."""
+    clip = pass_through(keys, times, t, style, np.random.default_rng(seed), fps)
+    for _ in range(_SLOWED):
+        longer = _fastest(clip, t, times) / _TURN_MOST
+        if longer.max() <= 1.0:
+            break
+        longer = np.clip(1.1 * longer, 1.0, 3.0)
+        waits = np.diff(times.ravel(), prepend=0.0).reshape(-1, 2)
+        times = np.cumsum(waits * np.stack([np.ones(len(times)), longer], 1)).reshape(-1, 2)
+        clip = pass_through(keys, times, t, style, np.random.default_rng(seed), fps)
+    return clip
+
+
+def _fastest(clip: Clip, t: Float[Array, "T"], times: Float[Array, "K 2"]) -> Float[Array, "K"]:
+    """The fastest that any body turns on the way to each pose, rad/s."""
+    turned = np.einsum("tbij,tbij->tb", clip.rotations[1:], clip.rotations[:-1])  # 1 + 2 cos
+    speed = clip.fps * np.arccos(np.clip(0.5 * turned - 0.5, -1.0, 1.0)).max(1)
+    return np.array([
+        speed[(t[1:] > begin) & (t[:-1] < end)].max(initial=0.0) for begin, end in times
+    ])  # fmt: skip
+
+
+def draw_pose(
+    rng: np.random.Generator, size: float = 1.0, kinds: tuple[str, ...] = ()
+) -> WholePose:
+    """A pose that a person can take, of a kind in `LEGS`. Raises InputError for others."""
+    from egocap.errors import InputError
+
+    if unknown := [kind for kind in kinds if kind not in LEGS]:
+        raise InputError(f"unknown kind of pose '{unknown[0]}'", valid=LEGS)
+    names = kinds or tuple(LEGS)
+    weights = np.array([LEGS[name][1] for name in names])
+    kind = names[int(rng.choice(len(names), p=weights / weights.sum()))]
+    for _ in range(_TRIES):
+        pose = LEGS[kind][0](rng, size)
+        if possible(pose):
+            low = _LOW.get(kind, 0.0)
+            done = with_hands(rng, pose, _TOUCHES[low > 0.3], low)
+            if done is not None:
+                return done
+    return WholePose()
+
+
+def _seconds(a: WholePose, b: WholePose) -> float:
+    """How long a natural move from one pose to another takes."""
+    moved = np.abs(b.row - a.row)
+    hips = float(np.linalg.norm(moved[:3])) / _HIP_SPEED
+    turned = float(moved[3:12].max()) / _TURN_SPEED
+    hands = max(
+        float(np.linalg.norm(np.subtract(x.wrist, y.wrist))) / HAND_SPEED
+        for x, y in zip(a.hands, b.hands, strict=True)
+    )
+    stepped = sum(
+        float(np.linalg.norm(np.subtract(x.toe, y.toe))) > 0.02 or abs(x.yaw - y.yaw) > 0.1
+        for x, y in zip(a.feet, b.feet, strict=True)
+    )
+    kicked = max(
+        float(np.linalg.norm(np.subtract(x.toe, y.toe)))
+        for x, y in zip(a.feet, b.feet, strict=True)
+    ) / _FOOT_SPEED  # fmt: skip
+    return max(REACTION + max(hips, turned, hands), _STEP_S * stepped + 0.2, kicked, 0.7)

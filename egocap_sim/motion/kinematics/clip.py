@@ -1,0 +1,26 @@
+"""A motion clip in the simulation's own terms: 21 bodies, metres, z up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A recorded or made motion on its source skeleton.
+
+    Axis B follows `egocap_sim.core.bodies.BODIES`. `rotations` are the world orientations of the
+    source's bone frames, whatever they are at rest; `calibrate` works out the constant offsets.
+    A `canonical` clip has body frames instead: all rotations are the identity for a person who
+    stands upright facing +x, arms straight down with the palms at the thighs, feet flat and
+    pointing forward.
+    """
+
+    name: str
+    fps: float
+    positions: Float[Array, "T B 3"]  # metres, z up, floor near z = 0
+    rotations: Float[Array, "T B 3 3"]
+    canonical: bool = False

@@ -1,0 +1,192 @@
+"""Step a person through a reference motion under forward dynamics."""
+
+from __future__ import annotations
+
+import io
+import time
+import zipfile
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.data.sequence_writer import write_atomically
+from egocap.errors import FileError, InputError
+from egocap.geometry import rigid
+from egocap_sim.core.bodies import BODIES, FEET
+from egocap_sim.core.trajectory import PhysicsStats, Trajectory
+from egocap_sim.human.body.person import Person
+from egocap_sim.motion.retarget.retarget import Reference
+from egocap_sim.physics.control import ControlConfig, Controller
+from egocap_sim.physics.model import build_model
+from egocap_sim.physics.reference import BLOCK, Target, TargetMotion
+from egocap_sim.physics.tracking_stats import Witness
+
+STEPS_PER_S = 250.0  # at least; a whole number of steps fits between two camera frames
+_ARRAYS = {"T_world_body": (21, 4, 4), "contact": (4,), "ground_force": (2, 3), "root_wrench": (6,)}
+_TOUCH_N = 1.0  # newtons: the least push that counts as contact
+_FASTEST = 25.0  # metres a second: twice a sprinter
+_LOST_M = 1.0  # a pelvis this far off its reference has lost the motion
+
+
+def simulate(
+    person: Person,
+    reference: Reference,
+    fps: float = 30.0,
+    n_frames: int | None = None,
+    start_s: float = 0.0,
+    control: ControlConfig | None = None,
+    force_every: int = 1,
+) -> Trajectory:
+    """Simulate the person doing the reference; frame k is the state at k / fps seconds.
+
+    The simulation begins in the reference's pose at `start_s` seconds of it. Without `n_frames` it
+    runs to the reference's end; longer than that, the person holds the last pose. The result is the
+    same to the bit for the same inputs, but for `stats.ms_per_second`. Contacts and forces are
+    recorded in every `force_every`-th frame; they are zero in the others.
+
+    Raises InputError for impossible arguments and for a motion that the person cannot follow.
+    """
+    n_frames = _check(reference, fps, n_frames, start_s)
+    substeps = steps_per_frame(fps)
+    model = build_model(person, 1.0 / (fps * substeps), reference.slabs)
+    run = _Run(model, Controller(model, control or ControlConfig()), n_frames)
+    witness = Witness(person, model, reference.slabs)
+    motion = TargetMotion(reference)
+    steps = (n_frames - 1) * substeps + 1
+    started = time.process_time()
+    for first in range(0, steps, BLOCK):
+        target = motion.block(first, min(BLOCK, steps - first), model.opt.timestep, start_s)
+        for i in range(len(target.qpos)):
+            step = first + i
+            sound = run.step(target, i, begin=step == 0)
+            if step % substeps == 0:
+                frame = step // substeps
+                run.record(frame, forces=frame % force_every == 0)
+            witness.note(run.data, target, i)
+            if not (sound and witness.lost_m < _LOST_M):
+                raise InputError(
+                    f"the person cannot follow the motion: lost {step * model.opt.timestep:.2f} s "
+                    "after its start",
+                    valid="a motion without jumps between its frames",
+                )
+    seconds = time.process_time() - started
+    stats = witness.stats(ms_per_second=1e3 * seconds / (steps * model.opt.timestep))
+    return Trajectory(fps, run.T_world_body, run.contact, run.ground_force, run.root_wrench, stats)
+
+
+def steps_per_frame(fps: float) -> int:
+    """Physics steps between two frames at a frame rate."""
+    return int(np.ceil(STEPS_PER_S / fps - 1e-9))
+
+
+def _check(reference: Reference, fps: float, n_frames: int | None, start_s: float) -> int:
+    """Refuse impossible arguments; returns the number of frames to simulate."""
+    if not 1.0 <= fps <= 1000.0:
+        raise InputError(f"cannot simulate {fps:g} frames per second", valid="1 to 1000")
+    if not 0.0 <= start_s < reference.duration_s:
+        raise InputError(
+            f"cannot start at {start_s:g} s", valid=f"0 to {reference.duration_s:.2f} s"
+        )
+    if not (np.isfinite(reference.root).all() and np.isfinite(reference.rotations).all()):
+        raise InputError("the reference motion has values that are not finite numbers")
+    speed = np.linalg.norm(np.diff(reference.root, axis=0), axis=1) * reference.fps
+    if speed.max(initial=0.0) > _FASTEST:
+        raise InputError(
+            f"the motion jumps at {speed.argmax() / reference.fps:.2f} s: {speed.max():.0f} m/s",
+            valid=f"up to {_FASTEST:g} m/s",
+        )
+    if n_frames is None:
+        n_frames = int((reference.duration_s - start_s) * fps + 1e-6) + 1
+    if n_frames < 1:
+        raise InputError(f"cannot simulate {n_frames} frames", valid="1 or more")
+    return n_frames
+
+
+class _Run:
+    """One simulation in progress and what it has recorded."""
+
+    def __init__(self, model: mujoco.MjModel, controller: Controller, n_frames: int) -> None:
+        self._model, self._controller = model, controller
+        self.data = mujoco.MjData(model)
+        self._positions = np.zeros((n_frames, len(BODIES), 3))
+        self._rotations = np.zeros((n_frames, len(BODIES), 3, 3))
+        self.contact = np.zeros((n_frames, len(FEET)), bool)
+        self.ground_force = np.zeros((n_frames, 2, 3))
+        self.root_wrench = np.zeros((n_frames, 6))
+        self._foot_geoms = [model.geom(foot).id for foot in FEET]
+
+    def step(self, target: Target, i: int, begin: bool = False) -> bool:
+        """Advance one step; afterwards positions and forces in `data` are those at its start.
+
+        Returns False, without the step, when the forces are not finite.
+        """
+        if begin:
+            self.data.qpos[:], self.data.qvel[:] = target.qpos[i], target.qvel[i]
+        self._controller.gate(target.planted[i], target.touching[i])
+        mujoco.mj_step1(self._model, self.data)
+        self._controller.apply(self.data, target, i)
+        if not np.isfinite(self.data.qfrc_applied).all():
+            return False
+        mujoco.mj_step2(self._model, self.data)
+        return True
+
+    def record(self, frame: int, forces: bool) -> None:
+        """Store the bodies of a frame and, if asked for, the forces that act on them."""
+        data = self.data
+        self._positions[frame] = data.xpos[1:]
+        self._rotations[frame] = data.xmat[1:].reshape(-1, 3, 3)
+        if not forces:
+            return
+        self.root_wrench[frame, :3] = data.qfrc_applied[:3]
+        self.root_wrench[frame, 3:] = self._rotations[frame, 0] @ data.qfrc_applied[3:6]
+        wrenches = np.zeros((data.ncon, 6))
+        for k, wrench in enumerate(wrenches):
+            mujoco.mj_contactForce(self._model, data, k, wrench)
+        geoms = data.contact.geom
+        foot = np.searchsorted(self._foot_geoms, geoms.max(1))
+        self.contact[frame, foot[wrenches[:, 0] > _TOUCH_N]] = True
+        # The normal, first row of the contact's frame, points from the first geom to the other.
+        pushes = np.einsum("ki,kij->kj", wrenches[:, :3], data.contact.frame.reshape(-1, 3, 3))
+        pushes[geoms[:, 0] > geoms[:, 1]] *= -1.0
+        np.add.at(self.ground_force[frame], foot // 2, pushes)
+
+    @property
+    def T_world_body(self) -> Float[Array, "T 21 4 4"]:
+        """Poses of the bodies in the frames recorded."""
+        return rigid(self._rotations, self._positions)
+
+
+def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
+    """Write a trajectory to an npz file (no pickle inside); it appears whole or not at all.
+
+    Raises MachineError where the disk refuses.
+    """
+    arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
+    stats = {f"stats_{name}": value for name, value in asdict(trajectory.stats).items()}
+    content = io.BytesIO()
+    np.savez(content, fps=trajectory.fps, **arrays, **stats)
+    write_atomically(Path(path), content.getvalue())
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Read what `save_trajectory` wrote. Raises FileError for anything else."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in _ARRAYS}
+            fps = float(file["fps"])
+            stats = {f.name: float(file[f"stats_{f.name}"]) for f in fields(PhysicsStats)}
+    except KeyError as problem:
+        raise FileError(path, f"not a trajectory: {problem.args[0]}", valid=_ARRAYS) from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as problem:
+        raise FileError(path, f"cannot be read as a trajectory: {problem}") from None
+    frames = len(arrays["T_world_body"])
+    for name, shape in _ARRAYS.items():
+        if arrays[name].shape != (frames, *shape):
+            raise FileError(
+                path, f"has the shape {arrays[name].shape}", key=name, valid=f"{(frames, *shape)}"
+            )
+    return Trajectory(fps, **arrays, stats=PhysicsStats(**stats))

@@ -1,0 +1,149 @@
+"""A bicycle under a rider: frame, fork with bar, wheels, cranks and pedals, each moving."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.geometry import LEFT, axis_angle, inverse, rigid, transform
+from egocap_sim.assets import textures
+from egocap_sim.assets.actors import Extra
+from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.primitives import ball, box, ring, tube
+from egocap_sim.core import part_labels
+from egocap_sim.core.bodies import INDEX
+from egocap_sim.motion.generators.cycling import (
+    AXLE,
+    CRANK,
+    FRONT_X,
+    HEAD_TUBE,
+    PEDAL_Y,
+    REAR_X,
+    WHEEL_R,
+    Ride,
+    grips_of,
+    leg_scale,
+)
+from egocap_sim.props.performance import Performance
+from egocap_sim.props.rigid_actor import moving
+from egocap_sim.scene.config import ThingTable
+
+FRAME, FORK, FRONT, REAR, CRANKS, LEFT_PEDAL, RIGHT_PEDAL = range(7)
+_BAR_R, _TYRE_R = 0.014, 0.018  # metres
+
+
+def bicycle(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+    """The bicycle that the wearer rides, fitted to the wearer."""
+    ride, scale = Ride(performance.rng, performance.parameters), leg_scale(performance.person)
+    t = performance.times + performance.start_s
+    T_world_bike, steering = ride.pose(t, scale), ride.steering(t, scale)
+    T = performance.bodies
+    grips = grips_of(performance.person, T[..., :3, 3], T[..., :3, :3], T_world_bike @ steering)
+    bar = grips[0] - [0.0, 0.0, _BAR_R]  # under the left palm
+    made = [
+        *_frame(scale, _seat(performance, T_world_bike), rng),
+        *_fork(scale, bar),
+        *((FRONT, m) for m in _wheel(scale)),
+        *((REAR, m) for m in _wheel(scale)),
+        *_cranks(scale),
+    ]
+    transforms = T_world_bike[:, None] @ _moving_parts(ride, t, scale, steering)
+    return [moving("bicycle", made, transforms)]
+
+
+def _moving_parts(
+    ride: Ride, t: Float[Array, "T"], scale: float, steering: Float[Array, "T 4 4"]
+) -> Float[Array, "T 7 4 4"]:
+    """Poses of the parts in the bicycle's frame."""
+    out = np.tile(np.eye(4), (len(t), 7, 1, 1))
+    rolled = axis_angle(LEFT, ride.distance(t) / WHEEL_R)
+    out[:, FORK] = steering
+    out[:, FRONT] = steering @ rigid(rolled, scale * np.array([FRONT_X, 0.0, WHEEL_R]))
+    out[:, REAR] = rigid(rolled, scale * np.array([REAR_X, 0.0, WHEEL_R]))
+    out[:, CRANKS] = rigid(axis_angle(LEFT, ride.crank(t)), scale * AXLE)
+    for i, pedal in enumerate((LEFT_PEDAL, RIGHT_PEDAL)):
+        out[:, pedal, :3, 3] = ride.pedals(t, scale)[:, i]
+    return out
+
+
+def _seat(performance: Performance, T_world_bike: Float[Array, "T 4 4"]) -> Float[Array, "3"]:
+    """Top of the saddle: under the lowest skin of the pelvis, in the bicycle's frame."""
+    person, pelvis = performance.person, performance.bodies[0, INDEX["pelvis"]]
+    skin = person.body_vertices[person.body_owner.astype(int) == 0] - person.joints[0]
+    local = transform(inverse(T_world_bike[0]) @ pelvis, skin)
+    middle = transform(inverse(T_world_bike[0]), pelvis[None, :3, 3])[0]
+    near = local[np.abs(local[:, 1]) < 0.08] if (np.abs(local[:, 1]) < 0.08).any() else local
+    return np.array([middle[0] - 0.03, 0.0, float(near[:, 2].min()) + 0.02])
+
+
+def _frame(scale: float, seat: Float[Array, "3"], rng: np.random.Generator) -> list:
+    paint = textures.even(rng.uniform(0.1, 0.8, 3)).texture
+    dark = textures.even(np.full(3, 0.12)).texture
+    axle, head = scale * AXLE, scale * HEAD_TUBE
+    hub = scale * np.array([REAR_X, 0.0, WHEEL_R])
+    low = head + 0.35 * (scale * np.array([FRONT_X, 0.0, WHEEL_R]) - head)
+    clamp = axle + 0.75 * (seat - axle)
+    pairs = [(axle, clamp, 0.018), (clamp, seat - [0, 0, 0.03], 0.013), (head, low, 0.02),
+             (clamp, head - [0, 0, 0.05], 0.017), (axle, low, 0.021)]  # fmt: skip
+    for y in (-0.06, 0.06):
+        side = np.array([0.0, y, 0.0])
+        pairs += [(axle + 0.5 * side, hub + side, 0.01), (clamp, hub + side, 0.008)]
+    meshes = [_tube("frame", a, b, r, paint) for a, b, r in pairs]
+    saddle = ball(
+        "saddle", seat - [0.0, 0.0, 0.03], (0.14, 0.075, 0.03), dark, part=part_labels.OBJECT
+    )
+    nose = ball(
+        "saddle", seat + [0.1, 0.0, -0.035], (0.12, 0.03, 0.025), dark, part=part_labels.OBJECT
+    )
+    return [(FRAME, m) for m in (*meshes, saddle, nose)]
+
+
+def _fork(scale: float, bar: Float[Array, "3"]) -> list:
+    metal = textures.even(np.full(3, 0.7)).texture
+    rubber = textures.even(np.full(3, 0.1)).texture
+    head, hub = scale * HEAD_TUBE, scale * np.array([FRONT_X, 0.0, WHEEL_R])
+    low = head + 0.35 * (hub - head)
+    middle = bar * [1.0, 0.0, 1.0]
+    meshes = [_tube("stem", head, middle, 0.014, metal)]
+    for sign in (-1.0, 1.0):
+        leg = np.array([0.0, 0.055 * sign, 0.0])
+        meshes.append(_tube("fork", low + leg, hub + leg, 0.012, metal))
+        end = middle + [0.0, sign * (bar[1] + 0.07), 0.0]
+        meshes.append(_tube("bar", middle, end, 0.9 * _BAR_R, metal))
+        inner = middle + [0.0, sign * (bar[1] - 0.06), 0.0]
+        meshes.append(_tube("grip", inner, end, _BAR_R, rubber))
+    return [(FORK, m) for m in meshes]
+
+
+def _wheel(scale: float) -> list[Mesh]:
+    """Tyre and spokes about the hub."""
+    rubber = textures.even(np.full(3, 0.1)).texture
+    metal = textures.even(np.full(3, 0.75)).texture
+    r = scale * WHEEL_R - _TYRE_R
+    out = [ring("tyre", r, _TYRE_R, rubber, part=part_labels.OBJECT)]
+    out.append(_tube("hub", (0, -0.05, 0), (0, 0.05, 0), 0.025, metal))
+    for k in range(8):
+        a = 2 * np.pi * k / 8
+        rim = r * np.array([np.sin(a), 0.0, np.cos(a)])
+        out.append(_tube("spoke", (0, 0, 0), rim, 0.003, metal, sides=4))
+    return out
+
+
+def _cranks(scale: float) -> list:
+    metal = textures.even(np.full(3, 0.5)).texture
+    black = textures.even(np.full(3, 0.15)).texture
+    out = [(CRANKS, ring("chain ring", 0.09, 0.008, metal, part=part_labels.OBJECT))]
+    out.append((CRANKS, _tube("axle", (0, -0.07, 0), (0, 0.07, 0), 0.02, metal)))
+    plate = box("pedal", (0.0, 0.0, -0.012), (0.10, 0.085, 0.024), black, part=part_labels.OBJECT)
+    for pedal, sign in ((LEFT_PEDAL, 1.0), (RIGHT_PEDAL, -1.0)):
+        arm = np.array([0.0, 0.07 * sign, 0.0])
+        end = scale * np.array([0.0, PEDAL_Y * sign - 0.05 * sign, CRANK * sign])
+        out += [(CRANKS, _tube("crank", arm, end, 0.012, metal)), (pedal, replace(plate))]
+    return out
+
+
+def _tube(name, a, b, radius, texture, sides=8) -> Mesh:
+    return tube(name, a, b, radius, texture, part=part_labels.OBJECT, shininess=0.3, sides=sides)

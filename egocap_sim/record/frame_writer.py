@@ -1,0 +1,151 @@
+"""From a pose to the files of one frame: images, part labels, depth and the annotation."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.cameras.rig import Rig
+from egocap.data.sequence import Truth
+from egocap.geometry import rigid
+from egocap_sim.assets.actors import Extra
+from egocap_sim.core.bodies import INDEX
+from egocap_sim.core.pose_sampling import between_frames
+from egocap_sim.environment.place import Place
+from egocap_sim.human.body.person import Person
+from egocap_sim.render.renderer import FisheyeRenderer
+from egocap_sim.render.views import Views
+from egocap_sim.scene.config import RecordTable
+from egocap_sim.sensor.capture import See, Shooter, Shot
+from egocap_sim.sensor.plan import Film
+from egocap_sim.truth.visibility import JointVisibility
+
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+_FLAT = [*_PNG, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]  # labels, three times as fast
+
+
+class FrameMaker:
+    """Renders the frames of one scene. Holds a GL context: one a process, kept to its thread."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        person: Person,
+        place: Place,
+        truth: Truth,
+        record: RecordTable,
+        extras: Sequence[Extra] = (),
+        film: Film | None = None,
+    ) -> None:
+        """`film` is what the sensor does to the frames; None: pictures are perfect."""
+        self.rig, self.person, self.truth, self.record = rig, person, truth, record
+        self.extras, self._film = extras, film
+        self.renderer = FisheyeRenderer(
+            rig,
+            [person.actor, *(extra.actor for extra in extras)],
+            place,
+            samples=record.samples,
+            face_size=record.face_size,
+            coarse=film.sensor.subframe_sharpness if film else 1.0,
+        )
+        self._visibility = JointVisibility(person, rig)
+        self._numbers = np.arange(len(truth.time))
+        self._T_body_rest = rigid(np.eye(3), -person.joints)
+        self._shooter = None
+        if film is not None:
+            self._shooter = Shooter(rig, film, self._draw, parts=record.masks, depth=record.depth)
+
+    def close(self) -> None:
+        """Give the GL context back."""
+        self.renderer.close()
+
+    def files(self, index: int) -> dict[str, bytes]:
+        """Suffix to content, for every file of one frame."""
+        shot = self._shooter.shoot(index) if self._shooter else self._instant(index)
+        files: dict[str, bytes] = {}
+        for view, image in zip(self.rig.views, shot.images, strict=True):
+            files[f"{view}.{self.record.image_format}"] = self._encode(image)
+        if self.record.masks:
+            for view, parts in zip(self.rig.views, shot.parts, strict=True):
+                files[f"{view}.mask.png"] = _png(parts, _FLAT)
+        if self.record.depth:
+            for view, depth in zip(self.rig.views, shot.depth, strict=True):
+                files[f"{view}.depth.png"] = _png(_millimetres(depth))
+        files["json"] = self._annotation(index, shot.visibility)
+        return files
+
+    def _instant(self, index: int) -> Shot:
+        """The frame as perfect cameras see it."""
+        views, see = self._draw(index, self.truth.time[index])
+        parts = views.parts() if self.record.masks else ()
+        depth = views.depth() if self.record.depth else ()
+        return Shot(views.images, parts, depth, see(range(len(self.rig.views))))
+
+    def _draw(
+        self,
+        index: int,
+        time: float,
+        rows: Mapping[int, slice] | None = None,
+        still_m: float = 0.0,
+        coarsely: bool = False,
+    ) -> tuple[Views, See]:
+        """Render the world at a time in seconds during a frame: all, or rows of some views."""
+        truth, poses = self.truth, self._film.poses if self._film else None
+        T_world_body = truth.T_world_body[index] if poses is None else poses.at(time)
+        skinning = {self.person.actor.name: T_world_body @ self._T_body_rest}
+        for extra in self.extras:
+            moved = extra.skinning[index]
+            if poses is not None:
+                moved = between_frames(extra.skinning, np.interp(time, truth.time, self._numbers))
+            skinning[extra.actor.name] = moved
+        views = self.renderer.render(T_world_body[INDEX["head"]], skinning, rows, still_m, coarsely)
+
+        def see(wanted: Collection[int]) -> UInt8[Array, "V 18"]:
+            return self._visibility(views, T_world_body, truth.in_view[index], wanted)
+
+        return views, see
+
+    def _encode(self, image: UInt8[Array, "H W 3"]) -> bytes:
+        if self.record.image_format == "png":
+            return _png(image[..., ::-1])
+        import simplejpeg
+
+        return simplejpeg.encode_jpeg(
+            np.ascontiguousarray(image),
+            quality=self.record.jpeg_quality,
+            colorspace="RGB",
+            colorsubsampling="444",
+        )
+
+    def _annotation(self, index: int, visibility: UInt8[Array, "V 18"]) -> bytes:
+        truth = self.truth
+        content = {
+            "frame": index,
+            "time": truth.time[index],
+            "T_world_head": truth.T_world_head[index].tolist(),
+            "joints_head": truth.joints_head[index].tolist(),
+            "joints_2d": dict(zip(self.rig.views, truth.joints_2d[index].tolist(), strict=True)),
+            "visibility": dict(zip(self.rig.views, visibility.tolist(), strict=True)),
+            "contact": truth.contact[index].tolist(),
+        }
+        people = [e.joints[index] for e in self.extras if e.joints is not None]
+        if people:
+            content["others"] = np.round(people, 5).tolist()  # joints in the world
+        return json.dumps(content, separators=(",", ":")).encode()
+
+
+def _png(image: Array, how: Sequence[int] = _PNG) -> bytes:
+    done, data = cv2.imencode(".png", image, how)
+    assert done, f"PNG encoding of {image.shape} {image.dtype} failed"
+    return data.tobytes()
+
+
+def _millimetres(depth: Float[Array, "H W"]) -> Array:
+    """16-bit millimetres; 0 where nothing was hit."""
+    finite = np.where(np.isfinite(depth), depth * 1000.0, 0.0)
+    return np.clip(np.rint(finite), 0, 65535).astype(np.uint16)

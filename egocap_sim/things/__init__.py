@@ -1,1 +1,0 @@
-"""Things people use: held, thrown, ridden, or standing in the way."""

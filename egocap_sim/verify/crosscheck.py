@@ -1,0 +1,214 @@
+"""The truth of a sequence against what can be worked out otherwise: pixels, rays, Newton's law.
+
+Each check is a figure; `verify` says which of them is wrong. Nothing here is used to make truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.body.labels import LABELS
+from egocap.data.sequence import VISIBLE, Sequence
+from egocap.errors import InputError
+from egocap.geometry import GRAVITY
+from egocap_sim.core.bodies import BODIES, PARENTS
+from egocap_sim.truth.visibility import parts_around
+
+BEFORE_M = 0.30  # at most, from the surface at a joint's pixel to the joint: half a clothed chest
+BEHIND_M = 0.06  # a surface farther than the joint by more is not the joint's: a slim wrist's edge
+AROUND_M = (
+    0.06  # of a joint: the skin there is what a joint is seen by (`egocap_sim.truth.visibility`)
+)
+MOST_FRAMES = 100  # whose planes are looked at
+
+
+@dataclass(frozen=True)
+class PixelCheck:
+    """Visible joints whose own pixels were looked at, and how many have their body there.
+
+    A joint is visible when a quarter of the skin around it is, so its body may show beside it.
+    """
+
+    joints: int
+    labelled: int  # of them: within AROUND_M a part label is the joint's body or a neighbour's
+    measured: int  # their body is at their very pixel, and its depth was recorded
+    in_depth: int  # of the measured: the surface lies between BEFORE_M before the joint and it
+
+    @property
+    def labelled_share(self) -> float:
+        """Share of the joints with their own body at their pixel; 1 where there are none."""
+        return self.labelled / self.joints if self.joints else 1.0
+
+    @property
+    def depth_share(self) -> float:
+        """Share of the measured joints whose depth agrees; 1 where there are none."""
+        return self.in_depth / self.measured if self.measured else 1.0
+
+
+def check_pixels(sequence: Sequence) -> PixelCheck:
+    """Look at part label and depth at the pixel of every visible joint, in up to 100 frames."""
+    truth, counts = sequence.truth, np.zeros(4, int)
+    for index in _spread(len(sequence), MOST_FRAMES):
+        for v, view in enumerate(sequence.manifest.views):
+            mask = sequence.mask(index, view)
+            if mask is None:
+                continue
+            j = np.flatnonzero(truth.visibility[index, v] == VISIBLE)
+            column, row = np.rint(truth.joints_2d[index, v, j]).astype(int).T
+            column, row = column.clip(0, mask.shape[1] - 1), row.clip(0, mask.shape[0] - 1)
+            away = np.linalg.norm(truth.joints_camera[index, v, j], axis=-1)
+            scale = np.sqrt(abs(np.linalg.det(sequence.rig.cameras[v].affine)))  # pixels a radian
+            reach = np.rint(scale * AROUND_M / away).astype(int)
+            counts[0] += len(j)
+            counts[1] += sum(
+                parts_around()[label, _window(mask, *at)].any()
+                for label, *at in zip(j, column, row, reach, strict=True)
+            )
+            depth = sequence.depth(index, view)
+            if depth is None:
+                continue
+            own = parts_around()[j, mask[row, column]]
+            before = (away - depth[row, column] / 1000.0)[own]
+            counts[2:] += own.sum(), ((before > -BEHIND_M) & (before < BEFORE_M)).sum()
+    return PixelCheck(*map(int, counts))
+
+
+def _window(mask: Array, column: int, row: int, reach: int) -> Array:
+    """The part labels at most `reach` pixels to each side."""
+    return mask[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+
+
+@dataclass(frozen=True)
+class ForceCheck:
+    """The momentum balance of a whole recording, in body weights (vertical)."""
+
+    seconds: float
+    pushed: float  # mean of the ground's and the root's push
+    needed: float  # weight, and what the change of the body's momentum asks for
+    ground: float  # mean of the ground's push alone
+    error: float  # standard error of `pushed`: the forces are known at the frames alone
+
+
+def check_forces(sequence: Sequence) -> ForceCheck | None:
+    """Mean vertical force against weight and momentum; None for less than two seconds.
+
+    The mass centre's velocity at both ends comes from differences of the bodies' positions, each
+    body's mass taken half way along its bone: nothing of the simulation's own model.
+    """
+    truth, fps = sequence.truth, sequence.manifest.fps
+    seconds = (len(truth.time) - 1) / fps
+    if seconds < 2.0:
+        return None
+    mass = _mass_kg(sequence)
+    weight = mass * float(np.linalg.norm(GRAVITY))
+    speed = np.diff(_mass_centre(truth.T_world_body)[:, 2]) * fps
+    # The forces are those at the frames: all but the first and the last stand for a whole interval.
+    gained = mass * (speed[-1] - speed[0]) / (seconds - 1.0 / fps)
+    ground = truth.ground_force[1:-1, :, 2].sum(1) / weight
+    push = ground + truth.root_wrench[1:-1, 2] / weight
+    error = float(push.std() / np.sqrt(len(push)))
+    return ForceCheck(
+        seconds, float(push.mean()), float(1.0 + gained / weight), float(ground.mean()), error
+    )
+
+
+@dataclass(frozen=True)
+class RayCheck:
+    """How often rays cast in MuJoCo judge a joint as the truth does."""
+
+    joints: int  # in view, over the frames and views looked at
+    agree: int  # seen or not seen, by both
+    same_cause: int  # of the agreed: and by the same cause
+    borderline: int  # of the rest: between a tenth and four tenths of its points are seen
+    disagreements: dict[str, int]  # by label: the rest that is not borderline
+
+    @property
+    def share(self) -> float:
+        """Share of joints judged alike; 1 where there are none."""
+        return self.agree / self.joints if self.joints else 1.0
+
+    def text(self) -> str:
+        """One line for people."""
+        left = ", ".join(f"{label} {n}" for label, n in self.disagreements.items()) or "none"
+        return (
+            f"rays agree on {100 * self.share:.1f} % of {self.joints} joints in view; "
+            f"of the others {self.borderline} are half hidden, the rest: {left}"
+        )
+
+
+def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
+    """Judge visibility anew by rays, in frames spread over the sequence.
+
+    The scene is put together again from scene.toml. Raises InputError for a sensor whose pictures
+    are not of one instant: the poses between frames are not kept.
+    """
+    from egocap.geometry import rigid
+    from egocap_sim.scene.config import load_scene
+    from egocap_sim.truth.raycast import BORDER, RayWitness, Surfaces
+    from egocap_sim.truth.visibility import SHARE
+    from egocap_sim.world.stage import person_of, rig_of
+    from egocap_sim.world.surroundings import extras_of, place_of
+
+    truth, scene = sequence.truth, load_scene(sequence.folder / "scene.toml")
+    if scene.sensor is not None and scene.sensor.timed:
+        raise InputError(
+            f"{sequence.folder}: rays cannot be compared with pictures that take time",
+            valid="a sequence without shutter_s, readout_s and time_offset_s",
+        )
+    person, extras = person_of(scene), extras_of(scene, truth)
+    surfaces = Surfaces([person.actor, *(e.actor for e in extras)], place_of(scene, truth).meshes)
+    witness = RayWitness(person, rig_of(scene.rig, scene.seed), surfaces)
+    rest = rigid(np.eye(3), -person.joints)
+    joints = agree = same = borderline = 0
+    left: dict[str, int] = {}
+    for index in _spread(len(sequence), frames):
+        bodies = truth.T_world_body[index]
+        skinning = {person.actor.name: bodies @ rest}
+        skinning |= {e.actor.name: e.skinning[index] for e in extras}
+        in_view, said = truth.in_view[index], truth.visibility[index]
+        sight = witness.look(bodies, skinning, in_view)
+        alike = (sight.visibility == VISIBLE) == (said == VISIBLE)
+        joints, agree = joints + int(in_view.sum()), agree + int((alike & in_view).sum())
+        same += int((in_view & (sight.visibility == said)).sum())
+        near = np.abs(sight.share - SHARE) < BORDER
+        borderline += int((in_view & ~alike & near).sum())
+        for j in np.nonzero(in_view & ~alike & ~near)[1]:
+            left[LABELS[j]] = left.get(LABELS[j], 0) + 1
+    return RayCheck(joints, agree, same, borderline, left)
+
+
+def _spread(count: int, most: int) -> Iterable[int]:
+    """Up to `most` of `count` frames, evenly spread."""
+    return map(int, np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)))
+
+
+def _mass_kg(sequence: Sequence) -> float:
+    import json
+
+    return float(json.loads((sequence.folder / "person.json").read_text())["mass_kg"])
+
+
+_SHARE = {
+    "pelvis": 0.142, "spine": 0.139, "chest": 0.216, "neck": 0.016, "head": 0.065,
+    "clavicle": 0.0, "upperarm": 0.028, "forearm": 0.016, "hand": 0.006,
+    "thigh": 0.100, "calf": 0.0465, "foot": 0.0115, "toe": 0.003,
+}  # fmt: skip
+"""Source: D. Winter, Biomechanics and Motor Control of Human Movement, table 4.1: another table
+than the simulated person's."""
+
+
+def _mass_centre(T_world_body: Float[Array, "T 21 4 4"]) -> Float[Array, "T 3"]:
+    """Centre of mass from the joints alone, metres: each body's mass half way to the next joint."""
+    p = T_world_body[..., :3, 3]
+    total, mass = np.zeros((len(p), 3)), 0.0
+    for b, body in enumerate(BODIES):
+        after = [k for k, parent in enumerate(PARENTS) if parent == b]
+        end = p[:, after[0]] if after else p[:, b]
+        share = _SHARE[body.split("_")[-1]]
+        total, mass = total + share * (p[:, b] + end) / 2, mass + share
+    return total / mass

@@ -1,0 +1,212 @@
+"""Check that a sequence on disk is whole, undamaged and consistent with itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tarfile
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from egocap.data.dataset import EPISODES, load_episodes
+from egocap.data.sequence import (
+    MANIFEST,
+    OUT_OF_VIEW,
+    Manifest,
+    Sequence,
+    ShardEntry,
+    Truth,
+    load_manifest,
+)
+from egocap.data.sequence_writer import file_is_intact, shard_is_intact
+from egocap.errors import EgocapError
+from egocap.geometry import inverse, transform
+from egocap_sim.verify.crosscheck import RayCheck, check_forces, check_pixels, check_rays
+
+_PIXEL_TOLERANCE = 1e-6  # px: truth and rig are both stored in full precision
+_POSITION_TOLERANCE = 1e-9  # m
+_LEAST_LABELLED, _LEAST_IN_DEPTH = 0.70, 0.85  # shares of the visible joints
+_ENOUGH = 300  # joints looked at; fewer say little about a share
+_LEAST_BY_RAYS = 0.93  # of the joints judged alike
+_FORCE_TOLERANCE = 0.10  # body weights, mean over a recording of two seconds and more
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What was looked at, and every problem found."""
+
+    folder: Path
+    frames: int
+    shards: int
+    bytes: int
+    problems: tuple[str, ...]
+    rays: RayCheck | None = None  # where it was asked for and the sequence is whole
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing was wrong."""
+        return not self.problems
+
+
+def verify(folder: Path, ray_frames: int = 0) -> Verification:
+    """Check manifest, checksums, shard structure, images and truth of a sequence.
+
+    With `ray_frames`, the visibility of joints is judged anew by rays in so many frames: the scene
+    is put together again, at a second or two a frame.
+    Of a recording in episodes, each of them and their list.
+    Raises FileError where the folder is not a sequence at all; everything else is a problem listed.
+    """
+    if (folder / EPISODES).exists():
+        return _verify_episodes(folder, ray_frames)
+    manifest = load_manifest(folder)
+    problems, rays = list(_problems(folder, manifest)), None
+    if ray_frames and not problems:
+        rays = check_rays(Sequence(folder), ray_frames)
+        if rays.share < _LEAST_BY_RAYS:
+            problems.append(f"truth.npz: 'visibility' is not what rays say: {rays.text()}")
+    size = sum(shard.bytes for shard in manifest.shards)
+    size += sum(entry.bytes for entry in manifest.files.values())
+    return Verification(folder, manifest.frames, len(manifest.shards), size, tuple(problems), rays)
+
+
+def _verify_episodes(folder: Path, ray_frames: int) -> Verification:
+    recording, problems = load_episodes(folder), []
+    frames, shards, size = 0, 0, 0
+    for entry in recording.episodes:
+        manifest = folder / entry.name / MANIFEST
+        if not manifest.exists():
+            problems.append(f"{entry.name}: is missing")
+            continue
+        result = verify(folder / entry.name, ray_frames)
+        if hashlib.sha256(manifest.read_bytes()).hexdigest() != entry.sha256:
+            problems.append(f"{entry.name}: its manifest is not the one recorded")
+        if result.frames != entry.frames:
+            problems.append(f"{entry.name}: {result.frames} frames, {entry.frames} are recorded")
+        problems += [f"{entry.name}: {problem}" for problem in result.problems]
+        frames, shards, size = frames + result.frames, shards + result.shards, size + result.bytes
+    names = {entry.name for entry in recording.episodes}
+    strangers = {path.name for path in folder.glob("episode-*")} - names
+    problems += [f"{name}: is not in {EPISODES}" for name in sorted(strangers)]
+    if not recording.complete:
+        problems.append(f"unfinished: {recording.frames - frames} of {recording.frames} frames "
+                        "are not there yet")  # fmt: skip
+    elif [entry.index for entry in recording.episodes] != list(range(len(recording.episodes))):
+        problems.append(f"{EPISODES}: its episodes are not numbered through")
+    return Verification(folder, frames, shards, size, tuple(problems))
+
+
+def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
+    text = json.dumps(manifest.config, sort_keys=True).encode()
+    if hashlib.sha256(text).hexdigest() != manifest.config_sha256:
+        yield "manifest.json: the configuration does not match its checksum"
+    damaged = False  # what is known to be damaged is not opened
+    for name, entry in manifest.files.items():
+        if not file_is_intact(folder / name, entry):
+            damaged = True
+            yield f"{name}: {_state(folder / name)}"
+    for shard in manifest.shards:
+        if shard_is_intact(folder, shard):
+            yield from _shard_problems(folder, shard)
+        else:
+            damaged = True
+            yield f"{shard.name}: {_state(folder / shard.name)}"
+    missing = manifest.shard_count - len(manifest.shards)
+    if missing:
+        yield f"unfinished: {missing} of {manifest.shard_count} shards are not there yet"
+    elif not manifest.complete:
+        yield "unfinished: truth.npz is not there yet"
+    elif not damaged:
+        try:
+            sequence = Sequence(folder)
+            yield from _image_problems(sequence)
+            contradictions = list(_truth_problems(sequence))
+            yield from contradictions or _outside_problems(sequence)
+        except EgocapError as error:
+            yield str(error)
+
+
+def _state(path: Path) -> str:
+    return "its bytes do not match the recorded checksum" if path.exists() else "is missing"
+
+
+def _shard_problems(folder: Path, shard: ShardEntry) -> Iterator[str]:
+    """The tar's own listing against the manifest's index."""
+    with tarfile.open(folder / shard.name) as tar:
+        listed = {member.name: (member.offset_data, member.size) for member in tar}
+    indexed = {
+        f"{shard.first + row:06d}.{suffix}": place
+        for row, files in enumerate(shard.frames)
+        for suffix, place in files.items()
+    }
+    if listed != indexed:
+        names = sorted(listed.keys() ^ indexed.keys()) or ["offsets"]
+        yield f"{shard.name}: its members differ from the manifest's index ({names[0]})"
+
+
+def _image_problems(sequence: Sequence) -> Iterator[str]:
+    """Decode the first frame of every shard and compare its size with the rig's."""
+    for shard in sequence.manifest.shards:
+        frame = sequence.frame(shard.first)
+        for mount, image in zip(sequence.rig.mounts, frame.images, strict=True):
+            expected = (mount.camera.height, mount.camera.width, 3)
+            if image.shape != expected:
+                yield f"{shard.name}: {mount.name} image is {image.shape}, the rig says {expected}"
+
+
+def _outside_problems(sequence: Sequence) -> Iterator[str]:
+    """The truth against the recorded planes and Newton's law."""
+    pixels = check_pixels(sequence)
+    if pixels.joints >= _ENOUGH and pixels.labelled_share < _LEAST_LABELLED:
+        yield (
+            f"truth.npz: {100 * pixels.labelled_share:.1f} % of the visible joints have their body "
+            f"at their pixel, fewer than {100 * _LEAST_LABELLED:g} %"
+        )
+    if pixels.measured >= _ENOUGH and pixels.depth_share < _LEAST_IN_DEPTH:
+        yield (
+            f"truth.npz: {100 * pixels.depth_share:.1f} % of the visible joints lie just behind "
+            f"the recorded surface, fewer than {100 * _LEAST_IN_DEPTH:g} %"
+        )
+    forces = check_forces(sequence)
+    if forces is not None and abs(forces.pushed - forces.needed) > max(
+        _FORCE_TOLERANCE, 4.0 * forces.error
+    ):
+        yield (
+            f"truth.npz: ground and root push with {forces.pushed:.2f} body weights on average, "
+            f"the motion needs {forces.needed:.2f}"
+        )
+
+
+def _truth_problems(sequence: Sequence) -> Iterator[str]:
+    """The truth against itself: finite, as long as the sequence, one geometry in every frame."""
+    truth = sequence.truth
+    if len(truth.time) != len(sequence):
+        yield f"truth.npz: {len(truth.time)} frames, the manifest has {len(sequence)}"
+        return
+    for field in fields(Truth):
+        values = getattr(truth, field.name)
+        ignored = ~truth.in_view if field.name == "joints_2d" else None
+        if not np.isfinite(values if ignored is None else values[~ignored]).all():
+            yield f"truth.npz: '{field.name}' has values that are not finite"
+            return
+    world = transform(truth.T_world_head, truth.joints_head)
+    if np.abs(world - truth.joints_world).max() > _POSITION_TOLERANCE:
+        yield "truth.npz: head-frame joints do not map onto the world's"
+    sensor = sequence.sensor
+    if sensor is not None and sensor.joint_time.shape != truth.in_view.shape:
+        yield f"sensor.npz: 'joint_time' has the shape {sensor.joint_time.shape}"
+        return
+    at_once = sensor is None or (sensor.joint_time == truth.time[:, None, None])
+    for v, mount in enumerate(sequence.true_rig.mounts):
+        seen = transform(inverse(mount.T_head_camera), truth.joints_head)
+        if not np.all(at_once):  # each joint at the time at which its row was exposed
+            seen = truth.joints_camera[:, v]
+        pixels, valid = mount.camera.project(seen)
+        if not np.array_equal(valid, truth.in_view[:, v]):
+            yield f"truth.npz: 'in_view' of {mount.name} does not follow from the rig"
+        elif np.abs(pixels - truth.joints_2d[:, v])[valid].max(initial=0) > _PIXEL_TOLERANCE:
+            yield f"truth.npz: 'joints_2d' of {mount.name} does not follow from the rig"
+    if not np.array_equal(truth.visibility == OUT_OF_VIEW, ~truth.in_view):
+        yield "truth.npz: 'visibility' contradicts 'in_view'"

@@ -1,0 +1,322 @@
+"""How good the learned detector is, and how fast: the paper's Table 1 and Figure 7, and more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+from tyro.conf import Positional, arg
+
+from egocap.body.labels import LABELS
+from egocap.data.detections import Detections, load_detections
+from egocap.data.input_checks import require_same_times
+from egocap.data.sequence import VISIBLE, open_sequence
+from egocap.errors import InputError
+from egocap.evaluate.confidence import (
+    LEVELS,
+    auroc,
+    calibration_error,
+    coverage,
+    median_normalised_error,
+    normalised_error,
+    reliability,
+)
+from egocap.evaluate.metrics import (
+    auc,
+    bootstrap_interval,
+    mean_error,
+    pck,
+    percentile,
+    pixel_errors,
+)
+from egocap.evaluate.table import Table, number
+from egocap_eval.detection.detector_speed import measure_speed
+from egocap_eval.harness.study import Outcome
+
+if TYPE_CHECKING:
+    from egocap.data.sequence import Sequence as Footage
+    from egocap.detect.detector import Detector
+
+THRESHOLD = 20.0  # pixels at 640 x 512
+CURVE = tuple(range(21))  # pixels
+GROUPS = {
+    "head": ("head", "neck"), "shoulder": ("shoulder",), "elbow": ("elbow",), "wrist": ("wrist",),
+    "hand": ("hand",), "hip": ("hip",), "knee": ("knee",), "ankle": ("ankle",), "foot": ("foot",),
+}  # fmt: skip
+"""Columns of Table 1, and hands and feet."""
+
+PAPER = {
+    "head": 84.7, "shoulder": 87.5, "elbow": 90.9, "wrist": 89.1, "hip": 97.7, "knee": 94.2,
+    "ankle": 86.4, "pck20": 89.5, "auc20": 56.9,
+}  # fmt: skip
+TARGETS = {"pck20": 97.0, "auc20": 80.0, "wrist": 95.0, "ankle": 95.0}
+SIGMA_TARGET, AUROC_TARGET, RATE_TARGET = 0.10, 0.90, 60.0
+_BLOCK = 25  # frames that err alike
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Detections beside the truth, lengths in pixels of images 640 wide."""
+
+    errors: Float[Array, "T V 18"]  # meaningful where detected and in view
+    sigma: Float[Array, "T V 18"]
+    confidence: Float[Array, "T V 18"]
+    detected: Bool[Array, "T V 18"]
+    in_view: Bool[Array, "T V 18"]
+    seen: Bool[Array, "T V 18"]
+
+
+def study(
+    sequences: Positional[tuple[Annotated[Path, arg(metavar="SEQ")], ...]] = (),
+    /,
+    detections: Annotated[Path | None, arg(metavar="FILE")] = None,
+    heldout: Annotated[Path | None, arg(metavar="DIR")] = None,
+    motions: Annotated[Path | None, arg(metavar="DIR")] = None,
+    rig: Annotated[str | None, arg(metavar="NAME|FILE")] = None,
+    weights: Annotated[Path | None, arg(metavar="FILE")] = None,
+    engine: str = "auto",
+    threads: int | None = None,
+    frames: int | None = None,
+    workers: int = 1,
+    untimed: bool = False,
+    picture: Annotated[Path | None, arg(metavar="FILE")] = None,
+) -> Outcome:
+    """Score the detector on sequences; exit code 3 when a target is missed.
+
+    Args:
+        sequences: Folders of sequences to score on.
+        detections: Detections of the one sequence given, in place of the detector's.
+        heldout: Score on the held-out set in this folder, at 640 x 512; what is missing of it is
+            generated.
+        motions: Folder of the clips that belong to the held-out set; 250 of its 1000 frames.
+        rig: Another rig for the held-out set.
+        weights: Detector weights; those shipped by default.
+        engine: auto (the fastest here), onnxruntime, openvino, torch or cuda.
+        threads: Threads of the network; all cores by default.
+        frames: Only so many frames of each sequence, from the first.
+        workers: Rendering processes for the held-out set.
+        untimed: Leave the speed out.
+        picture: Draw the curves there, .png.
+    """
+    folders = _folders(sequences, heldout, motions, rig, workers)
+    if detections is not None and len(folders) != 1:
+        raise InputError(f"--detections with {len(folders)} sequences", valid="one")
+    scored: dict[str, Scored] = {}
+    config: dict[str, Any] = {"sequences": {}}
+    speed: dict[str, Any] | None = None
+    for folder in folders:
+        footage = open_sequence(folder)
+        config["sequences"][footage.manifest.name] = footage.manifest.config_sha256
+        if detections is not None:
+            found = load_detections(detections)
+        else:
+            detector = _detector(footage, weights, engine, threads)
+            config["weights"] = detector.weights.sha256
+            found = _detect(footage, detector, frames)
+            if speed is None and not untimed:
+                speed = measure_speed(footage, detector, threads)
+        scored[footage.manifest.name] = score(footage, found)
+    result = summary(scored) | {"speed": speed}
+    if picture is not None:
+        from egocap_eval.detection.detector_plots import draw
+
+        draw(result, picture)
+    return Outcome(result, tables(result), missed(result), config)
+
+
+def score(footage: Footage, found: Detections) -> Scored:
+    """Detections of a sequence's first frames beside its truth. InputError when they are not."""
+    truth = footage.truth
+    rows = slice(0, len(found.times))
+    require_same_times(found.times, truth.time[rows], "the detections")
+    in_view = truth.in_view[rows]
+    if found.valid.shape != in_view.shape:
+        raise InputError(f"detections of {found.valid.shape[1]} views",
+                         valid=f"{in_view.shape[1]}")  # fmt: skip
+    widths = np.array([camera.width for camera in footage.rig.cameras], float)
+    both = (found.valid & in_view)[..., None]
+    said, true = np.where(both, found.points, 0.0), np.where(both, truth.joints_2d[rows], 0.0)
+    return Scored(
+        errors=pixel_errors(said, true, widths),
+        sigma=found.sigma * (640.0 / widths)[:, None],
+        confidence=found.confidence,
+        detected=found.valid,
+        in_view=in_view,
+        seen=in_view & (truth.visibility[rows] == VISIBLE),
+    )
+
+
+def summary(scored: Mapping[str, Scored]) -> dict[str, Any]:
+    """All numbers, pooled over the sequences, and the main ones of each. JSON-ready."""
+    pooled = Scored(*(
+        np.concatenate([getattr(s, name) for s in scored.values()])
+        for name in Scored.__dataclass_fields__
+    ))  # fmt: skip
+    return {
+        "frames": len(pooled.errors),
+        "visible": _accuracy(pooled, pooled.seen, intervals=True),
+        "in_view": _accuracy(pooled, pooled.in_view),
+        "spread": {
+            "visible": _spread(pooled, pooled.seen),
+            "hidden": _spread(pooled, pooled.in_view & ~pooled.seen),
+        },
+        "confidence": _confidence(pooled),
+        "false_positives": _number(mean_error(pooled.detected, ~pooled.in_view)),
+        "per_sequence": {
+            name: {"frames": len(s.errors)} | {
+                kind: {k: v for k, v in _accuracy(s, counted).items() if k in _MAIN}
+                for kind, counted in (("visible", s.seen), ("in_view", s.in_view))
+            } for name, s in scored.items()
+        },
+        "paper": PAPER,
+    }  # fmt: skip
+
+
+def missed(result: Mapping[str, Any]) -> list[str]:
+    """Targets that are not met, in words."""
+    visible, found = result["visible"], []
+    for name, least in TARGETS.items():
+        value = visible["groups"][name] if name in GROUPS else visible[name]
+        if value is not None and not value >= least:
+            found.append(f"{name} of visible joints is {value:.1f}, not {least:g}")
+    off = result["spread"]["visible"]["normalised_error"]
+    if off is not None and not abs(off - 1.0) <= SIGMA_TARGET:
+        found.append(f"normalised error of visible joints is {off:.2f}, not 0.9 to 1.1")
+    area = result["confidence"]["occlusion_auroc"]
+    if area is not None and not area >= AUROC_TARGET:
+        found.append(f"AUROC of occlusion is {area:.3f}, not {AUROC_TARGET:g}")
+    speed = result.get("speed")
+    if speed and not speed["pairs_per_second"] >= RATE_TARGET:
+        found.append(f"{speed['pairs_per_second']:.0f} pairs/s, not {RATE_TARGET:g}")
+    return found
+
+
+def tables(result: Mapping[str, Any]) -> list[Table]:
+    """Table 1 with ours below the paper's, each sequence, calibration and speed."""
+    header = ("", *GROUPS, "PCK", "AUC")
+    rows = [("paper", *(number(PAPER.get(g)) for g in GROUPS), "89.5", "56.9")]
+    for kind, name in (("visible", "visible joints"), ("in_view", "all in view")):
+        found = result[kind]
+        cells = [number(found["groups"][g]) for g in GROUPS]
+        rows.append((name, *cells, number(found["pck20"]), number(found["auc20"])))
+    made = [Table("PCK at 20 px of 640 x 512", header, tuple(rows))]
+    each = tuple(
+        (name, str(s["frames"]), *(number(s[k][m]) for k in ("visible", "in_view") for m in
+         ("pck20", "auc20", "median_px")))
+        for name, s in result["per_sequence"].items()
+    )  # fmt: skip
+    columns = ("sequence", "frames", "PCK", "AUC", "median px", "PCK in view", "AUC", "median px")
+    made.append(Table("Each sequence", columns, each))
+    spread, confidence = result["spread"], result["confidence"]
+    rows = [
+        (f"normalised error, {kind}", number(spread[kind]["normalised_error"], 2), "1")
+        for kind in spread
+    ]
+    rows += [(f"the same by the median, {kind}", number(spread[kind]["by_median"], 2), "1")
+             for kind in spread]  # fmt: skip
+    rows += [
+        ("AUROC of occlusion", number(confidence["occlusion_auroc"], 3), "0.9 or more"),
+        ("confidence off by", number(confidence["calibration_error"], 3), "0"),
+        ("found out of view", number(result["false_positives"], 3), "0"),
+    ]
+    made.append(Table("Does it know", ("measure", "value", "ideally"), tuple(rows)))
+    if speed := result.get("speed"):
+        stages = tuple((s, number(ms, 2)) for s, ms in speed["stage_cpu_ms"].items())
+        whole = ("all, overlapping", number(1e3 / speed["pairs_per_second"], 2))
+        title = f"ms a pair: {speed['engine']}, {speed['threads']} threads, CPU time a stage"
+        made.append(Table(title, ("stage", "ms"), (*stages, whole)))
+    return made
+
+
+_MAIN = ("pck20", "auc20", "median_px")
+
+
+def _accuracy(s: Scored, counted: Bool[Array, "T V 18"], intervals: bool = False) -> dict[str, Any]:
+    found = s.errors, s.detected
+    measured = s.detected & counted
+    groups = {g: [i for i, n in enumerate(LABELS) if n.split("_")[-1] in names]
+              for g, names in GROUPS.items()}  # fmt: skip
+    parts = {g: (s.errors[..., i], s.detected[..., i], counted[..., i]) for g, i in groups.items()}
+    values: dict[str, Any] = {
+        "joints": int(counted.sum()),
+        "pck20": _number(pck(*found, counted, THRESHOLD)),
+        "auc20": _number(auc(*found, counted, THRESHOLD)),
+        "median_px": _number(percentile(s.errors, 50, measured)),
+        "mean_px": _number(mean_error(s.errors, measured)),
+        "missing": _number(mean_error(~s.detected, counted)),
+        "groups": {g: _number(pck(*parts[g], THRESHOLD)) for g in groups},
+        "group_auc": {g: _number(auc(*parts[g], THRESHOLD)) for g in groups},
+        "per_joint": {
+            n: _number(pck(s.errors[..., j], s.detected[..., j], counted[..., j], THRESHOLD))
+            for j, n in enumerate(LABELS)
+        },
+        "curve": {str(t): _number(pck(*found, counted, float(t))) for t in CURVE},
+        "group_curves": {g: [_number(pck(*parts[g], float(t))) for t in CURVE] for g in groups},
+    }
+    if intervals and len(s.errors) >= 2 * _BLOCK:
+        hits = np.where(s.detected & (s.errors <= THRESHOLD), 100.0, 0.0)
+        count = counted.sum((1, 2))
+        per_frame = np.where(counted, hits, 0.0).sum((1, 2))[count > 0] / count[count > 0]
+        if len(per_frame) >= 2 * _BLOCK:
+            rng = np.random.default_rng(0)
+            values["pck20_interval"] = list(bootstrap_interval(per_frame, rng, block=_BLOCK))
+    return values
+
+
+def _spread(s: Scored, counted: Bool[Array, "T V 18"]) -> dict[str, Any]:
+    read = s.errors, s.sigma, s.detected & counted
+    return {
+        "joints": int(read[2].sum()),
+        "normalised_error": _number(normalised_error(*read)),
+        "by_median": _number(median_normalised_error(*read)),
+        "coverage": {f"{level:g}": _number(coverage(*read, level)) for level in LEVELS},
+    }
+
+
+def _confidence(s: Scored) -> dict[str, Any]:
+    claimed, seen = s.confidence[s.in_view], s.seen[s.in_view]
+    return {
+        "occlusion_auroc": _number(auroc(claimed[seen], claimed[~seen])),
+        "calibration_error": _number(calibration_error(claimed, seen)),
+        "reliability": [list(row) for row in reliability(claimed, seen)],
+    }
+
+
+def _folders(
+    sequences: Sequence[Path], heldout: Path | None, motions: Path | None, rig: str | None,
+    workers: int,
+) -> list[Path]:  # fmt: skip
+    from egocap_eval.detection.heldout import make_heldout
+
+    if heldout is None:
+        if not sequences:
+            raise InputError("nothing to score on", valid="sequences, or --heldout DIR")
+        return list(sequences)
+    made = make_heldout(heldout, motions=motions, rig=rig, workers=workers)
+    return [*sequences, *made]
+
+
+def _detector(footage: Footage, weights: Path | None, engine: str, threads: int | None) -> Detector:
+    from egocap.detect.detector import Detector
+    from egocap.detect.weights import open_weights
+
+    return Detector(footage.rig, open_weights(weights), engine, threads)  # type: ignore[arg-type]
+
+
+def _detect(footage: Footage, detector: Detector, frames: int | None) -> Detections:
+    from egocap.commandline import progress
+    from egocap.detect.detector import detect
+
+    count = min(frames or len(footage), len(footage))
+    with progress(footage.manifest.name, count) as advance:
+        return detect(footage, detector, frames=count, on_frames=advance)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,135 @@
+"""Motions with their truth and without pictures: simulated, projected, and hidden by the clock.
+
+Rendering takes most of a sequence's time; studies that draw their detections from the truth do
+without. What hides joints is then drawn too: bursts that take the joints of the lower body away
+from a view for a share of the time, as knees and trunk do. Such studies compare trackers, rigs and
+faults; absolute errors come from rendered sequences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.body.labels import LABELS
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.data.sequence import SELF_OCCLUDED, VISIBLE, Truth
+from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap_sim.scene.config import MotionTable, PlaceTable, RigTable, Scene
+
+HIDDEN_SHARE: Mapping[str, float] = {
+    "head": 0.9, "neck": 0.9, "shoulder": 0.15, "elbow": 0.1, "wrist": 0.1, "hand": 0.1,
+    "hip": 0.4, "knee": 0.2, "ankle": 0.35, "foot": 0.3,
+}  # fmt: skip
+"""Share of the time a view misses a joint that its lens sees, rounded from rendered sequences."""
+BURST_S = 0.4  # mean length of a stretch in which a joint is hidden
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    """A motion on a rig: what a tracker may know, and the truth."""
+
+    name: str
+    rig: Rig
+    proportions: Proportions
+    truth: Truth
+    joint_error_cm: float  # of the physics, to its reference
+    planted_foot_speed_cm_s: float
+
+    @property
+    def seen(self) -> Bool[Array, "T V 18"]:
+        """Joints that a view sees."""
+        return self.truth.visibility == VISIBLE
+
+
+def perform_motion(
+    motion: str,
+    *,
+    frames: int,
+    seed: int,
+    rig: str | Rig = "egorig1",
+    size: tuple[int, int] = (640, 512),
+    parameters: Mapping[str, float] | None = None,
+) -> Performance:
+    """Simulate a built-in motion of a person drawn from `seed`, seen by a rig, without pictures.
+
+    `rig`: the name of a built-in one, or a rig as it is. Raises SceneError for a motion there is
+    not, InputError for an unknown rig.
+    """
+    from egocap_sim.truth.proportions import proportions_of
+    from egocap_sim.world.stage import perform, person_of, rig_of
+
+    table = RigTable(name=rig if isinstance(rig, str) else "egorig1", size=size)
+    scene = Scene(
+        name=motion, frames=frames, seed=seed, rig=table,
+        motion=MotionTable(name=motion, parameters=dict(parameters or {})),
+        place=PlaceTable(name="room", clear_radius=2.5),
+    )  # fmt: skip
+    person = person_of(scene)
+    trajectory = perform(scene, person)
+    made = rig_of(scene.rig, scene.seed) if isinstance(rig, str) else rig.resized(*size)
+    performance = Performance(
+        name=motion,
+        rig=made,
+        proportions=proportions_of(person),
+        truth=_seen_from(made, trajectory, person),
+        joint_error_cm=trajectory.stats.joint_error_cm,
+        planted_foot_speed_cm_s=trajectory.stats.planted_foot_speed_cm_s,
+    )
+    return with_bursts(performance, np.random.default_rng([seed, 1]))
+
+
+def on_rig(performance: Performance, rig: Rig) -> Performance:
+    """The same motion seen by another rig; what was hidden in a view stays hidden if it can."""
+    truth = performance.truth
+    pixels, in_view = rig.project(truth.joints_head)
+    in_view = np.moveaxis(in_view, 0, 1)
+    hidden = truth.visibility == SELF_OCCLUDED
+    visibility = np.where(in_view, np.where(hidden, SELF_OCCLUDED, VISIBLE), 1).astype(np.uint8)
+    moved = replace(truth, joints_2d=np.moveaxis(pixels, 0, 1), in_view=in_view,
+                    visibility=visibility)  # fmt: skip
+    return replace(performance, rig=rig, truth=moved)
+
+
+def with_bursts(performance: Performance, rng: np.random.Generator) -> Performance:
+    """The same motion with joints hidden in bursts, each view and joint by itself."""
+    truth = performance.truth
+    frame_s = float(np.median(np.diff(truth.time))) if len(truth.time) > 1 else 1.0
+    share = np.array([HIDDEN_SHARE[label.rpartition("_")[2]] for label in LABELS])
+    hidden = _bursts(truth.in_view.shape, share, frame_s / BURST_S, rng)
+    visibility = np.where(truth.in_view & hidden, SELF_OCCLUDED, truth.visibility)
+    return replace(performance, truth=replace(truth, visibility=visibility.astype(np.uint8)))
+
+
+def draw_detections(performance: Performance, source: str, seed: int) -> Detections:
+    """Simulated detections of a motion by the name of their source (`egocap.detect.synthetic`)."""
+    truth, camera = performance.truth, performance.rig.mounts[0].camera
+    return simulate_detections(
+        truth.joints_2d, performance.seen, truth.in_view, truth.time,
+        (camera.width, camera.height), parse_source(source), np.random.default_rng(seed),
+    )  # fmt: skip
+
+
+def _seen_from(rig: Rig, trajectory, person) -> Truth:
+    from egocap_sim.truth.truth import truth_before_rendering
+
+    return truth_before_rendering(person, trajectory, rig)
+
+
+def _bursts(
+    shape: tuple[int, ...], share: Float[Array, "J"], end: float, rng: np.random.Generator
+) -> Bool[Array, "T V J"]:
+    """A two-state chain a view and joint: `share` of the time hidden, left with chance `end`."""
+    begin = end * share / (1.0 - share)
+    draw = rng.random(shape)
+    hidden = np.zeros(shape, bool)
+    hidden[0] = draw[0] < share
+    for t in range(1, shape[0]):
+        hidden[t] = np.where(hidden[t - 1], draw[t] >= end, draw[t] < begin)
+    return hidden

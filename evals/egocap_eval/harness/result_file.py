@@ -1,0 +1,160 @@
+"""Results on disk: a JSON file that says how, when and where its numbers were made."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from egocap.data.sequence_writer import disk_errors, write_atomically
+from egocap.errors import FileError
+
+SCHEMA = 1
+PACKAGES = (
+    "egocap", "numpy", "scipy", "torch", "mujoco", "pyrender", "anny", "numba",
+    "opencv-contrib-python-headless", "onnxruntime", "openvino",
+)  # fmt: skip
+
+
+def save_result(
+    path: str | Path,
+    payload: Mapping[str, Any],
+    command: str | Sequence[str],
+    *,
+    config: Mapping[str, Any] | None = None,
+    seconds: Mapping[str, float] | None = None,
+) -> None:
+    """Write a result with its provenance; the file appears whole or not at all.
+
+    The file holds `schema`, `command`, `date` (UTC), `commit` (null outside a checkout, with
+    '+changes' when the tree was not clean), `machine`, `versions` and the payload under `result`;
+    `config`, `config_sha256` and `seconds` where they are given.
+
+    Args:
+        path: a .json file; its folder is made if need be.
+        payload: the numbers, JSON-ready: no NaN, which JSON has not got.
+        command: the command line that makes them again.
+        config: everything the numbers depend on, JSON-ready; its hash is recorded with it.
+        seconds: how long it took, `wall` and `cpu`.
+
+    Raises:
+        MachineError: the file cannot be written.
+    """
+    record = {
+        "schema": SCHEMA,
+        "command": command if isinstance(command, str) else " ".join(command),
+        **provenance(),
+    }
+    if config is not None:
+        record |= {"config": plain(config), "config_sha256": config_hash(config)}
+    if seconds is not None:
+        record["seconds"] = {name: round(value, 1) for name, value in seconds.items()}
+    record["result"] = dict(payload)
+    write_text(path, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+
+def load_result(path: str | Path) -> dict[str, Any]:
+    """Read what `save_result` wrote; FileError when it is something else or of a newer schema."""
+    try:
+        record = json.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FileError(path, "no such file") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileError(path, f"not a readable result: {error}") from None
+    if not isinstance(record, dict) or not {"schema", "command", "result"} <= record.keys():
+        raise FileError(path, "not a result", valid="a file written with --out FILE.json")
+    if not isinstance(record["schema"], int) or record["schema"] > SCHEMA:
+        raise FileError(path, f"of schema {record['schema']}", key="schema",
+                        valid=f"up to {SCHEMA}; upgrade egocap")  # fmt: skip
+    return record
+
+
+def config_hash(config: Mapping[str, Any]) -> str:
+    """SHA-256 of a configuration, whatever the order of its keys."""
+    text = json.dumps(plain(config), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: dataclasses and mappings as objects, paths as text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def provenance() -> dict[str, Any]:
+    """Date, commit, machine and versions, JSON-ready."""
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": git_commit(),
+        "machine": {
+            "cpu": cpu_model(),
+            "cores": os.cpu_count(),
+            "memory_gb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1),
+            "system": f"{platform.system()} {platform.machine()}",
+        },
+        "versions": {"python": platform.python_version(), **_versions()},
+    }
+
+
+def git_commit() -> str | None:
+    """Commit of the checkout this code runs from; None when it is an installed package."""
+    folder = Path(__file__).resolve().parent
+    head = _git(folder, "rev-parse", "HEAD")
+    if head is None or _git(folder, "ls-files", "--error-unmatch", "result_file.py") is None:
+        return None  # no repository, or somebody else's around an installed copy
+    return head + ("+changes" if _git(folder, "status", "--porcelain", "-uno") else "")
+
+
+def cpu_model() -> str:
+    """Name of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, "") or platform.processor() or platform.machine()
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file that is whole or absent, making its folder if need be."""
+    path = Path(path)
+    with disk_errors(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, text.encode())
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    if "egocap" not in found:  # run from a checkout that is not installed
+        from egocap import __version__
+
+        found["egocap"] = __version__
+    return found
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    try:
+        done = subprocess.run(
+            ["git", *words], cwd=folder, capture_output=True, text=True, timeout=10, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

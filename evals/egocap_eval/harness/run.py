@@ -1,0 +1,224 @@
+"""Run a suite in two passes: make sequences and save predictions, then score what was saved.
+
+    OUT/suite.json                     the suite as run, with its hash
+    OUT/sequences/NAME/                what was generated
+    OUT/predictions/METHOD/NAME.S.npz  poses, S the seed of the detections' noise
+    OUT/studies/NAME.json              studies' results
+    OUT/scores.json, errors.npz        all numbers; each frame's error, for comparisons
+    OUT/report.html, .md               the report
+
+What is there is not made again. A prediction records the hash of all it depends on; one that was
+made with other settings, or from another sequence, is refused rather than mixed in.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import shlex
+import sys
+from collections.abc import Mapping
+from contextlib import redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from egocap.data.sequence import Sequence
+from egocap.data.sequence_writer import write_atomically
+from egocap.errors import FileError, InputError
+from egocap.evaluate.measures import MEASURES, Scored
+from egocap.evaluate.pose import frame_errors, report_of
+from egocap.evaluate.predictions import load_predictions
+from egocap.evaluate.protocol import find_protocol
+from egocap_eval.harness.footage import prepare_sequences
+from egocap_eval.harness.predict import (
+    Job,
+    description_of,
+    find_sources,
+    plan,
+    predict,
+    require_same,
+    settings,
+)
+from egocap_eval.harness.result_file import load_result, save_result, write_text
+from egocap_eval.harness.score_pose import place_predictions
+from egocap_eval.harness.study import Outcome
+from egocap_eval.harness.suite import Suite, find_suite, load_suite, shortened
+from egocap_eval.harness.thresholds import Numbers, missed_thresholds, paper_table, summary_tables
+
+
+def study(
+    suite: Positional[Annotated[str, arg(metavar="SUITE")]],
+    /,
+    work: Annotated[Path | None, arg(metavar="DIR")] = None,
+    motions: Annotated[Path | None, arg(metavar="DIR")] = None,
+    workers: int = 2,
+    html: bool = True,
+    frames: Annotated[int | None, arg(metavar="N")] = None,
+) -> Outcome:
+    """Run a suite: make what is missing, save predictions, score them, report; exit code 3 when a
+    threshold is missed.
+
+    Args:
+        suite: Name of a built-in suite (quick), or a .toml file.
+        work: Folder for sequences, predictions and the report; out/SUITE by default.
+        motions: Folder of motion clips, for the sequences that need one.
+        workers: Rendering processes.
+        html: Write report.html and report.md too.
+        frames: Try the suite: only so many frames of each sequence, one seed, and no studies.
+    """
+    path = find_suite(suite)
+    loaded = load_suite(path)
+    _check(loaded)
+    if frames is not None:
+        loaded = shortened(loaded, frames)
+    work = Path("out") / loaded.name if work is None else work
+    _lock(work, loaded)
+    sequences = prepare_sequences(loaded, path.parent, work, motions, workers)
+    sources, absent = find_sources(loaded, path.parent, sequences)
+    jobs = list(plan(loaded, sequences, path.parent, work, sources))
+    for job in jobs:  # all of them before any long work
+        require_same(job)
+    run_studies(loaded, work)
+    predict(jobs, sequences)
+    scores, scored = score(loaded, jobs, sequences)
+    words = ["egocap-eval", "run", suite, *(["--frames", str(frames)] if frames else [])]
+    numbers = Numbers(scores, work / "studies", shlex.join(words))
+    missed = missed_thresholds(loaded, numbers) + missed_by_studies(loaded, work)
+    result = {
+        "suite": loaded.model_dump(mode="json"),
+        "scores": scores,
+        "sequences": {name: s.manifest.config_sha256 for name, s in sequences.items()},
+        "left_out": [s.name for s in loaded.sequences if s.name not in sequences] + absent,
+        "paper": numbers.rows(loaded.rows),
+        "predicted_by": sorted({description_of(job)["commit"] or "" for job in jobs}),
+    }
+    tables = [*summary_tables(loaded, numbers), *paper_table(loaded, numbers)]
+    config = {"suite": loaded.model_dump(mode="json"), "sequences": result["sequences"]}
+    save_result(work / "scores.json", {**result, "missed": missed},
+                numbers.command, config=config)  # fmt: skip
+    _save_errors(work / "errors.npz", scored)
+    if html:
+        from egocap_eval.harness.report_page import write_report
+
+        write_report(work, loaded, result, missed, scored, sequences, numbers)
+    return Outcome(result, tables, missed, config)
+
+
+def score(
+    suite: Suite, jobs: list[Job], sequences: Mapping[str, Sequence]
+) -> tuple[dict[str, Any], dict[str, list[Scored]]]:
+    """Second pass: every measure of every method and sequence, a mean over its seeds.
+
+    Returns the numbers, by method, sequence and measure, and what they were taken from, by
+    "method/sequence".
+    """
+    scores: dict[str, Any] = {}
+    kept: dict[str, list[Scored]] = {}
+    for job in jobs:
+        sequence = sequences[job.sequence]
+        try:
+            loaded = load_predictions(job.path)
+            scored = place_predictions(sequence, loaded, protocol=suite.protocols[0])
+        except InputError as error:
+            raise FileError(job.path, str(error)) from None
+        report = report_of(scored)
+        entry = scores.setdefault(job.method.name, {}).setdefault(job.sequence, {"seeds": []})
+        entry["seeds"].append(
+            {name: getattr(report, name) for name in MEASURES}
+            | {"coverage_share": report.coverage_share}
+            | {"tracker_fps": 1 / loaded.seconds_per_frame if loaded.seconds_per_frame else None}
+            | {f"protocol/{p}": _under(scored, p) for p in suite.protocols}
+            | {f"joint/{n}": v for n, v in report.per_joint_mm.items()}
+            | {"interval": report.mpjpe_ci95_mm}
+        )
+        kept.setdefault(f"{job.method.name}/{job.sequence}", []).append(scored)
+    for method in scores.values():
+        for entry in method.values():
+            entry |= _mean_over_seeds(entry["seeds"])
+    return scores, kept
+
+
+def run_studies(suite: Suite, work: Path) -> None:
+    """The suite's studies by their own commands, where their results are not there yet."""
+    from egocap_eval.cli import main
+
+    for entry in suite.studies:
+        path = work / "studies" / f"{entry.name}.json"
+        words = [entry.name, *entry.options, "--out", str(path)]
+        if path.is_file():
+            before = load_result(path)["command"]
+            if before != shlex.join(["egocap-eval", *words]):
+                raise FileError(path, f"is of another command: {before}",
+                                valid="another --work, or remove it")  # fmt: skip
+            continue
+        with redirect_stdout(sys.stderr):  # what the suite itself prints may be JSON
+            code = main(words)
+        if code not in (0, 3) or not path.is_file():
+            raise InputError(f"the study '{entry.name}' failed with exit code {code}")
+
+
+def missed_by_studies(suite: Suite, work: Path) -> list[str]:
+    """Targets that the suite's studies missed, in words."""
+    return [
+        f"{entry.name}: {what}"
+        for entry in suite.studies
+        for what in load_result(work / "studies" / f"{entry.name}.json")["result"]["missed"]
+    ]
+
+
+def _check(suite: Suite) -> None:
+    """InputError for studies and settings that are not there, before any long work."""
+    from egocap_eval.cli import STUDIES
+
+    for entry in suite.studies:
+        if entry.name not in STUDIES:
+            raise InputError(f"no study '{entry.name}'", valid=STUDIES)
+    for method in suite.methods:
+        settings(method)
+
+
+def _lock(work: Path, suite: Suite) -> None:
+    """Remember the suite a folder is of; another suite's folder is refused."""
+    path = work / "suite.json"
+    if path.is_file():
+        before = json.loads(path.read_text(encoding="utf-8")).get("name")
+        if before != suite.name:
+            raise FileError(path, f"this folder is of the suite '{before}'", valid="another --work")
+    write_text(path, suite.model_dump_json(indent=1) + "\n")
+
+
+def _under(scored: Scored, protocol: str) -> float | None:
+    """Mean error under another protocol; None where it cannot be had (hips missing)."""
+    value = replace(scored, protocol=find_protocol(protocol)).mean()
+    return value if np.isfinite(value) else None
+
+
+def _mean_over_seeds(seeds: list[dict[str, Any]]) -> dict[str, Any]:
+    """Mean of every number, and of the errors the spread over seeds too."""
+    means: dict[str, Any] = {}
+    for name in seeds[0]:
+        values = [s[name] for s in seeds]
+        if name == "interval":
+            means[name] = values[0]
+        elif None in values:
+            means[name] = None
+        else:
+            means[name] = float(np.mean(values))
+            if len(values) > 1 and name in MEASURES:
+                means[f"spread/{name}"] = float(np.std(values, ddof=1))
+    return means
+
+
+def _save_errors(path: Path, scored: Mapping[str, list[Scored]]) -> None:
+    """Each frame's mean error of the first seed's predictions, mm, and the frames' times."""
+    arrays: dict[str, Any] = {}
+    for name, seeds in scored.items():
+        arrays[name] = np.nanmean([frame_errors(s) for s in seeds], axis=0)
+        arrays[f"times/{name}"] = seeds[0].times
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    write_atomically(path, content.getvalue())

@@ -1,0 +1,156 @@
+"""Numbers of a run by name: tables, thresholds, and the paper's statements beside ours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from egocap.errors import EgocapError
+from egocap.evaluate import MEASURES, PROTOCOLS
+from egocap.evaluate.table import Table, number
+from egocap_eval.harness.result_file import load_result
+from egocap_eval.harness.suite import PaperRow, Suite
+
+COMMITTED = Path(__file__).parents[2] / "results"
+NOT_YET = "not measured yet"
+
+
+class Numbers:
+    """Everything a run knows a number of: its own scores, its studies' and the committed results.
+
+    Args:
+        scores: by method, sequence and measure.
+        studies: folder of the run's own studies, looked in before the committed ones.
+        command: the command line of the run.
+    """
+
+    def __init__(self, scores: Mapping[str, Any], studies: Path, command: str = "") -> None:
+        self.scores, self.command = scores, command
+        self._folders = (studies, COMMITTED)
+
+    def of(self, method: str, sequence: str, measure: str) -> float | None:
+        """One number of the suite; None where there is none."""
+        return self.scores.get(method, {}).get(sequence, {}).get(measure)
+
+    def find(self, place: str) -> tuple[float | str | None, str]:
+        """What is at "method/sequence/measure" or "STUDY.json:key.key", and the command behind it.
+
+        None, and why, where it is not there.
+        """
+        if ".json:" not in place:
+            method, _, rest = place.partition("/")
+            sequence, _, measure = rest.partition("/")
+            value = self.of(method, sequence, measure)
+            return value, self.command if value is not None else f"{place}: not in this run"
+        name, _, keys = place.partition(":")
+        for folder in self._folders:
+            if (folder / name).is_file():
+                return _looked_up(folder / name, keys)
+        return None, NOT_YET
+
+    def rows(self, rows: Sequence[PaperRow]) -> list[dict[str, Any]]:
+        """The paper's statements with our numbers, JSON-ready."""
+        return [self._row(row) for row in rows]
+
+    def _row(self, row: PaperRow) -> dict[str, Any]:
+        value, note = (None, "") if row.ours is None else self.find(row.ours)
+        if isinstance(value, float) and row.less is not None:
+            less, why = self.find(row.less)
+            value, note = (value - less, note) if isinstance(less, float) else (None, why)
+        if isinstance(value, float):
+            value *= row.scale
+        error = self.find(row.error)[0] if row.error and value is not None else None
+        return {
+            "section": row.section, "statement": row.statement, "paper": row.paper,
+            "unit": row.unit, "ours": value, "error": error,
+            "shown": _with_error(value, error, row.digits),
+            "command": row.command if value is None else note or row.command,
+            "note": "; ".join(x for x in (row.conditions, note if value is None else "") if x),
+        }  # fmt: skip
+
+
+def missed_thresholds(suite: Suite, numbers: Numbers) -> list[str]:
+    """Thresholds that are not met, in words; a number that is not there meets none."""
+    missed = []
+    for threshold in suite.thresholds:
+        there = numbers.scores.get(threshold.method, {})
+        names = [threshold.sequence] if threshold.sequence else list(there)
+        for sequence in names:
+            if sequence not in there:
+                continue  # left out of the run, which says so
+            value = numbers.of(threshold.method, sequence, threshold.measure)
+            what = f"{threshold.method}, {sequence}: {threshold.measure}"
+            if value is None:
+                missed.append(f"{what} was not measured")
+            elif threshold.most is not None and not value <= threshold.most:
+                missed.append(f"{what} is {value:.4g}, not at most {threshold.most:g}")
+            elif threshold.least is not None and not value >= threshold.least:
+                missed.append(f"{what} is {value:.4g}, not at least {threshold.least:g}")
+    return missed
+
+
+def summary_tables(suite: Suite, numbers: Numbers) -> list[Table]:
+    """One table of measures, one of protocols; a row a method and sequence."""
+    units = [f"{name.removesuffix('_mm')} {_unit(name)}" for name in suite.measures]
+    measures, protocols = [], []
+    for method, sequences in numbers.scores.items():
+        for sequence, entry in sequences.items():
+            values = (_shown(name, entry.get(name)) for name in suite.measures)
+            measures.append((method, sequence, *values))
+            errors = (number(entry.get(f"protocol/{p}")) for p in suite.protocols)
+            protocols.append((method, sequence, *errors))
+    head = PROTOCOLS[suite.protocols[0]]
+    tables = [Table(f"{head.name}: {head.description}", ("method", "sequence", *units),
+                    tuple(measures))]  # fmt: skip
+    if len(suite.protocols) > 1:
+        tables.append(Table("MPJPE, mm, by protocol", ("method", "sequence", *suite.protocols),
+                            tuple(protocols)))  # fmt: skip
+    return [table for table in tables if table.rows]
+
+
+def paper_table(suite: Suite, numbers: Numbers, *, commands: bool = False) -> list[Table]:
+    """The paper's statements beside our numbers; with commands too wide for a terminal."""
+    keys = ("section", "statement", "paper", "shown", "unit", "note", "command")[: 6 + commands]
+    rows = tuple(tuple(r[k] for k in keys) for r in numbers.rows(suite.rows))
+    header = tuple("ours" if k == "shown" else "conditions" if k == "note" else k for k in keys)
+    return [Table("The paper's section 5", header, rows)] if rows else []
+
+
+def _shown(name: str, value: float | None) -> str:
+    digits = {"mm": 1, "%": 1, "m/s": 3}.get(MEASURES[name].unit, 2)
+    return number(value, digits)
+
+
+def _unit(name: str) -> str:
+    unit = MEASURES[name].unit
+    return "" if unit == "0 to 1" else unit
+
+
+def _with_error(value: float | str | None, error: float | str | None, digits: int) -> str:
+    if not isinstance(value, float):
+        return "-" if value is None else str(value)
+    half = f" +- {number(error, digits)}" if isinstance(error, float) else ""
+    return number(value, digits) + half
+
+
+def _looked_up(path: Path, keys: str) -> tuple[float | str | None, str]:
+    try:
+        record = load_result(path)
+    except EgocapError as error:
+        return None, str(error)
+    value: Any = record["result"]
+    for key in keys.split("."):
+        if isinstance(value, list) and key.isdigit() and int(key) < len(value):
+            value = value[int(key)]
+        elif isinstance(value, Mapping) and key in value:
+            value = value[key]
+        else:
+            return None, f"{path.name} has no '{keys}'"
+    command = str(record["command"]).split(" --out ")[0]
+    if isinstance(value, str):
+        return value, command
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None, f"{path.name}: '{keys}' is {json.dumps(value)[:40]}"
+    return float(value), command

@@ -1,0 +1,139 @@
+"""Simulated frames, a body in its colours and detections of it: what image model studies search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.body.gaussians import GaussianBody
+from egocap.body.labels import EVALUATED, UPPER
+from egocap.body.skeleton import DOF_COUNT, forward
+from egocap.data.sequence import VISIBLE, Sequence
+from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.image_model.colour import PAPER, ColourMeasure
+from egocap.image_model.colour_estimation import colour_body
+from egocap.image_model.colour_solver import ImageSolver, ImageSolverConfig
+from egocap.image_model.colour_term import ColourTerm, ColourTermConfig
+from egocap.image_model.image_rays import image_rays
+from egocap.image_model.model import ImageModel
+from egocap.image_model.palette import learn_palette
+from egocap.pose.config import TrackerConfig
+from egocap.pose.inverse_kinematics import nearest_angles
+from egocap.pose.observations import Observations, observe
+
+LEARNED = 5
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Mean errors before and after solving, metres."""
+
+    before: float
+    after: float
+    visible: float  # of the joints that a view sees, after
+
+
+class Scene:
+    """Frames of a sequence, a body in its colours, detections of it.
+
+    Colours are learned in `LEARNED` frames spread over the sequence, at their true poses: the few
+    poses of a personalisation.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.sequence = sequence = Sequence(folder)
+        self.name = folder.name
+        truth = sequence.truth
+        self.joints = truth.joints_head
+        self.seen = (truth.visibility == VISIBLE).any(1)  # (T, 18)
+        self.poses = [nearest_angles(sequence.proportions, joints) for joints in self.joints]
+        rays = image_rays(sequence.rig, 128, 128)
+        body = GaussianBody.from_proportions(sequence.proportions)
+        spread = np.linspace(0, len(self.poses) - 1, LEARNED).round().astype(int)
+        shown = [(sequence.images(int(t)), self.poses[t]) for t in spread]
+        self.palette = learn_palette(body, rays, shown)
+        self.body = colour_body(body, rays, *shown[0])
+        self.term = ColourTerm(self.body, sequence.rig, self.palette)
+        self.paper = ImageModel(self.body, rays, measure=PAPER)
+        self._observations: dict[float, Observations] = {}
+
+    def observations(self, pixels: float) -> Observations:
+        """Simulated detections of an accuracy."""
+        if pixels not in self._observations:
+            truth, camera = self.sequence.truth, self.sequence.rig.mounts[0].camera
+            found = simulate_detections(
+                truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
+                (camera.width, camera.height), parse_source(f"simulated:{pixels}"),
+                np.random.default_rng(0),
+            )  # fmt: skip
+            self._observations[pixels] = observe(
+                found, self.sequence.rig, self.sequence.proportions, TrackerConfig()
+            )
+        return self._observations[pixels]
+
+    def solve(
+        self,
+        t: int,
+        start: Float[Array, "37"],
+        free: Bool[Array, "37"] | None = None,
+        pixels: float | None = None,
+        weight: float | None = None,
+        measure: ColourMeasure | None = None,
+    ) -> Float[Array, "37"]:
+        """The pose at a frame from a start; without `measure` by the palette."""
+        model = self.term.model if measure is None else self.paper
+        images = self.sequence.images(t)
+        if measure is None:
+            self.term.forget()
+            colours = self.term.see(images, start)
+        else:
+            colours = model.colours(images)
+        alone = ImageSolverConfig().lambda_colour
+        usual = alone if pixels is None else ColourTermConfig().weight
+        config = ImageSolverConfig(
+            lambda_colour=usual if weight is None else weight, iterations=30, tolerance=1e-4
+        )
+        known = None if pixels is None else self.observations(pixels)
+        return ImageSolver(model, config, free=free).solve(
+            colours, start, observations=known, frame=t
+        ).angles  # fmt: skip
+
+    def trial(
+        self,
+        size_deg: float,
+        rng: np.random.Generator,
+        free: Bool[Array, "37"] | None = None,
+        pixels: float | None = None,
+        weight: float | None = None,
+        measure: ColourMeasure | None = None,
+    ) -> Trial:
+        """Perturb a random frame's pose, solve, and compare with the truth."""
+        t = int(rng.integers(len(self.poses)))
+        shift = np.deg2rad(size_deg) * rng.uniform(-1.0, 1.0, DOF_COUNT)
+        start = self.poses[t] + (shift if free is None else np.where(free, shift, 0.0))
+        found = self.solve(t, start, free, pixels, weight, measure)
+        judged = np.array(UPPER if free is not None else EVALUATED)
+        before, after = (self.errors(angles, t)[judged] for angles in (start, found))
+        visible = after[self.seen[t][judged]]
+        return Trial(float(before.mean()), float(after.mean()), float(visible.mean()))
+
+    def compare(
+        self, t: int, pixels: float, rng: np.random.Generator
+    ) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Error of all and of the visible joints, without and with colour beside detections."""
+        start = self.poses[t] + np.deg2rad(5.0) * rng.uniform(-1.0, 1.0, DOF_COUNT)
+        without = self.solve(t, start, pixels=pixels, weight=0.0)
+        with_ = self.solve(t, without, pixels=pixels)
+        judged, seen = np.array(EVALUATED), self.seen[t]
+        both = [self.errors(angles, t)[judged] for angles in (without, with_)]
+        first, second = ((float(e.mean()), float(e[seen[judged]].mean())) for e in both)
+        return first, second
+
+    def errors(self, angles: Float[Array, "37"], t: int) -> Float[Array, "18"]:
+        """Distance of every joint from the truth, metres."""
+        joints = forward(self.sequence.proportions, angles)
+        return np.linalg.norm(joints - self.joints[t], axis=-1)

@@ -1,0 +1,306 @@
+"""Whether the posterior's regions hold what they claim: coverage and rank statistics.
+
+Well-specified: poses from the prior, detections from the likelihood, so that any failure is the
+sampler's. Then detections from elsewhere against the truth of their sequences: there the likelihood
+is wrong by an unknown amount, and one number, the temperature, is fitted to frames that are not
+scored. What is counted is in `egocap_eval.posterior.coverage`.
+
+Source: Talts et al. 2018 (simulation-based calibration); Guo et al. 2017 (temperature).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.body.labels import EVALUATED, LABELS
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import DOFS
+from egocap.cameras.rig import Rig
+from egocap.commandline import progress
+from egocap.data.detections import Detections
+from egocap.data.sequence import open_sequence
+from egocap.detect.sources import detections_from
+from egocap.errors import InputError
+from egocap.posterior.config import PosteriorConfig, SamplerConfig
+from egocap_eval.harness.study import Outcome
+from egocap_eval.posterior.coverage import (
+    LEVELS,
+    CalibrationReport,
+    Coverage,
+    FrameScore,
+    gaussian_share,
+    region_share,
+)
+from egocap_eval.posterior.progress_log import ScoreLog
+
+STEPS = 2000
+"""Of every frame's chain, a third of them burn-in at most."""
+TEMPERATURES = tuple(float(t) for t in np.geomspace(0.25, 64.0, 25))
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One frame to sample."""
+
+    detections: Detections  # one frame
+    joints: Float[Array, "18 3"]  # true, head frame
+    angles: Float[Array, "37"] | None  # true, where the skeleton is the tracker's own
+    rig: Rig
+    proportions: Proportions
+    config: PosteriorConfig
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """A name for everything that the score depends on."""
+        found, digest = self.detections, hashlib.sha256()
+        for array in (found.points, found.sigma, found.confidence, found.valid, self.joints,
+                      self.angles, self.proportions.offsets):  # fmt: skip
+            digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
+        text = [asdict(self.config), self.rig.to_dict(), self.seed, STEPS]
+        digest.update(json.dumps(text, sort_keys=True).encode())
+        return digest.hexdigest()[:32]
+
+
+def run_well_specified(
+    frames: int,
+    rig: Rig,
+    *,
+    sigma: float,
+    missing: float,
+    degrees: float,
+    seed: int,
+    workers: int,
+    log: ScoreLog | None = None,
+) -> CalibrationReport:
+    """Draw a pose and its detections `frames` times, sample each, see where the truth lies.
+
+    Every view misses a joint with chance `missing`, whatever the pose. Raises InputError.
+    """
+    from egocap.body.skeleton import forward
+    from egocap.posterior.synthetic_pose import draw_detections, draw_poses
+
+    if frames < 2:
+        raise InputError(f"{frames} frames", valid="2 or more")
+    if not 0.0 <= missing <= 1.0:
+        raise InputError(f"missing = {missing}", valid="0 to 1")
+    config = PosteriorConfig(degrees=degrees, model_error_m=0.0)
+    rng = np.random.default_rng(seed)
+    person = Proportions.from_lengths(1.75)
+    poses = draw_poses(frames, config, rng)
+    seen = rng.random((frames, len(rig.mounts), len(LABELS))) >= missing
+    found = draw_detections(poses, seen, rig, person, sigma, config, rng)
+    joints = forward(person, poses)
+    jobs = [
+        Job(one_frame(found, i), joints[i], poses[i], rig, person, config, seed + i)
+        for i in range(frames)
+    ]
+    scores = score_all(jobs, workers, "well-specified", log)
+    settings = {"rig": rig.name, "sigma_px": sigma, "missing": missing, "steps": STEPS,
+                "degrees": degrees if np.isfinite(degrees) else "inf", "seed": seed}  # fmt: skip
+    return CalibrationReport(Coverage("well-specified", scores), settings=settings)
+
+
+def run_detector(
+    folders: Sequence[Path],
+    source: str,
+    frames: int,
+    config: PosteriorConfig,
+    workers: int,
+    log: ScoreLog | None = None,
+) -> tuple[Coverage, Coverage, float]:
+    """Coverage on sequences with some detections, before and after a held-out temperature.
+
+    Frames are spread evenly. Of several sequences every other one is held out for the temperature;
+    of one, its first half. Raises InputError, FileError.
+    """
+    jobs = [_jobs_of(folder, source, frames, config) for folder in folders]
+    if len(jobs) == 1:
+        half = len(jobs[0]) // 2
+        fitting, scored = jobs[0][:half], jobs[0][half:]
+    else:
+        fitting = [job for part in jobs[::2] for job in part]
+        scored = [job for part in jobs[1::2] for job in part]
+    if min(len(fitting), len(scored)) < 2:
+        raise InputError(f"{frames} frames a sequence are too few to hold some out", valid="4 up")
+    temperature = fit_temperature(fitting)
+    before = score_all(scored, workers, "before", log)
+    warm = [replace(j, config=replace(j.config, temperature=temperature)) for j in scored]
+    after = score_all(warm, workers, "after", log)
+    return Coverage("as stated", before), Coverage("recalibrated", after), temperature
+
+
+def fit_temperature(jobs: Sequence[Job]) -> float:
+    """The temperature at which Laplace's regions come closest to their nominal shares."""
+
+    def off(temperature: float) -> float:
+        inside = np.array([
+            _laplace_inside(replace(job, config=replace(job.config, temperature=temperature)))
+            for job in jobs
+        ])[:, list(EVALUATED)]  # fmt: skip
+        return float(sum(abs((inside <= level).mean() - level) for level in LEVELS))
+
+    return min(TEMPERATURES, key=off)
+
+
+def score_all(
+    jobs: Sequence[Job], workers: int, what: str, log: ScoreLog | None = None
+) -> tuple[FrameScore, ...]:
+    """Sample every job's frame, in processes of their own when there is more than one worker.
+
+    Frames that the log holds are not done again.
+    """
+    log = log or ScoreLog()
+    keys = [job.key for job in jobs]
+    left = [(key, job) for key, job in zip(keys, jobs, strict=True) if key not in log]
+    with progress(what, len(jobs)) as advance:
+        for _ in range(len(jobs) - len(left)):
+            advance()
+        found = _mapped(score_frame, [job for _, job in left], workers)
+        for (key, _), score in zip(left, found, strict=True):
+            log.add(key, score)
+            advance()
+    return tuple(log[key] for key in keys)
+
+
+def score_frame(job: Job) -> FrameScore:
+    """Sample one frame and place the truth in its posterior."""
+    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.sampler import sample
+
+    density = log_posterior_of(job.detections, 0, job.rig, job.proportions, job.config)
+    result = sample(density, SamplerConfig(most_steps=STEPS, seed=job.seed))
+    away = job.joints - density.joints(result.modes[:1])[0]
+    ranks = None
+    if job.angles is not None:
+        last = result.draws[:, -1, : len(DOFS)]  # walkers are independent of each other
+        ranks = (last < job.angles).mean(0)
+    return FrameScore(
+        inside=region_share(result.joints, job.joints),
+        laplace=gaussian_share(away, result.laplace_joints),
+        ranks=ranks,
+        error_mm=1e3 * np.linalg.norm(result.joint_mean - job.joints, axis=-1),
+        spread_mm=1e3 * np.sqrt(np.trace(result.joint_covariance, axis1=1, axis2=2)),
+        effective=float(result.effective.min()),
+        rhat=float(result.rhat.max()),
+    )
+
+
+def write_diagram(path: Path, report: CalibrationReport) -> None:
+    """Reliability, every joint's coverage and the ranks as an HTML page."""
+    from egocap_eval.posterior.calibration_plots import write_diagrams
+
+    studies = [c for c in (report.well_specified, report.before, report.after) if c is not None]
+    facts = list(report.missed())
+    if report.well_specified is not None and not facts:
+        facts.append("Well-specified coverage is within tolerance.")
+    if report.temperature is not None:
+        facts.append(f"Temperature fitted to frames held out: {report.temperature:.2f}.")
+    write_diagrams(path, studies, " ".join(facts))
+
+
+def one_frame(detections: Detections, frame: int) -> Detections:
+    """A file's worth of detections with one frame."""
+    names = ("times", "points", "sigma", "confidence", "valid")
+    part = {name: getattr(detections, name)[frame : frame + 1] for name in names}
+    return replace(detections, **part)
+
+
+def _jobs_of(folder: Path, source: str, frames: int, config: PosteriorConfig) -> list[Job]:
+    sequence = open_sequence(folder)
+    found = detections_from(sequence, source, 0)
+    chosen = np.unique(np.linspace(0, len(sequence) - 1, min(frames, len(sequence))).astype(int))
+    truth = sequence.truth.joints_head
+    return [
+        Job(one_frame(found, i), truth[i], None, sequence.rig, sequence.proportions, config, int(i))
+        for i in chosen
+    ]
+
+
+def _laplace_inside(job: Job) -> Float[Array, "18"]:
+    from egocap.posterior.laplace import find_modes
+    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.sampler import laplace_joints
+
+    density = log_posterior_of(job.detections, 0, job.rig, job.proportions, job.config)
+    mode = find_modes(density, np.random.default_rng(job.seed))[0]
+    away = job.joints - density.joints(mode.mean[None])[0]
+    return gaussian_share(away, laplace_joints(density, mode))
+
+
+def _mapped(
+    function: Callable[[Job], FrameScore], jobs: Sequence[Job], workers: int
+) -> Iterable[FrameScore]:
+    if workers < 2:
+        yield from map(function, jobs)
+        return
+    # Read when a worker imports numba and BLAS: one thread a process.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(function, jobs)
+
+
+def study(
+    sequences: tuple[Path, ...] = (),
+    /,
+    frames: int = 300,
+    detections: str = "learned",
+    sigma: float = 2.0,
+    missing: float = 0.3,
+    degrees: float = 5.0,
+    rig: Path | None = None,
+    seed: int = 0,
+    workers: int = 2,
+    only_detector: bool = False,
+    keep: Path | None = None,
+    page: Path | None = None,
+) -> Outcome:
+    """Coverage and rank statistics of the posterior, well-specified and on sequences.
+
+    Args:
+        sequences: Sequences on which to score some detections, before and after a temperature.
+        frames: Frames of the well-specified study, and of each sequence.
+        detections: Detections of the sequences, as for `egocap track`.
+        sigma: Spread of well-specified detections, pixels at a width of 640.
+        missing: Chance that a view misses a joint.
+        degrees: Degrees of freedom of Student-t errors; inf: Gaussian.
+        rig: Rig file; EgoRig1 by default.
+        seed: Of poses, noise and chains.
+        workers: Processes.
+        only_detector: Leave the well-specified study out.
+        keep: File of finished frames, which the same command, stopped, takes up again.
+        page: Pictures to write, html.
+    """
+    from egocap.cameras.rig_files import load_rig
+    from egocap_sim.core.resources import rig_file
+
+    if workers < 1:
+        raise InputError(f"{workers} workers", valid="1 or more")
+    if only_detector and not sequences:
+        raise InputError("--only-detector without sequences", valid="folders of sequences")
+    log, report = ScoreLog(keep), CalibrationReport(None)
+    if not only_detector:
+        camera = load_rig(rig or rig_file("egorig1")).resized(640, 512)
+        report = run_well_specified(
+            frames, camera, sigma=sigma, missing=missing, degrees=degrees, seed=seed,
+            workers=workers, log=log,
+        )  # fmt: skip
+    if sequences:
+        config = PosteriorConfig(degrees=degrees)
+        found = run_detector(sequences, detections, frames, config, workers, log)
+        report = replace(report, before=found[0], after=found[1], temperature=found[2])
+    if page is not None:
+        write_diagram(page, report)
+    return Outcome(report.to_dict(), (report.to_table(),), report.missed())

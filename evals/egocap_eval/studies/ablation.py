@@ -1,0 +1,305 @@
+"""What each part of the tracker is worth (paper, section 5.5): the whole without it, over people.
+
+The paper leaves out smoothness, colour and detections: 30 mm and 5 mm worse, and a lost track. The
+same is done here to its energy, with its own stochastic solver, and to our tracker, from which
+every improvement is left out in turn, too. Each scene is acted by its own person and by
+others; every sequence is tracked from several draws of the detections. Changes are taken in pairs,
+sequence by sequence, and their error bars are over the sequences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from tyro.conf import arg
+
+from egocap.body.labels import EVALUATED, LOWER, UPPER
+from egocap.commandline import progress
+from egocap.data.detections import Detections
+from egocap.data.sequence import VISIBLE
+from egocap.data.sequence import Sequence as Footage
+from egocap.data.track import Track
+from egocap.detect.sources import detections_from
+from egocap.detect.synthetic import LEARNED_LIKE
+from egocap.errors import InputError
+from egocap.evaluate.table import Table, number
+from egocap.pose.config import TrackerConfig
+from egocap.track.tracker import track
+from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.intervals import mean_and_interval, share_and_interval, shown
+from egocap_eval.harness.study import Outcome
+from egocap_eval.studies.recovery import (
+    FOUND_MM,
+    LOST_MM,
+    ColourFollower,
+    by_colours,
+    by_detections,
+    draw_trials,
+)
+from egocap_sim.core.resources import builtin_file
+from egocap_sim.scene.config import Scene, load_scene
+
+SCENES = ("validation-walk", "validation-gesture")
+OTHER_PEOPLE = 401_000
+"""Seed of the second person of the first scene; further ones count up from it."""
+WHOLE, BLIND, COLOUR = "whole", "without detections", "with colour"
+PAST, SINGLE = "past only", "without smoothness"
+VARIANTS: Mapping[str, Mapping[str, Any]] = {
+    WHOLE: {},
+    COLOUR: {"colour": True},
+    "without motion prior": {"lambda_motion": 0.0},
+    "without posture prior": {"lambda_posture": 0.0},
+    PAST: {"smoothing": "none"},
+    "past only, low-pass as the paper's": {"smoothing": "gaussian"},
+    SINGLE: {"smoothing": "none", "lambda_smooth": 0.0},
+    "without other modes": {"modes": False},
+    "without undoing swaps": {"swaps": False},
+    "without recalibration": {"recalibrate": False},
+    "without restarts": {"restarts": False},
+    "without looking at the pictures": {"look": False},
+    "without any of ours": {
+        "smoothing": "gaussian", "lambda_motion": 0.0, "lambda_posture": 0.0, "modes": False,
+        "swaps": False, "recalibrate": False, "restarts": False, "look": False,
+    },
+    BLIND: {},
+}  # fmt: skip
+"""Settings by what they leave out or add."""
+PAPER = "the paper's"
+PAPERS: Mapping[str, Mapping[str, float]] = {
+    PAPER: {},
+    f"{PAPER}, without smoothness": {"lambda_smooth": 0.0},
+    f"{PAPER}, without colour": {"lambda_colour": 0.0},
+    f"{PAPER}, without detections": {"lambda_detection": 0.0},
+}
+"""Weights of the paper's energy that are not the paper's."""
+PAPER_FRAMES = 125
+"""Frames of each sequence that the paper's solver tracks: it is slow."""
+MEASURES = ("mpjpe_mm", "upper_mm", "lower_mm", "seen_mm", "hidden_mm", "lost_percent")
+SETTLE_S = 1.0
+"""Time that a tracker has to recover."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One variant: means over scenes, people and draws, with 95 % intervals."""
+
+    variant: str
+    mpjpe_mm: dict[str, float] | None  # over the sequences
+    change_mm: dict[str, float] | None  # against ours or the paper's, paired over the sequences
+    upper_mm: float
+    lower_mm: float
+    seen_mm: float
+    hidden_mm: float | None
+    lost_percent: float  # frames that are off by more than LOST_MM
+
+
+def study(
+    work: Annotated[Path, arg(metavar="DIR")] = Path("out/ablation"),
+    detections: str = LEARNED_LIKE,
+    people: int = 3,
+    seeds: int = 2,
+    frames: int = 250,
+    size: tuple[int, int] = (640, 512),
+    workers: int = 2,
+    colour: bool = True,
+    trials: int = 8,
+) -> Outcome:
+    """Track with one part left out at a time (paper, section 5.5).
+
+    Args:
+        work: Folder of the sequences; made where they are missing.
+        detections: Simulated detections to track from.
+        people: How many people act each scene: its own and others.
+        seeds: Draws of the detections' errors.
+        frames: Frames of each scene.
+        size: Image width and height, pixels.
+        workers: Rendering processes.
+        colour: Also track with colours: ours, the paper's energy, and by colours alone.
+        trials: Failures in each sequence to recover from; 0 for none.
+    """
+    for count, name in ((people, "people"), (seeds, "seeds"), (frames, "frames")):
+        if count < 1:
+            raise InputError(f"{count} {name}", valid="1 or more")
+    if trials < 0:
+        raise InputError(f"{trials} trials", valid="0 or more")
+    scenes = scenes_of(people, frames, size)
+    footage = [footage_of(scene, work / scene.name, workers) for scene in scenes]
+    names = [name for name in VARIANTS if colour or name != COLOUR]
+    measured = {name: measure_variant(name, footage, detections, seeds) for name in names}
+    papers = PAPERS if colour else ()
+    measured |= {name: measure_variant(name, footage, detections, 1) for name in papers}
+    rows = [row_of(name, found, measured[PAPER if name in PAPERS else WHOLE])
+            for name, found in measured.items()]  # fmt: skip
+    recovery = measure_recovery(footage, detections, trials, colour) if trials else {}
+    result = {
+        "protocol": "egocap-17", "detections": detections, "people": people, "seeds": seeds,
+        "sequences": [f.manifest.name for f in footage], "rows": [asdict(r) for r in rows],
+        "statements": statements(measured) | recovery,
+    }  # fmt: skip
+    content = {f.manifest.name: f.manifest.config_sha256 for f in footage}
+    tables = [_variants_table(rows), *_statement_tables(result["statements"])]
+    return Outcome(result, tables, config={"sequences": content})
+
+
+def scenes_of(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
+    """The scenes, each acted by so many people."""
+    scenes = []
+    for i, name in enumerate(SCENES):
+        scene = load_scene(builtin_file("scene", name))
+        rig = scene.rig.model_copy(update={"size": size})
+        scene = scene.model_copy(update={"rig": rig, "frames": min(frames, scene.frames)})
+        for person in range(people):
+            seed = scene.seed if person == 0 else OTHER_PEOPLE + 100 * i + person
+            scenes.append(scene.model_copy(update={"seed": seed, "name": f"{name}-{person}"}))
+    return scenes
+
+
+def measure_variant(
+    variant: str, footage: Sequence[Footage], source: str, seeds: int
+) -> dict[str, list[float | None]]:
+    """Each measure of every sequence, a mean over the draws of the detections."""
+    found: dict[str, list[float | None]] = {name: [] for name in MEASURES}
+    with progress(variant, len(footage), unit="sequences") as advance:
+        for sequence in footage:
+            draws = [errors_of(sequence, tracked(variant, sequence, source, seed))
+                     for seed in range(seeds)]  # fmt: skip
+            for name in MEASURES:
+                values = [draw[name] for draw in draws]
+                known = [v for v in values if v is not None]
+                found[name].append(float(np.mean(known)) if known else None)
+            advance()
+    return found
+
+
+def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
+    """A sequence tracked by a variant from one draw of its detections."""
+    from egocap.paper.config import STOCHASTIC
+    from egocap.paper.tracker import track_as_paper
+
+    detections = detections_from(footage, source, seed)
+    person = footage.rig, footage.proportions
+    if variant in PAPERS:
+        config = replace(STOCHASTIC, **PAPERS[variant])
+        return track_as_paper(detections[:PAPER_FRAMES], *person, footage.images, config)
+    found = _blind(detections) if variant == BLIND else detections
+    return track(found, *person, TrackerConfig(**VARIANTS[variant]), footage.images)
+
+
+def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:
+    """Each of `MEASURES`, of the track of a sequence's first frames."""
+    truth, rows = footage.truth, slice(0, len(track.times))
+    error = 1e3 * np.linalg.norm(track.joints_head - truth.joints_head[rows], axis=-1)
+    seen = np.any(truth.visibility[rows] == VISIBLE, axis=1)
+    counted = np.isin(np.arange(18), EVALUATED)
+    hidden = error[~seen & counted]
+    return {
+        "mpjpe_mm": float(error[:, counted].mean()),
+        "upper_mm": float(error[:, UPPER].mean()),
+        "lower_mm": float(error[:, LOWER].mean()),
+        "seen_mm": float(error[seen & counted].mean()),
+        "hidden_mm": float(hidden.mean()) if hidden.size else None,
+        "lost_percent": 100.0 * float((error[:, counted].mean(1) > LOST_MM).mean()),
+    }
+
+
+def row_of(
+    name: str, found: Mapping[str, Sequence[float | None]], whole: Mapping[str, Sequence[Any]]
+) -> Row:
+    """A variant beside what it is a change of."""
+    rest = {key: _mean(found[key]) for key in MEASURES if key != "mpjpe_mm"}
+    return Row(name, mean_and_interval(found["mpjpe_mm"]), _change(whole, found), **rest)
+
+
+def statements(measured: Mapping[str, Mapping[str, Sequence[Any]]]) -> dict[str, Any]:
+    """Section 5.5's numbers: what leaving a term out adds to the mean error, mm."""
+    added = {
+        # all smoothing, of past and future; and Equation 3's alone
+        "without_smoothness_mm": _change(measured[WHOLE], measured[SINGLE]),
+        "without_smoothness_live_mm": _change(measured[PAST], measured[SINGLE]),
+    }
+    if COLOUR in measured:
+        added["without_colour_mm"] = _change(measured[COLOUR], measured[WHOLE])
+    for part in ("smoothness", "colour", "detections"):
+        if (name := f"{PAPER}, without {part}") in measured:
+            added[f"papers_without_{part}_mm"] = _change(measured[PAPER], measured[name])
+    return added
+
+
+def measure_recovery(
+    footage: Sequence[Footage], source: str, trials: int, colour: bool
+) -> dict[str, Any]:
+    """The share of failures that trackers recover from within a second, and what error is left."""
+    ends: dict[str, list[float]] = {"with_detection": []}
+    if colour:
+        ends["without_detection"] = []
+    begins = []
+    with progress("recovery", len(footage), unit="sequences") as advance:
+        for i, sequence in enumerate(footage):
+            count = round(SETTLE_S * sequence.manifest.fps)
+            detections = detections_from(sequence, source, 0)
+            drawn = list(draw_trials(sequence, trials, count, np.random.default_rng([i, 5])))
+            begins += [trial.error_mm for trial in drawn]
+            ends["with_detection"] += [
+                by_detections(sequence, detections, trial, count) for trial in drawn
+            ]
+            if colour:
+                follow = ColourFollower(sequence, tracked(WHOLE, sequence, source, 0).angles)
+                ends["without_detection"] += [
+                    by_colours(sequence, follow, trial, count) for trial in drawn
+                ]
+            advance()
+    found: dict[str, Any] = {"failure_mm": float(np.mean(begins)), "found_below_mm": FOUND_MM}
+    for name, errors in ends.items():
+        recovered = sum(error < FOUND_MM for error in errors)
+        found[f"recovered_{name}"] = share_and_interval(recovered, len(errors))
+        found[f"recovered_{name}"]["median_end_mm"] = float(np.median(errors))
+    return found
+
+
+def _change(
+    before: Mapping[str, Sequence[Any]], after: Mapping[str, Sequence[Any]]
+) -> dict[str, float] | None:
+    pairs = zip(before["mpjpe_mm"], after["mpjpe_mm"], strict=True)
+    return mean_and_interval([b - a for a, b in pairs])
+
+
+def _mean(values: Sequence[float | None]) -> Any:
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _blind(detections: Detections) -> Detections:
+    """The same times with nothing detected."""
+    return replace(detections, valid=np.zeros_like(detections.valid))
+
+
+def _variants_table(rows: Sequence[Row]) -> Table:
+    header = ("variant", "MPJPE mm", "change", "upper", "lower", "seen", "hidden", "lost %")
+    return Table("Tracking with one part left out (95 % intervals over sequences)", header, tuple(
+        (r.variant, shown(r.mpjpe_mm), shown(r.change_mm), number(r.upper_mm), number(r.lower_mm),
+         number(r.seen_mm), number(r.hidden_mm), number(r.lost_percent))
+        for r in rows
+    ))  # fmt: skip
+
+
+def _statement_tables(found: Mapping[str, Any]) -> list[Table]:
+    paper = {"without_smoothness_mm": "30", "without_smoothness_live_mm": "30",
+             "papers_without_smoothness_mm": "30", "without_colour_mm": "5",
+             "papers_without_colour_mm": "5", "papers_without_detections_mm": "-"}  # fmt: skip
+    added = tuple((name.removesuffix("_mm").replace("_", " "), value, shown(found[name]))
+                  for name, value in paper.items() if name in found)  # fmt: skip
+    shares = tuple(
+        (name.removeprefix("recovered_").replace("_", " "), str(entry["trials"]),
+         f"{number(entry['percent'], 0)} ({number(entry['low'], 0)} to {number(entry['high'], 0)})",
+         number(entry["median_end_mm"]))
+        for name, entry in found.items() if name.startswith("recovered_")
+    )  # fmt: skip
+    tables = [Table("Error added, mm (section 5.5)", ("", "paper", "ours"), added)]
+    if shares:
+        title = f"Failures of {found['failure_mm']:.0f} mm, a second later"
+        tables.append(Table(title, ("", "failures", "recovered %", "median mm"), shares))
+    return tables

@@ -1,0 +1,177 @@
+"""How well simulated people follow real motion: every clip of a folder, one row a clip."""
+
+from __future__ import annotations
+
+import json
+import math
+import multiprocessing
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from egocap.commandline import progress
+from egocap.errors import EgocapError, FileError, InputError
+from egocap_sim.core.trajectory import PhysicsStats
+
+if TYPE_CHECKING:
+    from egocap_sim.human.body.person import Person
+
+KINDS = (".bvh", ".npz")
+
+COLUMNS: dict[str, tuple[str, int]] = {
+    "joint_error_cm": ("error cm", 2),
+    "joint_error_p95_cm": ("p95", 2),
+    "joint_error_max_cm": ("max", 1),
+    "planted_foot_speed_cm_s": ("slide cm/s", 1),
+    "penetration_cm": ("depth cm", 2),
+    "penetration_max_cm": ("max", 2),
+    "residual_wrench_bw": ("residual BW", 2),
+    "ms_per_second": ("ms/s", 0),
+}
+"""Head and decimals of each figure in the table."""
+
+TARGETS: dict[str, tuple[str, str, float]] = {
+    "worst clip's joint error": ("joint_error_cm", "max", 2.0),
+    "median joint error": ("joint_error_cm", "median", 0.6),
+    "median slide of planted feet": ("planted_foot_speed_cm_s", "median", 8.0),
+    "median depth under the floor": ("penetration_cm", "median", 1.5),
+}
+"""Figure, how it is taken over the clips, and the most it may be."""
+
+
+@dataclass(frozen=True)
+class ClipResult:
+    """One clip: its figures, or why there are none."""
+
+    name: str
+    seconds: float
+    stats: PhysicsStats | None
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class PhysicsReport:
+    """All clips of a folder, done by one person."""
+
+    person: int  # seed
+    clips: tuple[ClipResult, ...]
+
+    def summary(self, how: str) -> dict[str, float]:
+        """'median' or 'max' of every figure over the clips that have figures."""
+        take = {"median": np.median, "max": np.max}[how]
+        rows = [clip.stats for clip in self.clips if clip.stats is not None]
+        return {
+            f.name: float(take([getattr(s, f.name) for s in rows])) if rows else float("inf")
+            for f in fields(PhysicsStats)
+        }
+
+    def missed(self) -> list[str]:
+        """Targets that are not met, in words; a clip without figures is one."""
+        missed = [f"{clip.name}: {clip.problem}" for clip in self.clips if clip.stats is None]
+        for what, (figure, how, most) in TARGETS.items():
+            value = self.summary(how)[figure]
+            if not value <= most:
+                missed.append(f"{what} is {value:.2f}, not {most:g}")
+        return missed
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "person_seed": self.person,
+            "clips": len(self.clips),
+            "seconds": round(sum(clip.seconds for clip in self.clips), 2),
+            "median": _rounded(self.summary("median")),
+            "worst": _rounded(self.summary("max")),
+            "missed": self.missed(),
+            "per_clip": [
+                {"name": clip.name, "seconds": round(clip.seconds, 2)}
+                | (_rounded(asdict(clip.stats)) if clip.stats else {"problem": clip.problem})
+                for clip in self.clips
+            ],
+        }
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    def to_text(self) -> str:
+        """A table, one row a clip, the summary below."""
+        head = f"{'clip':26}{'s':>6}" + "".join(f"{h:>12}" for h, _ in COLUMNS.values())
+        lines = [head]
+        for clip in self.clips:
+            start = f"{clip.name:26}{clip.seconds:6.1f}"
+            lines.append(
+                start + (_cells(asdict(clip.stats)) if clip.stats else "  " + clip.problem)
+            )
+        seconds = sum(clip.seconds for clip in self.clips)
+        for how in ("median", "max"):
+            lines.append(f"{how:26}{seconds:6.0f}" + _cells(self.summary(how)))
+        return "\n".join([*lines, *(f"missed: {m}" for m in self.missed())])
+
+
+def run_physics(motions: Path, *, person: int = 0, workers: int = 1) -> PhysicsReport:
+    """Retarget and simulate every .bvh and .npz clip under a folder.
+
+    Raises FileError for a folder without clips. A clip that fails is a row with its problem.
+    """
+    paths = find_clips(motions)
+    jobs = [(path, str(path.relative_to(motions)), person) for path in paths]
+    if not 1 <= workers <= 64:
+        raise InputError(f"{workers} workers", valid="1 to 64")
+    results: list[ClipResult] = []
+    with progress("physics", len(jobs), unit="clips") as advance, ExitStack() as stack:
+        if workers == 1:
+            done = map(simulate_clip, jobs)
+        else:
+            pool = stack.enter_context(multiprocessing.get_context("spawn").Pool(workers))
+            done = pool.imap(simulate_clip, jobs)
+        for result in done:
+            results.append(result)
+            advance()
+    return PhysicsReport(person, tuple(results))
+
+
+def find_clips(motions: Path) -> list[Path]:
+    """The clips under a folder, sorted by path."""
+    if not motions.is_dir():
+        raise FileError(motions, "no such folder", valid="a folder of .bvh or .npz clips")
+    paths = sorted(p for p in motions.rglob("*") if p.suffix.lower() in KINDS and p.is_file())
+    if not paths:
+        raise FileError(motions, "holds no motion clips", valid=KINDS)
+    return paths
+
+
+def simulate_clip(job: tuple[Path, str, int]) -> ClipResult:
+    """One clip (path, name, the person's seed) from file to figures."""
+    from egocap_sim.motion.clips.load import load_clip
+    from egocap_sim.motion.retarget.retarget import retarget
+    from egocap_sim.physics.simulation import simulate
+
+    path, name, seed = job
+    person = _person(seed)
+    try:
+        reference = retarget(load_clip(path), person)
+        trajectory = simulate(person, reference)
+    except EgocapError as problem:
+        return ClipResult(name, 0.0, None, str(problem))
+    return ClipResult(name, reference.duration_s, trajectory.stats)
+
+
+@cache
+def _person(seed: int) -> Person:
+    from egocap_sim.human.clothing.wardrobe import make_person
+
+    return make_person(seed)
+
+
+def _cells(figures: dict[str, float]) -> str:
+    return "".join(f"{figures[name]:12.{places}f}" for name, (_, places) in COLUMNS.items())
+
+
+def _rounded(figures: dict[str, float]) -> dict[str, float | None]:
+    """For JSON, which has no infinity: None where nothing could be measured."""
+    return {n: round(v, 4) if math.isfinite(v) else None for n, v in figures.items()}

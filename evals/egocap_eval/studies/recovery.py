@@ -1,0 +1,135 @@
+"""Whether a tracker that has lost a person finds back, by detections or by colours alone.
+
+Every trial begins in a wrong pose, at a frame of a sequence, and has a second to recover. The
+tracker that hears detections is led there: for a few frames it is shown where the joints of the
+wrong pose would be. The one that knows colours alone starts in the wrong pose.
+Source: EgoCap paper, section 5.5 ("disabling the detection term removes the ability to recover").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.body.labels import EVALUATED
+from egocap.body.skeleton import LIMITS, forward
+from egocap.data.detections import Detections
+from egocap.data.sequence import Sequence as Footage
+from egocap.errors import InputError
+from egocap.pose.config import TrackerConfig
+from egocap.pose.pose_prior import load_posture
+
+LOST_MM, WORST_MM = 150.0, 400.0
+"""Mean error over joints that a wrong pose begins with, at least and at most."""
+FOUND_MM = 75.0
+"""Mean error over the last frames below which a person is found again."""
+ASTRAY, SETTLED = 3, 5
+"""Frames of wrong detections before a trial, and of its end that are judged."""
+COLOUR_SIZE, COLOUR_WEIGHT = 64, 0.03
+PALETTE_FRAMES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A wrong pose at a frame, and its mean error there."""
+
+    frame: int
+    angles: Float[Array, "37"]
+    error_mm: float
+
+
+def draw_trials(
+    footage: Footage, count: int, frames: int, rng: np.random.Generator
+) -> Iterator[Trial]:
+    """Wrong poses, everyday ones of the posture prior, at frames spread over a sequence.
+
+    Each leaves `frames` frames after it and `ASTRAY` before it. Raises InputError for a sequence
+    that is too short for that.
+    """
+    if len(footage) < ASTRAY + frames:
+        raise InputError(f"{len(footage)} frames of {footage.manifest.name}",
+                         valid=f"{ASTRAY + frames} or more to recover in")  # fmt: skip
+    posture = load_posture()
+    spread = np.linalg.cholesky(np.linalg.inv(posture.precision))
+    for frame in np.linspace(ASTRAY, len(footage) - frames, count).astype(int):
+        true = footage.truth.joints_head[frame]
+        while True:
+            drawn = posture.mean + spread @ rng.normal(size=len(spread))
+            angles = np.clip(drawn, *LIMITS.T)
+            error = _error_mm(forward(footage.proportions, angles), true)
+            if LOST_MM <= error <= WORST_MM:
+                break
+        yield Trial(int(frame), angles, error)
+
+
+def by_detections(footage: Footage, detections: Detections, trial: Trial, frames: int) -> float:
+    """Error at the end of a trial, mm, of the live tracker once it sees true detections again."""
+    from egocap.track.online import LiveTracker
+
+    tracker = LiveTracker(footage.rig, footage.proportions, TrackerConfig(smoothing="none"))
+    start = trial.frame
+    before, after = range(start - ASTRAY, start), range(start, start + frames)
+    astray = [_shown_at(detections[t : t + 1], footage, trial.angles) for t in before]
+    true = [detections[t : t + 1] for t in after]
+    joints = [tracker.step(found).joints_head for found in [*astray, *true]]
+    return _end_error(np.array(joints[ASTRAY:]), footage, start)
+
+
+def by_colours(footage: Footage, follow: ColourFollower, trial: Trial, frames: int) -> float:
+    """Error at the end of a trial, mm, of the tracker that knows colours alone."""
+    joints = follow.joints(range(trial.frame, trial.frame + frames), trial.angles)
+    return _end_error(joints, footage, trial.frame)
+
+
+class ColourFollower:
+    """Follows a person by colours learned at known poses of the sequence, without detections."""
+
+    def __init__(self, footage: Footage, angles: Float[Array, "T 37"]) -> None:
+        from egocap.image_model.colour_solver import ImageSolver, ImageSolverConfig
+        from egocap.image_model.colour_term import ColourTerm, ColourTermConfig
+
+        self._footage = footage
+        chosen = np.linspace(0, len(footage) - 1, PALETTE_FRAMES).astype(int)
+        frames = [(footage.images(t), angles[t]) for t in chosen]
+        config = ColourTermConfig(COLOUR_SIZE, weight=COLOUR_WEIGHT)
+        self._term = ColourTerm.learned(
+            footage.rig, footage.proportions, frames, config, follow_light=False
+        )
+        self._solver = ImageSolver(
+            self._term.model, ImageSolverConfig(lambda_colour=COLOUR_WEIGHT),
+            TrackerConfig(zeta=0.7, speed=8.0),
+        )  # fmt: skip
+
+    def joints(self, frames: Sequence[int], start: Float[Array, "37"]) -> Float[Array, "T 18 3"]:
+        """Joints in the head frame at successive frames, from a pose at the first."""
+        from egocap.image_model.colour_solver import track_colours
+
+        self._term.forget()
+        seen = (self._term.see(self._footage.images(t), start if t == frames[0] else None)
+                for t in frames)  # fmt: skip
+        fps = self._footage.manifest.fps
+        found = track_colours(self._solver, seen, start, fps)
+        return forward(self._footage.proportions, np.array([s.angles for s in found]))
+
+
+def _shown_at(found: Detections, footage: Footage, angles: Float[Array, "37"]) -> Detections:
+    """One frame's detections that say, surely, where the joints of a pose would be."""
+    pixels, valid = footage.rig.project(forward(footage.proportions, angles))  # (V, 18, 2)
+    certain = np.ones(found.valid.shape)
+    return replace(found, points=pixels[None], valid=valid[None], confidence=certain,
+                   sigma=2.0 * certain, modes=None, mode_weights=None)  # fmt: skip
+
+
+def _end_error(joints: Float[Array, "T 18 3"], footage: Footage, start: int) -> float:
+    true = footage.truth.joints_head[start : start + len(joints)]
+    return _error_mm(joints[-SETTLED:], true[-SETTLED:])
+
+
+def _error_mm(joints: Float[Array, "*T 18 3"], true: Float[Array, "*T 18 3"]) -> float:
+    counted = list(EVALUATED)
+    off = np.linalg.norm(joints[..., counted, :] - true[..., counted, :], axis=-1)
+    return 1e3 * float(off.mean())

@@ -1,0 +1,243 @@
+"""How long everything takes (paper, section 5.2): detector, solvers, and pictures to poses.
+
+Times are wall clock, the best of several runs, after everything is compiled and loaded; other work
+on the machine disturbs them, so that its load is written beside. The solvers named after the paper
+do what it did, on its image sizes and for its numbers of steps.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from tyro.conf import arg
+
+from egocap.body.labels import EVALUATED
+from egocap.commandline import progress
+from egocap.data.sequence import Sequence as Footage
+from egocap.data.sequence import open_sequence
+from egocap.detect.sources import detections_from
+from egocap.errors import EgocapError, InputError
+from egocap.evaluate.table import Table, number
+from egocap.pose.config import TrackerConfig
+from egocap_eval.detection.detector_speed import measure_speed
+from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.study import Outcome
+from egocap_sim.core.resources import builtin_file
+from egocap_sim.scene.config import load_scene
+
+if TYPE_CHECKING:
+    from egocap.data.track import Track
+    from egocap.detect.detector import Detector
+
+SCENE, SOURCE = "validation-walk", "simulated:2.0"
+ENGINES = ("openvino", "onnxruntime", "cuda")
+PAPER = {"reference": 1 / 10.0, "stochastic, colours alone": 12.5}  # frames a second
+"""What the paper reports of its own solvers on a CPU; of the second, 10 to 15."""
+
+
+def study(
+    sequence: Annotated[Path | None, arg(metavar="SEQ")] = None,
+    work: Annotated[Path, arg(metavar="DIR")] = Path("out/runtime"),
+    frames: int = 120,
+    few: int = 10,
+    repeats: int = 3,
+    threads: int | None = None,
+    size: tuple[int, int] = (640, 512),
+) -> Outcome:
+    """Time the detector, the solvers, and the whole way from pictures to poses.
+
+    Args:
+        sequence: Sequence to work on; the scene validation-walk, generated, when not given.
+        work: Folder to generate it in.
+        frames: Frames to work on.
+        few: Frames for the paper's solvers, which are slow.
+        repeats: Runs of everything that is fast, of which the best counts.
+        threads: Threads of the network; all cores by default.
+        size: Image width and height of the generated sequence.
+    """
+    for count, name, least in ((frames, "frames", 10), (few, "few", 2), (repeats, "repeats", 1)):
+        if count < least:
+            raise InputError(f"{count} {name}", valid=f"{least} or more")
+    footage = _made(work, frames, size) if sequence is None else open_sequence(sequence)
+    frames = min(frames, len(footage))
+    result = {
+        "sequence": footage.manifest.name,
+        "size": [footage.rig.cameras[0].width, footage.rig.cameras[0].height],
+        "frames": frames, "repeats": repeats, "load": [round(x, 2) for x in os.getloadavg()],
+        "solvers": time_solvers(footage, frames, few, repeats),
+        "detector": time_engines(footage, frames, repeats, threads),
+        "pipeline": time_pipeline(footage, frames, repeats, threads),
+        "paper": PAPER,
+    }  # fmt: skip
+    return Outcome(result, tables(result), config={"sequence": footage.manifest.config_sha256})
+
+
+def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[str, Any]:
+    """Frames a second and error of every way to solve, from detections of 2 px."""
+    from egocap.paper.config import PAPER_SOLVERS, PaperConfig
+    from egocap.paper.tracker import track_as_paper
+    from egocap.track.tracker import track
+
+    found = detections_from(footage, SOURCE, 0)[:frames]
+    pictures = [footage.images(t) for t in range(frames)]
+
+    def ours(config: TrackerConfig) -> Callable[[], Track]:
+        return lambda: track(found, footage.rig, footage.proportions, config, pictures.__getitem__)
+
+    def papers(config: PaperConfig) -> Callable[[], Track]:
+        return lambda: track_as_paper(
+            found[:few], footage.rig, footage.proportions, pictures.__getitem__, config
+        )
+
+    reference, stochastic = PAPER_SOLVERS["reference"], PAPER_SOLVERS["stochastic"]
+    blind = replace(stochastic, lambda_detection=0.0)  # what section 5.2 times
+    ways: Mapping[str, tuple[Callable[[], Track], int]] = {
+        "fast": (ours(TrackerConfig()), repeats),
+        "fast, live": (ours(TrackerConfig(smoothing="none")), repeats),
+        "fast, with colour": (ours(TrackerConfig(colour=True)), 1),
+        "reference": (papers(reference), 1),
+        "stochastic": (papers(stochastic), 1),
+        "stochastic, colours alone": (papers(blind), repeats),
+    }
+    timed = {}
+    with progress("solvers", len(ways), unit="solvers") as advance:
+        for name, (way, times) in ways.items():
+            tracks = [way() for _ in range(times)]
+            best = min(tracks, key=lambda done: done.seconds_per_frame)
+            timed[name] = _of_track(best, footage)
+            solver = name.partition(",")[0]
+            if solver in PAPER_SOLVERS:
+                steps = PAPER_SOLVERS[solver].iterations
+                ms = 1e3 * best.seconds_per_frame / steps
+                timed[name] |= {"iterations": steps, "ms_per_iteration": ms}
+            advance()
+    return timed
+
+
+def time_engines(
+    footage: Footage, frames: int, repeats: int, threads: int | None
+) -> dict[str, Any]:
+    """Pairs a second of the detector by engine; why, where an engine or weights are missing."""
+    from egocap.detect.detector import Detector
+
+    timed: dict[str, Any] = {}
+    with progress("detector", len(ENGINES), unit="engines") as advance:
+        for engine in ENGINES:
+            try:
+                detector = Detector(footage.rig, engine=engine, threads=threads)
+                runs = [measure_speed(footage, detector, threads, frames) for _ in range(repeats)]
+                timed[engine] = max(runs, key=lambda run: run["pairs_per_second"])
+            except EgocapError as error:
+                timed[engine] = {"missing": str(error)}
+            advance()
+    return timed
+
+
+def time_pipeline(
+    footage: Footage, frames: int, repeats: int, threads: int | None
+) -> dict[str, Any]:
+    """From compressed pictures to poses: all frames together, and one after another."""
+    from egocap.detect.detector import Detector
+
+    try:
+        detector = Detector(footage.rig, threads=threads)
+    except EgocapError as error:
+        return {"missing": str(error)}
+    _live(footage, detector, 5)
+    batches = [_batch(footage, detector, frames) for _ in range(repeats)]
+    lives = [_live(footage, detector, frames) for _ in range(repeats)]
+    return {
+        "engine": detector.engine.name, "weights": detector.weights.name,
+        "batch": max(batches, key=lambda run: run["frames_per_second"]),
+        "live": max(lives, key=lambda run: run["frames_per_second"]),
+    }  # fmt: skip
+
+
+def tables(result: Mapping[str, Any]) -> list[Table]:
+    """Solvers, engines, and the whole way."""
+    solvers = tuple(
+        (name, number(s["frames_per_second"], 1 if s["frames_per_second"] < 100 else 0),
+         number(PAPER.get(name)), number(s.get("ms_per_iteration"), 2), number(s["mpjpe_mm"]))
+        for name, s in result["solvers"].items()
+    )  # fmt: skip
+    engines = tuple(
+        (name, s["missing"], "", "") if "missing" in s else
+        (name, number(s["pairs_per_second"]), number(1e3 / s["pairs_per_second"]),
+         ", ".join(f"{stage} {number(ms)}" for stage, ms in s["stage_cpu_ms"].items()))
+        for name, s in result["detector"].items()
+    )  # fmt: skip
+    ways = tuple(
+        (name, number(s["frames_per_second"]),
+         ", ".join(f"{stage} {number(ms)}" for stage, ms in s["stages_ms"].items()))
+        for name, s in result["pipeline"].items() if isinstance(s, Mapping)
+    )  # fmt: skip
+    return [
+        Table("Solvers", ("solver", "frames/s", "paper", "ms a step", "MPJPE mm"), solvers),
+        Table("Detector", ("engine", "pairs/s", "ms a pair", "CPU ms of it"), engines),
+        Table("From pictures to poses", ("", "frames/s", "ms a frame"), ways),
+    ]
+
+
+def _of_track(track: Track, footage: Footage) -> dict[str, Any]:
+    true = footage.truth.joints_head[: len(track.times), list(EVALUATED)]
+    off = np.linalg.norm(track.joints_head[:, list(EVALUATED)] - true, axis=-1)
+    return {"frames_per_second": 1.0 / track.seconds_per_frame, "frames": len(track.times),
+            "seconds_per_frame": track.seconds_per_frame, "mpjpe_mm": 1e3 * float(off.mean()),
+            "seconds": track.config["seconds"]}  # fmt: skip
+
+
+def _batch(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
+    from egocap.detect.detector import detect
+    from egocap.track.tracker import track
+
+    spent: dict[str, float] = {}
+    with _lap(spent, "decode and detect", frames):
+        found = detect(footage, detector, frames=frames)
+    with _lap(spent, "track", frames):
+        track(found, footage.rig, footage.proportions, images=footage.images)
+    return {"frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent}
+
+
+def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
+    from egocap.detect.input_images import recorded_pictures
+    from egocap.track.online import LiveTracker
+
+    tracker = LiveTracker(footage.rig, footage.proportions)
+    spent: dict[str, float] = {}
+    latencies = []
+    for t in range(frames):
+        started = time.perf_counter()
+        with _lap(spent, "decode", frames):
+            pictures = recorded_pictures(footage, t)
+        with _lap(spent, "detect", frames):
+            found = detector.detect(pictures, float(footage.times[t]))
+        with _lap(spent, "track", frames):
+            tracker.step(found)
+        latencies.append(1e3 * (time.perf_counter() - started))
+    return {
+        "frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent,
+        "latency_ms": {"median": float(np.median(latencies)),
+                       "p95": float(np.percentile(latencies, 95))},
+    }  # fmt: skip
+
+
+@contextmanager
+def _lap(spent: dict[str, float], stage: str, frames: int) -> Iterator[None]:
+    """Add what a block takes to a stage, milliseconds a frame."""
+    started = time.perf_counter()
+    yield
+    spent[stage] = spent.get(stage, 0.0) + 1e3 * (time.perf_counter() - started) / frames
+
+
+def _made(work: Path, frames: int, size: tuple[int, int]) -> Footage:
+    scene = load_scene(builtin_file("scene", SCENE))
+    rig = scene.rig.model_copy(update={"size": size})
+    scene = scene.model_copy(update={"rig": rig, "frames": frames})
+    return footage_of(scene, work / f"{SCENE}-{frames}")

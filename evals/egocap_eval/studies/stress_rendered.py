@@ -1,0 +1,137 @@
+"""How detector and tracker bear what only pictures show: light, blur, crowds, resolution.
+
+Every level renders the same people and motions with one thing changed, detects and tracks. Error
+bars are over the people, of whom there are few: read differences, not decimals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from tyro.conf import arg
+
+from egocap.errors import InputError
+from egocap.evaluate.table import Table
+from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.intervals import mean_and_interval, shown
+from egocap_eval.harness.score_pose import find_detections, score_track, with_detections
+from egocap_eval.harness.study import Outcome
+from egocap_sim.scene.config import OthersTable, Scene
+from egocap_sim.sensor.config import SensorTable
+
+FIRST_SEED = 400921
+MOTIONS = ("walk", "gestures")
+NOISE = {"full_well_e": 10000.0, "read_noise": 0.004}  # of an ordinary small sensor
+MEASURES = ("pck20", "auc20", "mpjpe_mm", "hidden_mm", "accel_error")
+
+Change = Callable[[Scene], Scene]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A fault, its unit, and how each level changes a scene."""
+
+    unit: str
+    words: str
+    levels: Mapping[float, Change]
+
+
+def _sensor(**settings: Any) -> Change:
+    return lambda scene: scene.model_copy(update={"sensor": SensorTable(**settings)})
+
+
+def _crowd(count: int) -> Change:
+    return lambda scene: scene.model_copy(update={"others": OthersTable(count=count)})
+
+
+def _resized(width: int) -> Change:
+    def change(scene: Scene) -> Scene:
+        rig = scene.rig.model_copy(update={"size": (width, width * 4 // 5)})
+        return scene.model_copy(update={"rig": rig})
+
+    return change
+
+
+SWEEPS: Mapping[str, Sweep] = {
+    "exposure": Sweep("stops", "exposure, with sensor noise",
+                      {ev: _sensor(exposure_ev=ev, **NOISE) for ev in (-5, -4, -3, -2, 0, 1, 2)}),
+    "blur": Sweep("ms", "shutter time",
+                  {ms: _sensor(shutter_s=ms / 1e3) for ms in (0.0, 4.0, 8.0, 16.0, 33.0)}),
+    "jpeg": Sweep("quality", "the camera's own JPEG",
+                  {q: _sensor(jpeg_quality=q) for q in (10, 25, 50, 75, 95)}),
+    "crowd": Sweep("people", "others around the wearer",
+                   {n: _crowd(n) for n in (0, 1, 2, 4, 8)}),
+    "resolution": Sweep("px wide", "image width",
+                        {w: _resized(w) for w in (160, 320, 480, 640, 960, 1280)}),
+}  # fmt: skip
+
+
+def study(
+    sweep: Literal["all", "exposure", "blur", "jpeg", "crowd", "resolution"] = "all",
+    detections: Annotated[str, arg(metavar="SOURCE")] = "learned",
+    work: Annotated[Path, arg(metavar="DIR")] = Path("out/stress"),
+    people: int = 4,
+    frames: int = 45,
+    size: tuple[int, int] = (640, 512),
+    workers: int = 1,
+) -> Outcome:
+    """Render, detect and track under one growing fault of the picture at a time.
+
+    Args:
+        sweep: Which fault; all of them by default.
+        detections: Source of detections: learned, learned:FILE, or detector:PLUG-IN.
+        work: Folder of the sequences; made where they are missing.
+        people: How many people to render at each level, motions in turn.
+        frames: Length of each sequence.
+        size: Image width and height, where it is not what is swept.
+        workers: Rendering processes; one is quickest for short sequences.
+    """
+    if people < 2:
+        raise InputError(f"{people} people", valid="2 or more, for error bars")
+    names = list(SWEEPS) if sweep == "all" else [sweep]
+    scenes = [base_scene(i, frames, size) for i in range(people)]
+    found = {}
+    for name in names:
+        levels = []
+        for value, change in SWEEPS[name].levels.items():
+            folder = work / name / f"{value:g}"
+            draws = [_scored(change(s), folder / s.name, detections, workers) for s in scenes]
+            means = {m: mean_and_interval([draw[m] for draw in draws]) for m in MEASURES}
+            levels.append({"value": value, **means, "draws": draws})
+        found[name] = {"unit": SWEEPS[name].unit, "words": SWEEPS[name].words, "levels": levels}
+    result = {"sweeps": found, "detections": detections, "people": people, "frames": frames}
+    return Outcome(result, [_table(name, found[name]) for name in names])
+
+
+def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
+    """One of the people at their best: clean pictures, nobody around."""
+    motion = MOTIONS[index % len(MOTIONS)]
+    return Scene.model_validate({
+        "name": f"{motion}-{index}", "frames": frames, "seed": FIRST_SEED + index,
+        "rig": {"name": "egorig1", "size": size}, "motion": {"name": motion},
+        "place": {"name": "room", "clear_radius": 2.5},
+    })  # fmt: skip
+
+
+def _scored(scene: Scene, folder: Path, source: str, workers: int) -> dict[str, float | None]:
+    from egocap.track.tracker import track
+
+    sequence = footage_of(scene, folder, workers)
+    found = find_detections(sequence, source)
+    tracked = track(found, sequence.rig, sequence.proportions, images=sequence.images)
+    report = score_track(sequence, tracked)
+    report = with_detections(report, sequence, found)
+    assert report.detections is not None
+    seen = {"pck20": report.detections.pck20_seen, "auc20": report.detections.auc20_seen}
+    return seen | {name: getattr(report, name) for name in MEASURES if name not in seen}
+
+
+def _table(name: str, sweep: Mapping[str, Any]) -> Table:
+    rows = tuple(
+        (f"{level['value']:g}", *(shown(level[m]) for m in MEASURES)) for level in sweep["levels"]
+    )
+    header = (f"{name}, {sweep['unit']}", *MEASURES)
+    return Table(f"{sweep['words']} (mean +- 95 % interval over people)", header, rows)

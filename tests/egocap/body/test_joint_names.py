@@ -1,0 +1,41 @@
+import pytest
+
+from egocap.body.joint_names import DATASET_NAMES, JOINT_SETS, label_of
+from egocap.body.labels import LABELS
+from egocap.errors import InputError
+
+
+@pytest.mark.parametrize("dataset", DATASET_NAMES)
+def test_left_is_left_and_no_label_is_named_twice(dataset):
+    table = DATASET_NAMES[dataset]
+    assert len(set(table.values())) == len(table)
+    for theirs, ours in table.items():
+        if ours not in ("head", "neck"):
+            left = theirs.lower().startswith("left") or theirs.endswith("_l")
+            assert ours.startswith("left_") == left, (theirs, ours)
+
+
+def test_sizes_of_the_sets():
+    for name, joints in JOINT_SETS.items():
+        assert len(joints) == int(name.rpartition("-")[2]) == len(set(joints))
+
+
+def test_names_are_found_in_any_order_and_case_and_strangers_left_out():
+    found = label_of(["ball_r", "pelvis", "Hand_L", "neck01"], "unrealego")
+    assert {i: LABELS[j] for i, j in found.items()} == {
+        0: "right_foot", 2: "left_wrist", 3: "neck",
+    }  # fmt: skip
+
+
+def test_other_names_are_recognised():
+    theirs = list(DATASET_NAMES["unrealego"])[1:]
+    with pytest.raises(InputError, match="15 of them are names of unrealego"):
+        label_of(theirs)
+    with pytest.raises(InputError, match="16 of them are names of unrealego"):
+        label_of(["head", *theirs])
+    with pytest.raises(InputError, match="0 of the names nose, eye are joints of egocap"):
+        label_of(["nose", "eye"])
+    with pytest.raises(InputError, match="there twice"):
+        label_of(["neck", "Neck"])
+    with pytest.raises(InputError, match="ego4view"):
+        label_of(["neck"], "coco")

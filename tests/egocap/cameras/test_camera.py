@@ -1,0 +1,258 @@
+"""Cameras against OpenCV, OCamCalib's formulas, finite differences and autograd."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from egocap.cameras.camera import Camera
+from egocap.cameras.camera_files import camera_from_dict
+from egocap.errors import InputError
+
+OCAM = (-283.0247, 0.0, 1.130153e-3, -1.870746e-7, 1.54814e-9)
+KB = (0.05, -0.01, 0.004, -0.0005)
+CAMERAS = {
+    "equidistant": Camera("equidistant", 1280, 1024, (639.5, 511.5), ((400.0, 0.0), (0.0, 400.0)),
+                          max_angle=2.0),
+    "kannala_brandt": Camera("kannala_brandt", 1280, 1024, (630.2, 520.7),
+                             ((310.0, 1.5), (0.0, 305.0)), KB, 1.9),
+    "ocam": Camera("ocam", 872, 872, (436.57, 443.74),
+                   ((1.0, 9.4e-3), (-2e-2, 0.9998)), OCAM, 1.95),
+}  # fmt: skip
+every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+
+
+def rays_at(theta, phi):
+    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+
+
+def everywhere(camera, rng, n=4000, to=None):
+    theta = rng.uniform(0.0, camera.max_angle if to is None else to, n)
+    points = rays_at(theta, rng.uniform(-np.pi, np.pi, n)) * rng.uniform(0.05, 4.0, n)[:, None]
+    return points, theta
+
+
+def test_kannala_brandt_is_opencv_fisheye():
+    camera = CAMERAS["kannala_brandt"]
+    points, _ = everywhere(camera, np.random.default_rng(0), to=np.deg2rad(88))
+    (fx, skew), (_, fy) = camera.affine
+    K = np.array([[fx, 0, camera.centre[0]], [0, fy, camera.centre[1]], [0, 0, 1.0]])
+    expected, _ = cv2.fisheye.projectPoints(
+        points[:, None], np.zeros(3), np.zeros(3), K, np.array(KB), alpha=skew / fx
+    )
+    pixels, _ = camera.project(points)
+    np.testing.assert_allclose(pixels, expected[:, 0], atol=1e-8)
+
+
+def test_equidistant_is_opencv_fisheye_without_distortion():
+    camera = CAMERAS["equidistant"]
+    points, _ = everywhere(camera, np.random.default_rng(1), to=np.deg2rad(88))
+    K = np.array([[400.0, 0, 639.5], [0, 400.0, 511.5], [0, 0, 1.0]])
+    expected, _ = cv2.fisheye.projectPoints(
+        points[:, None], np.zeros(3), np.zeros(3), K, np.zeros(4)
+    )
+    np.testing.assert_allclose(camera.project(points)[0], expected[:, 0], atol=1e-8)
+
+
+def test_ocam_rays_follow_the_polynomial_in_ocamcalib_axes():
+    camera, rng = CAMERAS["ocam"], np.random.default_rng(2)
+    pixels = rng.uniform(0, 871, (3000, 2))
+    (_, e), (d, c) = camera.affine
+    row_column = pixels[:, ::-1] - np.array(camera.centre)[::-1]
+    x, y = np.linalg.solve(np.array([[c, d], [e, 1.0]]), row_column.T)  # OCamCalib's cam2world
+    z = np.polynomial.polynomial.polyval(np.hypot(x, y), OCAM)
+    expected = np.stack([y, x, -z], -1)  # to the OpenCV frame
+    expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+    rays, valid = camera.ray(pixels)
+    assert valid.mean() > 0.9
+    assert np.arccos(np.clip((rays * expected).sum(-1), -1, 1))[valid].max() < 1e-6
+
+
+CALIBRATIONS = Path(__file__).parents[3].parent / "shared" / "calibrations"
+real_lenses = sorted(CALIBRATIONS.glob("*.json"))
+
+
+@pytest.mark.skipif(not real_lenses, reason="needs ../shared/calibrations")
+@pytest.mark.parametrize("path", real_lenses, ids=lambda p: p.stem)
+def test_real_lenses_agree_with_their_published_inverse(path):
+    """Their polynomialW2C, which the camera never reads, in the authors' own projection."""
+    from egocap.cameras.camera_files import load_camera
+
+    camera, data = load_camera(path), json.loads(path.read_text())
+    points, theta = everywhere(camera, np.random.default_rng(3))
+    centre = data.get("image_center") or [row[2] for row in data["intrinsic"][:2]]
+    rho = np.polynomial.polynomial.polyval(theta - np.pi / 2, data["polynomialW2C"])
+    plane = points[:, :2] / np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+    expected = plane * rho[:, None] + np.array(centre)
+    error = np.linalg.norm(camera.project(points)[0] - expected, axis=1)
+    assert error.max() < 0.25  # theirs leaves out `affine`, worth 0.2 px
+    pixels = np.stack(
+        np.meshgrid(np.arange(0, camera.width, 7), np.arange(0, camera.height, 7)), -1
+    )
+    rays, valid = camera.ray(pixels)
+    back, again = camera.project(rays)
+    assert abs(back - pixels)[valid].max() < 1e-4 and (again == valid).all()
+
+
+@every_camera
+def test_project_and_ray_undo_each_other(camera):
+    rng = np.random.default_rng(4)
+    points, theta = everywhere(camera, rng)
+    assert np.rad2deg(theta.max()) > 100
+    pixels, valid = camera.project(points)
+    rays, valid_ray = camera.ray(pixels)
+    np.testing.assert_array_equal(valid, valid_ray)
+    directions = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    np.testing.assert_allclose(rays, directions, atol=1e-11)  # in the image or not
+
+
+@every_camera
+def test_the_axis_and_its_neighbourhood_are_exact(camera):
+    offsets = np.array([0.0, 1e-300, 1e-170, 1e-16, 1e-12, 1e-8])
+    points = np.stack([offsets, -offsets, np.ones_like(offsets)], -1) * 0.7
+    pixels, J, valid = camera.project_jacobian(points)
+    assert valid.all() and np.isfinite(J).all()
+    np.testing.assert_allclose(pixels[:-1], np.broadcast_to(camera.centre, (5, 2)), atol=1e-8)
+    np.testing.assert_allclose(J[:-1], np.broadcast_to(J[0], (5, 2, 3)), rtol=1e-8, atol=1e-8)
+    rays, valid = camera.ray(np.array(camera.centre))
+    assert valid and tuple(rays) == (0.0, 0.0, 1.0)
+
+
+@every_camera
+def test_what_is_not_seen_is_invalid_but_finite(camera):
+    points = np.array([[0, 0, 0], [0, 0, -1], [1e-20, 0, -1.0], [0.3, 0.1, -2.0], [50.0, 0, -1]])
+    pixels, J, valid = camera.project_jacobian(points)
+    assert not valid[:4].any()
+    assert np.isfinite(pixels).all() and np.isfinite(J).all()
+    with np.errstate(invalid="ignore"):
+        assert not camera.project(np.array([[np.nan, 0, 1.0], [0, np.inf, 1.0]]))[1].any()
+
+
+def test_nothing_is_clamped_to_the_border():
+    camera = CAMERAS["equidistant"]
+    far = rays_at(np.deg2rad([95.0, 100.0, 110.0, 130.0, 170.0]), 0.3)
+    pixels, valid = camera.project(far)
+    assert (np.diff(pixels[:, 0]) > 0).all() and pixels[-1, 0] > camera.width
+    assert not valid[-2:].any()
+
+
+@every_camera
+def test_jacobian_is_the_derivative(camera):
+    points, _ = everywhere(camera, np.random.default_rng(5), n=500, to=2.6)
+    _, J, _ = camera.project_jacobian(points)
+    h = 1e-6 * np.linalg.norm(points, axis=-1)[:, None]
+    for axis in range(3):
+        step = h * np.eye(3)[axis]
+        numeric = (camera.project(points + step)[0] - camera.project(points - step)[0]) / (2 * h)
+        scale = 1.0 + abs(J).max((1, 2))[:, None]
+        assert (abs(J[..., axis] - numeric) / scale).max() < 1e-5  # the slope kinks at the rim
+
+
+@every_camera
+def test_torch_gives_the_same_and_autograd_the_same_jacobian(camera):
+    points, _ = everywhere(camera, np.random.default_rng(6), n=200, to=2.6)
+    points = np.concatenate([points, [[0, 0, 1.0]]]).reshape(3, 67, 3)
+    tensor = torch.from_numpy(points).requires_grad_()
+    pixels, J, valid = camera.project_jacobian(points)
+    pixels_t, J_t, valid_t = camera.project_jacobian(tensor)
+    np.testing.assert_allclose(pixels_t.detach().numpy(), pixels, atol=1e-10)
+    np.testing.assert_array_equal(valid_t.numpy(), valid)
+    for row in range(2):
+        (gradient,) = torch.autograd.grad(camera.project(tensor)[0][..., row].sum(), tensor)
+        np.testing.assert_allclose(gradient.numpy(), J[..., row, :], rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(J_t.detach().numpy(), J, rtol=1e-12, atol=1e-9)
+
+
+@every_camera
+def test_torch_rays_are_differentiable_and_float32_is_close(camera):
+    pixels = np.random.default_rng(7).uniform(0, 800, (50, 2))
+    rays = camera.ray(pixels)[0]
+    tensor = torch.from_numpy(pixels).requires_grad_()
+    assert torch.autograd.gradcheck(lambda p: camera.ray(p)[0], tensor)
+    rays_32 = camera.ray(tensor.detach().float())[0]
+    assert rays_32.dtype == torch.float32
+    np.testing.assert_allclose(rays_32.numpy(), rays, atol=5e-6)
+    points_32 = torch.from_numpy(rays).float()
+    np.testing.assert_allclose(camera.project(points_32)[0].numpy(), pixels, atol=2e-3)
+
+
+@every_camera
+def test_any_batch_shape_gives_the_same(camera):
+    points, _ = everywhere(camera, np.random.default_rng(8), n=24)
+    pixels = camera.project(points)[0]
+    for shape in ((24,), (2, 12), (2, 3, 4), (1, 24)):
+        p, v = camera.project(points.reshape(*shape, 3))
+        assert p.shape == (*shape, 2) and v.shape == shape
+        np.testing.assert_array_equal(p.reshape(-1, 2), pixels)
+    assert camera.project(points[0])[0].shape == (2,)
+    assert camera.project(points[:0])[0].shape == (0, 2)
+    assert camera.ray(pixels[:0])[0].shape == (0, 3)
+
+
+@every_camera
+def test_resizing_keeps_the_image_border_and_the_field_of_view(camera):
+    points, _ = everywhere(camera, np.random.default_rng(9))
+    small = camera.resized(camera.width // 2, camera.height // 4)
+    pixels, valid = camera.project(points)
+    scaled, valid_small = small.project(points)
+    np.testing.assert_allclose(scaled, (pixels + 0.5) * [0.5, 0.25] - 0.5, atol=1e-9)
+    assert (valid == valid_small).mean() > 0.999  # up to rounding on the border
+    again = small.resized(camera.width, camera.height)
+    np.testing.assert_allclose(again.project(points)[0], pixels, atol=1e-8)
+
+
+def test_resizing_by_two_averages_pixel_pairs():
+    camera = CAMERAS["equidistant"].resized(640, 512)
+    big, _ = CAMERAS["equidistant"].ray(np.array([100.5, 200.5]))  # between pixels 100 and 101
+    np.testing.assert_allclose(camera.project(big)[0], [50.0, 100.0], atol=1e-9)
+
+
+@every_camera
+def test_dictionary_round_trip_is_exact(camera):
+    again = camera_from_dict(json.loads(json.dumps(camera.to_dict())))
+    assert again == camera and hash(again) == hash(camera)
+    assert again != camera.resized(100, 100)
+
+
+def test_the_widest_angle_is_found_from_the_image():
+    camera = Camera("equidistant", 301, 201, (150.0, 100.0), ((100.0, 0.0), (0.0, 100.0)))
+    assert camera.max_angle == pytest.approx(np.hypot(150.5, 100.5) / 100.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"model": "pinhole"}, {"width": 0}, {"height": -3}, {"width": 10**9},
+        {"centre": (np.nan, 0.0)}, {"affine": ((0.0, 0.0), (0.0, 1.0))},
+        {"affine": ((-1.0, 0.0), (0.0, 1.0))}, {"max_angle": 0.0}, {"max_angle": 3.2},
+        {"parameters": (np.inf,)},
+    ],
+)  # fmt: skip
+def test_impossible_cameras_are_refused(change):
+    good = {"model": "equidistant", "width": 10, "height": 10, "centre": (4.5, 4.5),
+            "affine": ((3.0, 0.0), (0.0, 3.0)), "parameters": (), "max_angle": 1.0}  # fmt: skip
+    Camera(**good)
+    with pytest.raises(InputError):
+        Camera(**(good | change))
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    k=st.tuples(*[st.floats(0.0, 0.05)] * 4),
+    focal=st.floats(50.0, 800.0),
+    angle=st.floats(0.05, 3.0),
+    theta=st.floats(0.0, 1.0),
+    phi=st.floats(-4.0, 4.0),
+)
+def test_any_growing_lens_round_trips(k, focal, angle, theta, phi):
+    camera = Camera(
+        "kannala_brandt", 640, 512, (320.0, 250.0), ((focal, 0.0), (0.0, focal)), k, angle
+    )
+    ray = rays_at(theta * angle, phi)
+    pixels, _ = camera.project(ray)
+    np.testing.assert_allclose(camera.ray(pixels)[0], ray, atol=1e-9)

@@ -1,0 +1,220 @@
+"""egocap as a user runs it on a generated sequence."""
+
+import dataclasses
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egocap import cli
+from egocap.body.labels import LABELS
+from egocap.body.proportions import Proportions
+from egocap.data.detections import load_detections, save_detections
+from egocap.data.sequence import Sequence, load_manifest
+from egocap.data.track import load_track
+
+
+@pytest.fixture
+def egocap(monkeypatch, capsys, tmp_path):
+    """Run egocap in an empty folder; gives its exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["egocap", *map(str, words)])
+        code = cli.main()
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def complaint(result: tuple[int, str, str]) -> str:
+    """The one line on stderr of a command that was asked something wrong."""
+    code, out, err = result
+    assert (code, out) == (2, ""), err
+    assert len(err.splitlines()) == 1 and err.startswith("egocap: "), err
+    return err
+
+
+@pytest.fixture(scope="session")
+def tracked(tiny_sequence: Path, tmp_path_factory) -> Path:
+    """A folder with det.npz and track.npz of the small sequence."""
+    folder = tmp_path_factory.mktemp("tracked")
+    with pytest.MonkeyPatch.context() as patch:
+        words = ["track", tiny_sequence, "--detections", "simulated:1.0", "--out",
+                 folder / "track.npz", "--save-detections", folder / "det.npz"]  # fmt: skip
+        patch.setattr(sys, "argv", ["egocap", *map(str, words)])
+        assert cli.main() == 0
+    return folder
+
+
+def test_a_track_is_near_the_truth_and_knows_where_it_is_from(tracked, tiny_sequence):
+    track, sequence = load_track(tracked / "track.npz"), Sequence(tiny_sequence)
+    error = np.linalg.norm(track.joints_head - sequence.truth.joints_head, axis=-1)
+    assert np.median(error) < 0.05
+    assert track.config["sequence"] == load_manifest(tiny_sequence).config_sha256
+    assert track.config["detections"] == "simulated:1.0"
+
+
+def test_saved_detections_give_the_same_track(egocap, tracked, tiny_sequence):
+    code, out, _ = egocap("track", tiny_sequence, "--detections", tracked / "det.npz",
+                          "--out", "again.npz", "--json")  # fmt: skip
+    assert code == 0 and json.loads(out)["frames"] == 7
+    first, again = load_track(tracked / "track.npz"), load_track("again.npz")
+    assert np.array_equal(first.joints_head, again.joints_head)
+
+
+def test_the_seed_is_of_the_noise(egocap, tracked, tiny_sequence):
+    for seed in (0, 1):
+        words = ("--out", "t.npz", "--save-detections", f"{seed}.npz", "--seed", seed)
+        assert egocap("track", tiny_sequence, "--detections", "simulated:1.0", *words)[0] == 0
+    first, same, other = (load_detections(p) for p in (tracked / "det.npz", "0.npz", "1.npz"))
+    assert np.array_equal(first.points, same.points, equal_nan=True)
+    assert not np.array_equal(first.points, other.points, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("--detections heatmap", "unknown source of detections 'heatmap' (valid: simulated:SIGMA"),
+        ("--detections simulated:-1", "sigma -1.0"),
+        ("--detections none.npz", "none.npz: no such file"),
+        ("--detections simulated:1 --seed -1", "seed -1 (valid: 0 or more)"),
+        ("--detections simulated:1 --lambda-pose nan", "lambda_pose"),
+        ("--detections simulated:1 --out taken", "taken: is a folder"),
+        ("--detections simulated:1 --out file/t.npz", "file: is not a folder"),
+    ],
+)
+def test_impossible_requests(egocap, tiny_sequence, words, says):
+    Path("taken").mkdir()
+    Path("file").write_text("")
+    out = () if "--out" in words else ("--out", "t.npz")
+    assert says in complaint(egocap("track", tiny_sequence, *words.split(), *out))
+    assert sorted(p.name for p in Path().iterdir()) == ["file", "taken"]
+    assert not list(Path("taken").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: {"times": d.times + 1.0}, "different times in frame 0"),
+        (lambda d: {k: getattr(d, k)[:4] for k in ("times", *ARRAYS)}, "has 4 frames"),
+        (lambda d: {k: getattr(d, k)[:, :1] for k in ARRAYS}, "detections of 1 views"),
+        (lambda d: {"points": d.points * np.nan}, "key 'points'"),
+    ],
+)
+def test_detections_of_something_else(egocap, tracked, tiny_sequence, change, says):
+    found = load_detections(tracked / "det.npz")
+    save_detections("d.npz", dataclasses.replace(found, **change(found)))
+    words = ("track", tiny_sequence, "--detections", "d.npz", "--out", "t.npz")
+    assert says in complaint(egocap(*words))
+    assert not Path("t.npz").exists()
+
+
+ARRAYS = ("points", "sigma", "confidence", "valid")
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "rig.json", "body.json", "truth.npz"])
+def test_a_sequence_without_one_of_its_files(egocap, tiny_sequence, name):
+    shutil.copytree(tiny_sequence, "seq")
+    (Path("seq") / name).unlink()
+    line = complaint(egocap("track", "seq", "--detections", "simulated:1", "--out", "t.npz"))
+    assert name in line and not Path("t.npz").exists()
+
+
+def test_a_track_of_another_sequence_is_not_scored(tracked, tiny_sequence, tmp_path, capsys):
+    from egocap_eval.cli import main
+
+    shutil.copytree(tiny_sequence, tmp_path / "other")
+    path = tmp_path / "other" / "manifest.json"
+    digest = load_manifest(tiny_sequence).config_sha256
+    path.write_text(path.read_text().replace(digest, "0" * 64))
+    words = ["--track", str(tracked / "track.npz")]
+    assert main(["pose", str(tiny_sequence), *words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 7
+    assert main(["pose", str(tmp_path / "other"), *words]) == 2
+    assert "track.npz: was made from another sequence" in capsys.readouterr().err
+
+
+def test_a_body_is_fitted_and_told_of(egocap, tracked, tiny_sequence):
+    found = ["--detections", tracked / "det.npz"]
+    code, out, err = egocap("fit-body", tiny_sequence, "--out", "body.json", *found, "--json")
+    assert code == 0, err
+    body, told = Proportions.load("body.json"), json.loads(out)
+    assert told["bones"]["left_elbow"]["length_m"] == pytest.approx(
+        body.bone_lengths["left_elbow"], abs=1e-4
+    )
+    wrong = ("fit-body", tiny_sequence, "--out", "b.json", *found, "--height", "178")
+    assert "height of 178" in complaint(egocap(*wrong))
+
+
+def test_a_track_is_of_the_body_it_is_given(egocap, tracked, tiny_sequence, tmp_path):
+    own = Sequence(tiny_sequence).proportions
+    dataclasses.replace(own, offsets=1.1 * own.offsets).save(tmp_path / "taller.json")
+    for name, body in (("own", tiny_sequence / "body.json"), ("taller", tmp_path / "taller.json")):
+        code, _, err = egocap("track", tiny_sequence, "--detections", tracked / "det.npz",
+                              "--body", body, "--out", f"{name}.npz")  # fmt: skip
+        assert code == 0, err
+    arm = [LABELS.index(f"left_{part}") for part in ("elbow", "wrist")]
+
+    def forearm(path: Path) -> np.ndarray:
+        return np.linalg.norm(np.diff(load_track(path).joints_head[:, arm], axis=1), axis=-1)
+
+    np.testing.assert_allclose(forearm(tmp_path / "own.npz"), forearm(tracked / "track.npz"))
+    np.testing.assert_allclose(
+        forearm(tmp_path / "taller.npz"), 1.1 * forearm(tmp_path / "own.npz"), rtol=1e-5
+    )
+    said = complaint(egocap("track", tiny_sequence, "--detections", tracked / "det.npz",
+                            "--body", "none.json", "--out", "x.npz"))  # fmt: skip
+    assert "none.json" in said
+
+
+def test_the_solver_of_the_paper_is_a_word(egocap, tracked, tiny_sequence):
+    words = ("track", tiny_sequence, "--detections", tracked / "det.npz", "--out", "paper.npz")
+    code, out, err = egocap(*words, "--solver", "stochastic", "--json")
+    assert code == 0, err
+    found = load_track("paper.npz")
+    assert found.config["paper"]["iterations"] == 50
+    assert found.config["tracker"]["solver"] == "stochastic"
+    assert json.loads(out)["frames_per_second"] == pytest.approx(1 / found.seconds_per_frame)
+    wrong = egocap(*words, "--solver", "reference", "--lambda-motion", "0.5")
+    assert "lambda_motion = 0.5 with solver 'reference'" in complaint(wrong)
+
+
+@pytest.fixture
+def films(tiny_sequence, tmp_path):
+    """The small sequence as one video a view, its rig and body, in the folder of the test."""
+    import cv2
+
+    sequence = Sequence(tiny_sequence)
+    for v, view in enumerate(sequence.rig.views):
+        fourcc = cv2.VideoWriter.fourcc(*"MJPG")
+        writer = cv2.VideoWriter(str(tmp_path / f"{view}.avi"), fourcc, 5.0, (160, 128))
+        if not writer.isOpened():
+            pytest.skip("no video writer here")
+        for t in range(len(sequence)):
+            writer.write(sequence.frame(t).images[v][..., ::-1])
+        writer.release()
+    return tuple(f"{view}.avi" for view in sequence.rig.views)
+
+
+def test_live_by_colour_writes_a_track_and_a_film(egocap, films, tracked, tiny_sequence):
+    files = ("--rig", tiny_sequence / "rig.json", "--body", tiny_sequence / "body.json")
+    words = ("live", *films, *files, "--colour-only")
+    made = ("--start", tracked / "track.npz", "--out", "live.npz", "--record", "live.mp4")
+    code, out, err = egocap(*words, *made, "--view", "--port", 0, "--json")
+    assert code == 0, err
+    assert "http://127.0.0.1:" in err
+    found = load_track("live.npz")
+    assert json.loads(out)["poses"] == len(found.times) >= 1
+    assert Path("live.mp4").stat().st_size > 5_000
+    for wrong, says in (
+        (("--start", "upside down"), "no starting pose 'upside down' (valid: rest"),
+        (("--weights", "w.safetensors"), "--colour-only with weights"),
+        (("--record", "live.gif"), "ends in .mp4"),
+    ):
+        assert says in complaint(egocap(*words, *wrong))
+    assert "--start" in complaint(egocap("live", *films, *files, "--start", "sitting"))
+    assert "1 sources" in complaint(egocap("live", films[0], *files))

@@ -1,0 +1,60 @@
+"""A smooth made-up motion of an average person, seen by the paper's rig at 640 x 512."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import LIMITS, SPREAD, forward
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig
+from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.pose.pose_prior import load_posture
+
+RIG = Path(__file__).parents[2] / "scenes/rigs/egorig1.toml"
+FPS = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    rig: Rig
+    person: Proportions
+    times: np.ndarray
+    angles: np.ndarray
+    joints: np.ndarray
+
+    def detect(self, source, *, hidden=0.0, seed=0):
+        """Detections of the motion; a share of the joints is hidden in each view."""
+        pixels, seen = self.rig.project(self.joints)
+        pixels, seen = np.moveaxis(pixels, 0, 1), np.moveaxis(seen, 0, 1)
+        rng = np.random.default_rng(seed)
+        visible = seen & (rng.random(seen.shape) >= hidden)
+        camera = self.rig.mounts[0].camera
+        size = camera.width, camera.height
+        return simulate_detections(
+            pixels, visible, seen, self.times, size, parse_source(source), rng
+        )
+
+    def errors(self, track):
+        """Distance of the 17 evaluated joints from the truth, metres (T, 17)."""
+        return np.linalg.norm(track.joints_head - self.joints, axis=-1)[:, 1:]
+
+
+def make_motion(frames=90, seed=0, extent=0.35):
+    rng = np.random.default_rng(seed)
+    times = np.arange(frames) / FPS
+    rates = rng.uniform(0.2, 0.7, (3, 37))
+    phases = rng.uniform(0, 2 * np.pi, (3, 37))
+    waves = np.sin(2 * np.pi * rates * times[:, None, None] + phases).sum(1)
+    angles = load_posture().mean + extent * SPREAD * waves / np.sqrt(1.5)
+    angles = np.clip(angles, LIMITS[:, 0], LIMITS[:, 1])
+    person = Proportions.from_lengths(1.75)
+    rig = load_rig(RIG).resized(640, 512)
+    return Motion(rig, person, times, angles, forward(person, angles))
+
+
+@pytest.fixture(scope="session")
+def motion():
+    return make_motion()

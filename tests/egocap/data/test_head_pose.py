@@ -1,0 +1,63 @@
+"""Head poses of a file: between the known ones, at their ends, and what is wrong with them."""
+
+import numpy as np
+import pytest
+from tests.egocap.io.test_bvh import made
+
+from egocap.data.head_pose import in_world, load_head_pose, poses_at
+from egocap.errors import FileError, InputError
+from egocap.geometry import axis_angle, rigid, transform
+
+AXIS = np.array([0.0, 0.0, 1.0])
+
+
+def known(count=5):
+    times = np.arange(count) / 10
+    return times, rigid(axis_angle(AXIS, 0.3 * np.arange(count)), np.outer(times, [1.0, 2.0, 3.0]))
+
+
+def test_between_known_poses_the_head_turns_and_moves_evenly():
+    times, poses = known()
+    at = poses_at(np.array([0.05, 0.12]), times, poses)
+    expected = rigid(axis_angle(AXIS, np.array([0.15, 0.36])),
+                     np.outer([0.05, 0.12], [1, 2, 3]))  # fmt: skip
+    assert np.allclose(at, expected)
+    assert np.allclose(poses_at(times, times, poses), poses)
+
+
+def test_beyond_the_known_poses_is_an_error():
+    times, poses = known()
+    assert np.allclose(poses_at(np.array([0.0, 0.45]), times, poses)[1], poses[-1])
+    with pytest.raises(InputError, match=r"0 to 0\.4 s"):
+        poses_at(np.array([0.0, 0.8]), times, poses)
+
+
+def test_joints_move_into_the_world(tmp_path):
+    track = made(frames=11)
+    times, poses = known()
+    np.savez(tmp_path / "head.npz", time=times, T_world_head=poses, more=np.ones(3))
+    result = in_world(track, tmp_path / "head.npz")
+    assert np.allclose(result.joints_world, transform(result.T_world_head, track.joints_head))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [({"time": None}, "time"), ({"time": np.zeros(5)}, "increase"),
+     ({"T_world_head": np.zeros((5, 4, 4))}, "rigid"), ({"T_world_head": np.eye(4)}, "shape"),
+     ({"T_world_head": np.full((5, 4, 4), np.nan)}, "finite"),
+     ({"time": np.arange(5)}, "numbers")],
+)  # fmt: skip
+def test_bad_files_name_the_array(tmp_path, changes, says):
+    times, poses = known()
+    arrays = {"time": times, "T_world_head": poses} | changes
+    np.savez(tmp_path / "h.npz", **{k: v for k, v in arrays.items() if v is not None})
+    with pytest.raises(FileError, match=says):
+        load_head_pose(tmp_path / "h.npz")
+
+
+def test_garbage_is_a_file_error(tmp_path):
+    (tmp_path / "h.npz").write_bytes(b"PK\x03\x04nonsense")
+    with pytest.raises(FileError):
+        load_head_pose(tmp_path / "h.npz")
+    with pytest.raises(FileError, match="no such file"):
+        load_head_pose(tmp_path / "none.npz")

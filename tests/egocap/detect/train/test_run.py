@@ -1,0 +1,96 @@
+"""Runs by command: from sequences to a file of weights, and what is refused."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from egocap.cli import main
+from egocap.detect.train.run import Request, split
+from egocap.detect.weights import load_weights, open_weights
+from egocap.errors import InputError
+
+
+def egocap(*words, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["egocap", *map(str, words)])
+    return main()
+
+
+def test_command_trains_and_writes_weights(tiny_sequence, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "run"
+    words = ["train", tiny_sequence, "--out", out, "--config", "tiny", "--steps", 2, "--batch", 2]
+    assert egocap(*words, "--held-out", 0, "--json", monkeypatch=monkeypatch) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["finished"] and summary["steps"] == 2 and summary["views"] == 4
+    weights = open_weights(summary["weights"])
+    assert weights.config["name"] == "tiny" and weights.training["views"] == 14
+    assert load_weights(summary["weights"]).config.name == "tiny"
+
+    assert egocap(*words, monkeypatch=monkeypatch) == 2
+    assert "holds a run already" in capsys.readouterr().err
+    words[words.index("--batch") + 1] = 3
+    assert egocap(*words, "--resume", monkeypatch=monkeypatch) == 2
+    assert "another network, seed or batch" in capsys.readouterr().err
+
+
+def test_weights_tell_what_they_began_from(tiny_sequence, tiny_file, tmp_path, monkeypatch):
+    words = ["train", tiny_sequence, tiny_sequence, "--shares", 1, 3, "--start", tiny_file]
+    words += ["--out", tmp_path, "--config", "tiny", "--steps", 1, "--batch", 2, "--held-out", 0]
+    assert egocap(*words, monkeypatch=monkeypatch) == 0
+    training = open_weights(tmp_path / "detector.safetensors").training
+    assert training["shares"] == [1, 3]
+    assert training["start"]["sha256"] == open_weights(tiny_file).sha256
+
+
+def test_start_of_another_network_is_refused(
+    tiny_sequence, tiny_file, tmp_path, monkeypatch, capsys
+):
+    words = ["train", tiny_sequence, "--out", tmp_path / "run", "--start", tiny_file]
+    assert egocap(*words, monkeypatch=monkeypatch) == 2
+    assert "another network" in capsys.readouterr().err
+
+
+def test_nothing_to_train_on():
+    with pytest.raises(InputError, match="--rig FILE"):
+        Request(Path("out"))
+    with pytest.raises(InputError, match=r"0 to 0\.5"):
+        Request(Path("out"), (Path("data"),), held_out=0.9)
+
+
+@pytest.mark.parametrize("shares", [(1.0,), (1.0, 0.0), (1.0, 2.0, 3.0)])
+def test_a_share_above_zero_for_each_folder(shares):
+    with pytest.raises(InputError, match="one above 0 for each"):
+        Request(Path("out"), (Path("a"), Path("b")), shares=shares)
+
+
+def test_split_shares_no_sequence():
+    folders = [Path(f"s{i}") for i in range(25)]
+    kept, held_out = split(folders, 0.08)
+    assert len(held_out) == 3 and not set(kept) & set(held_out)
+    assert sorted(kept + held_out) == sorted(folders)
+    assert split(folders, 0.0) == (folders, [])
+
+
+def test_missing_simulator_is_said(tmp_path, monkeypatch, capsys):
+    from egocap.detect.train import simulation
+    from egocap_sim.core.resources import builtin_file
+
+    monkeypatch.setattr(simulation.importlib.util, "find_spec", lambda name: None)
+    rig = builtin_file("rig", "egorig1")
+    words = ["train", "--rig", rig, "--scratch", "--out", tmp_path / "run", "--config", "tiny"]
+    assert egocap(*words, monkeypatch=monkeypatch) == 1
+    assert "egocap-sim is not installed" in capsys.readouterr().err
+
+
+def test_two_processes_train_one_network(tiny_sequence, tmp_path):
+    out = tmp_path / "run"
+    words = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    words += ["-m", "egocap", "train", str(tiny_sequence), "--out", str(out), "--config", "tiny"]
+    words += ["--steps", "2", "--batch", "2", "--held-out", "0", "--json"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert open_weights(out / "detector.safetensors").training["views_seen"] == 2 * 2 * 2

@@ -1,0 +1,84 @@
+"""The colour dissimilarity against the paper's words, other libraries and numbers by hand."""
+
+import colorsys
+
+import numpy as np
+import pytest
+import torch
+
+from egocap.errors import InputError
+from egocap.image_model.colour import (
+    PAPER,
+    ColourMeasure,
+    blend_weights,
+    dissimilarity,
+    hsv_to_rgb,
+    hue_distance,
+    rgb_to_hsv,
+    smooth_step,
+)
+
+RNG = np.random.default_rng(0)
+
+
+def test_hsv_is_that_of_colorsys():
+    rgb = np.concatenate([RNG.uniform(size=(200, 3)), [[0, 0, 0], [1, 1, 1], [0.5, 0.5, 0.5]]])
+    expected = [colorsys.rgb_to_hsv(*row) for row in rgb]
+    np.testing.assert_allclose(rgb_to_hsv(rgb), expected, atol=1e-12)
+    np.testing.assert_allclose(hsv_to_rgb(expected), rgb, atol=1e-12)
+    np.testing.assert_allclose(rgb_to_hsv(np.array([255, 0, 0], np.uint8)), [0, 1, 1])
+
+
+def test_smooth_step_runs_from_alike_to_unlike_and_stays():
+    x = np.linspace(0, 1, 1001)
+    y = smooth_step(x)
+    assert y[0] == -1.0 and y[-1] == 1.0 and (np.diff(y) >= 0).all()
+    assert abs(np.gradient(y, x)[[0, -1]]).max() < 0.05
+    assert smooth_step(np.array(2.0)) == 1.0  # the bare polynomial falls to -17 there
+
+
+def test_hues_wrap_around():
+    assert hue_distance(np.array(0.95), np.array(0.05)) == pytest.approx(0.2)
+    assert hue_distance(np.array(0.0), np.array(0.5)) == 1.0
+
+
+def test_weights_sum_to_one_for_every_colour():
+    colours = np.concatenate([RNG.uniform(size=(500, 3)), [[0, 0, 0], [0, 0, 1], [0, 1, 0]]])
+    total = sum(blend_weights(colours))
+    np.testing.assert_allclose(total, 1.0)
+
+
+def test_saturated_colours_ignore_light_and_grey_ones_hue():
+    red, dim_red, cyan = np.array([0.0, 1, 1]), np.array([0.0, 1, 0.55]), np.array([0.5, 1, 1])
+    assert dissimilarity(red, dim_red) == -1.0
+    assert dissimilarity(red, cyan) == 1.0
+    grey, bluish = np.array([0.0, 0, 0.7]), np.array([0.6, 0, 0.7])
+    assert dissimilarity(grey, bluish) == -1.0
+    black, lit = np.array([0.0, 0, 0]), np.array([0.0, 0, 1.0])
+    assert dissimilarity(black, lit) == 1.0  # its sum is 1.5: held at 1
+
+
+@pytest.mark.parametrize("measure", [PAPER, ColourMeasure("paper", 0.25), ColourMeasure()])
+def test_a_colour_is_most_like_itself(measure):
+    colours = RNG.uniform(size=(50, 3))
+    every = measure.compare(colours[:, None], measure.features(colours)[None])
+    assert np.diag(every) == pytest.approx(-1.0)
+    assert every.max() <= 1.0
+    torch_form = measure.compare(
+        torch.tensor(colours)[:, None], measure.features(torch.tensor(colours))[None]
+    )
+    np.testing.assert_allclose(torch_form.numpy(), every, atol=1e-12)
+
+
+def test_cone_tells_a_grey_floor_from_a_vivid_shirt_where_hue_does_not():
+    shirt, floor = np.array([0.5, 0.9, 0.5]), np.array([0.5, 0.08, 0.4])
+    assert PAPER.compare(shirt, PAPER.features(floor)) == -1.0
+    cone = ColourMeasure("cone", 0.2)
+    assert cone.compare(shirt, cone.features(floor)) == 1.0
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(InputError, match="colour measure"):
+        ColourMeasure("rgb")
+    with pytest.raises(InputError, match="reach"):
+        ColourMeasure("cone", 0.0)

@@ -1,0 +1,60 @@
+"""The upper body followed by colour alone through pictures that the model itself draws."""
+
+import numpy as np
+import pytest
+from tests.egocap.track.test_palette import GREY, PERSON, POSE, RIG, picture
+
+from egocap.body.skeleton import DOF_INDEX, forward
+from egocap.errors import InputError
+from egocap.image_model.colour_solver import UPPER_BODY
+from egocap.image_model.colour_term import ColourTermConfig
+from egocap.track.colour_tracker import ColourTracker
+
+SMALL = RIG.resized(40, 40)
+TERM = ColourTermConfig(size=40, weight=0.03)
+ELBOWS = [DOF_INDEX["left_elbow_flexion"], DOF_INDEX["right_elbow_flexion"]]
+ARMS = [3, 4, 7, 8]  # elbows and wrists
+
+
+def motion(frames=10):
+    """Poses whose elbows bend by 3 degrees a frame."""
+    poses = np.tile(POSE, (frames, 1))
+    poses[:, ELBOWS] += np.deg2rad(3.0) * np.arange(frames)[:, None]
+    return poses
+
+
+@pytest.fixture(scope="module")
+def clip():
+    poses = motion()
+    return poses, [picture(GREY, pose) for pose in poses]
+
+
+@pytest.mark.parametrize("rng", [None, np.random.default_rng(0)])
+def test_arms_are_followed_and_legs_stay(clip, rng):
+    poses, pictures = clip
+    tracker = ColourTracker(SMALL, PERSON, POSE, TERM, rng)
+    found = [tracker.step(images, t / 30) for t, images in enumerate(pictures)]
+    last = found[-1]
+    error = np.linalg.norm(last.joints_head - forward(PERSON, poses[-1]), axis=-1)[ARMS]
+    still = np.linalg.norm(forward(PERSON, POSE) - forward(PERSON, poses[-1]), axis=-1)[ARMS]
+    assert still.max() > 0.1
+    assert error.mean() < 0.5 * still.mean()
+    assert all(np.array_equal(p.angles[~UPPER_BODY], POSE[~UPPER_BODY]) for p in found)
+    assert last.confidence[ARMS].mean() > 0.5
+    assert ((last.confidence >= 0.0) & (last.confidence <= 1.0)).all()
+    assert [p.time for p in found] == [t / 30 for t in range(10)]
+
+
+def test_a_missing_picture_leaves_the_pose(clip):
+    _, pictures = clip
+    tracker = ColourTracker(SMALL, PERSON, POSE, TERM)
+    with pytest.raises(InputError, match="no first picture"):
+        tracker.step([pictures[0][0], None], 0.0)
+    tracker = ColourTracker(SMALL, PERSON, POSE, TERM)
+    tracker.learn(pictures[0])
+    first = tracker.step(pictures[1], 0.1)
+    blind = tracker.step([None, pictures[2][1]], 0.2)
+    assert np.array_equal(first.angles, blind.angles) and not blind.converged
+    assert (blind.confidence <= first.confidence + 1e-9).all()
+    with pytest.raises(InputError, match=r"after one of 0\.2 s"):
+        tracker.step(pictures[2], 0.2)

@@ -1,0 +1,120 @@
+"""Live: the causal pass's poses, the newest picture wins, and sources that end or fail."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.egocap.track.conftest import make_motion
+
+from egocap.errors import InputError, MachineError
+from egocap.pose.config import TrackerConfig
+from egocap.track.online import LiveTracker
+from egocap.track.tracker import track
+from egocap.view.capture import LiveReport, Source, first_pictures, follow_live
+
+LIVE = TrackerConfig(smoothing="none")
+PARTS = ("times", "points", "sigma", "confidence", "valid")
+
+
+def one(found, t):
+    return replace(found, **{name: getattr(found, name)[t : t + 1] for name in PARTS})
+
+
+def test_frame_by_frame_is_the_causal_pass():
+    made = make_motion(frames=25)
+    found = made.detect("simulated:2,swaps=0.1", hidden=0.2)
+    whole = track(found, made.rig, made.person, LIVE)
+    live = LiveTracker(made.rig, made.person, LIVE)
+    poses = [live.step(one(found, t)) for t in range(25)]
+    assert np.allclose([p.angles for p in poses], whole.angles)
+    assert np.allclose([p.confidence for p in poses], whole.confidence)
+    with pytest.raises(InputError, match="later"):
+        live.step(one(found, 3))
+    with pytest.raises(InputError, match="at once"):
+        live.step(found)
+
+
+def video(path, frames, fps=30.0):
+    """A clip whose frames tell their number by their brightness."""
+    import cv2
+
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, (64, 48))
+    if not writer.isOpened():
+        pytest.skip("no video writer here")
+    for i in range(frames):
+        writer.write(np.full((48, 64, 3), 10 * i % 250, np.uint8))
+    writer.release()
+    return str(path)
+
+
+class Slow:
+    """A detector that takes its time and says what it was given."""
+
+    def __init__(self, made, seconds):
+        self.found, self.seconds, self.calls = made.detect("simulated:2"), seconds, []
+
+    def detect(self, images, when=0.0):
+        time.sleep(self.seconds)
+        self.calls.append([image is not None for image in images])
+        return replace(one(self.found, len(self.calls) - 1), times=np.array([when]))
+
+
+def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
+    made = make_motion(frames=60)
+    sources = [Source(video(tmp_path / f"{side}.avi", 30)) for side in ("left", "right")]
+    detector = Slow(made, 0.15)
+    report = follow_live(sources, detector, LiveTracker(made.rig, made.person, LIVE))
+    for source in sources:
+        source.close()
+    assert 2 <= len(report.poses) < 25
+    assert report.skipped > 10
+    fetched = sum(sum(call) for call in detector.calls)
+    assert fetched + report.skipped == sum(source.taken for source in sources) == 60
+    assert max(report.latencies) < 5.0
+    result = report.track(LiveTracker(made.rig, made.person, LIVE), "test")
+    assert result.times[0] == 0.0 and (np.diff(result.times) > 0).all()
+
+
+def test_every_pose_is_shown_with_its_pictures(tmp_path):
+    made = make_motion(frames=60)
+    sources = [Source(video(tmp_path / f"{side}.avi", 5)) for side in ("left", "right")]
+    shown = []
+    report = follow_live(
+        sources, Slow(made, 0.0), LiveTracker(made.rig, made.person, LIVE),
+        on_pose=lambda pose, images: shown.append((pose, [i is not None for i in images])),
+    )  # fmt: skip
+    assert [pose for pose, _ in shown] == report.poses
+    assert [True, True] in [there for _, there in shown]
+
+
+def test_the_first_pictures_are_the_beginning(tmp_path):
+    names = [video(tmp_path / "a.avi", 3), video(tmp_path / "b.avi", 30)]
+    assert all(picture.mean() < 5 for picture in first_pictures(names))
+    (tmp_path / "empty.avi").write_bytes(b"")
+    with pytest.raises(InputError, match="empty"):
+        first_pictures([str(tmp_path / "empty.avi")])
+
+
+def test_settings_that_need_the_future_are_refused():
+    made = make_motion(frames=2)
+    for wrong in ({"smoothing": "interval"}, {"solver": "reference"}, {"colour": True}):
+        with pytest.raises(InputError, match="live"):
+            LiveTracker(made.rig, made.person, replace(LIVE, **wrong))
+
+
+def test_a_view_that_ends_early_is_missing(tmp_path):
+    made = make_motion(frames=60)
+    sources = [Source(video(tmp_path / "a.avi", 3)), Source(video(tmp_path / "b.avi", 12, 5.0))]
+    detector = Slow(made, 0.02)
+    follow_live(sources, detector, LiveTracker(made.rig, made.person, LIVE))
+    assert [False, True] in detector.calls
+
+
+def test_what_is_no_source_is_named(tmp_path):
+    (tmp_path / "x.avi").write_bytes(b"no video")
+    with pytest.raises(InputError, match=r"x\.avi"):
+        Source(str(tmp_path / "x.avi"))
+    made = make_motion(frames=2)
+    with pytest.raises(MachineError, match="no pictures"):
+        LiveReport().track(LiveTracker(made.rig, made.person, LIVE), "test")

@@ -1,0 +1,95 @@
+"""Films keep time and are whole or not there; a browser gets the newest picture."""
+
+import urllib.error
+import urllib.request
+
+import cv2
+import numpy as np
+import pytest
+from tests.egocap.track.conftest import make_motion
+
+from egocap.body.skeleton import forward
+from egocap.errors import InputError, MachineError
+from egocap.track.online import LivePose
+from egocap.view.live_page import PictureStream
+from egocap.view.live_view import Watcher
+from egocap.view.video import Film
+
+
+def grey(value):
+    return np.full((48, 64, 3), value, np.uint8)
+
+
+def frames(path):
+    video = cv2.VideoCapture(str(path))
+    found = []
+    while (read := video.read())[0]:
+        found.append(read[1])
+    return found
+
+
+def test_a_film_keeps_time(tmp_path):
+    with Film(tmp_path / "deep" / "f.mp4", fps=10.0) as film:
+        for at, value in ((0.0, 40), (0.02, 250), (0.5, 200), (0.61, 90)):
+            film.add(grey(value), at)
+    values = [int(f.mean()) for f in frames(tmp_path / "deep" / "f.mp4")]
+    assert np.allclose(values, [40, 200, 200, 200, 200, 200, 90], atol=8)
+
+
+def test_a_film_that_fails_is_not_there(tmp_path):
+    with pytest.raises(ZeroDivisionError), Film(tmp_path / "f.mp4") as film:
+        film.add(grey(1))
+        raise ZeroDivisionError
+    assert not list(tmp_path.iterdir())
+    with Film(tmp_path / "empty.mp4"):
+        pass
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match=r"ends in \.mp4"):
+        Film(tmp_path / "f.avi")
+    with pytest.raises(InputError, match="is a folder"):
+        (tmp_path / "d.mp4").mkdir()
+        Film(tmp_path / "d.mp4")
+
+
+@pytest.fixture
+def stream():
+    made = PictureStream(port=0)
+    yield made
+    made.close()
+
+
+def test_a_page_shows_the_newest_picture(stream):
+    with urllib.request.urlopen(stream.url, timeout=10) as page:
+        assert b'src="stream"' in page.read()
+    stream.show(grey(10))
+    stream.show(grey(170))
+    with urllib.request.urlopen(f"{stream.url}/stream", timeout=10) as answer:
+        assert "multipart/x-mixed-replace" in answer.headers["Content-Type"]
+        assert answer.readline().startswith(b"--")
+        answer.readline()
+        size = int(answer.readline().split(b":")[1])
+        answer.readline()
+        picture = cv2.imdecode(np.frombuffer(answer.read(size), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (48, 64, 3) and abs(picture.mean() - 170) < 3
+    with pytest.raises(urllib.error.HTTPError):
+        urllib.request.urlopen(f"{stream.url}/other", timeout=10)
+
+
+def test_a_taken_port_is_named(stream):
+    port = int(stream.url.rpartition(":")[2])
+    with pytest.raises(MachineError, match=f"port {port}"):
+        PictureStream(port)
+
+
+def test_the_watcher_hands_on_pose_and_pictures(tmp_path, stream):
+    made = make_motion(frames=3)
+    with Film(tmp_path / "f.mp4", fps=30.0) as film:
+        watcher = Watcher(made.rig, stream, film)
+        for t in range(3):
+            pose = LivePose(5.0 + t / 30, made.angles[t], forward(made.person, made.angles[t]),
+                            np.ones(18), True)  # fmt: skip
+            watcher(pose, [None, np.full((512, 640, 3), 60, np.uint8)])
+    found = frames(tmp_path / "f.mp4")
+    assert len(found) == 3 and found[0].shape == (360, 900 + 360, 3)
+    assert found[0][:, 460:880].mean() > 40 > found[0][:, 20:440].mean()
+    Watcher(made.rig)(pose, [None, None])

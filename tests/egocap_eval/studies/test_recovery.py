@@ -1,0 +1,66 @@
+"""Recovery: wrong poses are wrong, and detections bring the tracker back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from egocap.body.skeleton import LIMITS
+from egocap.data.sequence import open_sequence
+from egocap.detect.sources import detections_from
+from egocap.errors import InputError
+from egocap.pose.inverse_kinematics import nearest_angles
+from egocap_eval.studies.recovery import (
+    ASTRAY,
+    FOUND_MM,
+    LOST_MM,
+    WORST_MM,
+    ColourFollower,
+    by_colours,
+    by_detections,
+    draw_trials,
+)
+
+FRAMES = 4
+
+
+@pytest.fixture
+def footage(tiny_sequence):
+    return open_sequence(tiny_sequence)
+
+
+@pytest.fixture
+def trials(footage):
+    return list(draw_trials(footage, 2, FRAMES, np.random.default_rng(3)))
+
+
+def test_trials_begin_lost_within_the_sequence(footage, trials):
+    for trial in trials:
+        assert LOST_MM <= trial.error_mm <= WORST_MM
+        assert ASTRAY <= trial.frame <= len(footage) - FRAMES
+        assert (trial.angles >= LIMITS[:, 0]).all() and (trial.angles <= LIMITS[:, 1]).all()
+    again = list(draw_trials(footage, 2, FRAMES, np.random.default_rng(3)))
+    assert np.array_equal(trials[0].angles, again[0].angles)
+
+
+def test_short_sequences_are_refused(footage):
+    with pytest.raises(InputError, match="7 frames"):
+        next(draw_trials(footage, 2, 30, np.random.default_rng(3)))
+
+
+def test_detections_bring_the_tracker_back(footage, trials):
+    found = detections_from(footage, "simulated:1.0", 0)
+    assert by_detections(footage, found, trials[0], FRAMES) < FOUND_MM
+
+
+def test_without_detections_the_tracker_is_led_astray(footage, trials):
+    found = detections_from(footage, "simulated:1.0", 0)
+    nothing = replace(found, valid=np.zeros_like(found.valid))
+    assert by_detections(footage, nothing, trials[0], FRAMES) > FOUND_MM
+
+
+def test_colours_alone_follow_from_a_given_pose(footage, trials):
+    truth = footage.truth.joints_head
+    angles = np.array([nearest_angles(footage.proportions, joints) for joints in truth])
+    error = by_colours(footage, ColourFollower(footage, angles), trials[0], 2)
+    assert np.isfinite(error)

@@ -1,0 +1,109 @@
+"""Other people: clear of everyone at every moment, feet still, and the same for the same seed."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from egocap.errors import InputError
+from egocap.geometry import inverse, rigid
+from egocap_sim.assets.mesh import Actor
+from egocap_sim.core.bodies import FEET, INDEX
+from egocap_sim.crowd.bystanders import BEHAVIOURS, apart, limb_points, make_others
+from egocap_sim.human.body.soles import sole_points
+from egocap_sim.human.clothing import wardrobe
+from egocap_sim.motion.generators.registry import make_motion
+from egocap_sim.motion.retarget.kinematic_playback import sample_reference
+from egocap_sim.motion.retarget.retarget import retarget
+from egocap_sim.scene.config import OthersTable
+
+TIMES = np.arange(90) / 30
+
+
+@pytest.fixture(scope="module")
+def wearer(stand_in) -> np.ndarray:
+    clip = make_motion("gestures", 4.0, np.random.default_rng(1))
+    return sample_reference(stand_in, retarget(clip, stand_in), TIMES)
+
+
+@pytest.fixture
+def cast(monkeypatch, stand_in):
+    """Stand-ins in place of dressed people, who take half a second each."""
+
+    def make(seed, *, bystander, name):
+        assert bystander
+        return SimpleNamespace(**vars(stand_in) | {"name": name, "actor": Actor(name, ())})
+
+    monkeypatch.setattr(wardrobe, "make_person", make)
+
+
+def others(wearer, seed=3, blocked=(), bounds=4.0, **table):
+    return make_others(
+        OthersTable(**table),
+        np.random.default_rng(seed),
+        TIMES,
+        wearer,
+        bounds,
+        cameras(wearer),
+        blocked,
+    )
+
+
+def cameras(wearer) -> np.ndarray:
+    """Two, an arm's length before the head."""
+    head = wearer[:, INDEX["head"], :3, 3]
+    return head[:, None] + [[0.4, 0.2, 0.2], [0.4, -0.2, 0.2]]
+
+
+def bodies_of(extra, person) -> np.ndarray:
+    return extra.skinning @ inverse(rigid(np.eye(3), -person.joints))
+
+
+def test_everybody_keeps_clear_of_everybody(wearer, cast, stand_in):
+    things = [(np.array([1.2, 0.0]), 0.4)]
+    crowd = others(wearer, count=6, blocked=things)
+    everyone = [limb_points(b) for b in (wearer, *(bodies_of(e, stand_in) for e in crowd))]
+    for i, one in enumerate(everyone):
+        assert all(apart(one, other, 0.15).all() for other in everyone[:i])
+    for one in everyone[1:]:
+        eyes = cameras(wearer)[:, None]
+        assert np.linalg.norm(one[:, :, None] - eyes, axis=-1).min() > 0.3
+        assert np.linalg.norm(one[..., :2], axis=-1).max() < 4.2
+        assert np.linalg.norm(one[..., :2] - things[0][0], axis=-1).min() > 0.4
+
+
+@pytest.mark.parametrize("behaviour", BEHAVIOURS)
+def test_standing_feet_do_not_slide(wearer, cast, stand_in, behaviour):
+    (extra,) = others(wearer, count=1, behaviours=(behaviour,), farthest_m=3.0)
+    bodies = bodies_of(extra, stand_in)
+    soles = sole_points(stand_in, bodies[..., :3, 3], bodies[..., :3, :3])
+    assert soles.shape[1] == len(FEET)
+    low = np.maximum(soles[1:, ..., 2], soles[:-1, ..., 2]) < 0.004
+    speed = np.linalg.norm(np.diff(soles[..., :2], axis=0), axis=-1) * 30
+    assert np.median(speed[low]) < 0.05
+    assert -0.02 < soles[..., 2].min() < 0.01  # they neither float nor sink
+    assert (bodies[:, INDEX["head"], 2, 3] > 1.3).all()
+
+
+def test_the_same_generator_gives_the_same_crowd(wearer, cast):
+    one, two = (others(wearer, count=4) for _ in range(2))
+    for a, b in zip(one, two, strict=True):
+        assert a.actor.name == b.actor.name
+        np.testing.assert_array_equal(a.skinning, b.skinning)
+
+
+def test_too_many_for_the_place_is_an_error(wearer, cast):
+    with pytest.raises(InputError, match="no room for person"):
+        others(wearer, count=12, bounds=1.2, nearest_m=0.6, farthest_m=0.9)
+
+
+def test_impossible_tables_are_refused():
+    with pytest.raises(ValidationError, match="farthest_m"):
+        OthersTable(count=1, nearest_m=2.0, farthest_m=1.0)
+    with pytest.raises(ValidationError, match="12"):
+        OthersTable(count=13)
+    with pytest.raises(ValidationError, match="walk_by"):
+        OthersTable(count=1, behaviours=("dance",))

@@ -1,0 +1,105 @@
+"""A sequence is clean, or every thing wrong with it is named."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egocap.data.sequence import OUT_OF_VIEW, Truth
+from egocap.errors import FileError
+from egocap_sim.verify.verify import verify
+
+
+@pytest.fixture
+def folder(tiny_sequence: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(tiny_sequence, tmp_path / "copy"))
+
+
+def edit_manifest(folder: Path, change) -> None:
+    path = folder / "manifest.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def flip_byte(path: Path, at: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    path.write_bytes(data)
+
+
+def resave_truth(folder: Path, **arrays: np.ndarray) -> None:
+    """Truth with other values, recorded in the manifest as if it had been written so."""
+    from dataclasses import replace
+
+    from egocap.data.sequence_writer import FileEntry, hashlib
+
+    path = folder / "truth.npz"
+    replace(Truth.load(path), **arrays).save(path)
+    data = path.read_bytes()
+    entry = FileEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+    edit_manifest(folder, lambda m: m["files"].update({"truth.npz": entry.model_dump()}))
+
+
+def test_a_generated_sequence_is_clean(folder):
+    result = verify(folder)
+    assert result.clean and result.frames == 7
+    on_disk = sum(p.stat().st_size for p in folder.iterdir() if p.name != "manifest.json")
+    assert result.bytes == on_disk
+
+
+@pytest.mark.parametrize("name", ["shard-00002.tar", "truth.npz", "rig.json", "body.json"])
+def test_missing_and_damaged_files_are_named_once(folder, name):
+    flip_byte(folder / name, (folder / name).stat().st_size // 2)
+    (damaged,) = verify(folder).problems
+    assert damaged.startswith(name) and "checksum" in damaged
+    (folder / name).unlink()
+    assert verify(folder).problems == (f"{name}: is missing",)
+
+
+def test_all_damage_is_listed(folder):
+    for name in ("shard-00000.tar", "shard-00003.tar", "scene.toml"):
+        (folder / name).unlink()
+    assert len(verify(folder).problems) == 3
+
+
+def test_an_unfinished_sequence_says_what_is_missing(folder):
+    edit_manifest(folder, lambda m: m["shards"].pop())
+    assert verify(folder).problems == ("unfinished: 1 of 4 shards are not there yet",)
+
+
+def test_an_unfinished_truth_is_said(folder):
+    edit_manifest(folder, lambda m: m["files"].pop("truth.npz"))
+    assert verify(folder).problems == ("unfinished: truth.npz is not there yet",)
+
+
+def test_a_changed_configuration_is_seen(folder):
+    edit_manifest(folder, lambda m: m["config"].update(seed=7))
+    assert "configuration" in verify(folder).problems[0]
+
+
+def test_an_index_that_points_elsewhere_is_seen(folder):
+    edit_manifest(folder, lambda m: m["shards"][1]["frames"][0].update({"left.jpg": [512, 9]}))
+    assert any("shard-00001.tar: its members differ" in p for p in verify(folder).problems)
+
+
+def test_truth_that_contradicts_itself_is_seen(folder):
+    truth = Truth.load(folder / "truth.npz")
+    resave_truth(folder, joints_head=truth.joints_head + 0.01)
+    assert any("do not map onto the world's" in p for p in verify(folder).problems)
+    resave_truth(folder, joints_head=truth.joints_head, joints_2d=truth.joints_2d + 0.5)
+    assert any("'joints_2d' of left does not follow" in p for p in verify(folder).problems)
+    resave_truth(folder, joints_2d=truth.joints_2d, root_wrench=truth.root_wrench * np.nan)
+    assert verify(folder).problems == ("truth.npz: 'root_wrench' has values that are not finite",)
+    hidden = np.full_like(truth.visibility, OUT_OF_VIEW)
+    resave_truth(folder, root_wrench=truth.root_wrench, visibility=hidden)
+    assert verify(folder).problems == ("truth.npz: 'visibility' contradicts 'in_view'",)
+
+
+def test_what_is_no_sequence_is_an_error(tmp_path):
+    with pytest.raises(FileError, match="no such folder"):
+        verify(tmp_path / "none")
+    with pytest.raises(FileError, match=r"not a sequence: it has no manifest\.json"):
+        verify(tmp_path)

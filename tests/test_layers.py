@@ -22,7 +22,8 @@ LAYERS = (
     {"egocap.track"},
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
     {"egocap.view"},
-    {"egocap.cli", "egocap.__main__"},
+    {"egocap.cli"},
+    {"egocap.__main__"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 NOUNS = RANK["egocap.data"]  # the highest layer that the simulator may use

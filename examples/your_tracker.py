@@ -25,7 +25,7 @@ from egocap.data.detections import Detections
 from egocap.data.plugins import Footage
 from egocap.data.sequence import open_sequence
 from egocap.detect.sources import detections_from
-from egocap.evaluate.predictions import Predictions, save_predictions
+from egocap.evaluation.predictions import Predictions, save_predictions
 
 
 def track(footage: Footage, detections: Detections | None) -> np.ndarray:

@@ -17,7 +17,7 @@ LAYERS = (
     {"egocap.schema", "egocap.commandline"},
     {"egocap.cameras", "egocap.body"},
     {"egocap.data"},
-    {"egocap.detect", "egocap.evaluate", "egocap.pose"},  # these do not import each other
+    {"egocap.detect", "egocap.evaluation", "egocap.pose"},  # these do not import each other
     {"egocap.detect.train", "egocap.image_model"},
     {"egocap.track"},
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
@@ -82,8 +82,8 @@ def circle(graph: dict[str, set[str]]) -> None:
 
 
 def test_all_modules_are_found():
-    assert {"egocap.errors", "egocap.evaluate.metrics", "egocap_eval.cli"} <= MODULES.keys()
-    assert "egocap.errors" in everything("egocap.evaluate.metrics")
+    assert {"egocap.errors", "egocap.evaluation.metrics", "egocap_eval.cli"} <= MODULES.keys()
+    assert "egocap.errors" in everything("egocap.evaluation.metrics")
     assert "egocap_eval.harness.score_pose" in everything("egocap_eval.cli")
 
 

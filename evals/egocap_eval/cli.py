@@ -16,7 +16,7 @@ from egocap.commandline import run
 from egocap.errors import InputError
 
 if TYPE_CHECKING:
-    from egocap.evaluate import Report
+    from egocap.evaluation import Report
 
 STUDIES = {
     # command: (module with a function `study`, what `egocap-eval --help` says of it)

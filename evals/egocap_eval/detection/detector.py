@@ -18,7 +18,7 @@ from egocap.data.detections import Detections, load_detections
 from egocap.data.input_checks import require_same_times
 from egocap.data.sequence import VISIBLE, open_sequence
 from egocap.errors import InputError
-from egocap.evaluate.confidence import (
+from egocap.evaluation.confidence import (
     LEVELS,
     auroc,
     calibration_error,
@@ -27,7 +27,7 @@ from egocap.evaluate.confidence import (
     normalised_error,
     reliability,
 )
-from egocap.evaluate.metrics import (
+from egocap.evaluation.metrics import (
     auc,
     bootstrap_interval,
     mean_error,
@@ -35,7 +35,7 @@ from egocap.evaluate.metrics import (
     percentile,
     pixel_errors,
 )
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap_eval.detection.detector_speed import measure_speed
 from egocap_eval.harness.study import Outcome
 

@@ -23,10 +23,10 @@ from egocap.body.skeleton import LIMITS
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.detect.synthetic import LEARNED_LIKE
-from egocap.evaluate.ground_truth import Reference
-from egocap.evaluate.measures import find_measure, measure
-from egocap.evaluate.pose import beside_truth
-from egocap.evaluate.table import Table
+from egocap.evaluation.ground_truth import Reference
+from egocap.evaluation.measures import find_measure, measure
+from egocap.evaluation.pose import beside_truth
+from egocap.evaluation.table import Table
 from egocap.pose.config import TrackerConfig
 from egocap_eval.harness.motion_truth import Performance, draw_detections, perform_motion
 from egocap_eval.harness.result_file import load_result, save_result

@@ -10,7 +10,7 @@ import numpy as np
 
 from egocap.data.sequence import VISIBLE, Sequence
 from egocap.errors import EgocapError
-from egocap.evaluate import evaluate_detections
+from egocap.evaluation import evaluate_detections
 from egocap_eval.harness.check import Number
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.record.recorder import generate

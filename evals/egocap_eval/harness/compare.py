@@ -20,10 +20,10 @@ from numpy import ndarray as Array
 from tyro.conf import Positional, arg
 
 from egocap.errors import FileError, InputError
-from egocap.evaluate import MEASURES
-from egocap.evaluate.metrics import paired_interval
-from egocap.evaluate.pose import MIN_BLOCKS, block_of
-from egocap.evaluate.table import Table, number
+from egocap.evaluation import MEASURES
+from egocap.evaluation.metrics import paired_interval
+from egocap.evaluation.pose import MIN_BLOCKS, block_of
+from egocap.evaluation.table import Table, number
 from egocap_eval.harness.result_file import load_result
 from egocap_eval.harness.study import Outcome
 

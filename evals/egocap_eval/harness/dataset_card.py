@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from egocap.body.labels import LABELS
 from egocap.errors import InputError
-from egocap.evaluate.table import Table
+from egocap.evaluation.table import Table
 from egocap_eval.harness.study import Outcome
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from egocap.evaluate.table import number
+from egocap.evaluation.table import number
 
 LEVEL = 0.95
 

@@ -22,7 +22,7 @@ from egocap.commandline import progress
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.errors import EgocapError, FileError, InputError
-from egocap.evaluate.predictions import Predictions, save_predictions
+from egocap.evaluation.predictions import Predictions, save_predictions
 from egocap_eval.harness.result_file import config_hash, git_commit, write_text
 from egocap_eval.harness.score_pose import OWN_TRACKER, find_detections, run_tracker
 from egocap_eval.harness.suite import MethodEntry, Suite

@@ -15,10 +15,10 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import Sequence as Footage
-from egocap.evaluate import PROTOCOLS
-from egocap.evaluate.measures import MEASURES, Scored
-from egocap.evaluate.pose import frame_errors
-from egocap.evaluate.table import number
+from egocap.evaluation import PROTOCOLS
+from egocap.evaluation.measures import MEASURES, Scored
+from egocap.evaluation.pose import frame_errors
+from egocap.evaluation.table import number
 from egocap_eval.harness.result_file import provenance, write_text
 from egocap_eval.harness.suite import Suite
 from egocap_eval.harness.thresholds import Numbers, paper_table, summary_tables

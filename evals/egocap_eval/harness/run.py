@@ -29,10 +29,10 @@ from tyro.conf import Positional, arg
 from egocap.data.sequence import Sequence
 from egocap.data.sequence_writer import write_atomically
 from egocap.errors import FileError, InputError
-from egocap.evaluate.measures import MEASURES, Scored
-from egocap.evaluate.pose import frame_errors, report_of
-from egocap.evaluate.predictions import load_predictions
-from egocap.evaluate.protocol import find_protocol
+from egocap.evaluation.measures import MEASURES, Scored
+from egocap.evaluation.pose import frame_errors, report_of
+from egocap.evaluation.predictions import load_predictions
+from egocap.evaluation.protocol import find_protocol
 from egocap_eval.harness.footage import prepare_sequences
 from egocap_eval.harness.predict import (
     Job,

@@ -19,7 +19,7 @@ from egocap.data.plugins import DETECTORS, TRACKERS, Footage, find_plugin
 from egocap.data.sequence import VISIBLE, Sequence, Truth, open_sequence
 from egocap.data.track import Track, load_track
 from egocap.errors import FileError, InputError
-from egocap.evaluate import (
+from egocap.evaluation import (
     DetectionScore,
     Reference,
     Report,
@@ -27,16 +27,16 @@ from egocap.evaluate import (
     evaluate_pose,
     find_protocol,
 )
-from egocap.evaluate.frame_matching import (
+from egocap.evaluation.frame_matching import (
     Missing,
     in_head_frame,
     on_frames,
     require_a_person,
     warn_of_mix_ups,
 )
-from egocap.evaluate.measures import Scored
-from egocap.evaluate.pose import beside_truth, report_of
-from egocap.evaluate.predictions import Predictions, load_predictions
+from egocap.evaluation.measures import Scored
+from egocap.evaluation.pose import beside_truth, report_of
+from egocap.evaluation.predictions import Predictions, load_predictions
 
 OWN_TRACKER = "egocap"
 
@@ -105,7 +105,7 @@ def score_predictions(
     protocol: str = "egocap-17",
     missing: Missing = "refuse",
 ) -> Report:
-    """Score any method's poses (`egocap.evaluate.predictions`) against a sequence's truth.
+    """Score any method's poses (`egocap.evaluation.predictions`) against a sequence's truth.
 
     Raises:
         InputError: frames are missing, unknown or there twice, the size is no person's, or the

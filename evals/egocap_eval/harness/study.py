@@ -23,7 +23,7 @@ from tyro.conf import arg
 
 from egocap.commandline import DONE, MISSED
 from egocap.errors import InputError
-from egocap.evaluate.table import Table
+from egocap.evaluation.table import Table
 from egocap_eval.harness.result_file import plain, save_result, write_text
 
 FORMATS = (".json", ".md", ".txt")

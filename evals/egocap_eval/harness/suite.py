@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from egocap.errors import FileError, InputError
-from egocap.evaluate import find_measure, find_protocol
+from egocap.evaluation import find_measure, find_protocol
 from egocap.schema import Strict, checked, read_toml
 
 FOLDER = Path(__file__).parents[1] / "suites"

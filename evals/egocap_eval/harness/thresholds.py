@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from egocap.errors import EgocapError
-from egocap.evaluate import MEASURES, PROTOCOLS
-from egocap.evaluate.table import Table, number
+from egocap.evaluation import MEASURES, PROTOCOLS
+from egocap.evaluation.table import Table, number
 from egocap_eval.harness.result_file import load_result
 from egocap_eval.harness.suite import PaperRow, Suite
 

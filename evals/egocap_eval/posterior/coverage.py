@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.body.skeleton import DOFS
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 
 LEVELS = (0.5, 0.8, 0.95)
 CURVE = tuple(float(p) for p in np.linspace(0.05, 0.95, 19))

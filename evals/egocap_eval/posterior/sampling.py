@@ -24,7 +24,7 @@ from egocap.data.sequence import VISIBLE, Sequence, open_sequence
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import parse_source
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap_eval.harness.study import Outcome
 

@@ -19,7 +19,7 @@ from tyro.conf import UseAppendAction, arg
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.commandline import progress
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap_eval.harness.study import Outcome
 from egocap_eval.rig_design.rig_bounds import MODEL_ERROR_M, bound, track_errors
 from egocap_eval.rig_design.rig_report import Candidate, RigReport

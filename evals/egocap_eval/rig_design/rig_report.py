@@ -14,7 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.labels import EVALUATED, LABELS
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap_eval.rig_design.rig_sweep import Sweep
 
 PAPERS = (0.30, 0.40)

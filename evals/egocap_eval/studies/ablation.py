@@ -26,7 +26,7 @@ from egocap.data.track import Track
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import track
 from egocap_eval.harness.footage import footage_of

@@ -14,7 +14,7 @@ from egocap.data.sequence import Sequence as Footage
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import FileError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap.track.tracker import track
 from egocap_eval.harness.footage import footage_of
 from egocap_eval.harness.score_pose import score_track

@@ -22,7 +22,7 @@ import numpy as np
 from tyro.conf import arg
 
 from egocap.errors import InputError, MachineError
-from egocap.evaluate.table import Table
+from egocap.evaluation.table import Table
 from egocap_eval.harness.study import Outcome
 
 SPAWNED = "spawn_main"  # in the command line of a worker

@@ -21,7 +21,7 @@ from egocap.commandline import progress
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap.fitting.body_prior import BodyPrior, proportions_of
 from egocap.fitting.fit_body import BodyFit, fit_body
 from egocap.track.tracker import track

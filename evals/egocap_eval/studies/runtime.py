@@ -24,7 +24,7 @@ from egocap.data.sequence import Sequence as Footage
 from egocap.data.sequence import open_sequence
 from egocap.detect.sources import detections_from
 from egocap.errors import EgocapError, InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
 from egocap_eval.detection.detector_speed import measure_speed
 from egocap_eval.harness.footage import footage_of

@@ -14,7 +14,7 @@ import numpy as np
 from egocap.commandline import progress
 from egocap.detect.train.config import AugmentationConfig, TrainingConfig
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 
 if TYPE_CHECKING:
     from egocap.detect.network import NetworkConfig

@@ -21,10 +21,10 @@ from tyro.conf import arg
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
-from egocap.evaluate.ground_truth import Reference
-from egocap.evaluate.measures import measure
-from egocap.evaluate.pose import beside_truth
-from egocap.evaluate.table import Table
+from egocap.evaluation.ground_truth import Reference
+from egocap.evaluation.measures import measure
+from egocap.evaluation.pose import beside_truth
+from egocap.evaluation.table import Table
 from egocap.geometry import axis_angle
 from egocap_eval.harness.intervals import mean_and_interval, shown
 from egocap_eval.harness.motion_truth import Performance, draw_detections, on_rig, perform_motion

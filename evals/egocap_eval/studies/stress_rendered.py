@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from tyro.conf import arg
 
 from egocap.errors import InputError
-from egocap.evaluate.table import Table
+from egocap.evaluation.table import Table
 from egocap_eval.harness.footage import footage_of
 from egocap_eval.harness.intervals import mean_and_interval, shown
 from egocap_eval.harness.score_pose import find_detections, score_track, with_detections

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from egocap.errors import InputError
-from egocap.evaluate.table import Table
+from egocap.evaluation.table import Table
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.augmentation import ROWS as AUGMENTATIONS
 from egocap_eval.studies.small_detectors import (

@@ -17,7 +17,7 @@ from tyro.conf import arg
 
 from egocap.body.labels import LABELS
 from egocap.errors import InputError
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.table import Table, number
 from egocap_eval.harness.study import Outcome
 
 WIDEST, NARROWEST, STEP = 220, 120, 5  # degrees

@@ -10,8 +10,8 @@ import pytest
 
 from egocap.data.sequence import open_sequence
 from egocap.errors import FileError
-from egocap.evaluate.predictions import Predictions, save_predictions
-from egocap.evaluate.table import Table
+from egocap.evaluation.predictions import Predictions, save_predictions
+from egocap.evaluation.table import Table
 from egocap_eval import cli
 from egocap_eval.cli import main
 from egocap_eval.harness.result_file import load_result, save_result

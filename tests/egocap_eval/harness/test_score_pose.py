@@ -28,7 +28,7 @@ from egocap.data.sequence_writer import SequenceWriter, write_shard
 from egocap.data.track import Track, save_track
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
-from egocap.evaluate.predictions import Predictions, save_predictions
+from egocap.evaluation.predictions import Predictions, save_predictions
 from egocap.track.tracker import track
 from egocap_eval.cli import main
 from egocap_eval.harness.score_pose import run_tracker, score_track, with_detections

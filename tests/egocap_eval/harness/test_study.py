@@ -9,7 +9,7 @@ from typing import Annotated
 import pytest
 from tyro.conf import Positional, arg
 
-from egocap.evaluate.table import Table
+from egocap.evaluation.table import Table
 from egocap_eval import cli
 from egocap_eval.harness.result_file import config_hash
 from egocap_eval.harness.study import Outcome

@@ -9,13 +9,13 @@ from scipy.stats import scoreatpercentile
 
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.errors import InputError
-from egocap.evaluate.alignment import align_sequence, resize_bones
-from egocap.evaluate.foot_contact import estimate_planted
-from egocap.evaluate.ground_truth import Reference
-from egocap.evaluate.measures import MEASURES, find_measure, measure
-from egocap.evaluate.metrics import bootstrap_interval, paired_interval
-from egocap.evaluate.pose import beside_truth, evaluate_pose, frame_errors
-from egocap.evaluate.protocol import BONES, TREE, find_protocol
+from egocap.evaluation.alignment import align_sequence, resize_bones
+from egocap.evaluation.foot_contact import estimate_planted
+from egocap.evaluation.ground_truth import Reference
+from egocap.evaluation.measures import MEASURES, find_measure, measure
+from egocap.evaluation.metrics import bootstrap_interval, paired_interval
+from egocap.evaluation.pose import beside_truth, evaluate_pose, frame_errors
+from egocap.evaluation.protocol import BONES, TREE, find_protocol
 
 
 def motion(frames=90, seed=0, noise=0.0):

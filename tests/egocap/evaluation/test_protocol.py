@@ -3,7 +3,7 @@ import pytest
 
 from egocap.body.labels import LABELS
 from egocap.errors import InputError
-from egocap.evaluate.protocol import (
+from egocap.evaluation.protocol import (
     BONES,
     LOWER_LIMBS,
     PROTOCOLS,

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.data.input_checks import require_finite, require_shape
 from egocap.errors import InputError
-from egocap.evaluate.metrics import auc, mean_error, pck, percentile, pixel_errors
+from egocap.evaluation.metrics import auc, mean_error, pck, percentile, pixel_errors
 
 THRESHOLD = 20.0  # pixels at 640 x 512
 CURVE = tuple(float(t) for t in range(0, 31, 2))  # pixels at 640 x 512

@@ -3,7 +3,7 @@ import pytest
 
 from egocap.body.labels import LABELS
 from egocap.errors import InputError
-from egocap.evaluate import evaluate_detections
+from egocap.evaluation import evaluate_detections
 
 WIDTHS = np.array([1280, 1280])
 

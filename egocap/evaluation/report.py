@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from egocap.evaluate.detections import DetectionScore
-from egocap.evaluate.table import Table, number
+from egocap.evaluation.detections import DetectionScore
+from egocap.evaluation.table import Table, number
 
 UNITS: Mapping[str, str] = {
     "*_mm": "millimetres",

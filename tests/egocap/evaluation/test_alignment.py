@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import procrustes
 from scipy.spatial.transform import Rotation
 
-from egocap.evaluate.alignment import (
+from egocap.evaluation.alignment import (
     align_rigid,
     align_root,
     align_sequence,

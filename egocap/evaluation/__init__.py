@@ -3,12 +3,12 @@
 A new measure is one pure function in `metrics` and one line in `measures`.
 """
 
-from egocap.evaluate.detections import DetectionScore, evaluate_detections
-from egocap.evaluate.ground_truth import Reference
-from egocap.evaluate.measures import MEASURES, find_measure
-from egocap.evaluate.pose import evaluate_pose
-from egocap.evaluate.protocol import PROTOCOLS, Protocol, find_protocol
-from egocap.evaluate.report import Report
+from egocap.evaluation.detections import DetectionScore, evaluate_detections
+from egocap.evaluation.ground_truth import Reference
+from egocap.evaluation.measures import MEASURES, find_measure
+from egocap.evaluation.pose import evaluate_pose
+from egocap.evaluation.protocol import PROTOCOLS, Protocol, find_protocol
+from egocap.evaluation.report import Report
 
 __all__ = [
     "MEASURES",

@@ -8,7 +8,7 @@ from scipy.spatial import procrustes
 
 from egocap.body.labels import LABELS
 from egocap.errors import InputError
-from egocap.evaluate import Reference, evaluate_pose
+from egocap.evaluation import Reference, evaluate_pose
 
 KEYS = {
     "mpjpe_mm", "pa_mpjpe_mm", "upper_mm", "lower_mm", "median_mm", "p95_mm", "accel_error",

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import MIRROR
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
-from egocap.evaluate.predictions import UNITS, Predictions
+from egocap.evaluation.predictions import UNITS, Predictions
 from egocap.geometry import inverse, transform
 
 log = logging.getLogger(__name__)

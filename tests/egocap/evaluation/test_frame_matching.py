@@ -11,13 +11,13 @@ from egocap.body.labels import MIRROR
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
-from egocap.evaluate.frame_matching import (
+from egocap.evaluation.frame_matching import (
     in_head_frame,
     on_frames,
     require_a_person,
     warn_of_mix_ups,
 )
-from egocap.evaluate.predictions import Predictions
+from egocap.evaluation.predictions import Predictions
 from egocap.geometry import inverse, transform
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.evaluate import Reference, Report, evaluate_detections, evaluate_pose
+from egocap.evaluation import Reference, Report, evaluate_detections, evaluate_pose
 
 
 @pytest.fixture(scope="module")

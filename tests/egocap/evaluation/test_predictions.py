@@ -8,7 +8,7 @@ import pytest
 from egocap.body.joint_names import DATASET_NAMES
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.errors import FileError
-from egocap.evaluate.predictions import Predictions, load_predictions, save_predictions
+from egocap.evaluation.predictions import Predictions, load_predictions, save_predictions
 
 
 def predictions(frames=5):

@@ -13,8 +13,8 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.errors import InputError
-from egocap.evaluate import foot_contact, metrics
-from egocap.evaluate.protocol import BONES, LOWER_LIMBS, UPPER_LIMBS, Protocol, same_joints
+from egocap.evaluation import foot_contact, metrics
+from egocap.evaluation.protocol import BONES, LOWER_LIMBS, UPPER_LIMBS, Protocol, same_joints
 from egocap.geometry import transform
 
 MM = 1e3  # millimetres a metre

@@ -15,14 +15,14 @@ from numpy import ndarray as Array
 from egocap.body.joint_names import JOINT_SETS
 from egocap.body.labels import LABEL_INDEX, LIMBS
 from egocap.errors import InputError
-from egocap.evaluate.alignment import (
+from egocap.evaluation.alignment import (
     align_rigid,
     align_root,
     align_sequence,
     align_similarity,
     resize_bones,
 )
-from egocap.evaluate.metrics import bone_lengths
+from egocap.evaluation.metrics import bone_lengths
 
 HIPS = (LABEL_INDEX["left_hip"], LABEL_INDEX["right_hip"])
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from egocap.errors import InputError
-from egocap.evaluate import metrics
+from egocap.evaluation import metrics
 
 seeds = st.integers(0, 2**32 - 1)
 

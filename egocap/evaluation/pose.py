@@ -11,11 +11,11 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.data.input_checks import require_finite, require_same_times, require_shape
 from egocap.errors import InputError
-from egocap.evaluate import metrics
-from egocap.evaluate.ground_truth import Reference
-from egocap.evaluate.measures import MEASURES, MM, Scored, measure
-from egocap.evaluate.protocol import HIPS, PROTOCOLS, find_protocol
-from egocap.evaluate.report import Report
+from egocap.evaluation import metrics
+from egocap.evaluation.ground_truth import Reference
+from egocap.evaluation.measures import MEASURES, MM, Scored, measure
+from egocap.evaluation.protocol import HIPS, PROTOCOLS, find_protocol
+from egocap.evaluation.report import Report
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ def evaluate_pose(
         reference: the true ones.
         predicted_times: times of the tracked frames, to check that they are the same ones.
         valid: predicted joints that exist; all, when None. What the others hold is not read.
-        protocol: a name in `egocap.evaluate.protocol.PROTOCOLS`.
+        protocol: a name in `egocap.evaluation.protocol.PROTOCOLS`.
         rng: draws the bootstrap's samples; the same fixed stream each time when None.
 
     Raises:

@@ -52,7 +52,7 @@ def track(
         json: print the summary as JSON.
     """
     from egocap.body.proportions import Proportions
-    from egocap.data.detections import save_detections
+    from egocap.data import detections as detection_file
     from egocap.data.head_pose import in_world
     from egocap.data.sequence import Sequence
     from egocap.data.sequence_writer import disk_errors
@@ -72,7 +72,7 @@ def track(
             with disk_errors(path.parent):
                 path.parent.mkdir(parents=True, exist_ok=True)
     if save_detections is not None:
-        save_detections(save_detections, found)
+        detection_file.save_detections(save_detections, found)
     save_track(out, result)
     _print_summary(out, result, json)
     return DONE

@@ -101,7 +101,7 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
     """
     from dataclasses import asdict
 
-    from egocap_sim.verify.verify import verify as check
+    from egocap_sim.verification.integrity import verify as check
 
     result = check(sequence, rays)
     if json:

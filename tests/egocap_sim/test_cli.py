@@ -17,7 +17,7 @@ from egocap.data.sequence import Sequence, load_manifest
 from egocap_sim import cli
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, to_toml
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.integrity import verify
 from egocap_sim.world.overrides import Overrides, as_long_as_its_clip, overridden
 
 GOOD = 'name = "x"\nframes = 2\n[motion]\nname = "idle"\n[rig]\nsize = [96, 64]\n'

@@ -15,7 +15,7 @@ from egocap_eval.harness.check import Number
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene, load_scene
-from egocap_sim.verify.crosscheck import check_pixels
+from egocap_sim.verification.crosscheck import check_pixels
 
 log = logging.getLogger(__name__)
 

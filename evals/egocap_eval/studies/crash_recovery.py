@@ -132,7 +132,7 @@ def _workers(parent: int) -> list[int]:
 def judge(folder: Path, frames: int, sample: int) -> dict[str, Any]:
     """Verify a recording, and make some of its episodes again to compare."""
     from egocap.data.dataset import episode_name, load_episodes
-    from egocap_sim.verify.verify import verify
+    from egocap_sim.verification.integrity import verify
 
     checked = verify(folder)
     recording = load_episodes(folder)

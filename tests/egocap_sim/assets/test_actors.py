@@ -12,7 +12,7 @@ from egocap.errors import InputError
 from egocap_sim.core.part_labels import OBJECT, OTHER_PERSON
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene, load_scene, to_toml
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.integrity import verify
 
 
 def scene(**changes) -> Scene:

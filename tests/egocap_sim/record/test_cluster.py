@@ -10,7 +10,7 @@ import pytest
 from egocap.errors import MachineError
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.integrity import verify
 
 
 def checksums(folder: Path) -> dict[str, str]:

@@ -17,7 +17,7 @@ from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.record.episode_plan import catalogue, plan, scene_of
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.integrity import verify
 
 
 def scene(frames: int = 7, **changes) -> Scene:

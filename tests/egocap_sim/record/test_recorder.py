@@ -18,7 +18,7 @@ from egocap.errors import InputError
 from egocap.geometry import GRAVITY
 from egocap_sim.core.part_labels import RIG, WEARER_FIRST, WEARER_LAST
 from egocap_sim.record.recorder import generate
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.integrity import verify
 
 
 def checksums(folder: Path) -> dict[str, str]:

@@ -12,7 +12,7 @@ from egocap.errors import FileError
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene, load_scene, to_toml
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.integrity import verify
 
 FRAMES = 6
 

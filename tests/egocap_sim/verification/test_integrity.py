@@ -9,7 +9,7 @@ import pytest
 
 from egocap.data.sequence import OUT_OF_VIEW, Truth
 from egocap.errors import FileError
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.integrity import verify
 
 
 @pytest.fixture

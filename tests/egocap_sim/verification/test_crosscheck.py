@@ -14,8 +14,8 @@ from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.physics.simulation import simulate
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene
-from egocap_sim.verify.crosscheck import check_forces, check_pixels, check_rays
-from egocap_sim.verify.verify import verify
+from egocap_sim.verification.crosscheck import check_forces, check_pixels, check_rays
+from egocap_sim.verification.integrity import verify
 
 
 @pytest.fixture

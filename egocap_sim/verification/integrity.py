@@ -24,7 +24,7 @@ from egocap.data.sequence import (
 from egocap.data.sequence_writer import file_is_intact, shard_is_intact
 from egocap.errors import EgocapError
 from egocap.geometry import inverse, transform
-from egocap_sim.verify.crosscheck import RayCheck, check_forces, check_pixels, check_rays
+from egocap_sim.verification.crosscheck import RayCheck, check_forces, check_pixels, check_rays
 
 _PIXEL_TOLERANCE = 1e-6  # px: truth and rig are both stored in full precision
 _POSITION_TOLERANCE = 1e-9  # m

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.egocap.test_cli import complaint, egocap, tracked
-from tests.egocap.track.conftest import make_motion
 
 from egocap.cameras.rig_files import load_rig
 from egocap.data.detections import load_detections, save_detections
@@ -18,6 +16,8 @@ from egocap.errors import InputError
 from egocap.fitting.fit_body import fit_body
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import track
+from tests.egocap.cli.test_cli import complaint, egocap, tracked
+from tests.egocap.conftest import make_motion
 
 __all__ = ["egocap", "tracked"]  # fixtures
 

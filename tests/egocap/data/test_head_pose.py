@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from tests.egocap.io.test_bvh import made
 
 from egocap.data.head_pose import in_world, load_head_pose, poses_at
 from egocap.errors import FileError, InputError
 from egocap.geometry import axis_angle, rigid, transform
+from tests.egocap.data.test_bvh import made
 
 AXIS = np.array([0.0, 0.0, 1.0])
 

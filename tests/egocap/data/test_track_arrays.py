@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from tests.egocap.io.test_bvh import made
 
 from egocap.body.labels import LABELS
 from egocap.data.track_arrays import write_arrays
 from egocap.errors import MachineError
+from tests.egocap.data.test_bvh import made
 
 
 @pytest.mark.parametrize("world", [False, True])

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from tests.egocap.track.test_palette import BODY, POSE, RAYS, RIG, picture
 
 from egocap.image_model.colour_term import ColourTerm, ColourTermConfig
 from egocap.image_model.illumination import Illumination, learn_in_light
 from egocap.image_model.image_rays import ray_colours
+from tests.egocap.image_model.test_palette import BODY, POSE, RAYS, RIG, picture
 
 SHADES = np.random.default_rng(0).uniform(-0.1, 0.1, (91, 3)) * [0.3, 1.0, 1.0]
 DRESSED = BODY.with_colour(np.clip(BODY.colour + SHADES, 0.0, 1.0))

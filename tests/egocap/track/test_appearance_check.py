@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.egocap.track.conftest import make_motion
 
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import LABEL_INDEX, LABELS
@@ -17,6 +16,7 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import Modes, observe
 from egocap.track.appearance_check import EVIDENCE, _denied, without
 from egocap.track.tracker import track
+from tests.egocap.conftest import make_motion
 
 BLUE, GREY = np.array([0.6, 0.7, 0.6]), np.array([0.6, 0.02, 0.45])
 ARM = [LABEL_INDEX[f"left_{name}"] for name in ("elbow", "wrist", "hand")]

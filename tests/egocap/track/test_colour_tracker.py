@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from tests.egocap.track.test_palette import GREY, PERSON, POSE, RIG, picture
 
 from egocap.body.skeleton import DOF_INDEX, forward
 from egocap.errors import InputError
 from egocap.image_model.colour_solver import UPPER_BODY
 from egocap.image_model.colour_term import ColourTermConfig
 from egocap.track.colour_tracker import ColourTracker
+from tests.egocap.image_model.test_palette import GREY, PERSON, POSE, RIG, picture
 
 SMALL = RIG.resized(40, 40)
 TERM = ColourTermConfig(size=40, weight=0.03)

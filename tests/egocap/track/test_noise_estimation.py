@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.egocap.track.conftest import make_motion
 
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 from egocap.track.noise_estimation import independent, lasting, measure_accuracy, recalibrated
 from egocap.track.tracker import track
+from tests.egocap.conftest import make_motion
 
 CONFIG = TrackerConfig(model_error_m=0.0)
 

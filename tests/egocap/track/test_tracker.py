@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.egocap.track.conftest import make_motion
 
 from egocap.body.proportions import Proportions
 from egocap.data.detections import Detections
@@ -13,6 +12,7 @@ from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import InputError
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import track
+from tests.egocap.conftest import make_motion
 
 
 def run(motion, detections, **settings):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tests.egocap.track.conftest import make_motion
 
 from egocap.body.skeleton import AGILITY
 from egocap.pose import kernel
@@ -13,6 +12,7 @@ from egocap.pose.observations import observe
 from egocap.track import smoother
 from egocap.track.tracker import track
 from egocap.track.uncertainty import banded_inverse, confidences
+from tests.egocap.conftest import make_motion
 
 CONFIG = TrackerConfig()
 

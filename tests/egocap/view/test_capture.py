@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.egocap.track.conftest import make_motion
 
 from egocap.errors import InputError, MachineError
 from egocap.pose.config import TrackerConfig
 from egocap.track.online import LiveTracker
 from egocap.track.tracker import track
 from egocap.view.capture import LiveReport, Source, first_pictures, follow_live
+from tests.egocap.conftest import make_motion
 
 LIVE = TrackerConfig(smoothing="none")
 PARTS = ("times", "points", "sigma", "confidence", "valid")

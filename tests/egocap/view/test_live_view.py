@@ -6,7 +6,6 @@ import urllib.request
 import cv2
 import numpy as np
 import pytest
-from tests.egocap.track.conftest import make_motion
 
 from egocap.body.skeleton import forward
 from egocap.errors import InputError, MachineError
@@ -14,6 +13,7 @@ from egocap.track.online import LivePose
 from egocap.view.live_page import PictureStream
 from egocap.view.live_view import Watcher
 from egocap.view.video import Film
+from tests.egocap.conftest import make_motion
 
 
 def grey(value):

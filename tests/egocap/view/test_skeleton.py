@@ -1,10 +1,10 @@
 """A drawn pose: over the joints it belongs to, and upright in space."""
 
 import numpy as np
-from tests.egocap.track.conftest import make_motion
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.view.skeleton import LEFT, RIGHT, UNSURE, draw_in_space, draw_pose, side_by_side
+from tests.egocap.conftest import make_motion
 
 
 def near(image, pixel, colour):

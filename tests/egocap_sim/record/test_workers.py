@@ -6,7 +6,7 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 
 from egocap.errors import MachineError
-from egocap_sim.record.recorder import workers
+from egocap_sim.record import workers
 
 
 def run(monkeypatch, deaths, jobs=1) -> list[int]:

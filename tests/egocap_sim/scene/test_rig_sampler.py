@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from egocap.cameras.rig_files import load_rig
 from egocap_sim.render.fisheye import build_atlas
-from egocap_sim.scene.config import rig_sampler
+from egocap_sim.scene import rig_sampler
 from egocap_sim.scene.rig_sampler import headgear_for, sample_rig
 
 

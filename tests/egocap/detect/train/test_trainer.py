@@ -14,8 +14,7 @@ from egocap.detect.train.checkpoint import load_checkpoint, load_run_weights
 from egocap.detect.train.config import NO_AUGMENTATION, AugmentationConfig, TrainingConfig
 from egocap.detect.train.trainer import Trainer
 from egocap.errors import FileError, InputError
-
-from .synthetic import store
+from tests.egocap.detect.synthetic_store import store
 
 TINY = CONFIGS["tiny"]
 SHORT = TrainingConfig(

@@ -7,8 +7,7 @@ import torch
 from egocap.detect.network import CONFIGS, build_network
 from egocap.detect.train.examples import HIDDEN, SEEN
 from egocap.detect.train.validation import Predictions, auroc, predict, score, sigma_bias
-
-from .synthetic import store
+from tests.egocap.detect.synthetic_store import store
 
 
 def predictions(off, state=None, log_sigma=0.0, visible=0.9):

@@ -17,8 +17,8 @@ from egocap_sim.motion.generators.keyframes import DOWN, Score
 from egocap_sim.motion.generators.stance import draw_style
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import minimum_jerk
-from egocap_sim.motion.kinematics.legs import bend_arm
-from egocap_sim.motion.retarget.foot_planting import body_positions
+from egocap_sim.motion.kinematics.figure import joint_positions
+from egocap_sim.motion.kinematics.limbs import bend_limb
 from egocap_sim.motion.retarget.palms import palm_of
 
 Bodies = Float[Array, "T 21 4 4"]
@@ -93,8 +93,10 @@ def meet(offer: Offer, person: Person, bodies: Bodies, fps: float) -> Bodies:
     palm = palm_of(person, "r")
     at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
     smooth = gaussian_filter1d(offer.share, 0.06 * fps, mode="nearest")
-    R = bend_arm(bodies[..., :3, 3], bodies[..., :3, :3], "r", smooth[:, None] * (offer.palm - at))
-    return rigid(R, body_positions(person, bodies[:, 0, :3, 3], R))
+    R = bend_limb(
+        bodies[..., :3, 3], bodies[..., :3, :3], "r", smooth[:, None] * (offer.palm - at), arm=True
+    )
+    return rigid(R, joint_positions(person.joints, bodies[:, 0, :3, 3], R))
 
 
 def _arm(person: Person) -> float:

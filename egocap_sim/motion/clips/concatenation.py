@@ -88,13 +88,13 @@ def _on_same_spots(clip: Clip, before: Clip) -> Clip:
 
 def _feet_kept(clip: Clip, wanted: Clip) -> Clip:
     """Bend the legs so that the feet are where and as another clip has them."""
-    from egocap_sim.motion.kinematics.limbs import two_bones
+    from egocap_sim.motion.kinematics.limbs import solve_limbs
 
     R = clip.rotations.copy()
     for s in ("l_", "r_"):
         thigh, calf, foot, toe = (INDEX[s + part] for part in ("thigh", "calf", "foot", "toe"))
         forward = wanted.rotations[:, thigh, :, 0]
-        R[:, thigh], R[:, calf] = two_bones(
+        R[:, thigh], R[:, calf] = solve_limbs(
             clip.positions[:, thigh], wanted.positions[:, foot], forward,
             figure.THIGH, figure.CALF, knee=True,
         )  # fmt: skip

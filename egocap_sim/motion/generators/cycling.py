@@ -19,12 +19,11 @@ from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.person import Person
 from egocap_sim.motion.generators.stance import HANG, draw_style
 from egocap_sim.motion.kinematics import figure
-from egocap_sim.motion.kinematics.aiming import aim_wrists
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import slow_noise, turn
-from egocap_sim.motion.kinematics.legs import bend_arm, bend_leg
-from egocap_sim.motion.kinematics.posing import SIDES, Controls, pose_figure
-from egocap_sim.motion.retarget.foot_planting import body_positions
+from egocap_sim.motion.kinematics.figure import joint_positions
+from egocap_sim.motion.kinematics.limbs import bend_limb
+from egocap_sim.motion.kinematics.posing import SIDES, Controls, aim_wrists, pose_figure
 from egocap_sim.motion.retarget.palms import palm_of
 from egocap_sim.motion.retarget.retarget import Reference
 
@@ -127,13 +126,15 @@ def fit_rider(
     R = reference.rotations
     pedals = transform(T_world_bike, ride.pedals(t, scale))
     for i, side in enumerate("lr"):
-        p = body_positions(person, reference.root, R)
-        R = bend_leg(p, R, side, pedals[:, i] - _ball_of_foot(person, p, R, side))
-    grips = grips_of(person, body_positions(person, reference.root, R), R, T_world_bike @ steering)
+        p = joint_positions(person.joints, reference.root, R)
+        R = bend_limb(p, R, side, pedals[:, i] - _ball_of_foot(person, p, R, side))
+    grips = grips_of(
+        person, joint_positions(person.joints, reference.root, R), R, T_world_bike @ steering
+    )
     held = transform(T_world_bike @ steering, np.broadcast_to(grips, (len(t), 2, 3)))
     for i, side in enumerate("lr"):
-        p = body_positions(person, reference.root, R)
-        R = bend_arm(p, R, side, held[:, i] - _palm(person, p, R, side))
+        p = joint_positions(person.joints, reference.root, R)
+        R = bend_limb(p, R, side, held[:, i] - _palm(person, p, R, side), arm=True)
     return dataclasses.replace(reference, rotations=R)
 
 

@@ -11,10 +11,9 @@ from numpy import ndarray as Array
 
 from egocap_sim.motion.generators.stance import draw_style
 from egocap_sim.motion.generators.walk import CirclingWay, WalkParams, walk_along
-from egocap_sim.motion.kinematics.aiming import aim_wrists, hermite
 from egocap_sim.motion.kinematics.clip import Clip
-from egocap_sim.motion.kinematics.curves import minimum_jerk, turn
-from egocap_sim.motion.kinematics.posing import pose_figure
+from egocap_sim.motion.kinematics.curves import hermite, minimum_jerk, turn
+from egocap_sim.motion.kinematics.posing import aim_wrists, pose_figure
 
 PUSH_S = 0.22  # seconds the hand stays with the ball
 FLIGHT_S = 0.40  # from the hand to the floor and back

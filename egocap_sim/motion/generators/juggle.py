@@ -13,10 +13,9 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap_sim.motion.generators.stance import draw_style, standing
-from egocap_sim.motion.kinematics.aiming import aim_wrists, hermite
 from egocap_sim.motion.kinematics.clip import Clip
-from egocap_sim.motion.kinematics.curves import turn
-from egocap_sim.motion.kinematics.posing import pose_figure
+from egocap_sim.motion.kinematics.curves import hermite, turn
+from egocap_sim.motion.kinematics.posing import aim_wrists, pose_figure
 
 BALLS = 3
 PALM = 0.085  # metres from the wrist to the middle of the palm

@@ -198,7 +198,7 @@ def _wrapped(angle: float) -> float:
 
 def _splay(hips: np.ndarray, thigh: np.ndarray, leg: np.ndarray, sign: float) -> float:
     """How far the knee of a leg points outward, as `Foot.splay` counts it."""
-    from egocap_sim.motion.kinematics.legs import shortest_arc
+    from egocap_sim.motion.kinematics.limbs import shortest_arc
 
     way = leg / np.linalg.norm(leg)
     local = (shortest_arc(-hips[:, 2], way) @ hips).T @ thigh[:, 0]

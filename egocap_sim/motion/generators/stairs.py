@@ -40,9 +40,10 @@ from egocap_sim.motion.generators.walk import WalkParams, swinging_arms
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import slow_noise, turn
-from egocap_sim.motion.kinematics.legs import bend_leg
+from egocap_sim.motion.kinematics.figure import joint_positions
+from egocap_sim.motion.kinematics.limbs import bend_limb
 from egocap_sim.motion.kinematics.posing import SIDES, Controls, pose_figure
-from egocap_sim.motion.retarget.foot_planting import body_positions, foot_correction, standing
+from egocap_sim.motion.retarget.foot_planting import foot_correction, standing
 from egocap_sim.motion.retarget.retarget import Reference
 
 STEP_S = 0.62  # seconds from one foot to the other
@@ -139,14 +140,14 @@ def fit_climber(
     root, R = reference.root, reference.rotations
 
     def raised() -> Array:
-        points = sole_points(person, body_positions(person, root, R), R)
+        points = sole_points(person, joint_positions(person.joints, root, R), R)
         points[..., 2] -= np.repeat(below, 2, axis=1)[:, :, None]
         return points
 
     root = root - np.percentile(raised()[..., 2].min((1, 2)), 8.0) * np.array([0.0, 0.0, 1.0])
     for k, side in enumerate("lr"):
         move = foot_correction(raised()[:, 2 * k : 2 * k + 2], fps)
-        R = bend_leg(body_positions(person, root, R), R, side, move)
+        R = bend_limb(joint_positions(person.joints, root, R), R, side, move)
     points = raised()
     planted, touching = standing(points, fps), points[..., 2].min(-1) < 0.01
     return dataclasses.replace(

@@ -67,3 +67,16 @@ def turn(
     R[..., 0, 2], R[..., 1, 2] = cy * sp * cr + sy * sr, sy * sp * cr - cy * sr
     R[..., 2, 1], R[..., 2, 2] = cp * sr, cp * cr
     return R
+
+
+def hermite(
+    s: Float[Array, "T"], a: Array, b: Array, slope_a: Array, slope_b: Array
+) -> Float[Array, "T 3"]:
+    """Cubic curve over s in 0..1 between points with given slopes (per unit of s)."""
+    s = s[:, None]
+    return (
+        (1 + 2 * s) * (1 - s) ** 2 * a
+        + s * s * (3 - 2 * s) * b
+        + s * (1 - s) ** 2 * slope_a
+        - s * s * (1 - s) * slope_b
+    )

@@ -1,4 +1,4 @@
-"""A standard adult: joint positions of the 21 bodies at rest, and forward kinematics on them.
+"""A standard adult: joint positions of the 21 bodies at rest, and forward kinematics.
 
 Procedural motions are made on this figure; retargeting scales them to a person. Proportions are
 fractions of the height.
@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from numpy import ndarray as Array
 
-from egocap_sim.core.bodies import BODIES, INDEX
-from egocap_sim.motion.kinematics.forward_kinematics import joint_positions
+from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 
 HEIGHT = 1.75  # metres
 
@@ -56,3 +56,40 @@ def positions(
 ) -> Float[Array, "T 21 3"]:
     """World joint positions of the figure under world rotations of its bodies."""
     return joint_positions(REST, pelvis, rotations)
+
+
+def joint_positions(
+    rest: Float[Array, "21 3"], root: Float[Array, "T 3"], rotations: Float[Array, "T 21 3 3"]
+) -> Float[Array, "T 21 3"]:
+    """World joint positions of a skeleton with joints at `rest` under world rotations, metres."""
+    p = np.empty((len(rotations), len(PARENTS), 3))
+    p[:, 0] = root
+    _place_all(bone_offsets(rest), np.ascontiguousarray(rotations, float), p)
+    return p
+
+
+def bone_offsets(rest: Float[Array, "21 3"]) -> Float[Array, "21 3"]:
+    """Rest position of each joint relative to its parent's; the root's position is absolute."""
+    parents = np.array(PARENTS[1:])
+    return np.concatenate([rest[:1], rest[1:] - rest[parents]])
+
+
+@njit(cache=True)
+def place_joints(
+    offset: Float[Array, "21 3"], rotations: Float[Array, "21 3 3"], p: Float[Array, "21 3"]
+) -> None:
+    """Forward kinematics of one frame: write all joints but the root, p[0]."""
+    for b in range(1, len(p)):
+        parent = PARENTS[b]
+        for i in range(3):
+            p[b, i] = p[parent, i]
+            for j in range(3):
+                p[b, i] += rotations[parent, i, j] * offset[b, j]
+
+
+@njit(cache=True)
+def _place_all(
+    offset: Float[Array, "21 3"], rotations: Float[Array, "T 21 3 3"], p: Float[Array, "T 21 3"]
+) -> None:
+    for t in range(len(p)):
+        place_joints(offset, rotations[t], p[t])

@@ -1,4 +1,4 @@
-"""Two-bone inverse kinematics: an arm or a leg from its root, its end, and the side it bends to."""
+"""Two-bone inverse kinematics of arms and legs: solved anew (compiled), or bent as they are."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from jaxtyping import Float
 from numba import njit
 from numpy import ndarray as Array
 
+from egocap import geometry
+from egocap_sim.core.bodies import INDEX
 from egocap_sim.motion.kinematics.vectors import (
     Axes,
     Vector,
@@ -23,9 +25,10 @@ from egocap_sim.motion.kinematics.vectors import (
 )  # fmt: skip
 
 STRAIGHTEST = 0.998  # of the limb's length: farther ends are brought back, nothing hyperextends
+_REACH = 0.999  # of the leg's length: a straighter knee has no side
 
 
-def two_bones(
+def solve_limbs(
     root: Float[Array, "T 3"],
     end: Float[Array, "T 3"],
     bend_towards: Float[Array, "T 3"],
@@ -56,16 +59,16 @@ def _bend_all(
     lower_R: Float[Array, "T 3 3"],
 ) -> None:
     for t in range(len(reach)):
-        a, b = bent(vector(reach[t]), vector(bend_towards[t]), upper, lower, knee)
+        a, b = solve_limb(vector(reach[t]), vector(bend_towards[t]), upper, lower, knee)
         put(upper_R[t], a)
         put(lower_R[t], b)
 
 
 @njit(cache=True)
-def bent(
+def solve_limb(
     reach: Vector, bend_towards: Vector, upper: float, lower: float, knee: bool
 ) -> tuple[Axes, Axes]:
-    """`two_bones` of one frame, `reach` from the root to the end."""
+    """`solve_limbs` of one frame, `reach` from the root to the end."""
     distance = length(reach)
     axis = scaled(reach, 1.0 / max(distance, 1e-9))
     nearest, farthest = abs(upper - lower) * 1.05 + 0.02, STRAIGHTEST * (upper + lower)
@@ -88,3 +91,53 @@ def bend_angle(upper: Float[Array, "T 3 3"], lower: Float[Array, "T 3 3"]) -> Fl
     """Flexion of an elbow or knee in radians: positive where the calf swings back, for a knee."""
     local = np.swapaxes(upper, -1, -2) @ lower
     return np.arctan2(local[..., 0, 2], local[..., 2, 2])
+
+
+def bend_limb(
+    positions: Float[Array, "T 21 3"],
+    rotations: Float[Array, "T 21 3 3"],
+    side: str,
+    move: Float[Array, "T 3"],
+    *,
+    arm: bool = False,
+) -> Float[Array, "T 21 3 3"]:
+    """Turn thigh and calf, or the arm, of side 'l' or 'r' so that its end moves by `move` metres.
+
+    Beyond the limb's reach the end goes as far as it can. Foot and hand keep their orientation;
+    the middle joint stays in its plane through root and end.
+    """
+    parts = ("upperarm", "forearm", "hand") if arm else ("thigh", "calf", "foot")
+    thigh, calf, foot = (INDEX[f"{side}_{part}"] for part in parts)
+    hip, knee, ankle = positions[:, thigh], positions[:, calf], positions[:, foot]
+    upper, lower = (
+        np.linalg.norm(knee - hip, axis=1, keepdims=True),
+        np.linalg.norm(ankle - knee, axis=1, keepdims=True),
+    )
+    reach = ankle + move - hip
+    distance = np.linalg.norm(reach, axis=1, keepdims=True)
+    # A leg that is straighter already may stay so.
+    far = np.maximum(_REACH * (upper + lower), np.linalg.norm(ankle - hip, axis=1, keepdims=True))
+    distance = np.clip(distance, np.abs(upper - lower) * 1.01, far)
+    towards = geometry.unit(reach)
+    swing = shortest_arc(geometry.unit(ankle - hip), towards)
+    bent = np.einsum("tij,tj->ti", swing, knee - hip)
+    # A straight knee has no plane of its own: it then bends to the front of the thigh,
+    # an elbow to the back of the arm.
+    ahead = bent + (-1e-4 if arm else 1e-4) * rotations[:, thigh, :, 0]
+    out = geometry.unit(ahead - (ahead * towards).sum(1, keepdims=True) * towards)
+    along = (distance**2 + upper**2 - lower**2) / (2 * distance)
+    new_knee = along * towards + np.sqrt(np.maximum(upper**2 - along**2, 0.0)) * out
+    shin = distance * towards - new_knee
+    turned = rotations.copy()
+    swung = np.einsum("tij,tj->ti", swing, ankle - knee)
+    for body, before, after in ((thigh, bent, new_knee), (calf, swung, shin)):
+        arc = shortest_arc(geometry.unit(before), geometry.unit(after))
+        turned[:, body] = arc @ swing @ rotations[:, body]
+    return turned
+
+
+def shortest_arc(a: Float[Array, "*n 3"], b: Float[Array, "*n 3"]) -> Float[Array, "*n 3 3"]:
+    """The smallest rotations that turn unit vectors a into unit vectors b (not opposite ones)."""
+    K = geometry.skew(np.cross(a, b))
+    cosine = (a * b).sum(-1)[..., None, None]
+    return np.eye(3) + K + K @ K / (1.0 + cosine)

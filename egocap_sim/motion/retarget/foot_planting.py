@@ -14,8 +14,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import corners_of, soles
-from egocap_sim.motion.kinematics.forward_kinematics import joint_positions
-from egocap_sim.motion.kinematics.legs import bend_leg
+from egocap_sim.motion.kinematics.figure import joint_positions
+from egocap_sim.motion.kinematics.limbs import bend_limb
 
 _FLOOR_PERCENTILE = 8.0  # of the lowest sole's height: robust against a few low frames
 _NEAR = 0.10  # metres: a slow lowest sole point this close to the floor is standing on it
@@ -41,21 +41,14 @@ def plant(
     (`egocap_sim.core.bodies.FEET`).
     """
     boxes = soles(person)
-    root = snap(corners_of(boxes, body_positions(person, root, turned), turned), root, fps)
-    points = corners_of(boxes, body_positions(person, root, turned), turned)
+    root = snap(corners_of(boxes, joint_positions(person.joints, root, turned), turned), root, fps)
+    points = corners_of(boxes, joint_positions(person.joints, root, turned), turned)
     moves = [foot_correction(points[:, 2 * s : 2 * s + 2], fps) for s in range(2)]
     for side, move in zip(("l", "r"), moves, strict=True):
-        positions = body_positions(person, root, turned)
-        turned = bend_leg(positions, turned, side, move)
-    points = corners_of(boxes, body_positions(person, root, turned), turned)
+        positions = joint_positions(person.joints, root, turned)
+        turned = bend_limb(positions, turned, side, move)
+    points = corners_of(boxes, joint_positions(person.joints, root, turned), turned)
     return root, turned, standing(points, fps), points[..., 2].min(-1) < _TOUCH_HEIGHT
-
-
-def body_positions(
-    person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"]
-) -> Float[Array, "T 21 3"]:
-    """Forward kinematics: joint positions of all bodies in the world, metres."""
-    return joint_positions(person.joints, root, turned)
 
 
 def snap(

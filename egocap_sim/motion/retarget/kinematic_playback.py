@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from egocap.geometry import matrix_to_quaternion, quaternion_to_matrix, rigid
 from egocap_sim.human.body.person import Person
-from egocap_sim.motion.retarget.foot_planting import body_positions
+from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.retarget.retarget import Reference, continuous
 
 
@@ -27,4 +27,4 @@ def sample_reference(
     between = (1 - s)[:, None, None] * q[k] + s[:, None, None] * q[k + 1]
     rotations = quaternion_to_matrix(between / np.linalg.norm(between, axis=-1, keepdims=True))
     root = (1 - s)[:, None] * reference.root[k] + s[:, None] * reference.root[k + 1]
-    return rigid(rotations, body_positions(person, root, rotations))
+    return rigid(rotations, joint_positions(person.joints, root, rotations))

@@ -22,7 +22,7 @@ from egocap_sim.core.pose_sampling import slerp
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import foot_yaw
 from egocap_sim.motion.kinematics.clip import Clip
-from egocap_sim.motion.kinematics.legs import shortest_arc
+from egocap_sim.motion.kinematics.limbs import shortest_arc
 from egocap_sim.motion.retarget.foot_planting import plant
 
 _SHORTEST_S = 0.2

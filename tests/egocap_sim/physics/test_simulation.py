@@ -8,7 +8,7 @@ from egocap.geometry import GRAVITY, LEFT, UP, axis_angle
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
-from egocap_sim.motion.retarget.foot_planting import body_positions
+from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.physics.control import ControlConfig
 from egocap_sim.physics.model import build_model
@@ -70,7 +70,7 @@ def test_follows_a_squat(stand_in, squat):
     assert t.stats.planted_foot_speed_cm_s < 1.0
     assert t.stats.penetration_max_cm < 0.5
     assert t.stats.residual_wrench_bw < 0.1
-    wanted = body_positions(stand_in, squat.root, squat.rotations)
+    wanted = joint_positions(stand_in.joints, squat.root, squat.rotations)
     # Reference at 50, trajectory at 30 frames a second: every fifth and every third coincide.
     error = np.linalg.norm(t.T_world_body[::3, :, :3, 3] - wanted[::5], axis=-1)
     assert np.mean(error) < 0.01
@@ -119,7 +119,7 @@ def test_frames_fall_on_their_times(stand_in, squat):
 
 def test_starts_late_and_holds_the_end(stand_in, squat):
     late = simulate(stand_in, squat, start_s=1.0, n_frames=10)
-    wanted = body_positions(stand_in, squat.root, squat.rotations)[50]
+    wanted = joint_positions(stand_in.joints, squat.root, squat.rotations)[50]
     np.testing.assert_allclose(late.T_world_body[0, :, :3, 3], wanted, atol=1e-6)
     long = simulate(stand_in, squat, start_s=2.5, n_frames=60)
     assert len(long.T_world_body) == 60

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from egocap.geometry import axis_angle, unit
 from egocap_sim.motion.kinematics import vectors
 from egocap_sim.motion.kinematics.curves import turn
-from egocap_sim.motion.kinematics.legs import shortest_arc
+from egocap_sim.motion.kinematics.limbs import shortest_arc
 
 RNG = np.random.default_rng(0)
 ANGLES = RNG.uniform(-3.0, 3.0, (20, 3))

@@ -9,7 +9,7 @@ from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.human.body.soles import sole_points
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
-from egocap_sim.motion.retarget.foot_planting import body_positions
+from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.retarget.retarget import canonical_offsets, retarget
 
 FPS = 60.0
@@ -26,7 +26,7 @@ def clip(rotations=None, pelvis=None, seconds=1.0, fps=FPS, **changes) -> Clip:
 
 
 def pose(person, reference):
-    return body_positions(person, reference.root, reference.rotations)
+    return joint_positions(person.joints, reference.root, reference.rotations)
 
 
 def direction(P, a, b):

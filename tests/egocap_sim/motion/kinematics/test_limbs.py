@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from egocap.geometry import axis_angle
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.motion.kinematics import figure
-from egocap_sim.motion.kinematics.legs import bend_leg, shortest_arc
+from egocap_sim.motion.kinematics.limbs import bend_limb, shortest_arc
 
 
 def _crouch(bend: float) -> np.ndarray:
@@ -25,7 +25,7 @@ def _crouch(bend: float) -> np.ndarray:
 def test_ankle_goes_where_it_is_sent(move, bend, side):
     R = _crouch(bend)
     P = figure.positions(R, np.zeros((1, 3)))
-    new_R = bend_leg(P, R, side, np.array([move]))
+    new_R = bend_limb(P, R, side, np.array([move]))
     new_P = figure.positions(new_R, np.zeros((1, 3)))
     foot = INDEX[f"{side}_foot"]
     np.testing.assert_allclose(new_P[0, foot], P[0, foot] + move, atol=1e-9)
@@ -40,7 +40,7 @@ def test_ankle_goes_where_it_is_sent(move, bend, side):
 def test_ankle_out_of_reach_goes_as_far_as_it_can():
     R = np.tile(np.eye(3), (1, 21, 1, 1))
     P = figure.positions(R, np.zeros((1, 3)))
-    new_P = figure.positions(bend_leg(P, R, "l", np.array([[0.0, 0.0, -0.5]])), np.zeros((1, 3)))
+    new_P = figure.positions(bend_limb(P, R, "l", np.array([[0.0, 0.0, -0.5]])), np.zeros((1, 3)))
     leg = figure.THIGH + figure.CALF
     reach = np.linalg.norm(new_P[0, INDEX["l_foot"]] - new_P[0, INDEX["l_thigh"]])
     assert 0.99 * leg < reach < leg + 1e-9
@@ -49,7 +49,7 @@ def test_ankle_out_of_reach_goes_as_far_as_it_can():
 def test_straight_knee_bends_forwards():
     R = np.tile(np.eye(3), (1, 21, 1, 1))
     P = figure.positions(R, np.zeros((1, 3)))
-    new_P = figure.positions(bend_leg(P, R, "r", np.array([[0.0, 0.0, 0.2]])), np.zeros((1, 3)))
+    new_P = figure.positions(bend_limb(P, R, "r", np.array([[0.0, 0.0, 0.2]])), np.zeros((1, 3)))
     assert new_P[0, INDEX["r_calf"], 0] > P[0, INDEX["r_calf"], 0] + 0.1
 
 

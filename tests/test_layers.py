@@ -84,7 +84,7 @@ def circle(graph: dict[str, set[str]]) -> None:
 def test_all_modules_are_found():
     assert {"egocap.errors", "egocap.evaluation.metrics", "egocap_eval.cli"} <= MODULES.keys()
     assert "egocap.errors" in everything("egocap.evaluation.metrics")
-    assert "egocap_eval.harness.score_pose" in everything("egocap_eval.cli")
+    assert "egocap_eval.harness.commands" in everything("egocap_eval.cli")
 
 
 @pytest.mark.parametrize("name", [m for m in MODULES if m.startswith("egocap.")])

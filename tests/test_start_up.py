@@ -46,7 +46,7 @@ COMMANDS = {
         "personalised",
         "check",
         "stress",
-        "survival",
+        "crash-recovery",
         "dataset",
     ),
 }

@@ -82,11 +82,11 @@ class Report:
 
     def to_text(self) -> str:
         """Aligned plain text for a terminal."""
-        return "\n\n".join([self._heading(), *(table.text() for table in self.tables())])
+        return "\n\n".join([self.heading(), *(table.text() for table in self.tables())])
 
     def to_markdown(self) -> str:
         """Markdown with pipe tables."""
-        return "\n\n".join([self._heading(), *(table.markdown() for table in self.tables())])
+        return "\n\n".join([self.heading(), *(table.markdown() for table in self.tables())])
 
     def tables(self) -> list[Table]:
         """What the text and the Markdown show, in order."""
@@ -98,7 +98,8 @@ class Report:
             tables.append(_detection_table(scores))
         return tables
 
-    def _heading(self) -> str:
+    def heading(self) -> str:
+        """Protocol, frames and source in one line; warnings below."""
         source = f"; {self.method}" if self.method else ""
         source += f"; detections {self.detections_source}" if self.detections_source else ""
         first = f"{self.protocol}: {self.protocol_description}; {self.frames} frames{source}"

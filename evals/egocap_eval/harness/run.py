@@ -33,6 +33,7 @@ from egocap.evaluation.measures import MEASURES, Scored
 from egocap.evaluation.pose import frame_errors, report_of
 from egocap.evaluation.predictions import load_predictions
 from egocap.evaluation.protocol import find_protocol
+from egocap_eval.harness.commands import STUDIES, main
 from egocap_eval.harness.footage import prepare_sequences
 from egocap_eval.harness.predict import (
     Job,
@@ -144,8 +145,6 @@ def score(
 
 def run_studies(suite: Suite, work: Path) -> None:
     """The suite's studies by their own commands, where their results are not there yet."""
-    from egocap_eval.cli import main
-
     for entry in suite.studies:
         path = work / "studies" / f"{entry.name}.json"
         words = [entry.name, *entry.options, "--out", str(path)]
@@ -172,8 +171,6 @@ def missed_by_studies(suite: Suite, work: Path) -> list[str]:
 
 def _check(suite: Suite) -> None:
     """InputError for studies and settings that are not there, before any long work."""
-    from egocap_eval.cli import STUDIES
-
     for entry in suite.studies:
         if entry.name not in STUDIES:
             raise InputError(f"no study '{entry.name}'", valid=STUDIES)

@@ -1,4 +1,4 @@
-"""Score a track on the sequence it was made from."""
+"""Scores of a track, or of any method's poses, on the sequence they were made from."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
+from tyro.conf import Positional, arg
 
 from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
@@ -37,65 +39,95 @@ from egocap.evaluation.frame_matching import (
 from egocap.evaluation.measures import Scored
 from egocap.evaluation.pose import beside_truth, report_of
 from egocap.evaluation.predictions import Predictions, load_predictions
+from egocap_eval.harness.study import Outcome
 
 OWN_TRACKER = "egocap"
 
 
-def score_files(
-    sequence: Path,
-    track: Path | None = None,
-    detections: Path | None = None,
-    protocol: str = "egocap-17",
-    *,
-    predictions: Path | None = None,
-    missing: Missing = "refuse",
-) -> Report:
-    """Score a track or predictions file against a sequence's truth, and the detections if given.
+def study(
+    sequence: Positional[Annotated[Path, arg(metavar="SEQ")]],
+    /,
+    track: Annotated[Path | None, arg(metavar="FILE")] = None,
+    predictions: Annotated[Path | None, arg(metavar="FILE")] = None,
+    tracker: Annotated[str | None, arg(metavar="NAME")] = None,
+    detections: Annotated[str | None, arg(metavar="SOURCE")] = None,
+    protocol: Annotated[str, arg(metavar="NAME")] = "egocap-17",
+    missing: Literal["refuse", "skip"] = "refuse",
+) -> Outcome:
+    """Score a tracked motion, or any method's poses, against the truth of its sequence.
 
-    Raises:
-        FileError: a file cannot be read, or does not belong to the sequence.
-        InputError: neither or both of `track` and `predictions` are given.
+    Args:
+        sequence: Folder of the sequence the poses were made from.
+        track: Track file written by `egocap track`.
+        predictions: Poses of any method, .npz or .jsonl with joints, unit and frame stated.
+        tracker: Run egocap, or a plug-in (an installed one, or MODULE:FUNCTION), and score its
+            result.
+        detections: File of detections the poses were made from, scored too; with --tracker also
+            a source such as simulated:2.0, or detector:PLUG-IN.
+        protocol: Joints (egocap-17, egocap-18, unrealego-16, mo2cap2-15), alone or with
+            -mid-hip, -rigid, -pa, -sequence, -sequence-rigid or -ba for an alignment.
+        missing: What to do about frames that the predictions lack.
     """
+    given = [path for path in (track, predictions, tracker) if path is not None]
+    if len(given) != 1:
+        valid = "exactly one of --track, --predictions, --tracker"
+        raise InputError(f"{len(given)} results to score", valid=valid)
     opened = open_sequence(sequence)
-    find_protocol(protocol)  # before any file is blamed
-    if (track is None) == (predictions is None):
-        raise InputError("nothing to score, or too much", valid="one of --track, --predictions")
-    if track is not None:
-        report, config = _score_track_file(opened, track, protocol)
+    find_protocol(protocol)  # before any file is read
+    provenance = {"sequence": str(sequence), "seed": opened.manifest.seed,
+                  "content_sha256": opened.manifest.config_sha256}  # fmt: skip
+    if tracker is not None:
+        report = _score_plugin(opened, tracker, detections, protocol)
+        report = replace(report, provenance=provenance | {"tracker": tracker})
     else:
-        assert predictions is not None
-        loaded = load_predictions(predictions)
-        with _blamed_on(predictions):
-            report = score_predictions(opened, loaded, protocol=protocol, missing=missing)
-        config = {"method": loaded.method, "frame": loaded.frame, "unit": loaded.unit}
-    if detections is not None:
-        found = load_detections(detections)
-        with _blamed_on(detections):
-            report = with_detections(report, opened, found)
-    files = {"sequence": sequence, "track": track, "predictions": predictions,
-             "detections": detections}  # fmt: skip
-    return replace(
-        report,
-        provenance={
-            **{name: str(path) for name, path in files.items() if path is not None},
-            "seed": opened.manifest.seed,
-            "content_sha256": opened.manifest.config_sha256,
-            "sequence_code_version": opened.manifest.code_version,
-            "track_config": config,
-        },
-    )
+        if track is not None:
+            report, config = _score_track_file(opened, track, protocol)
+        else:
+            assert predictions is not None
+            report, config = _score_predictions_file(opened, predictions, protocol, missing)
+        if detections is not None:
+            found = load_detections(Path(detections))
+            with _naming(Path(detections)):
+                report = with_detections(report, opened, found)
+        files = {"track": track, "predictions": predictions, "detections": detections}
+        provenance |= {name: str(path) for name, path in files.items() if path is not None}
+        version = {"sequence_code_version": opened.manifest.code_version}
+        report = replace(report, provenance=provenance | version | {"track_config": config})
+    return Outcome(report.to_dict(), report.tables(), heading=report.heading())
 
 
 def _score_track_file(
     sequence: Sequence, path: Path, protocol: str
-) -> tuple[Report, dict[str, object]]:
+) -> tuple[Report, dict[str, Any]]:
     tracked = load_track(path)
     content = sequence.manifest.config_sha256
     if tracked.config.get("sequence", content) != content:
         valid = f"a track of {sequence.folder}"
         raise FileError(path, "was made from another sequence", valid=valid)
-    with _blamed_on(path):
+    with _naming(path):
         return score_track(sequence, tracked, protocol=protocol), tracked.config
+
+
+def _score_predictions_file(
+    sequence: Sequence, path: Path, protocol: str, missing: Missing
+) -> tuple[Report, dict[str, Any]]:
+    loaded = load_predictions(path)
+    with _naming(path):
+        report = score_predictions(sequence, loaded, protocol=protocol, missing=missing)
+    return report, {"method": loaded.method, "frame": loaded.frame, "unit": loaded.unit}
+
+
+def _score_plugin(
+    sequence: Sequence, tracker: str, detections: str | None, protocol: str
+) -> Report:
+    found = None if detections is None else find_detections(sequence, detections)
+    result = run_tracker(tracker, sequence, found)
+    if isinstance(result, Track):
+        report = score_track(sequence, result, protocol=protocol)
+    else:
+        report = score_predictions(sequence, result, protocol=protocol)
+    report = report if found is None else with_detections(report, sequence, found)
+    return replace(report, method=tracker)
 
 
 def score_predictions(
@@ -143,28 +175,6 @@ def _doubts(sequence: Sequence, predictions: Predictions, missing: Missing) -> l
     return warn_of_mix_ups(
         positions, valid, truth.joints_head, predictions.frame, sequence.rig, truth.T_world_head
     )
-
-
-def score_plugin(
-    sequence: Path, tracker: str, detections: str | None = None, protocol: str = "egocap-17"
-) -> Report:
-    """Run a plugged-in tracker on a sequence, on detections of a source if named, and score it.
-
-    Raises:
-        InputError: there is no such plug-in or source, or what it made cannot be scored.
-    """
-    find_protocol(protocol)
-    opened = open_sequence(sequence)
-    found = None if detections is None else find_detections(opened, detections)
-    result = run_tracker(tracker, opened, found)
-    if isinstance(result, Track):
-        report = score_track(opened, result, protocol=protocol)
-    else:
-        report = score_predictions(opened, result, protocol=protocol)
-    report = report if found is None else with_detections(report, opened, found)
-    provenance = {"sequence": str(sequence), "seed": opened.manifest.seed, "tracker": tracker,
-                  "content_sha256": opened.manifest.config_sha256}  # fmt: skip
-    return replace(report, method=tracker, provenance=provenance)
 
 
 def find_detections(sequence: Sequence, source: str) -> Detections:
@@ -290,7 +300,7 @@ def _widths(rig: Rig) -> Float[Array, "V"]:
 
 
 @contextmanager
-def _blamed_on(path: Path) -> Iterator[None]:
+def _naming(path: Path) -> Iterator[None]:
     """Name the file in errors about what it holds."""
     try:
         yield

@@ -1,6 +1,6 @@
-"""Studies: what one hands back, and how its command prints and records it, the same for all.
+"""The frame around every study: options in; printed tables and one result file out.
 
-A study is a module with a function `study`, named in `STUDIES` of `egocap_eval.cli`. Its parameters
+A study is a module with a function `study`, named in `egocap_eval.harness.commands`. Its parameters
 (with defaults, and an `Args:` section in the docstring) become the options of `egocap-eval NAME`;
 it returns an `Outcome` and neither prints nor writes results. The options --json, --markdown and
 --out are added here, as is the record of command, configuration, machine, versions and time.
@@ -45,6 +45,7 @@ class Outcome:
     tables: Sequence[Table] = ()
     missed: Sequence[str] = ()  # targets that were not met, in words: exit code 3
     config: Mapping[str, Any] = field(default_factory=dict)  # JSON-ready
+    heading: str = ""  # above the tables
 
     def to_json(self) -> str:
         """The result as text."""
@@ -52,11 +53,11 @@ class Outcome:
 
     def to_text(self) -> str:
         """Tables for a terminal."""
-        return "\n\n".join(table.text() for table in self.tables)
+        return "\n\n".join(filter(None, [self.heading, *(t.text() for t in self.tables)]))
 
     def to_markdown(self) -> str:
         """Tables as Markdown."""
-        return "\n\n".join(table.markdown() for table in self.tables)
+        return "\n\n".join(filter(None, [self.heading, *(t.markdown() for t in self.tables)]))
 
 
 def as_command(
@@ -80,13 +81,13 @@ def as_command(
     @functools.wraps(study)
     def command(*args: Any, **options: Any) -> int:
         json, markdown, out = (options.pop(p.name) for p in common)
-        check_output(json, markdown, out)
+        _check_output(json, markdown, out)
         wall, cpu = time.perf_counter(), time.process_time()
         outcome = study(*args, **options)
         spent = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
         given = signature.bind(*args, **options).arguments
         if out is not None:
-            write_outcome(out, outcome, ["egocap-eval", *words], options=given, seconds=spent)
+            _write(out, outcome, ["egocap-eval", *words], given, spent)
         print(outcome.to_json() if json else outcome.to_markdown() if markdown
               else outcome.to_text())  # fmt: skip
         for what in outcome.missed:
@@ -101,23 +102,17 @@ def as_command(
     return command
 
 
-def check_output(json: bool, markdown: bool, out: Path | None) -> None:
-    """InputError for --json with --markdown, or an --out of no known format."""
+def _check_output(json: bool, markdown: bool, out: Path | None) -> None:
     if json and markdown:
         raise InputError("--json and --markdown exclude each other", valid="one of them")
     if out is not None and out.suffix not in FORMATS:
         raise InputError(f"--out {out}: no format for '{out.suffix}'", valid=FORMATS)
 
 
-def write_outcome(
-    path: Path,
-    outcome: Outcome,
-    words: Sequence[str],
-    *,
-    options: Mapping[str, Any],
+def _write(
+    path: Path, outcome: Outcome, words: Sequence[str], options: Mapping[str, Any],
     seconds: Mapping[str, float],
-) -> None:
-    """Write an outcome in the format of the file's name; JSON with its provenance."""
+) -> None:  # fmt: skip
     if path.suffix == ".json":
         config = {"options": plain(options), **outcome.config}
         result = {**outcome.result, "missed": list(outcome.missed)}

@@ -1,23 +1,23 @@
-"""How exactly the main job tracks: scenes and real clips, simulated detections, several noises."""
+"""Accuracy and speed of tracking scenes and real clips from simulated detections."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from tyro.conf import arg
 
 from egocap.data.sequence import Sequence as Footage
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import LEARNED_LIKE
-from egocap.errors import FileError
+from egocap.errors import FileError, InputError
 from egocap.evaluation.table import Table, number
 from egocap.track.tracker import track
 from egocap_eval.harness.footage import footage_of
 from egocap_eval.harness.score_pose import score_track
+from egocap_eval.harness.study import Outcome
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, load_scene
 from egocap_sim.world.stage import frames_of_clip
@@ -30,81 +30,46 @@ SOURCES = {"simulated:0,occluded=keep": 10.0, "simulated:2.0": 30.0, LEARNED_LIK
 LEAST_RATE = 100.0  # frames/s on one core
 
 
-@dataclass(frozen=True)
-class Row:
-    """One sequence tracked from one kind of detections; errors are means over noise seeds."""
+def study(
+    work: Annotated[Path, arg(metavar="DIR")] = Path("out/accuracy"),
+    motions: Annotated[Path | None, arg(metavar="DIR")] = None,
+    size: tuple[int, int] = (640, 512),
+    seeds: int = 3,
+    workers: int = 2,
+) -> Outcome:
+    """Track the validation scenes from simulated detections; exit code 3 when a target is missed.
 
-    sequence: str
-    detections: str
-    frames: int
-    mpjpe_mm: float
-    worst_seed_mm: float
-    upper_mm: float
-    lower_mm: float
-    p95_mm: float
-    seen_mm: float
-    hidden_mm: float | None
-    seen_share: float
-    accel_error: float
-    frames_per_second: float  # the slowest seed's
-
-
-@dataclass(frozen=True)
-class AccuracyReport:
-    """All rows, and what was not reached."""
-
-    rows: tuple[Row, ...]
-    seeds: int
-    size: tuple[int, int]
-
-    def missed(self) -> list[str]:
-        """Targets that are not met, in words."""
-        missed = []
-        for row in self.rows:
-            if not row.worst_seed_mm <= SOURCES[row.detections]:
-                missed.append(f"{row.sequence}, {row.detections}: {row.worst_seed_mm:.1f} mm, "
-                              f"not {SOURCES[row.detections]:g}")  # fmt: skip
-            if not row.frames_per_second >= LEAST_RATE:
-                missed.append(f"{row.sequence}, {row.detections}: {row.frames_per_second:.0f} "
-                              f"frames/s, not {LEAST_RATE:g}")  # fmt: skip
-        return missed
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        rows = [{k: round(v, 2) if isinstance(v, float) else v for k, v in asdict(r).items()}
-                for r in self.rows]  # fmt: skip
-        return {"protocol": "egocap-17", "noise_seeds": self.seeds, "image_size": list(self.size),
-                "missed": self.missed(), "rows": rows}  # fmt: skip
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
-
-    def to_table(self) -> Table:
-        """One row a sequence and kind of detections."""
-        header = ("sequence", "detections", "frames", "MPJPE mm", "upper", "lower", "95 %",
-                  "seen", "hidden", "seen %", "frames/s")  # fmt: skip
-        rows = tuple(
-            (r.sequence, r.detections, str(r.frames), number(r.mpjpe_mm), number(r.upper_mm),
-             number(r.lower_mm), number(r.p95_mm), number(r.seen_mm), number(r.hidden_mm),
-             number(100 * r.seen_share), number(r.frames_per_second, 0))
-            for r in self.rows
-        )  # fmt: skip
-        return Table(f"egocap-17, mean over {self.seeds} noise seeds", header, rows)
-
-
-def run_accuracy(
-    work: Path, *, motions: Path | None, size: tuple[int, int], seeds: int, workers: int
-) -> AccuracyReport:
-    """Generate what is missing in folder `work`, track it with every kind of detections, score it.
-
-    `motions` holds the clips of `CLIPS`; without it only the built-in scenes are run.
+    Args:
+        work: Folder of the sequences; made where they are missing.
+        motions: Folder with the validation clips bvh/007_05.bvh and npz/basketball_signal_3.npz,
+            tracked too when given.
+        size: Image width and height in pixels.
+        seeds: How many draws of the detections' noise to average over.
+        workers: Rendering processes.
     """
+    if seeds < 1:
+        raise InputError(f"{seeds} seeds", valid="1 or more")
     rows = []
     for scene in _scenes(motions, size):
         footage = footage_of(scene, work / scene.name, workers)
-        rows += [_row(scene.name, footage, source, seeds) for source in SOURCES]
-    return AccuracyReport(tuple(rows), seeds, size)
+        rows += [row_of(scene.name, footage, source, seeds) for source in SOURCES]
+    rounded = [{k: round(v, 2) if isinstance(v, float) else v for k, v in row.items()}
+               for row in rows]  # fmt: skip
+    result = {"protocol": "egocap-17", "noise_seeds": seeds, "image_size": list(size),
+              "rows": rounded}  # fmt: skip
+    return Outcome(result, [_table(rows, seeds)], missed(rows))
+
+
+def missed(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Targets that are not met, in words."""
+    found = []
+    for row in rows:
+        name, most = f"{row['sequence']}, {row['detections']}", SOURCES[row["detections"]]
+        if not row["worst_seed_mm"] <= most:
+            found.append(f"{name}: {row['worst_seed_mm']:.1f} mm, not {most:g}")
+        if not row["frames_per_second"] >= LEAST_RATE:
+            found.append(f"{name}: {row['frames_per_second']:.0f} frames/s, not {LEAST_RATE:g}")
+    return found
 
 
 def _scenes(motions: Path | None, size: tuple[int, int]) -> list[Scene]:
@@ -125,30 +90,37 @@ def _scene_of_clip(like: Scene, path: Path) -> Scene:
     return scene.model_copy(update={"frames": min(frames_of_clip(scene), CLIP_FRAMES)})
 
 
-def _row(name: str, sequence: Footage, source: str, seeds: int) -> Row:
+def row_of(name: str, sequence: Footage, source: str, seeds: int) -> dict[str, Any]:
+    """One sequence tracked from one kind of detections; errors are means over noise seeds."""
     reports, rates = [], []
     for seed in range(seeds):
         found = detections_from(sequence, source, seed)
         tracked = track(found, sequence.rig, sequence.proportions)
         reports.append(score_track(sequence, tracked))
         rates.append(1.0 / tracked.seconds_per_frame)
-    hidden = [r.hidden_mm for r in reports]
-    return Row(
-        sequence=name,
-        detections=source,
-        frames=len(sequence),
-        mpjpe_mm=_mean([r.mpjpe_mm for r in reports]),
-        worst_seed_mm=max(r.mpjpe_mm for r in reports),
-        upper_mm=_mean([r.upper_mm for r in reports]),
-        lower_mm=_mean([r.lower_mm for r in reports]),
-        p95_mm=_mean([r.p95_mm for r in reports]),
-        seen_mm=_mean([r.visible_mm for r in reports]),
-        hidden_mm=None if None in hidden else _mean(hidden),
-        seen_share=_mean([r.visible_share for r in reports]),
-        accel_error=_mean([r.accel_error for r in reports]),
-        frames_per_second=min(rates),
-    )
+
+    def mean(field: str) -> float | None:
+        values = [getattr(report, field) for report in reports]
+        return None if None in values else float(np.mean(values))
+
+    return {
+        "sequence": name, "detections": source, "frames": len(sequence),
+        "mpjpe_mm": mean("mpjpe_mm"), "worst_seed_mm": max(r.mpjpe_mm for r in reports),
+        "upper_mm": mean("upper_mm"), "lower_mm": mean("lower_mm"), "p95_mm": mean("p95_mm"),
+        "seen_mm": mean("visible_mm"), "hidden_mm": mean("hidden_mm"),
+        "seen_share": mean("visible_share"), "accel_error": mean("accel_error"),
+        "frames_per_second": min(rates),  # the slowest seed's
+    }  # fmt: skip
 
 
-def _mean(values: Sequence[Any]) -> float:
-    return float(np.mean(values))
+def _table(rows: Sequence[Mapping[str, Any]], seeds: int) -> Table:
+    columns = {"MPJPE mm": "mpjpe_mm", "upper": "upper_mm", "lower": "lower_mm", "95 %": "p95_mm",
+               "seen": "seen_mm", "hidden": "hidden_mm"}  # fmt: skip
+    cells = tuple(
+        (r["sequence"], r["detections"], str(r["frames"]),
+         *(number(r[key]) for key in columns.values()),
+         number(100 * r["seen_share"]), number(r["frames_per_second"], 0))
+        for r in rows
+    )  # fmt: skip
+    header = ("sequence", "detections", "frames", *columns, "seen %", "frames/s")
+    return Table(f"egocap-17, mean over {seeds} noise seeds", header, cells)

@@ -1,26 +1,51 @@
-"""How well bone lengths come out of detections.
-
-    python -m egocap_eval.studies.fit_body SEQ... --out FILE.json
-
-SEQ are simulated sequences; each is fitted from its detections alone, and the person's true
-proportions judge the result, bone by bone and by what the fit says of itself.
-"""
+"""How exact fitted bone lengths are: per bone, and by how well the fit claims to determine it."""
 
 from __future__ import annotations
 
-import argparse
 import json
-import shlex
-import sys
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from tyro.conf import Positional, arg
 
 from egocap.body.skeleton import POINTS
 from egocap.data.sequence import Sequence
 from egocap.detect.sources import detections_from
+from egocap.evaluation.table import Table, number
 from egocap.fitting.fit_body import BodyFit, first_seconds, fit_body
+from egocap_eval.harness.study import Outcome
+
+
+def study(
+    sequences: Positional[Annotated[tuple[Path, ...], arg(metavar="SEQ")]],
+    /,
+    detections: Annotated[str, arg(metavar="SOURCE")] = "simulated:2",
+    seconds: float = 20.0,
+    with_height: bool = False,
+) -> Outcome:
+    """Fit a body to each sequence's detections and compare its bones with the true ones.
+
+    Args:
+        sequences: Simulated sequences.
+        detections: Source of detections, as for `egocap track`.
+        seconds: Length of each sequence that is used.
+        with_height: Give the fit each person's height.
+    """
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    for folder in sequences:
+        sequence = Sequence(folder)
+        height = person_height(folder) if with_height else None
+        observed = detections_from(sequence, detections, 0)
+        fit = fit_body(first_seconds(observed, seconds), sequence.rig, height)
+        found[folder.name] = bone_errors(fit, sequence.proportions.bone_lengths)
+    result = {"summary": summary(found), "bones": list(POINTS), "sequences": found}
+    return Outcome(result, [summary_table(result["summary"])])
+
+
+def person_height(folder: Path) -> float:
+    """Height in metres of the simulated person of a sequence."""
+    return float(json.loads((folder / "person.json").read_text(encoding="utf-8"))["height_m"])
 
 
 def bone_errors(fit: BodyFit, truth: dict[str, float]) -> dict[str, dict[str, Any]]:
@@ -54,34 +79,12 @@ def summary(sequences: dict[str, dict[str, dict[str, Any]]]) -> dict[str, Any]:
     return result
 
 
-def main() -> None:
-    """Fit, judge, print and write."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("sequences", type=Path, nargs="+")
-    parser.add_argument("--detections", default="simulated:2")
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--with-height", action="store_true", help="state each person's height")
-    parser.add_argument("--out", type=Path)
-    words = parser.parse_args()
-    found: dict[str, dict[str, dict[str, Any]]] = {}
-    for folder in words.sequences:
-        sequence = Sequence(folder)
-        person = json.loads((folder / "person.json").read_text(encoding="utf-8"))
-        height = float(person["height_m"]) if words.with_height else None
-        detections = detections_from(sequence, words.detections, 0)
-        fit = fit_body(first_seconds(detections, words.seconds), sequence.rig, height)
-        found[folder.name] = bone_errors(fit, sequence.proportions.bone_lengths)
-    result = {"summary": summary(found), "bones": list(POINTS), "sequences": found}
-    print(json.dumps(result["summary"], indent=1))
-    if words.out:
-        from egocap_eval.harness.result_file import save_result
-
-        save_result(
-            words.out,
-            result,
-            shlex.join(["python", "-m", "egocap_eval.studies.fit_body", *sys.argv[1:]]),
-        )
-
-
-if __name__ == "__main__":
-    main()
+def summary_table(found: dict[str, Any]) -> Table:
+    """Errors by the fit's own verdict on each bone."""
+    header = ("bones", "number", "mean error %", "worst %", "within 3 %")
+    rows = tuple(
+        (verdict, str(line["bones"]), number(line["mean_percent"]), number(line["worst_percent"]),
+         number(100 * line["share_within_3_percent"], 0))
+        for verdict, line in found.items() if isinstance(line, dict)
+    )  # fmt: skip
+    return Table("fitted bones, by how well the fit determines them", header, rows)

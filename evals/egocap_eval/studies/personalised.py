@@ -8,7 +8,6 @@ an average adult. The people are development seeds, or the held-out ones of the 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ from egocap.fitting.fit_body import BodyFit, fit_body
 from egocap.track.tracker import track
 from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
-from egocap_eval.studies.fit_body import bone_errors, summary
+from egocap_eval.studies.fit_body import bone_errors, person_height, summary, summary_table
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, load_scene
 
@@ -81,7 +80,7 @@ def study(
     bones, rows = {}, []
     for case in cases:
         sequence = _recorded(case.calibration, folder, workers)
-        stature = _height(folder / case.calibration.name) if height else None
+        stature = person_height(folder / case.calibration.name) if height else None
         fit = fit_body(detections_from(sequence, detections, 0), sequence.rig, stature)
         bones[case.name] = bone_errors(fit, sequence.proportions.bone_lengths)
         for clip in case.clips:
@@ -91,7 +90,7 @@ def study(
         "fit": summary(bones), "bones": bones, "rows": rows, "mean": _means(rows),
     }  # fmt: skip
     missed = _missed(bones, rows) if heldout else []
-    return Outcome(result, (_fit_table(result["fit"]), _table(rows)), missed)
+    return Outcome(result, (summary_table(result["fit"]), _table(rows)), missed)
 
 
 def development_cases(people: int, first_seed: int, frames: int) -> list[Case]:
@@ -139,11 +138,6 @@ def _recorded(scene: Scene, folder: Path, workers: int) -> Sequence:
     return open_sequence(folder / scene.name)
 
 
-def _height(folder: Path) -> float:
-    person = json.loads((folder / "person.json").read_text(encoding="utf-8"))
-    return float(person["height_m"])
-
-
 def _tracked(sequence: Sequence, fit: BodyFit, detections: str) -> Iterator[dict[str, Any]]:
     found = detections_from(sequence, detections, 0)
     bodies: dict[str, Proportions] = {
@@ -187,16 +181,6 @@ def _missed(bones: dict[str, dict[str, dict[str, Any]]], rows: list[dict[str, An
             if not row[key] <= most
         ]
     return missed
-
-
-def _fit_table(fit: dict[str, Any]) -> Table:
-    header = ("bones", "number", "mean error %", "worst %", "within 3 %")
-    rows = tuple(
-        (verdict, str(line["bones"]), number(line["mean_percent"]), number(line["worst_percent"]),
-         number(100 * line["share_within_3_percent"], 0))
-        for verdict, line in fit.items() if isinstance(line, dict)
-    )  # fmt: skip
-    return Table("fitted bones, by what the fit says of them", header, rows)
 
 
 def _table(rows: list[dict[str, Any]]) -> Table:

@@ -1,20 +1,23 @@
-"""How well simulated people follow real motion: every clip of a folder, one row a clip."""
+"""How closely the simulated person follows real motion: one row for each clip of a folder."""
 
 from __future__ import annotations
 
-import json
 import math
 import multiprocessing
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from tyro.conf import arg
 
 from egocap.commandline import progress
 from egocap.errors import EgocapError, FileError, InputError
+from egocap.evaluation.table import Table, number
+from egocap_eval.harness.study import Outcome
 from egocap_sim.core.trajectory import PhysicsStats
 
 if TYPE_CHECKING:
@@ -53,73 +56,38 @@ class ClipResult:
     problem: str = ""
 
 
-@dataclass(frozen=True)
-class PhysicsReport:
-    """All clips of a folder, done by one person."""
+def study(
+    motions: Annotated[Path, arg(metavar="DIR")], person: int = 0, workers: int = 1
+) -> Outcome:
+    """Retarget and simulate every motion clip of a folder; exit code 3 when a target is missed.
 
-    person: int  # seed
-    clips: tuple[ClipResult, ...]
-
-    def summary(self, how: str) -> dict[str, float]:
-        """'median' or 'max' of every figure over the clips that have figures."""
-        take = {"median": np.median, "max": np.max}[how]
-        rows = [clip.stats for clip in self.clips if clip.stats is not None]
-        return {
-            f.name: float(take([getattr(s, f.name) for s in rows])) if rows else float("inf")
-            for f in fields(PhysicsStats)
-        }
-
-    def missed(self) -> list[str]:
-        """Targets that are not met, in words; a clip without figures is one."""
-        missed = [f"{clip.name}: {clip.problem}" for clip in self.clips if clip.stats is None]
-        for what, (figure, how, most) in TARGETS.items():
-            value = self.summary(how)[figure]
-            if not value <= most:
-                missed.append(f"{what} is {value:.2f}, not {most:g}")
-        return missed
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return {
-            "person_seed": self.person,
-            "clips": len(self.clips),
-            "seconds": round(sum(clip.seconds for clip in self.clips), 2),
-            "median": _rounded(self.summary("median")),
-            "worst": _rounded(self.summary("max")),
-            "missed": self.missed(),
-            "per_clip": [
-                {"name": clip.name, "seconds": round(clip.seconds, 2)}
-                | (_rounded(asdict(clip.stats)) if clip.stats else {"problem": clip.problem})
-                for clip in self.clips
-            ],
-        }
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
-
-    def to_text(self) -> str:
-        """A table, one row a clip, the summary below."""
-        head = f"{'clip':26}{'s':>6}" + "".join(f"{h:>12}" for h, _ in COLUMNS.values())
-        lines = [head]
-        for clip in self.clips:
-            start = f"{clip.name:26}{clip.seconds:6.1f}"
-            lines.append(
-                start + (_cells(asdict(clip.stats)) if clip.stats else "  " + clip.problem)
-            )
-        seconds = sum(clip.seconds for clip in self.clips)
-        for how in ("median", "max"):
-            lines.append(f"{how:26}{seconds:6.0f}" + _cells(self.summary(how)))
-        return "\n".join([*lines, *(f"missed: {m}" for m in self.missed())])
+    Args:
+        motions: Folder of .bvh and .npz clips.
+        person: Seed of the person who moves.
+        workers: Processes to use.
+    """
+    clips = run_physics(motions, person=person, workers=workers)
+    result = {
+        "person_seed": person,
+        "clips": len(clips),
+        "seconds": round(sum(clip.seconds for clip in clips), 2),
+        "median": _rounded(summary(clips, "median")),
+        "worst": _rounded(summary(clips, "max")),
+        "per_clip": [
+            {"name": clip.name, "seconds": round(clip.seconds, 2)}
+            | (_rounded(asdict(clip.stats)) if clip.stats else {"problem": clip.problem})
+            for clip in clips
+        ],
+    }
+    return Outcome(result, [table(clips)], missed(clips))
 
 
-def run_physics(motions: Path, *, person: int = 0, workers: int = 1) -> PhysicsReport:
+def run_physics(motions: Path, *, person: int = 0, workers: int = 1) -> list[ClipResult]:
     """Retarget and simulate every .bvh and .npz clip under a folder.
 
-    Raises FileError for a folder without clips. A clip that fails is a row with its problem.
+    Raises FileError for a folder without clips. A clip that fails is a result with its problem.
     """
-    paths = find_clips(motions)
-    jobs = [(path, str(path.relative_to(motions)), person) for path in paths]
+    jobs = [(path, str(path.relative_to(motions)), person) for path in find_clips(motions)]
     if not 1 <= workers <= 64:
         raise InputError(f"{workers} workers", valid="1 to 64")
     results: list[ClipResult] = []
@@ -132,7 +100,39 @@ def run_physics(motions: Path, *, person: int = 0, workers: int = 1) -> PhysicsR
         for result in done:
             results.append(result)
             advance()
-    return PhysicsReport(person, tuple(results))
+    return results
+
+
+def summary(clips: Sequence[ClipResult], how: str) -> dict[str, float]:
+    """'median' or 'max' of every figure over the clips that have figures."""
+    take = {"median": np.median, "max": np.max}[how]
+    rows = [clip.stats for clip in clips if clip.stats is not None]
+    return {
+        f.name: float(take([getattr(s, f.name) for s in rows])) if rows else float("inf")
+        for f in fields(PhysicsStats)
+    }
+
+
+def missed(clips: Sequence[ClipResult]) -> list[str]:
+    """Targets that are not met, in words; a clip without figures is one."""
+    found = [f"{clip.name}: {clip.problem}" for clip in clips if clip.stats is None]
+    for what, (figure, how, most) in TARGETS.items():
+        value = summary(clips, how)[figure]
+        if not value <= most:
+            found.append(f"{what} is {value:.2f}, not {most:g}")
+    return found
+
+
+def table(clips: Sequence[ClipResult]) -> Table:
+    """A row for each clip, the median and the worst below."""
+    rows = []
+    for clip in clips:
+        cells = _cells(asdict(clip.stats)) if clip.stats else ["-"] * len(COLUMNS)
+        rows.append((clip.name, number(clip.seconds), *cells, clip.problem))
+    seconds = number(sum(clip.seconds for clip in clips), 0)
+    rows += [(how, seconds, *_cells(summary(clips, how)), "") for how in ("median", "max")]
+    header = ("clip", "s", *(head for head, _ in COLUMNS.values()), "problem")
+    return Table("", header, tuple(rows))
 
 
 def find_clips(motions: Path) -> list[Path]:
@@ -168,8 +168,8 @@ def _person(seed: int) -> Person:
     return make_person(seed)
 
 
-def _cells(figures: dict[str, float]) -> str:
-    return "".join(f"{figures[name]:12.{places}f}" for name, (_, places) in COLUMNS.items())
+def _cells(figures: dict[str, float]) -> list[str]:
+    return [number(figures[name], places) for name, (_, places) in COLUMNS.items()]
 
 
 def _rounded(figures: dict[str, float]) -> dict[str, float | None]:

@@ -12,8 +12,8 @@ from egocap.data.sequence import open_sequence
 from egocap.errors import FileError
 from egocap.evaluation.predictions import Predictions, save_predictions
 from egocap.evaluation.table import Table
-from egocap_eval import cli
-from egocap_eval.cli import main
+from egocap_eval.harness import commands
+from egocap_eval.harness.commands import main
 from egocap_eval.harness.result_file import load_result, save_result
 from egocap_eval.harness.study import Outcome
 from egocap_eval.harness.suite import FOLDER, PaperRow, load_suite
@@ -139,10 +139,10 @@ def test_studies_run_once_and_leave_stdout_to_the_suite(place, monkeypatch, caps
         runs.append(limit)
         return Outcome({"value": 2.0}, [Table("counted", ("x",), (("2",),))], ["2 is over 1"])
 
-    module = types.ModuleType("counting_study")
+    module = types.ModuleType("egocap_eval.counting_study")
     module.study = study
-    monkeypatch.setitem(sys.modules, "counting_study", module)
-    monkeypatch.setitem(cli.STUDIES, "count", ("counting_study", "Counts."))
+    monkeypatch.setitem(sys.modules, "egocap_eval.counting_study", module)
+    monkeypatch.setitem(commands.STUDIES, "count", ("counting_study", "Counts."))
     counted = folder / "counted.toml"
     text = (folder / "small.toml").read_text().replace("nothing.json:mpjpe_mm", "count.json:value")
     counted.write_text(text + '[[studies]]\nname = "count"\noptions = ["--limit", "1.5"]\n')

@@ -10,7 +10,7 @@ import pytest
 from tyro.conf import Positional, arg
 
 from egocap.evaluation.table import Table
-from egocap_eval import cli
+from egocap_eval.harness import commands
 from egocap_eval.harness.result_file import config_hash
 from egocap_eval.harness.study import Outcome
 
@@ -32,29 +32,29 @@ def study(
 
 @pytest.fixture(autouse=True)
 def counting(monkeypatch):
-    module = types.ModuleType("counting_study")
+    module = types.ModuleType("egocap_eval.counting_study")
     module.study = study
-    monkeypatch.setitem(sys.modules, "counting_study", module)
-    monkeypatch.setitem(cli.STUDIES, "count", ("counting_study", "Counts things."))
+    monkeypatch.setitem(sys.modules, "egocap_eval.counting_study", module)
+    monkeypatch.setitem(commands.STUDIES, "count", ("counting_study", "Counts things."))
 
 
 def test_help_names_the_study_and_its_options(capsys):
-    assert cli.main(["--help"]) == 0
+    assert commands.main(["--help"]) == 0
     assert "Counts things." in capsys.readouterr().out
-    assert cli.main(["count", "--help"]) == 0
+    assert commands.main(["count", "--help"]) == 0
     text = capsys.readouterr().out
     assert all(word in text for word in ("SEQ", "How many at most.", "--json", "--out FILE"))
 
 
 def test_help_of_a_missing_module_does_not_hurt_the_others(monkeypatch, capsys):
-    monkeypatch.setitem(cli.STUDIES, "broken", ("no_such_module", "Not there."))
-    assert cli.main(["--help"]) == 0
-    assert cli.main(["count", "here"]) == 0
+    monkeypatch.setitem(commands.STUDIES, "broken", ("no_such_module", "Not there."))
+    assert commands.main(["--help"]) == 0
+    assert commands.main(["count", "here"]) == 0
     assert "seeds      3" in capsys.readouterr().out
 
 
 def test_a_missed_target_is_3_and_said(capsys):
-    assert cli.main(["count", "here", "--seeds", "12", "--json"]) == 3
+    assert commands.main(["count", "here", "--seeds", "12", "--json"]) == 3
     captured = capsys.readouterr()
     assert json.loads(captured.out) == {"seeds": 12, "folder": "here"}
     assert captured.err == "missed: 12 seeds, not 9\n"
@@ -62,7 +62,7 @@ def test_a_missed_target_is_3_and_said(capsys):
 
 def test_the_record_says_what_was_run(tmp_path, capsys):
     out = tmp_path / "new" / "count.json"
-    assert cli.main(["count", "here", "--seeds", "4", "--out", str(out)]) == 0
+    assert commands.main(["count", "here", "--seeds", "4", "--out", str(out)]) == 0
     record = json.loads(out.read_text())
     assert record["command"] == f"egocap-eval count here --seeds 4 --out {out}"
     assert record["config"] == {
@@ -77,13 +77,13 @@ def test_the_record_says_what_was_run(tmp_path, capsys):
 @pytest.mark.parametrize("suffix", [".md", ".txt"])
 def test_tables_to_a_file(tmp_path, suffix):
     out = tmp_path / f"count{suffix}"
-    assert cli.main(["count", "here", "--out", str(out)]) == 0
+    assert commands.main(["count", "here", "--out", str(out)]) == 0
     assert "counts" in out.read_text()
 
 
 @pytest.mark.parametrize("words", [["--json", "--markdown"], ["--out", "x.pdf"]])
 def test_bad_output_is_2(words, capsys):
-    assert cli.main(["count", "here", *words]) == 2
+    assert commands.main(["count", "here", *words]) == 2
     assert "valid:" in capsys.readouterr().err
 
 

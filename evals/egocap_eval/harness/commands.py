@@ -1,0 +1,59 @@
+"""The commands of egocap-eval: a table of studies, and what runs one of them by name."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from tyro.extras import SubcommandApp
+
+from egocap.commandline import run
+from egocap_eval.harness.study import as_command
+
+STUDIES = {
+    # command: (module of egocap_eval with a function `study`, summary in `egocap-eval --help`)
+    "pose": ("harness.score_pose", "Score a track, or any method's poses, against the truth."),
+    "run": ("harness.run", "Run a suite: sequences, predictions, scores and a report."),
+    "compare": ("harness.compare", "List what changed between two runs, with paired intervals."),
+    "check": ("harness.check", "Run the regression guard: a fixed small suite and its baseline."),
+    "accuracy": ("studies.accuracy", "Track the validation scenes from simulated detections."),
+    "stress": ("studies.stress", "Track under one growing fault at a time, with error bars."),
+    "stress-rendered": ("studies.stress_rendered", "The same for faults of rendered images."),
+    "ablation": ("studies.ablation", "Track with one part left out at a time, over people."),
+    "personalised": ("studies.personalised", "Fit bodies to a clip of their own, track others."),
+    "fit-body": ("studies.fit_body", "Compare fitted bone lengths with the true ones."),
+    "runtime": ("studies.runtime", "Time the detector, the solvers and the whole pipeline."),
+    "physics": ("studies.physics", "Retarget and simulate every motion clip of a folder."),
+    "visibility": ("studies.visibility", "Visibility of each joint by field of view."),
+    "crash-recovery": ("studies.crash_recovery", "Kill a generation repeatedly and verify it."),
+    "augmentation": ("studies.augmentation", "Value of augmenting green-screen footage."),
+    "training-set": ("studies.training_set", "Cost of fewer people or frames in training."),
+    "dataset": ("harness.dataset_card", "Count what a data set holds: people, rigs, joints seen."),
+    "detector": ("detection.detector", "Score the learned detector: PCK, calibration, speed."),
+    "calibration": ("posterior.calibration", "Coverage of the posterior's credible regions."),
+    "posterior": ("posterior.sampling", "Sampling speed; the tracker's error over the bound."),
+    "rig": ("rig_design.rig", "Visibility, error bounds and tracked errors of stereo rigs."),
+}
+"""A new study is one module and one line here (see `harness.study`)."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run a command line (the process's own when None) and return the exit code.
+
+    Only the study that is called is imported.
+    """
+    words = sys.argv[1:] if args is None else list(args)
+    app = SubcommandApp()
+    for name, (module, summary) in STUDIES.items():
+        if words[:1] == [name]:
+            study = import_module(f"egocap_eval.{module}").study
+            app.command(name=name)(as_command(study, name, words))
+        else:
+            app.command(name=name, help=summary)(_not_called)
+    what = "Measure tracks, detections, rigs and the simulation."
+    return run(app, prog="egocap-eval", description=what, args=words)
+
+
+def _not_called() -> None:
+    raise AssertionError("a study that was not called ran")

@@ -16,15 +16,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from egocap.pose.kernel import chain
+from egocap.body.kinematics import pose_skeleton
 
 
 @njit(cache=True)
 def detection_agreement(model, angles, centres, rays, weights, sigma, g):
     """E_detection of weights (V, 18), which hold lambda; its gradient is added to g (37,)."""
-    points = np.empty((len(model.parents), 3))
-    axes = np.empty((len(angles), 3))
-    chain(model, angles, points, axes)
+    points, axes = pose_skeleton(model, angles)
     energy = 0.0
     D, force, lever = np.empty(3), np.empty(3), np.empty(3)
     for label in range(len(model.label_points)):

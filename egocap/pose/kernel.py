@@ -17,15 +17,13 @@ from jaxtyping import Float, Int
 from numba import njit
 from numpy import ndarray as Array
 
+from egocap.body.kinematics import kinematic_tree, pose_skeleton
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import (
-    AXES,
     DOF_JOINT,
-    JOINTS,
     LABEL_POINTS,
     LIMITS,
     MOVES,
-    POINT_PARENTS,
     SPREAD,
 )
 from egocap.pose.config import TrackerConfig
@@ -55,51 +53,15 @@ def make_model(proportions: Proportions, config: TrackerConfig) -> Model:
     """Gather what the kernels need."""
     moves = [np.flatnonzero(MOVES[i]) for i in LABEL_POINTS]
     chains = np.full((len(moves), max(map(len, moves))), -1)
-    for row, chain in zip(chains, moves, strict=True):
-        row[: len(chain)] = chain
+    for row, angles in zip(chains, moves, strict=True):
+        row[: len(angles)] = angles
     posture = load_posture()
     return Model(
-        np.array(proportions.offsets), np.array(POINT_PARENTS), np.array(AXES),
-        np.searchsorted(DOF_JOINT, np.arange(len(JOINTS) + 1)), np.array(DOF_JOINT),
-        np.array(LABEL_POINTS), chains, np.array(LIMITS), np.array(SPREAD),
+        *kinematic_tree(proportions), np.array(DOF_JOINT), np.array(LABEL_POINTS), chains,
+        np.array(LIMITS), np.array(SPREAD),
         float(config.lambda_limit), float(config.lambda_pose), float(config.lambda_smooth),
         posture.mean, config.lambda_posture * posture.precision,
     )  # fmt: skip
-
-
-@njit(cache=True, fastmath=False)
-def chain(model, angles, points, axes):  # points (22,3), axes (37,3): outputs
-    """Forward kinematics: positions of all points and the posed axis of every angle."""
-    joints = len(model.first_dof) - 1
-    R = np.empty((joints, 3, 3))
-    Q = np.empty((3, 3))
-    for i in range(len(model.parents)):
-        parent = model.parents[i]
-        for r in range(3):
-            if parent < 0:
-                points[i, r] = model.offsets[i, r]
-            else:
-                s = points[parent, r]
-                for c in range(3):
-                    s += R[parent, r, c] * model.offsets[i, c]
-                points[i, r] = s
-        if i >= joints:
-            continue
-        for r in range(3):
-            for c in range(3):
-                R[i, r, c] = R[parent, r, c] if parent >= 0 else (1.0 if r == c else 0.0)
-        for d in range(model.first_dof[i], model.first_dof[i + 1]):
-            x, y, z = model.axes[d, 0], model.axes[d, 1], model.axes[d, 2]
-            sin, cos = np.sin(angles[d]), np.cos(angles[d])
-            v = 1.0 - cos
-            Q[0, 0], Q[0, 1], Q[0, 2] = cos + x * x * v, x * y * v - z * sin, x * z * v + y * sin
-            Q[1, 0], Q[1, 1], Q[1, 2] = x * y * v + z * sin, cos + y * y * v, y * z * v - x * sin
-            Q[2, 0], Q[2, 1], Q[2, 2] = x * z * v - y * sin, y * z * v + x * sin, cos + z * z * v
-            for r in range(3):
-                a, b, c3 = R[i, r, 0], R[i, r, 1], R[i, r, 2]
-                axes[d, r] = a * x + b * y + c3 * z
-                for c in range(3):
-                    R[i, r, c] = a * Q[0, c] + b * Q[1, c] + c3 * Q[2, c]
 
 
 @njit(cache=True)
@@ -108,9 +70,7 @@ def detections(model, angles, centres, rays, whiten, weights, scale, H, g):
 
     H gets its lower triangle only. Returns the energy.
     """
-    points = np.empty((len(model.parents), 3))
-    axes = np.empty((len(angles), 3))
-    chain(model, angles, points, axes)
+    points, axes = pose_skeleton(model, angles)
     scale2 = scale * scale
     energy = 0.0
     B = np.empty((2, 3))
@@ -243,9 +203,7 @@ def smoothness(model, angles, predicted, scatter, H, g):
 @njit(cache=True)
 def squared_residuals(model, angles, centres, rays, whiten, weights, squared):
     """Squared residual of every detection in standard deviations, into (V, 18); missing: inf."""
-    points = np.empty((len(model.parents), 3))
-    axes = np.empty((len(angles), 3))
-    chain(model, angles, points, axes)
+    points, _ = pose_skeleton(model, angles)
     for label in range(len(model.label_points)):
         X = points[model.label_points[label]]
         for v in range(len(centres)):

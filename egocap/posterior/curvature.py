@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from egocap.pose.kernel import chain
+from egocap.body.kinematics import pose_skeleton
 from egocap.posterior.kernel import log_prior, project, scaled, to_camera
 
 
@@ -23,13 +23,12 @@ def derivatives(body, prior, optics, data, theta, expected, H, g):
     H[:] = 0.0
     g[:] = 0.0
     _prior_derivatives(prior, theta, H, g)
-    points, axes, offsets = np.empty((22, 3)), np.empty((37, 3)), np.empty((22, 3))
     R, J, B = np.empty((3, 3)), np.empty((2, 3)), np.empty((2, 3))
     x, turned, pixel = np.empty(3), np.empty(3), np.empty(2)
     which = np.empty(37 + prior.scales + 6, np.int64)
     D = np.empty((37 + prior.scales + 6, 3))  # derivatives of X by parameters, head frame
     E = np.empty((37 + prior.scales + 6, 2))  # of the whitened residual
-    chain(scaled(body, prior, theta, offsets), theta[:37], points, axes)
+    points, axes = pose_skeleton(scaled(body, prior, theta, np.empty((22, 3))), theta[:37])
     total = log_prior(prior, theta)
     for label in range(len(body.label_points)):
         point = body.label_points[label]

@@ -2,8 +2,8 @@
 
 Densities are in the pixels of the detections, so that what `simulation` draws follows them to the
 letter. A test compares them with the readable form in `egocap.posterior.log_prob` and with finite
-differences. Forward kinematics is the tracker's compiled chain; numba's cache does not see changes
-of other files: clear `__pycache__` after editing `egocap/track/kernel.py`.
+differences. numba's cache does not see changes of other files: clear `__pycache__` after editing
+`egocap.body.kinematics`.
 """
 
 from __future__ import annotations
@@ -15,17 +15,7 @@ from jaxtyping import Float, Int
 from numba import njit, prange
 from numpy import ndarray as Array
 
-from egocap.pose.kernel import chain
-
-
-class Skeleton(NamedTuple):
-    """What the chain needs, with the bones at their inferred lengths. (numba hands nested tuples to
-    no parallel loop, so `Body` repeats these fields.)"""
-
-    offsets: Float[Array, "22 3"]
-    parents: Int[Array, "22"]
-    axes: Float[Array, "37 3"]
-    first_dof: Int[Array, "18"]
+from egocap.body.kinematics import KinematicTree, pose_skeleton
 
 
 class Prior(NamedTuple):
@@ -40,7 +30,10 @@ class Prior(NamedTuple):
 
 
 class Body(NamedTuple):
-    """The skeleton as stated, and which parameters move which label."""
+    """The skeleton as stated, and which parameters move which label.
+
+    Repeats the fields of `KinematicTree`: numba hands nested tuples to no parallel loop.
+    """
 
     offsets: Float[Array, "22 3"]
     parents: Int[Array, "22"]
@@ -132,7 +125,7 @@ def scaled(body, prior, theta, offsets):
                 factor = np.exp(theta[37 + group])
                 for c in range(3):
                     offsets[i, c] *= factor
-    return Skeleton(offsets, body.parents, body.axes, body.first_dof)
+    return KinematicTree(offsets, body.parents, body.axes, body.first_dof)
 
 
 @njit(cache=True)
@@ -172,10 +165,9 @@ def log_prior(prior, theta):
 @njit(cache=True)
 def log_likelihood(body, prior, optics, data, theta):
     """Log likelihood of one parameter vector, up to a constant."""
-    points, axes, offsets = np.empty((22, 3)), np.empty((37, 3)), np.empty((22, 3))
     R, J = np.empty((3, 3)), np.empty((2, 3))
     x, turned, pixel = np.empty(3), np.empty(3), np.empty(2)
-    chain(scaled(body, prior, theta, offsets), theta[:37], points, axes)
+    points, _ = pose_skeleton(scaled(body, prior, theta, np.empty((22, 3))), theta[:37])
     total = 0.0
     for v in range(len(optics.t)):
         for label in range(len(body.label_points)):
@@ -206,8 +198,8 @@ def log_probs(body, prior, optics, data, thetas, out):
 @njit(cache=True)
 def joints(body, prior, thetas, out):
     """Labelled joints (W, 18, 3), head frame, metres, of parameter vectors (W, N)."""
-    points, axes, offsets = np.empty((22, 3)), np.empty((37, 3)), np.empty((22, 3))
+    offsets = np.empty((22, 3))
     for w in range(len(thetas)):
-        chain(scaled(body, prior, thetas[w], offsets), thetas[w, :37], points, axes)
+        points, _ = pose_skeleton(scaled(body, prior, thetas[w], offsets), thetas[w, :37])
         for label in range(len(body.label_points)):
             out[w, label] = points[body.label_points[label]]

@@ -14,9 +14,10 @@ from jaxtyping import Float
 from numba import njit
 from numpy import ndarray as Array
 
+from egocap.body.kinematics import pose_skeleton
 from egocap.body.labels import LABEL_INDEX, LABELS, MIRROR
 from egocap.pose.config import TrackerConfig
-from egocap.pose.kernel import Model, chain
+from egocap.pose.kernel import Model
 from egocap.pose.observations import Observations
 
 _GROUPS = np.array([
@@ -76,9 +77,7 @@ def choose_frame(
     groups, mirror, scale, swap_price, out_rays, out_whiten, out_weights,
 ):  # fmt: skip
     """One frame's choice into the `out` arrays (V, 18, ...); whether they changed."""
-    points = np.empty((len(model.parents), 3))
-    axes = np.empty((len(angles), 3))
-    chain(model, angles, points, axes)
+    points, _ = pose_skeleton(model, angles)
     scale2 = scale * scale
     labels = len(model.label_points)
     source = np.empty(labels, np.int64)

@@ -34,14 +34,6 @@ def gradient(function, pose):
     return np.array([(function(pose + s) - function(pose - s)) / (2 * STEP) for s in steps])
 
 
-def test_chain_matches_forward_kinematics(motion, frame):
-    model, _, pose = frame
-    where, axes = np.zeros((22, 3)), np.zeros((37, 3))
-    kernel.chain(model, pose, where, axes)
-    assert np.allclose(where, points(motion.person, pose), atol=1e-12)
-    assert np.allclose(np.linalg.norm(axes, axis=1), 1)
-
-
 def test_detection_term(motion, frame):
     model, data, pose = frame
     value, H, g = evaluate(lambda p, H, g: kernel.detections(model, p, *data, 4.0, H, g), pose)

@@ -1,0 +1,78 @@
+"""Forward kinematics, compiled, for the kernels of tracker, image model and posterior.
+
+`egocap.body.skeleton.forward` is the readable form, and its oracle.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from numba import njit
+from numpy import ndarray as Array
+
+from egocap.body.skeleton import AXES, DOF_JOINT, JOINTS, POINT_PARENTS, HasOffsets
+
+
+class KinematicTree(NamedTuple):
+    """Skeleton of a person as plain arrays. Joints come first among the points."""
+
+    offsets: Float[Array, "22 3"]  # from each point's parent at rest, metres
+    parents: Int[Array, "22"]  # -1: the head
+    axes: Float[Array, "37 3"]
+    first_dof: Int[Array, "18"]  # of each joint, and the total at the end
+
+
+def kinematic_tree(proportions: HasOffsets) -> KinematicTree:
+    """The arrays for a person's proportions."""
+    return KinematicTree(
+        np.array(proportions.offsets), np.array(POINT_PARENTS), np.array(AXES),
+        np.searchsorted(DOF_JOINT, np.arange(len(JOINTS) + 1)),
+    )  # fmt: skip
+
+
+@njit(cache=True, fastmath=False)
+def forward_kinematics(tree, angles, points, axes, R):
+    """Pose a skeleton; all but the first two arguments are outputs, in the head frame.
+
+    `tree` is a `KinematicTree` or another named tuple with its fields. `points` (N, 3) are the
+    positions of the first N points, at least of all joints; `axes` (37, 3) the posed axis of every
+    angle; `R` (17, 3, 3) the rotation of every joint.
+    """
+    Q = np.empty((3, 3))
+    for i in range(len(points)):
+        parent = tree.parents[i]
+        for r in range(3):
+            if parent < 0:
+                points[i, r] = tree.offsets[i, r]
+            else:
+                s = points[parent, r]
+                for c in range(3):
+                    s += R[parent, r, c] * tree.offsets[i, c]
+                points[i, r] = s
+        if i >= len(R):
+            continue
+        for r in range(3):
+            for c in range(3):
+                R[i, r, c] = R[parent, r, c] if parent >= 0 else (1.0 if r == c else 0.0)
+        for d in range(tree.first_dof[i], tree.first_dof[i + 1]):
+            x, y, z = tree.axes[d, 0], tree.axes[d, 1], tree.axes[d, 2]
+            sin, cos = np.sin(angles[d]), np.cos(angles[d])
+            v = 1.0 - cos
+            Q[0, 0], Q[0, 1], Q[0, 2] = cos + x * x * v, x * y * v - z * sin, x * z * v + y * sin
+            Q[1, 0], Q[1, 1], Q[1, 2] = x * y * v + z * sin, cos + y * y * v, y * z * v - x * sin
+            Q[2, 0], Q[2, 1], Q[2, 2] = x * z * v - y * sin, y * z * v + x * sin, cos + z * z * v
+            for r in range(3):
+                a, b, c3 = R[i, r, 0], R[i, r, 1], R[i, r, 2]
+                axes[d, r] = a * x + b * y + c3 * z
+                for c in range(3):
+                    R[i, r, c] = a * Q[0, c] + b * Q[1, c] + c3 * Q[2, c]
+
+
+@njit(cache=True)
+def pose_skeleton(tree, angles):
+    """Positions (22, 3) of all points and posed axes (37, 3) of all angles, newly made."""
+    points, axes = np.empty((len(tree.parents), 3)), np.empty((len(angles), 3))
+    forward_kinematics(tree, angles, points, axes, np.empty((len(tree.first_dof) - 1, 3, 3)))
+    return points, axes

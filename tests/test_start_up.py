@@ -67,7 +67,7 @@ def test_measure_sees_heavy_modules():
 
 
 def test_import_egocap():
-    assert not loaded_after("import egocap")
+    assert not loaded_after("import egocap, egocap_sim; dir(egocap); dir(egocap_sim)")
 
 
 @pytest.mark.parametrize("module", COMMANDS)

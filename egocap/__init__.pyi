@@ -1,0 +1,14 @@
+from egocap.body.proportions import Proportions as Proportions
+from egocap.cameras.camera import Camera as Camera
+from egocap.cameras.camera_files import load_camera as load_camera
+from egocap.cameras.rig import Rig as Rig
+from egocap.cameras.rig_files import load_rig as load_rig
+from egocap.data.detections import Detections as Detections
+from egocap.data.sequence import open_sequence as open_sequence
+from egocap.data.track import Track as Track
+from egocap.detect.detector import Detector as Detector
+from egocap.errors import EgocapError as EgocapError
+from egocap.fitting.fit_body import fit_body as fit_body
+from egocap.pose.config import TrackerConfig as TrackerConfig
+
+__version__: str

@@ -1,0 +1,1 @@
+from egocap_sim.verification.integrity import verify as verify

@@ -161,8 +161,8 @@ def stats(
         json: print the numbers as JSON.
     """
     from egocap.data.dataset import find_sequences
-    from egocap.data.sequence_writer import write_atomically
     from egocap.errors import InputError
+    from egocap.files import write_atomically
     from egocap_sim.stats.collect import Statistics
     from egocap_sim.stats.page import render_page, summary
 

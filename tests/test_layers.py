@@ -14,7 +14,7 @@ MOST_MODULES = 20
 
 LAYERS = (
     {"egocap.errors", "egocap.geometry"},
-    {"egocap.schema", "egocap.commandline"},
+    {"egocap.schema", "egocap.commandline", "egocap.files"},
     {"egocap.cameras", "egocap.body"},
     {"egocap.data"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose"},  # these do not import each other

@@ -44,9 +44,9 @@ def detect(
     from egocap.commandline import progress
     from egocap.data.detections import save_detections
     from egocap.data.sequence import Sequence
-    from egocap.data.sequence_writer import disk_errors
     from egocap.detect import detector as learned
     from egocap.detect.weights import open_weights
+    from egocap.files import make_folder
 
     opened = Sequence(sequence)
     made = learned.Detector(opened.rig, open_weights(weights), engine, threads)  # type: ignore[arg-type]
@@ -54,8 +54,7 @@ def detect(
     with progress("detect", frames or len(opened)) as advance:
         found = learned.detect(opened, made, frames=frames, on_frames=advance)
     seconds = time.perf_counter() - started
-    with disk_errors(out.parent):
-        out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     save_detections(out, found)
     _print_detections(out, found, opened.rig.views, seconds, json)
     return DONE

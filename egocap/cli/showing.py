@@ -32,8 +32,7 @@ def export(
         format: what to write.
     """
     from egocap.data.bvh import write_bvh
-    from egocap.data.track import load_track
-    from egocap.data.track_arrays import write_arrays
+    from egocap.data.track import load_track, write_arrays
 
     found = load_track(track)
     {"bvh": write_bvh, "npz": write_arrays}[format](out, found)

@@ -55,8 +55,8 @@ def track(
     from egocap.data import detections as detection_file
     from egocap.data.head_pose import in_world
     from egocap.data.sequence import Sequence
-    from egocap.data.sequence_writer import disk_errors
     from egocap.data.track import save_track
+    from egocap.files import make_folder
     from egocap.track.tracker import track as run_tracker
 
     opened = Sequence(sequence)
@@ -69,8 +69,7 @@ def track(
         result = in_world(result, head_pose)
     for path in (out, save_detections):
         if path is not None:
-            with disk_errors(path.parent):
-                path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
     if save_detections is not None:
         detection_file.save_detections(save_detections, found)
     save_track(out, result)
@@ -106,7 +105,7 @@ def fit_body(
         json: print the report as JSON.
     """
     from egocap.data.sequence import Sequence
-    from egocap.data.sequence_writer import disk_errors
+    from egocap.files import disk_errors
     from egocap.fitting.fit_body import first_seconds
     from egocap.fitting.fit_body import fit_body as fit
 
@@ -115,8 +114,7 @@ def fit_body(
     result = fit(found, opened.rig, height, config)
     for path in (out, shape):
         if path is not None:
-            with disk_errors(path.parent):
-                path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
     sizes = None
     if shape is not None:
         from egocap.fitting.appearance_fit import fit_shape

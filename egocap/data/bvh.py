@@ -19,7 +19,8 @@ from numpy import ndarray as Array
 
 from egocap.body.skeleton import JOINTS, POINT_INDEX, joint_rotations, points
 from egocap.data.track import Track
-from egocap.errors import FileError, InputError, MachineError
+from egocap.errors import InputError
+from egocap.files import write_atomically
 
 _TO_FILE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes of the project (x forward, y left, z up) to those of the file (x left, y up, z forward)."""
@@ -51,15 +52,7 @@ def write_bvh(path: str | Path, track: Track) -> None:
     Raises InputError when the track does not hold its skeleton or has uneven times, FileError or
     MachineError where the file cannot be written.
     """
-    path, text = Path(path), bvh_text(track)
-    part = path.with_name(path.name + ".part")
-    if path.is_dir():
-        raise FileError(path, "is a folder", valid="the name of a file")
-    try:
-        part.write_text(text, encoding="ascii")
-        part.replace(path)
-    except OSError as error:
-        raise MachineError(f"cannot write {path}: {error.strerror}") from None
+    write_atomically(Path(path), bvh_text(track))
 
 
 def bvh_text(track: Track) -> str:

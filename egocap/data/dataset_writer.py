@@ -14,13 +14,9 @@ from pathlib import Path
 
 from egocap.data.dataset import EPISODES, EpisodeEntry, Episodes, episode_name, load_episodes
 from egocap.data.sequence import MANIFEST, load_manifest
-from egocap.data.sequence_writer import (
-    FolderLock,
-    begun_alike,
-    disk_errors,
-    write_atomically,
-)
+from egocap.data.sequence_writer import FolderLock, begun_alike
 from egocap.errors import InputError
+from egocap.files import disk_errors, write_atomically
 
 
 class EpisodesWriter:

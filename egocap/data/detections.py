@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
-from egocap.data.results import Layout, load_result, save_result
+from egocap.data.arrays import load_record, save_record
 from egocap.errors import FileError
 
 
@@ -43,22 +43,15 @@ class Detections:
         return self.modes, self.mode_weights
 
 
-_LAYOUT: Layout = {
-    "times": ("f", ("T",)), "points": ("f", ("T", "V", 18, 2)), "sigma": ("f", ("T", "V", 18)),
-    "confidence": ("f", ("T", "V", 18)), "valid": ("b", ("T", "V", 18)), "source": ("U", ()),
-    "modes": ("f", ("T", "V", 18, "K", 2)), "mode_weights": ("f", ("T", "V", 18, "K")),
-}  # fmt: skip
-
-
 def save_detections(path: str | Path, detections: Detections) -> None:
     """Write detections as npz, whole or not at all."""
-    save_result(Path(path), "egocap-detections", detections)
+    save_record(path, "egocap-detections", detections)
 
 
 def load_detections(path: str | Path) -> Detections:
     """Read detections; FileError names the array that is missing, damaged, of a wrong shape, or
     holds something impossible for a valid detection."""
-    found = load_result(Path(path), "egocap-detections", Detections, _LAYOUT)
+    found = load_record(path, "egocap-detections", Detections)
     if (found.modes is None) != (found.mode_weights is None):
         raise FileError(path, "has one of 'modes' and 'mode_weights'", valid="both or none")
     modes, weights = found.candidates

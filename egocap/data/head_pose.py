@@ -6,8 +6,6 @@ from the head frame to a world of the user's choice. Other arrays in it are left
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from numpy import ndarray as Array
 
 from egocap.data.track import Track
 from egocap.errors import FileError, InputError
+from egocap.files import read_npz
 from egocap.geometry import rigid, transform
 
 _SLACK = 1.0  # of the usual time between poses, by which the track may reach beyond them
@@ -24,15 +23,7 @@ _SLACK = 1.0  # of the usual time between poses, by which the track may reach be
 
 def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N 4 4"]]:
     """Times and poses in a file. FileError names what is missing, damaged or not rigid."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileError(path, "no such file")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            found = {n: archive[n] for n in ("time", "T_world_head") if n in archive.files}
-    except (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZipFile,
-            zlib.error):  # fmt: skip
-        raise FileError(path, "not a whole npz archive of plain arrays") from None
+    found = read_npz(Path(path), only=("time", "T_world_head"))
     for name in ("time", "T_world_head"):
         if name not in found:
             raise FileError(path, "missing", key=name)

@@ -7,15 +7,14 @@ any number of worker processes may write shards for it with `write_shard`.
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import hashlib
 import io
 import json
 import os
 import tarfile
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
@@ -28,7 +27,8 @@ from egocap.data.sequence import (
     load_manifest,
     shard_name,
 )
-from egocap.errors import FileError, InputError, MachineError
+from egocap.errors import InputError, MachineError
+from egocap.files import disk_errors, replacing, write_atomically
 
 _TAR_BLOCK = 512  # bytes; the header of a USTAR member is one block
 
@@ -219,7 +219,7 @@ def write_shard(
     """
     path = folder / shard_name(index)
     ranges: list[dict[str, tuple[int, int]]] = []
-    with disk_errors(path), _temporary(path) as temporary, temporary.open("wb") as raw:
+    with replacing(path) as temporary, temporary.open("wb") as raw:
         file = _HashingFile(raw)
         with tarfile.open(fileobj=file, mode="w|", format=tarfile.USTAR_FORMAT) as tar:  # pyright: ignore
             for row, frame in enumerate(frames):
@@ -229,22 +229,9 @@ def write_shard(
                     info.size, info.mode = len(data), 0o644
                     ranges[-1][suffix] = (tar.offset + _TAR_BLOCK, len(data))
                     tar.addfile(info, io.BytesIO(data))
-        raw.flush()
-        os.fsync(raw.fileno())
-        temporary.rename(path)
     return ShardEntry(
         name=path.name, first=first, bytes=file.size, sha256=file.digest.hexdigest(), frames=ranges
     )
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Replace a file so that a reader, or a kill, finds the old content or the new, whole."""
-    with disk_errors(path), _temporary(path) as temporary:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.rename(path)
 
 
 def shard_is_intact(folder: Path, shard: ShardEntry) -> bool:
@@ -261,36 +248,6 @@ def file_is_intact(path: Path, entry: FileEntry) -> bool:
             return hashlib.file_digest(file, "sha256").hexdigest() == entry.sha256
     except OSError:
         return False
-
-
-@contextmanager
-def _temporary(path: Path) -> Iterator[Path]:
-    """A name beside `path` to write to before renaming; whatever is left there goes on an error."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-    except BaseException:
-        temporary.unlink(missing_ok=True)  # on a full disk it would keep the space
-        raise
-
-
-@contextmanager
-def disk_errors(path: Path) -> Iterator[None]:
-    """Turn the disk's refusals into errors a user can act on."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise MachineError(
-                f"{path}: the disk is full", remedy="free some space and run the same command again"
-            ) from None
-        if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
-            raise MachineError(f"{path}: no permission to write there") from None
-        if isinstance(error, (NotADirectoryError, FileExistsError)):
-            raise FileError(path, "is not a folder, or lies in none") from None
-        if isinstance(error, IsADirectoryError):
-            raise FileError(path, "is a folder", valid="the name of a file") from None
-        raise
 
 
 def digest(config: Mapping[str, Any]) -> str:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.data.results import Layout, load_result, save_result
+from egocap.body.labels import LABELS
+from egocap.body.skeleton import DOFS
+from egocap.data.arrays import load_record, save_record
 from egocap.errors import FileError
+from egocap.files import write_npz
 
 ENERGY_TERMS: tuple[str, ...] = ("detection", "prior", "smoothness", "colour")
 """What `Track.energies` holds of every frame: equation 1's terms; the limits count as prior."""
@@ -39,25 +43,38 @@ class Track:
     hidden: UInt8[Array, "T V 18"] | None = None  # why a view does not see a joint, `HIDDEN`
 
 
-_LAYOUT: Layout = {
-    "times": ("f", ("T",)), "angles": ("f", ("T", 37)), "joints_head": ("f", ("T", 18, 3)),
-    "energy": ("f", ("T",)), "converged": ("b", ("T",)), "detections_used": ("f", ("T",)),
-    "seconds_per_frame": ("f", ()), "config": ("U", ()), "offsets": ("f", (22, 3)),
-    "covariance": ("f", ("T", 18, 3, 3)), "confidence": ("f", ("T", 18)),
-    "energies": ("f", ("T", len(ENERGY_TERMS))), "T_world_head": ("f", ("T", 4, 4)),
-    "joints_world": ("f", ("T", 18, 3)), "hidden": ("u", ("T", "V", 18)),
-}  # fmt: skip
-
-
 def save_track(path: str | Path, track: Track) -> None:
     """Write a track as npz, whole or not at all."""
-    save_result(Path(path), "egocap-track", track)
+    save_record(path, "egocap-track", track)
 
 
 def load_track(path: str | Path) -> Track:
     """Read a track; FileError names the array that is missing, damaged or of a wrong shape."""
-    found = load_result(Path(path), "egocap-track", Track, _LAYOUT)
+    found = load_record(path, "egocap-track", Track)
     if found.hidden is not None and found.hidden.max(initial=0) >= len(HIDDEN):
         raise FileError(path, f"holds the cause {found.hidden.max()}", key="hidden",
                         valid=f"0 to {len(HIDDEN) - 1}")  # fmt: skip
     return found
+
+
+def write_arrays(path: str | Path, track: Track) -> None:
+    """Write times, joints, angles and their names as npz, for programs other than this one.
+
+    Joints are in metres, in the world where that is known (`frame` says which), angles in radians;
+    `hidden` gives for every view why it does not see a joint, by `hidden_names`. Raises FileError
+    or MachineError where the file cannot be written.
+    """
+    world = track.joints_world is not None
+    write_npz(
+        Path(path),
+        time=track.times,
+        joints=track.joints_world if world else track.joints_head,
+        joint_names=np.array(LABELS),
+        angles=track.angles,
+        angle_names=np.array(DOFS),
+        frame=np.array("world" if world else "head"),
+        confidence=track.confidence,
+        T_world_head=track.T_world_head,
+        hidden=track.hidden,
+        hidden_names=None if track.hidden is None else np.array(HIDDEN),
+    )

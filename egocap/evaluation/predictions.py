@@ -74,7 +74,7 @@ def load_predictions(path: str | Path) -> Predictions:
 
 def save_predictions(path: str | Path, predictions: Predictions) -> None:
     """Write predictions with our labels in metres: .npz or .jsonl, whole or not at all."""
-    from egocap.data.sequence_writer import write_atomically
+    from egocap.files import write_atomically
 
     path = Path(path)
     if path.suffix not in SUFFIXES:

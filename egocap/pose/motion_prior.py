@@ -13,8 +13,6 @@ Wang, Fleet & Hertzmann 2008, "Gaussian process dynamical models for human motio
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -27,6 +25,7 @@ from numpy import ndarray as Array
 
 from egocap.body.skeleton import DOF_COUNT, DOFS, MIRROR_DOFS, MIRROR_SIGNS
 from egocap.errors import FileError
+from egocap.files import read_npz, write_npz
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model, detections
 from egocap.pose.observations import Observations
@@ -107,7 +106,7 @@ def learn_motion_prior(motions: Sequence[Float[Array, "T 37"]], fps: float) -> M
 
 def save_motion_prior(prior: MotionPrior, path: Path = FILE) -> None:
     """Write a learned prior as npz, in single precision."""
-    np.savez_compressed(
+    write_npz(
         path, dofs=np.array(DOFS), mean=prior.mean.astype(np.float32),
         covariances=prior.covariances.astype(np.float32),
     )  # fmt: skip
@@ -117,10 +116,9 @@ def save_motion_prior(prior: MotionPrior, path: Path = FILE) -> None:
 def load_motion_prior(path: Path = FILE) -> MotionPrior:
     """Read a learned prior. Raises FileError."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            found = {name: archive[name] for name in archive.files}
+        found = read_npz(path)
         prior = MotionPrior(found["mean"].astype(float), found["covariances"].astype(float))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+    except (FileError, ValueError, KeyError):
         raise FileError(path, "not a motion prior") from None
     shapes = prior.mean.shape, prior.covariances.shape
     if tuple(found.get("dofs", ())) != DOFS or shapes != (

@@ -7,15 +7,14 @@ fingerprint of what is being sampled. No pickles.
 from __future__ import annotations
 
 import time
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from emcee.backends import Backend
 
-from egocap.data.sequence_writer import disk_errors
 from egocap.errors import FileError
+from egocap.files import read_npz, write_npz
 
 KIND = "egocap-chain"
 EVERY_S = 5.0
@@ -44,25 +43,17 @@ class NpzBackend(Backend):
 
     def save(self) -> None:
         """Write the file now, whole or not at all."""
-        part = self.path.with_name(self.path.name + ".part")
         _, keys, position, has_gauss, gauss = self.random_state
-        with disk_errors(self.path.parent):
-            with part.open("wb") as file:
-                np.savez(
-                    file, kind=KIND, fingerprint=self.fingerprint,
-                    chain=self.chain[: self.iteration], log_prob=self.log_prob[: self.iteration],
-                    accepted=self.accepted, keys=keys, position=position,
-                    gauss=np.array([has_gauss, gauss]),
-                )  # fmt: skip
-            part.replace(self.path)
+        write_npz(
+            self.path, compressed=False, kind=KIND, fingerprint=self.fingerprint,
+            chain=self.chain[: self.iteration], log_prob=self.log_prob[: self.iteration],
+            accepted=self.accepted, keys=keys, position=position,
+            gauss=np.array([has_gauss, gauss]),
+        )  # fmt: skip
         self._saved = time.monotonic()
 
     def _load(self) -> None:
-        try:
-            with np.load(self.path, allow_pickle=False) as data:
-                found = {name: data[name] for name in data.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise FileError(self.path, f"not a whole chain: {error}") from None
+        found = read_npz(self.path)
         if set(found) != _NAMES or str(found["kind"]) != KIND:
             raise FileError(self.path, "not a chain of this sampler")
         if str(found["fingerprint"]) != self.fingerprint:

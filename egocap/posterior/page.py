@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.data.sequence_writer import disk_errors, write_atomically
+from egocap.files import make_folder, write_atomically
 from egocap.posterior import plots
 from egocap.posterior.result import Posterior
 from egocap.posterior.run import summary
@@ -90,8 +90,7 @@ def write_pictures(
         title=title, facts=facts, spread=spread, mixed=mixed, outcome=outcome, notes=notes,
         pictures=[(name, _png(figure)) for name, figure in drawn],
     )  # fmt: skip
-    with disk_errors(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     write_atomically(path, html.encode())
 
 

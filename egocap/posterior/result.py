@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.data.sequence_writer import disk_errors
 from egocap.errors import FileError
+from egocap.files import read_npz, write_npz
 
 KIND, SCHEMA = "egocap-posterior", 1
 
@@ -73,28 +72,17 @@ class Posterior:
 
 def save_posterior(path: str | Path, posterior: Posterior) -> None:
     """Write a posterior as npz, whole or not at all."""
-    path = Path(path)
     arrays = {f.name: getattr(posterior, f.name) for f in fields(posterior)}
     arrays["config"] = json.dumps(arrays["config"])
     for name in ("names", "notes"):
         arrays[name] = np.array(arrays[name], dtype=str)
-    part = path.with_name(path.name + ".part")
-    with disk_errors(path.parent):
-        with part.open("wb") as file:
-            np.savez_compressed(file, kind=KIND, schema_version=SCHEMA, **arrays)
-        part.replace(path)
+    write_npz(Path(path), kind=KIND, schema_version=SCHEMA, **arrays)
 
 
 def load_posterior(path: str | Path) -> Posterior:
     """Read a posterior; FileError names what is missing or damaged."""
     path = Path(path)
-    if not path.is_file():
-        raise FileError(path, "is a directory" if path.is_dir() else "no such file")
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            found: dict[str, Any] = {name: data[name] for name in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise FileError(path, f"not a whole npz archive of plain arrays: {error}") from None
+    found: dict[str, Any] = read_npz(path)
     if str(found.pop("kind", "")) != KIND:
         raise FileError(path, "not a posterior", key="kind", valid=KIND)
     if int(found.pop("schema_version", 0)) != SCHEMA:

@@ -12,8 +12,8 @@ import numpy as np
 from egocap.body.labels import LABELS
 from egocap.data.detections import Detections
 from egocap.data.sequence import Sequence
-from egocap.data.sequence_writer import disk_errors
 from egocap.errors import EgocapError, InputError
+from egocap.files import make_folder
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.posterior.measurement import check_frame
 from egocap.posterior.result import Posterior, save_posterior
@@ -71,8 +71,7 @@ def write_posterior(
     """Sample, write the npz, and, when asked, the page of pictures. Returns a summary."""
     for path in (out, page, checkpoint):
         if path is not None:
-            with disk_errors(path.parent):
-                path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
     if page is not None and page.suffix not in (".html", ".htm"):
         raise InputError(f"--page {page}", valid="the name of an .html file")
     result = sample_frame(sequence, detections, frame, config, sampling, checkpoint, colour)

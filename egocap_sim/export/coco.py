@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence, image_suffix
-from egocap.data.sequence_writer import disk_errors, write_atomically
+from egocap.files import disk_errors, write_atomically
 from egocap_sim.core.part_labels import WEARER_FIRST, WEARER_LAST
 from egocap_sim.export import new_folder
 

@@ -12,8 +12,8 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE, Sequence
-from egocap.data.sequence_writer import disk_errors, write_atomically
 from egocap.errors import InputError
+from egocap.files import make_folder, write_atomically
 
 _LEFT, _RIGHT, _MIDDLE = (80, 170, 255), (255, 140, 70), (250, 230, 90)  # RGB, by side of the body
 _RING = {VISIBLE: (255, 255, 255), SELF_OCCLUDED: (255, 60, 60), OCCLUDED: (200, 60, 255)}
@@ -52,8 +52,7 @@ def save_contact_sheet(
         sheet = np.vstack([_row(sequence, len(sequence) // 2, tile_width) for sequence in opened])
     done, data = cv2.imencode(path.suffix.lower(), sheet[..., ::-1])
     assert done, f"encoding of a sheet of shape {sheet.shape} failed"
-    with disk_errors(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     write_atomically(path, data.tobytes())
 
 

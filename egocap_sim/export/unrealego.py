@@ -16,8 +16,8 @@ import numpy as np
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.data.sequence import Sequence
-from egocap.data.sequence_writer import disk_errors, write_atomically
 from egocap.errors import InputError
+from egocap.files import disk_errors, write_atomically
 from egocap.geometry import inverse, matrix_to_quaternion, transform
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
 from egocap_sim.export import new_folder

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import time
-import zipfile
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -13,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.data.sequence_writer import write_atomically
 from egocap.errors import FileError, InputError
+from egocap.files import read_npz, write_npz
 from egocap.geometry import rigid
 from egocap_sim.core.bodies import BODIES, FEET
 from egocap_sim.core.trajectory import PhysicsStats, Trajectory
@@ -167,22 +165,18 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     """
     arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
     stats = {f"stats_{name}": value for name, value in asdict(trajectory.stats).items()}
-    content = io.BytesIO()
-    np.savez(content, fps=trajectory.fps, **arrays, **stats)
-    write_atomically(Path(path), content.getvalue())
+    write_npz(Path(path), compressed=False, fps=trajectory.fps, **arrays, **stats)
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
     """Read what `save_trajectory` wrote. Raises FileError for anything else."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in _ARRAYS}
-            fps = float(file["fps"])
-            stats = {f.name: float(file[f"stats_{f.name}"]) for f in fields(PhysicsStats)}
+        file = read_npz(Path(path))
+        arrays = {name: file[name] for name in _ARRAYS}
+        fps = float(file["fps"])
+        stats = {f.name: float(file[f"stats_{f.name}"]) for f in fields(PhysicsStats)}
     except KeyError as problem:
         raise FileError(path, f"not a trajectory: {problem.args[0]}", valid=_ARRAYS) from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as problem:
-        raise FileError(path, f"cannot be read as a trajectory: {problem}") from None
     frames = len(arrays["T_world_body"])
     for name, shape in _ARRAYS.items():
         if arrays[name].shape != (frames, *shape):

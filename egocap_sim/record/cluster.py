@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from egocap.data.dataset import EpisodeEntry
 from egocap.data.sequence import ShardEntry
-from egocap.data.sequence_writer import write_atomically, write_shard
+from egocap.data.sequence_writer import write_shard
 from egocap.errors import MachineError
+from egocap.files import write_atomically
 from egocap_sim.core.version import code_version
 from egocap_sim.record.workers import DRAFT, make_frames
 from egocap_sim.scene.config import Scene

@@ -23,8 +23,9 @@ from egocap.data.dataset import (
     load_episodes,
 )
 from egocap.data.dataset_writer import EpisodesWriter, entry_of, put_in_place
-from egocap.data.sequence_writer import digest, write_atomically
+from egocap.data.sequence_writer import digest
 from egocap.errors import InputError
+from egocap.files import write_atomically
 from egocap_sim.core.memory import give_back
 from egocap_sim.core.resources import SAMPLED
 from egocap_sim.core.version import code_version

@@ -28,8 +28,9 @@ from egocap.data.sequence import (
     ShardEntry,
     Truth,
 )
-from egocap.data.sequence_writer import SequenceWriter, digest, disk_errors, write_shard
+from egocap.data.sequence_writer import SequenceWriter, digest, write_shard
 from egocap.errors import InputError
+from egocap.files import disk_errors
 from egocap_sim.core.trajectory import PhysicsStats
 from egocap_sim.core.version import code_version
 from egocap_sim.record.workers import DRAFT, files_of, frame_maker, render_locally

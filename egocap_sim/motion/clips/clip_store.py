@@ -8,15 +8,11 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
-import tempfile
-import zipfile
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
-from egocap_sim.human.body.anny_export import cache_folder
+from egocap.errors import EgocapError, FileError
+from egocap.files import cache_folder, make_folder, read_npz, write_npz
 from egocap_sim.motion.clips import load
 from egocap_sim.motion.kinematics.clip import Clip
 
@@ -40,16 +36,19 @@ def stored_clip(
         return load.load_clip(path, up=up, unit=unit, names=names)
     if kept.exists():
         try:
-            with np.load(kept, allow_pickle=False) as file:
-                fps, positions, rotations = (file[k] for k in ("fps", "positions", "rotations"))
+            found = read_npz(kept)
+            fps, positions, rotations = (found[k] for k in ("fps", "positions", "rotations"))
             return Clip(path.stem, float(fps), positions, rotations, canonical=True)
-        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (FileError, KeyError) as error:
             log.warning("%s is damaged (%s); reading %s again", kept, error, path)
     clip = load.load_clip(path, up=up, unit=unit, names=names)
+    assert clip.canonical
     try:
-        _save(kept, clip)
-    except OSError as error:  # it is only slower without
-        log.warning("%s cannot be kept in %s: %s", path.name, kept.parent, error.strerror or error)
+        make_folder(kept.parent)
+        arrays = {"positions": clip.positions, "rotations": clip.rotations}
+        write_npz(kept, compressed=False, fps=clip.fps, **arrays)
+    except (EgocapError, OSError) as error:  # it is only slower without
+        log.warning("%s cannot be kept: %s", path.name, error)
     return clip
 
 
@@ -70,15 +69,3 @@ def _reader() -> str:
     for name in READERS:
         digest.update((folder / name).read_bytes())
     return digest.hexdigest()
-
-
-def _save(path: Path, clip: Clip) -> None:
-    assert clip.canonical
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, fps=clip.fps, positions=clip.positions, rotations=clip.rotations)
-        Path(name).replace(path)
-    finally:
-        Path(name).unlink(missing_ok=True)

@@ -8,8 +8,6 @@ by chance, which the table says.
 
 from __future__ import annotations
 
-import io
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +22,7 @@ from egocap.evaluation import MEASURES
 from egocap.evaluation.metrics import paired_interval
 from egocap.evaluation.pose import MIN_BLOCKS, block_of
 from egocap.evaluation.table import Table, number
+from egocap.files import read_npz
 from egocap_eval.harness.result_file import load_result
 from egocap_eval.harness.study import Outcome
 
@@ -54,7 +53,8 @@ def study(
         rows = changed_numbers(a["result"], b["result"])
         kept = [row for row in rows if all_measures or row["share"] is None or row["share"] >= 0.01]
         return Outcome({"numbers": rows}, [_numbers_table(kept, len(rows))], config=config)
-    errors = paired_changes(_errors(first), _errors(second), seed=seed)
+    old, new = (read_npz(folder / "errors.npz") for folder in (first, second))
+    errors = paired_changes(old, new, seed=seed)
     scores = changed_scores(a["result"]["scores"], b["result"]["scores"])
     kept = [row for row in scores if all_measures or row["share"] is None or row["share"] >= 0.01]
     tables = [_errors_table(errors), _scores_table(kept, len(scores))]
@@ -165,15 +165,6 @@ def _loaded(path: Path) -> dict[str, Any]:
     if path.is_dir() and "scores" not in record["result"]:
         raise FileError(path, "not a run", valid="a folder made by egocap-eval run")
     return record
-
-
-def _errors(folder: Path) -> dict[str, Array]:
-    path = folder / "errors.npz"
-    try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise FileError(path, f"cannot be read: {error}") from None
 
 
 def _errors_table(rows: list[dict[str, Any]]) -> Table:

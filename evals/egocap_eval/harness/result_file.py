@@ -14,8 +14,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from egocap.data.sequence_writer import disk_errors, write_atomically
 from egocap.errors import FileError
+from egocap.files import make_folder, write_atomically
 
 SCHEMA = 1
 PACKAGES = (
@@ -131,8 +131,7 @@ def cpu_model() -> str:
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file that is whole or absent, making its folder if need be."""
     path = Path(path)
-    with disk_errors(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     write_atomically(path, text.encode())
 
 

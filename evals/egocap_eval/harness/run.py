@@ -13,7 +13,6 @@ made with other settings, or from another sequence, is refused rather than mixed
 
 from __future__ import annotations
 
-import io
 import json
 import shlex
 import sys
@@ -27,12 +26,12 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from egocap.data.sequence import Sequence
-from egocap.data.sequence_writer import write_atomically
 from egocap.errors import FileError, InputError
 from egocap.evaluation.measures import MEASURES, Scored
 from egocap.evaluation.pose import frame_errors, report_of
 from egocap.evaluation.predictions import load_predictions
 from egocap.evaluation.protocol import find_protocol
+from egocap.files import write_npz
 from egocap_eval.harness.commands import STUDIES, main
 from egocap_eval.harness.footage import prepare_sequences
 from egocap_eval.harness.predict import (
@@ -216,6 +215,4 @@ def _save_errors(path: Path, scored: Mapping[str, list[Scored]]) -> None:
     for name, seeds in scored.items():
         arrays[name] = np.nanmean([frame_errors(s) for s in seeds], axis=0)
         arrays[f"times/{name}"] = seeds[0].times
-    content = io.BytesIO()
-    np.savez_compressed(content, **arrays)
-    write_atomically(path, content.getvalue())
+    write_npz(path, **arrays)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from egocap.data.sequence_writer import disk_errors
 from egocap.errors import FileError
+from egocap.files import disk_errors, make_folder
 from egocap_eval.posterior.coverage import FrameScore
 
 
@@ -22,8 +22,7 @@ class ScoreLog:
         self._path, self._scores = path, {}
         if path is None:
             return
-        with disk_errors(path.parent):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         if path.exists():
             self._read(path)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from egocap.data.sequence_writer import disk_errors, write_atomically
+from egocap.files import make_folder, write_atomically
 from egocap.posterior.page import write_pictures
 from egocap_eval.rig_design.rig_report import PAPERS, RigReport
 
@@ -27,8 +27,7 @@ def save_together(path: Path, report: RigReport) -> None:
     """Bound, posterior and error as a PNG file, whole or not at all."""
     file = io.BytesIO()
     draw_together(report).savefig(file, format="png", dpi=110)
-    with disk_errors(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     write_atomically(path, file.getvalue())
 
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from egocap.data.arrays import SCHEMA
 from egocap.data.detections import Detections, load_detections, save_detections
-from egocap.data.results import SCHEMA
 from egocap.data.track import Track, load_track, save_track
 from egocap.errors import FileError, MachineError
 
@@ -187,7 +187,7 @@ def test_pickles_are_never_opened(tmp_path):
 def test_missing_file_and_folder(tmp_path):
     with pytest.raises(FileError, match="no such file"):
         load_track(tmp_path / "none.npz")
-    with pytest.raises(FileError, match="directory"):
+    with pytest.raises(FileError, match="is a folder"):
         load_track(tmp_path)
 
 

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import SCHEMA, Manifest, Sequence, Truth
-from egocap.data.sequence_writer import SequenceWriter, write_atomically, write_shard
+from egocap.data.sequence_writer import SequenceWriter, write_shard
 from egocap.errors import FileError, InputError, MachineError
+from egocap.files import write_atomically
 
 ROOT = Path(__file__).parents[3]
 FRAMES, SHARD = 5, 2
@@ -56,7 +57,11 @@ def truth():
         "root_wrench": (6,),
     }  # fmt: skip
     assert list(shapes) == [f.name for f in fields(Truth)]
-    return Truth(**{name: rng.normal(size=(FRAMES, *shape)) for name, shape in shapes.items()})
+    types = {"in_view": bool, "visibility": np.uint8, "contact": bool}
+    return Truth(**{
+        name: np.abs(rng.normal(size=(FRAMES, *shape))).astype(types.get(name, float))
+        for name, shape in shapes.items()
+    })  # fmt: skip
 
 
 def side_files():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egocap.body.labels import LABELS
-from egocap.data.track_arrays import write_arrays
+from egocap.data.track import write_arrays
 from egocap.errors import MachineError
 from tests.egocap.data.test_bvh import made
 

@@ -105,7 +105,7 @@ def fit_body(
         json: print the report as JSON.
     """
     from egocap.data.sequence import Sequence
-    from egocap.files import disk_errors
+    from egocap.files import disk_errors, make_folder
     from egocap.fitting.fit_body import first_seconds
     from egocap.fitting.fit_body import fit_body as fit
 

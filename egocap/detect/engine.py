@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +18,8 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.detect.weights import Weights
-from egocap.errors import InputError, MachineError
+from egocap.errors import EgocapError, InputError, MachineError
+from egocap.files import cache_folder, make_folder, replacing
 
 EngineName = Literal["auto", "onnxruntime", "openvino", "torch", "cuda"]
 """auto: openvino where it is installed, else onnxruntime; onnxruntime: 32-bit floats, alike on
@@ -91,16 +91,13 @@ def exported(weights: Weights) -> Path:
     path = cache_folder() / f"detector-{weights.sha256[:32]}-{_EXPORT}.onnx"
     if path.is_file():
         return path
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        export_onnx(weights, part)
-        part.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+        make_folder(path.parent)
+        with replacing(path) as temporary:
+            export_onnx(weights, temporary)
+    except (EgocapError, OSError) as error:
         remedy = "set XDG_CACHE_HOME to a folder with 100 MB of space"
-        raise MachineError(f"cannot write {path}: {error.strerror}", remedy=remedy) from None
+        raise MachineError(f"cannot keep the exported network: {error}", remedy=remedy) from None
     return path
 
 
@@ -124,12 +121,6 @@ def export_onnx(weights: Weights, path: Path) -> None:
             output_names=list(OUTPUTS),
             dynamic_axes={name: {0: "B"} for name in (INPUT, *OUTPUTS)},
         )
-
-
-def cache_folder() -> Path:
-    """Where EgoCap keeps what it can make again: $XDG_CACHE_HOME/egocap or ~/.cache/egocap."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "egocap"
 
 
 def _onnxruntime(path: Path, threads: int, spin: bool) -> Callable[[Array], Outputs]:

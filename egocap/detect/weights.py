@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import struct
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -21,6 +19,7 @@ from egocap.body.labels import LABELS
 from egocap.detect.calibration import Calibration
 from egocap.detect.canonical_view import ViewSpec
 from egocap.errors import FileError, InputError, MachineError
+from egocap.files import write_atomically
 
 if TYPE_CHECKING:
     from egocap.detect.network import DetectorNetwork
@@ -138,7 +137,8 @@ def save_weights(
         for name, t in network.state_dict().items()
     }
     assert all(bool(torch.isfinite(t).all()) for t in state.values()), "weights beyond half range"
-    _write(Path(path), save(state, _header(network.config.to_dict(), training, calibration)))
+    content = save(state, _header(network.config.to_dict(), training, calibration))
+    write_atomically(Path(path), _in_order(content))
 
 
 def with_calibration(
@@ -148,7 +148,7 @@ def with_calibration(
     from safetensors.torch import load_file, save
 
     header = _header(weights.config, training, calibration)
-    _write(Path(path), save(load_file(weights.path), header))
+    write_atomically(Path(path), _in_order(save(load_file(weights.path), header)))
 
 
 def shipped_file(name: str = SHIPPED) -> Path:
@@ -182,21 +182,6 @@ def _in_order(content: bytes) -> bytes:
     text = header.encode()
     text += b" " * (-len(text) % 8)  # the tensors begin at a multiple of 8
     return struct.pack("<Q", len(text)) + text + content[8 + size :]
-
-
-def _write(path: Path, content: bytes) -> None:
-    # Renamed into place, so that a kill never leaves half a file under the real name.
-    part = path.with_name(path.name + ".part")
-    try:
-        with part.open("wb") as file:
-            file.write(_in_order(content))
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise MachineError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _content(path: Path) -> bytes:

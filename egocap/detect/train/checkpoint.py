@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from egocap.errors import FileError
+from egocap.files import replacing
 
 if TYPE_CHECKING:
     from egocap.detect.network import DetectorNetwork
@@ -39,16 +40,13 @@ def save_checkpoint(
 ) -> Path:
     """Write the folder's checkpoint, replacing the one before in one step."""
     path = folder / CHECKPOINT
-    part = path.with_name(CHECKPOINT + ".part")
-    torch.save(
-        {
-            "network": network.state_dict(), "average": average.state_dict(),
-            "optimiser": optimiser.state_dict(), "state": state,
-            "config": json.dumps(network.config.to_dict()),
-        },
-        part,
-    )  # fmt: skip
-    part.replace(path)
+    content = {
+        "network": network.state_dict(), "average": average.state_dict(),
+        "optimiser": optimiser.state_dict(), "state": state,
+        "config": json.dumps(network.config.to_dict()),
+    }  # fmt: skip
+    with replacing(path) as temporary:
+        torch.save(content, temporary)
     return path
 
 
@@ -75,13 +73,12 @@ def save_run_weights(folder: Path, network: DetectorNetwork, scores: Scores | No
     from safetensors.torch import save_file
 
     path = folder / FINAL
-    part = path.with_name(FINAL + ".part")
     metadata = {"config": json.dumps(network.config.to_dict())}
     if scores is not None:
         metadata["scores"] = json.dumps(scores.to_dict())
     tensors = {k: v.detach().cpu().contiguous().clone() for k, v in network.state_dict().items()}
-    save_file(tensors, part, metadata)
-    part.replace(path)
+    with replacing(path) as temporary:
+        save_file(tensors, temporary, metadata)
     return path
 
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from egocap.files import replacing
+
 if TYPE_CHECKING:
     from egocap.detect.train.loss import Losses
     from egocap.detect.train.trainer import RunState
@@ -95,10 +97,9 @@ def draw_curves(folder: Path) -> Path | None:
     right.set(xlabel="views", ylabel="%", title="held out", ylim=(0, 100))
     right.legend()
     path = folder / "curves.png"
-    part = path.with_name("curves.part.png")
-    figure.savefig(part, dpi=90)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=90, format="png")
     pyplot.close(figure)
-    part.replace(path)
     return path
 
 

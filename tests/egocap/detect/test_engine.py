@@ -61,7 +61,7 @@ def test_exported_once(weights, monkeypatch):
     monkeypatch.setattr(engines, "export_onnx", lambda *_: pytest.fail("exported again"))
     assert exported(weights) == path
     assert weights.sha256[:32] in path.name
-    assert not [p for p in path.parent.iterdir() if p.suffix == ".part"]
+    assert not [p for p in path.parent.iterdir() if p.name.endswith(".tmp")]
 
 
 def test_cache_that_cannot_be_written_says_so(weights, monkeypatch, tmp_path):

@@ -14,10 +14,6 @@ from egocap.detect.train.checkpoint import load_checkpoint, load_run_weights
 from egocap.detect.train.config import NO_AUGMENTATION, AugmentationConfig, TrainingConfig
 from egocap.detect.train.trainer import Trainer
 from egocap.errors import FileError, InputError
-<<<<<<< HEAD
-=======
-
->>>>>>> 1ce5cbc (Write weights, checkpoints and exported networks with the atomic helper)
 from tests.egocap.detect.synthetic_store import store
 
 TINY = CONFIGS["tiny"]

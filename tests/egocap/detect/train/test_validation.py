@@ -7,10 +7,6 @@ import torch
 from egocap.detect.network import CONFIGS, build_network
 from egocap.detect.train.examples import HIDDEN, SEEN
 from egocap.detect.train.validation import Predictions, auroc, predict, score, sigma_bias
-<<<<<<< HEAD
-=======
-
->>>>>>> 1ce5cbc (Write weights, checkpoints and exported networks with the atomic helper)
 from tests.egocap.detect.synthetic_store import store
 
 

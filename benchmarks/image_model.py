@@ -11,7 +11,7 @@ uses; `paper`, appendix A; `cone`, the distance in the HSV cone.
 
 `ms` is the smallest of many calls, `median_ms` their median, by the wall; `cpu_ms` is the mean
 processor time of all threads, which other work on the machine disturbs less. The reference is
-`image_model.appearance` with autograd, single precision, on the rays that meet the body only: on
+`image_model.torch_energy` with autograd, single precision, on the rays that meet the body only: on
 all rays it would take several times longer.
 """
 
@@ -72,9 +72,8 @@ class Bench:
     def __init__(self, folder: str) -> None:
         from egocap.body.gaussians import GaussianBody
         from egocap.data.sequence import Sequence
-        from egocap.image_model.colour_estimation import colour_body
         from egocap.image_model.image_rays import image_rays
-        from egocap.image_model.palette import learn_palette
+        from egocap.image_model.palette import colour_body, learn_palette
         from egocap.pose.inverse_kinematics import nearest_angles
 
         self.sequence = sequence = Sequence(folder)
@@ -99,7 +98,7 @@ class Bench:
 
     def model(self, measure: str, threads: int | None = None):
         """A model and the frame's colours along its rays, as the measure has them."""
-        from egocap.image_model.colour import PAPER, ColourMeasure
+        from egocap.image_model.colour_measure import PAPER, ColourMeasure
         from egocap.image_model.image_rays import image_rays
         from egocap.image_model.model import ImageModel
 
@@ -159,8 +158,7 @@ class Bench:
         """The torch reference on the rays that meet the body."""
         import torch
 
-        from egocap.image_model.appearance import colour_gradient
-        from egocap.image_model.reference import ReferenceModel
+        from egocap.image_model.torch_energy import ReferenceModel, colour_gradient
 
         model, colours = self.model(measure)
         reference = ReferenceModel(self.body, model.rays, model.measure, torch.float32)
@@ -201,8 +199,7 @@ class Bench:
         """Many poses at once by the torch path, energy and gradient; `chunk` rays at a time."""
         import torch
 
-        from egocap.image_model.appearance import colour_gradient
-        from egocap.image_model.reference import ReferenceModel
+        from egocap.image_model.torch_energy import ReferenceModel, colour_gradient
 
         model, colours = self.model("ratio")
         reference = ReferenceModel(self.body, model.rays, dtype=torch.float32, device=device)
@@ -241,7 +238,7 @@ def first_call() -> dict[str, float]:
 def measured(words: argparse.Namespace) -> dict[str, Any]:
     """All times. Raises MachineError before the first when the device asked for is not there."""
     if words.device:
-        from egocap.image_model.appearance import torch_device
+        from egocap.image_model.torch_energy import torch_device
 
         torch_device(words.device)
     bench = Bench(words.sequence)

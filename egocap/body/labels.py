@@ -35,3 +35,8 @@ LIMBS: tuple[tuple[int, int], ...] = tuple(
     ] + [("neck", "left_shoulder"), ("neck", "right_shoulder"), ("left_hip", "right_hip")]
 )  # fmt: skip
 """Pairs of labels to join with a line when a pose is drawn."""
+
+
+def without_side(name: str) -> str:
+    """'elbow' of 'left_elbow': a joint's or body part's name on either side."""
+    return name.removeprefix("left_").removeprefix("right_")

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from pydantic import Field
 
-from egocap.body.labels import LABELS
+from egocap.body.labels import LABELS, without_side
 from egocap.body.skeleton import LABEL_POINTS, POINT_COUNT, POINT_INDEX, POINT_PARENTS, POINTS
 from egocap.errors import FileError, InputError
 from egocap.schema import Number, Strict, checked, read_json, refuse_newer
@@ -58,7 +58,7 @@ class Proportions:
         if offsets.shape != (POINT_COUNT, 3):
             raise InputError(f"proportions have shape {offsets.shape}", valid=f"({POINT_COUNT}, 3)")
         for name, length in zip(POINTS, np.linalg.norm(offsets, axis=1), strict=True):
-            low, high = _RANGES[_kind(name)]
+            low, high = _RANGES[without_side(name)]
             if not low <= length <= high:
                 raise InputError(
                     f"the bone to '{name}' is {length:.3f} m long",
@@ -114,9 +114,10 @@ class Proportions:
         rows = []
         for name in POINTS:
             side = -1.0 if name.startswith("right_") else 1.0
-            offset = np.array((unit_offsets | left)[_kind(name)]) * (height, side * height, height)
-            if _kind(name) in lengths:
-                offset *= lengths[_kind(name)] / np.linalg.norm(offset)
+            kind = without_side(name)
+            offset = np.array((unit_offsets | left)[kind]) * (height, side * height, height)
+            if kind in lengths:
+                offset *= lengths[kind] / np.linalg.norm(offset)
             rows.append(offset)
         return cls(np.array(rows))
 
@@ -171,10 +172,6 @@ class Proportions:
             return cls(np.array([offsets[name] for name in POINTS]))
         except InputError as error:
             raise FileError(path, str(error), key="offsets") from None
-
-
-def _kind(point: str) -> str:
-    return point.removeprefix("left_").removeprefix("right_")
 
 
 def _other_side(point: str) -> str:

@@ -18,14 +18,14 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.gaussians import GaussianBody
+from egocap.body.labels import without_side
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
-from egocap.image_model.colour_estimation import colour_body
 from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import ImageRays, image_rays, ray_colours
 from egocap.image_model.model import ImageModel
-from egocap.image_model.palette import Background, Palette, colour_bins, learn_palette
+from egocap.image_model.palette import Background, Palette, colour_bins, colour_body, learn_palette
 
 SPREAD = 0.12
 """Scatter of a part's radius among people, in logarithms."""
@@ -58,7 +58,7 @@ def fit_shape(proportions: Proportions, rig: Rig, frames: Frames, size: int = 96
         raise InputError("no frames to find sizes and colours in")
     rays = image_rays(rig, size, size)
     plain = GaussianBody.from_proportions(proportions)
-    kinds = np.array([_kind(part) for part in plain.parts])
+    kinds = np.array([without_side(part) for part in plain.parts])
     scales = {str(kind): 0.0 for kind in dict.fromkeys(kinds)}
     bins = [colour_bins(ray_colours(rays, images)) for images, _ in frames]
     body, palette = plain, learn_palette(plain, rays, frames)
@@ -76,10 +76,6 @@ def fit_shape(proportions: Proportions, rig: Rig, frames: Frames, size: int = 96
 def resized(body: GaussianBody, factors: Float[Array, "91"]) -> GaussianBody:
     """The body with every Gaussian's radius times a factor, as opaque along its axis as before."""
     return replace(body, sigma=body.sigma * factors, density=body.density / factors)
-
-
-def _kind(part: str) -> str:
-    return part.removeprefix("left_").removeprefix("right_")
 
 
 def _factors(kinds: Array, scales: dict[str, float]) -> Float[Array, "91"]:

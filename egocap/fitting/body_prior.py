@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.body.labels import without_side
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import POINT_COUNT, POINT_INDEX, POINTS
 from egocap.errors import InputError
@@ -117,7 +118,7 @@ def _basis() -> Float[Array, "K 22 3"]:
     basis = np.zeros((len(COMPONENTS), POINT_COUNT, 3))
     for k, (kind, axis) in enumerate(COMPONENTS):
         for name in POINTS:
-            if name.removeprefix("left_").removeprefix("right_") == kind:
+            if without_side(name) == kind:
                 mirrored = axis == 1 and name.startswith("right_")
                 basis[k, POINT_INDEX[name], axis] = -1.0 if mirrored else 1.0
     return basis

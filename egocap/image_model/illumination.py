@@ -21,9 +21,10 @@ from scipy.special import erf
 
 from egocap.body.gaussians import GaussianBody
 from egocap.cameras.rig import Rig
-from egocap.image_model.colour import hsv_to_rgb
+from egocap.image_model.body_kernel import gaussian_centres
+from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.image_rays import ImageRays, ray_colours
-from egocap.image_model.occlusion import posed_gaussians
+from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import Palette, colour_bins
 
 RATE = 0.15
@@ -89,7 +90,7 @@ class Illumination:
     def _plain(self, angles: Float[Array, "37"]) -> tuple[Int[Array, "N"], Int[Array, "N"]]:
         """Gaussians whose centres are plainly seen, and the rays that show them."""
         body, rig = self._body, self._rig
-        centres = posed_gaussians(np.asarray(angles, float)[None], body)[0]
+        centres = gaussian_centres(np.asarray(angles, float)[None], body)[0]
         eyes = rig.T_head_camera[:, :3, 3]
         pixels, inside = rig.project(centres)  # (V, G, 2), (V, G)
         spot = np.rint(np.where(inside[..., None], pixels, 0.0)).astype(int)
@@ -124,8 +125,6 @@ def learn_in_light(
     As `palette.learn_palette`, but the frames may differ in their light. Raises InputError as
     `Palette.learn`.
     """
-    from egocap.image_model.model import ImageModel
-
     light, bins = Illumination(body, rig, rays), []
     for images, angles in frames:
         light.gain = np.ones(3)

@@ -16,21 +16,24 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 from numba import njit, prange
 from numpy import ndarray as Array
 
-from egocap.image_model.body_kernel import angle_forces, load, pose
+from egocap.body.skeleton import DOF_COUNT, JOINTS
+from egocap.image_model.body_kernel import add_force, angle_derivatives, pose
 from egocap.image_model.ray_kernel import (
     CACHE_LINE,
     FAST,
+    RAY_CODE,
+    Scratch,
     compare_colours,
     find_near,
-    look_up,
+    look_up_colours,
     ray_energy,
     ray_step,
     ray_visibility,
-    scratch_of,
+    thread_scratch,
 )
 
 BLOCK = 32
@@ -39,20 +42,8 @@ FLAT = 1e-4
 """Derivatives of a ray's energy below this, per radian, do not enter the Gauss-Newton matrix."""
 FIT_FLOOR = 0.05
 """Least 1 + e that the Gauss-Newton matrix divides by."""
-
-
-class Shape(NamedTuple):
-    """What rays need of the Gaussians, single precision."""
-
-    radius2: Float32[Array, "G"]  # squared distance from a ray beyond which it is not felt
-    reach: Float32[Array, "G"]  # its root
-    inv_2s2: Float32[Array, "G"]  # -1 / (2 sigma^2)
-    inv_s: Float32[Array, "G"]  # 1 / (sqrt(2) sigma)
-    inv_s2: Float32[Array, "G"]  # 1 / sigma^2
-    half_depth: Float32[Array, "G"]  # half of the optical depth through the centre
-    edges: Int32[Array, "G"]
-    colours: Float32[Array, "G 3"]
-    blend: Float32[Array, "G 3"]
+PARALLEL = {"cache": True, "parallel": True, "fastmath": FAST, "error_model": "numpy"}
+SERIAL = {"cache": True, "fastmath": FAST, "error_model": "numpy", "_nrt": False}
 
 
 class RayArrays(NamedTuple):
@@ -69,9 +60,9 @@ class RayArrays(NamedTuple):
 
 
 class Posed(NamedTuple):
-    """The body in a pose, and how the views see it."""
+    """The body in a pose, as the views see it."""
 
-    origins: Float[Array, "18 3"]  # of skull and joints
+    origins: Float[Array, "17 3"]  # of joints
     axes: Float[Array, "37 3"]
     centres: Float[Array, "G 3"]
     arms: Float32[Array, "V G 3"]  # from the camera to the centre
@@ -81,25 +72,63 @@ class Posed(NamedTuple):
 class Palettes(NamedTuple):
     """Colours by bins: which bin every ray is in, and how unlike each Gaussian every bin is."""
 
-    bins: Int32[Array, "P"]  # empty: colours are compared directly
+    bins: Int32[Array, "P"]
     unlike: Float32[Array, "G K"]
 
 
-class Forces(NamedTuple):
-    """Working memory of `angle_forces`."""
+class RayColours(NamedTuple):
+    """Colours along the rays: as features, or in the bins of `Palettes`."""
 
-    wrench: Float[Array, "18 6"]
-    loaded: Bool[Array, "18"]
-    row: Float[Array, "37"]
-    which: Int[Array, "37"]
+    features: Float32[Array, "P 3"]
+    bins: Int32[Array, "P"]  # empty: features are compared
+    unlike: Float32[Array, "G K"]
 
 
-class Output(NamedTuple):
-    """One row a thread."""
+class Request(NamedTuple):
+    """What to evaluate: see `ImageModel.evaluate`."""
 
+    selected: Int32[Array, "S"]  # empty: all rays
+    weights: Float32[Array, "S"]
+    keep: np.float32
+    seed: np.uint64
+    curvature: bool
+
+
+class Memory(NamedTuple):
+    """Working memory and results. C threads have a row each, a cache line apart."""
+
+    lists: Int16[Array, "N G"]  # Gaussians of every tile
+    counts: Int32[Array, "N"]
+    lanes: Float32[Array, "E"]  # 0, 1, 2, ...
+    pixels: Float32[Array, "3 P"]  # energy, length of its derivative, opacity
     energy: Float[Array, "C"]
-    centre: Float[Array, "C G 3"]  # derivative by the Gaussians' centres
+    by_centre: Float[Array, "C G 3"]  # derivative by the Gaussians' centres
     curvature: Float[Array, "C 37 37"]  # lower triangle
+    wrench: Float[Array, "C 17 6"]  # zero between rays, as is `loaded`
+    loaded: Bool[Array, "C 17"]
+    row: Float[Array, "C 37"]
+    which: Int[Array, "C 37"]
+
+
+def make_memory(threads: int, rays: int, tiles: int, gaussians: int, lanes: int) -> Memory:
+    """Working memory for so many threads, rays, tiles and Gaussians."""
+    joints, dofs, apart = len(JOINTS), DOF_COUNT, CACHE_LINE
+    return Memory(
+        np.zeros((tiles, gaussians), np.int16), np.zeros(tiles, np.int32),
+        np.arange(lanes, dtype=np.float32), np.zeros((3, rays), np.float32), np.zeros(threads),
+        np.zeros((threads, gaussians + apart, 3)), np.zeros((threads, dofs + 1, dofs)),
+        np.zeros((threads, joints + apart, 6)), np.zeros((threads, joints + 4 * apart), bool),
+        np.zeros((threads, dofs + apart)), np.zeros((threads, dofs + apart), np.int64),
+    )  # fmt: skip
+
+
+class Thread(NamedTuple):
+    """One thread's part of the working memory."""
+
+    scratch: Scratch
+    by_centre: Float[Array, "G 3"]
+    wrench: Float[Array, "17 6"]
+    loaded: Bool[Array, "17"]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -125,8 +154,7 @@ def _cones(centres, origins, reach, arms, cones):
                 cones[v, 3, q], cones[v, 4, q] = np.sqrt(1.0 - sin * sin), sin
 
 
-@njit(cache=True, parallel=True, fastmath=FAST,
-      error_model="numpy")  # fmt: skip
+@njit(**PARALLEL)
 def _fill_tiles(rays, cones, lists, counts):
     """List the Gaussians whose cone meets that of each tile."""
     gaussians = cones.shape[2]
@@ -158,173 +186,159 @@ def _kept(seed, ray, gaussian, keep):
 
 
 @njit(cache=True)
-def _posed(angles, chain, shape, rays):
-    """The fields of `Posed`, which numba must see made where a parallel loop takes it."""
-    gaussians, views = len(chain.carrier), len(rays.origins)
-    origins, axes = np.empty((len(chain.parents) + 1, 3)), np.empty((len(angles), 3))
-    centres = np.empty((gaussians, 3))
+def _posed(angles, chain, gaussians, rays):
+    """The fields of `Posed`: numba needs to see it made where a parallel loop takes it."""
+    count, views = len(chain.carrier), len(rays.origins)
+    origins, axes = np.empty((len(chain.parents), 3)), np.empty((len(angles), 3))
+    centres = np.empty((count, 3))
     pose(chain, angles, origins, axes, centres)
-    arms = np.empty((views, gaussians, 3), np.float32)
-    cones = np.empty((views, 5, gaussians), np.float32)
-    _cones(centres, rays.origins, shape.reach, arms, cones)
+    arms = np.empty((views, count, 3), np.float32)
+    cones = np.empty((views, 5, count), np.float32)
+    _cones(centres, rays.origins, gaussians.reach, arms, cones)
     return origins, axes, centres, arms, cones
 
 
-@njit(cache=True, parallel=True, fastmath=FAST,
-      error_model="numpy")  # fmt: skip
-def image_visibility(
-    angles, chain, shape, rays, cell, cells, lanes, lists, counts, scratches, threads
-):  # fmt: skip
+@njit(**PARALLEL)
+def image_visibility(angles, chain, gaussians, rays, settings, scratches, memory):
     """Visibility of every Gaussian along every ray (P, G): see `ImageModel.visibility`."""
-    _, _, _, arms, cones = _posed(angles, chain, shape, rays)
-    _fill_tiles(rays, cones, lists, counts)
+    _, _, _, arms, cones = _posed(angles, chain, gaussians, rays)
+    _fill_tiles(rays, cones, memory.lists, memory.counts)
     seen = np.zeros((len(rays.camera), len(chain.carrier)), np.float32)
-    for thread in prange(threads):
-        _see_share_of_rays(
-            thread, threads, arms, shape, rays, cell, cells, lanes, lists, counts,
-            scratch_of(scratches, thread), seen,
-        )  # fmt: skip
+    for thread in prange(len(memory.energy)):
+        _thread_visibility(thread, arms, gaussians, rays, settings, scratches, memory, seen)
     return seen
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)  # pyright: ignore[reportCallIssue]
-def _see_share_of_rays(
-    thread, threads, arms, shape, rays, cell, cells, lanes, lists, counts, scratch, seen
-):  # fmt: skip
+@njit(**SERIAL)
+def _thread_visibility(thread, arms, gaussians, rays, settings, scratches, memory, seen):
     """One thread's rays of `image_visibility`."""
-    for first in range(thread * BLOCK, len(rays.camera), threads * BLOCK):
+    scratch, step = thread_scratch(scratches, thread), len(memory.energy) * BLOCK
+    for first in range(thread * BLOCK, len(rays.camera), step):
         for p in range(first, min(first + BLOCK, len(rays.camera))):
             tile = rays.tile[p]
-            if counts[tile] == 0:
+            if memory.counts[tile] == 0:
                 continue
             found = find_near(
-                rays.direction[p], arms, rays.camera[p], lists[tile], counts[tile],
-                shape.radius2, shape.reach, shape.inv_2s2, shape.half_depth, scratch,
+                rays.direction[p], arms, rays.camera[p], memory.lists[tile], memory.counts[tile],
+                gaussians, scratch,
             )  # fmt: skip
             if found == 0:
                 continue
-            ray_energy(found, shape.edges, shape.inv_s, cell, cells, lanes, scratch)
+            ray_energy(found, settings, gaussians, memory.lanes, scratch)
             for i in range(found):
-                seen[p, scratch.near[i]] = ray_visibility(np.uint64(i), shape.edges, scratch)
+                seen[p, scratch.near[i]] = ray_visibility(np.uint64(i), gaussians.edges, scratch)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST,
-      error_model="numpy")  # fmt: skip
+@njit(**PARALLEL)
 def image_energy(
-    angles, colours, palettes, chain, shape, rays, cell, cells, in_cone, colour_scale, selected,
-    weights, keep, seed, curvature, lanes, lists, counts, scratches, pixels, output,
+    angles, colours, chain, gaussians, rays, settings, request, scratches, memory
 ):  # fmt: skip
     """Energy, gradient (37,), Gauss-Newton matrix (37, 37): see `ImageModel.evaluate`."""
-    frames, dofs = len(chain.parents) + 1, len(angles)
-    origins, axes, centres, arms, cones = _posed(angles, chain, shape, rays)
+    origins, axes, centres, arms, cones = _posed(angles, chain, gaussians, rays)
     posed = Posed(origins, axes, centres, arms, cones)
-    _fill_tiles(rays, cones, lists, counts)
-    energies = output.energy  # numba loses what a parallel loop writes to a field
-    threads = len(energies)
-    apart = CACHE_LINE
-    wrenches = np.zeros((threads, frames + apart, 6))
-    loadeds = np.zeros((threads, frames + 4 * apart), np.bool_)
-    rows = np.empty((threads, dofs + apart))
-    whiches = np.empty((threads, dofs + apart), np.int64)
-    for thread in prange(threads):
-        energies[thread] = _share_of_rays(
-            thread, threads, posed, colours, palettes, chain, shape, rays, cell, cells, in_cone,
-            colour_scale, selected, weights, keep, seed, curvature, lanes, lists, counts,
-            scratch_of(scratches, thread),
-            Forces(wrenches[thread], loadeds[thread], rows[thread], whiches[thread]), pixels,
-            output.centre[thread], output.curvature[thread],
-        )  # fmt: skip
-    return _gather(chain, posed, curvature, output)
+    _fill_tiles(rays, cones, memory.lists, memory.counts)
+    energies = memory.energy  # numba loses what a parallel loop writes to a field
+    for thread in prange(len(energies)):
+        energies[thread] = _thread_energy(
+            thread, posed, colours, chain, gaussians, rays, settings, request, scratches, memory
+        )
+    return _gather(chain, posed, request.curvature, memory)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", _nrt=False)  # pyright: ignore[reportCallIssue]
-def _share_of_rays(
-    thread, threads, posed, colours, palettes, chain, shape, rays, cell, cells, in_cone,
-    colour_scale, selected, weights, keep, seed, curvature, lanes, lists, counts, scratch, forces,
-    pixels, by_centre, H,
+@njit(**SERIAL)
+def _thread_energy(
+    thread, posed, colours, chain, gaussians, rays, settings, request, scratches, memory
 ):  # fmt: skip
     """One thread's rays: energy; adds to the derivatives by the centres and to the matrix."""
-    wrench, loaded, row, which = forces.wrench, forces.loaded, forces.row, forces.which
-    for q in range(len(by_centre)):
-        for c in range(3):
-            by_centre[q, c] = 0.0
-    if curvature:
-        for r in range(H.shape[1]):
-            for c in range(H.shape[1]):
-                H[r, c] = 0.0
-    every, binned = len(selected) == 0, len(palettes.bins) > 0
-    total = len(rays.camera) if every else len(selected)
+    scratch, H = thread_scratch(scratches, thread), memory.curvature[thread]
+    mine = Thread(scratch, memory.by_centre[thread], memory.wrench[thread], memory.loaded[thread])
+    row, which, pixels = memory.row[thread], memory.which[thread], memory.pixels
+    _clear(mine.by_centre)
+    if request.curvature:
+        _clear(H)
+    every, binned = len(request.selected) == 0, len(colours.bins) > 0
+    total = len(rays.camera) if every else len(request.selected)
     energy = 0.0
-    for first in range(thread * BLOCK, total, threads * BLOCK):
+    for first in range(thread * BLOCK, total, len(memory.energy) * BLOCK):
         for entry in range(first, min(first + BLOCK, total)):
-            p = entry if every else selected[entry]
-            tile = rays.tile[p]
-            pixels[0, p] = np.float32(0.0)
-            pixels[1, p] = np.float32(0.0)
-            pixels[2, p] = np.float32(0.0)
-            if counts[tile] == 0:
+            p = entry if every else request.selected[entry]
+            pixels[0, p] = pixels[1, p] = pixels[2, p] = np.float32(0.0)
+            n, tile = rays.direction[p], rays.tile[p]
+            count = memory.counts[tile]
+            if count == 0:
                 continue
-            n = rays.direction[p]
             found = find_near(
-                n, posed.arms, rays.camera[p], lists[tile], counts[tile], shape.radius2,
-                shape.reach, shape.inv_2s2, shape.half_depth, scratch,
-            )  # fmt: skip
+                n, posed.arms, rays.camera[p], memory.lists[tile], count, gaussians, scratch
+            )
             if found == 0:
                 continue
             if binned:
-                look_up(found, palettes.bins[p], palettes.unlike, scratch)
+                look_up_colours(found, colours.bins[p], colours.unlike, scratch)
             else:
-                compare_colours(
-                    found, colours[p], in_cone, colour_scale, shape.colours, shape.blend, scratch
-                )
-            e, end, light = ray_energy(found, shape.edges, shape.inv_s, cell, cells, lanes, scratch)
-            pixels[0, p] = e
-            pixels[2, p] = np.float32(1.0) - light
-            pull = np.float32(0.0)
-            weight = 1.0 if every else np.float64(weights[entry])
+                compare_colours(found, colours.features[p], settings, gaussians, scratch)
+            e, end, light = ray_energy(found, settings, gaussians, memory.lanes, scratch)
+            weight = 1.0 if every else np.float64(request.weights[entry])
             energy += weight * e
-            for i in range(found):
-                q = scratch.near[i]
-                f = chain.carrier[q]
-                if f == 0 or (keep < 1.0 and not _kept(seed, p, q, keep)):  # the skull stays
-                    continue
-                if not ray_step(
-                    np.uint64(i), n, shape.edges, shape.inv_s, shape.inv_s2, end, scratch
-                ):
-                    continue
-                step = scratch.step[i]
-                gain = weight / keep
-                for c in range(3):
-                    by_centre[q, c] += gain * step[c]
-                    pull += step[c] * step[c]
-                if curvature:
-                    load(wrench, f, posed.centres[q], step)
-                    loaded[f] = True
-            pixels[1, p] = np.sqrt(pull)
-            if curvature:
-                count = angle_forces(chain, posed.origins, posed.axes, wrench, loaded, row, which)
+            squared = _add_derivatives(p, n, found, end, weight, posed, chain, gaussians, request,
+                                       mine)  # fmt: skip
+            pixels[0, p], pixels[1, p], pixels[2, p] = e, np.sqrt(squared), np.float32(1.0) - light
+            if request.curvature:
+                count = angle_derivatives(
+                    chain, posed.origins, posed.axes, mine.wrench, mine.loaded, row, which
+                )
                 _add_outer(H, row, which, count, weight / (2.0 * max(1.0 + e, FIT_FLOOR)))
     return energy
 
 
+@njit(**RAY_CODE)
+def _add_derivatives(p, n, found, end, weight, posed, chain, gaussians, request, mine):
+    """Add a ray's derivatives by the near Gaussians' centres; returns their squared length."""
+    squared = np.float32(0.0)
+    gain = weight / request.keep
+    for i in range(found):
+        q = mine.scratch.near[i]
+        joint = chain.carrier[q]
+        if joint < 0 or (request.keep < 1.0 and not _kept(request.seed, p, q, request.keep)):
+            continue  # the skull does not move
+        if not ray_step(np.uint64(i), n, gaussians, end, mine.scratch):
+            continue
+        step = mine.scratch.step[i]
+        for c in range(3):
+            mine.by_centre[q, c] += gain * step[c]
+            squared += step[c] * step[c]
+        if request.curvature:
+            add_force(mine.wrench, joint, posed.centres[q], step)
+            mine.loaded[joint] = True
+    return squared
+
+
+@njit(**RAY_CODE)
+def _clear(values):
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            values[r, c] = 0.0
+
+
 @njit(cache=True)
-def _gather(chain, posed, curvature, output):
-    """Sum up the threads; turn derivatives by the centres into those by the angles."""
-    frames, dofs = len(posed.origins), len(posed.axes)
-    wrench, loaded = np.zeros((frames, 6)), np.ones(frames, np.bool_)
+def _gather(chain, posed, curvature, memory):
+    """Sum over the threads; turn derivatives by the centres into those by the angles."""
+    joints, dofs = len(posed.origins), len(posed.axes)
+    wrench, loaded = np.zeros((joints, 6)), np.ones(joints, np.bool_)
     row, which = np.empty(dofs), np.empty(dofs, np.int64)
     gradient, matrix = np.zeros(dofs), np.zeros((dofs, dofs))
-    for thread in range(len(output.energy)):
+    for thread in range(len(memory.energy)):
         for q in range(len(chain.carrier)):
-            load(wrench, chain.carrier[q], posed.centres[q], output.centre[thread, q])
-    for i in range(angle_forces(chain, posed.origins, posed.axes, wrench, loaded, row, which)):
+            if chain.carrier[q] >= 0:
+                force = memory.by_centre[thread, q]
+                add_force(wrench, chain.carrier[q], posed.centres[q], force)
+    count = angle_derivatives(chain, posed.origins, posed.axes, wrench, loaded, row, which)
+    for i in range(count):
         gradient[which[i]] = row[i]
     if curvature:
         for r in range(dofs):
             for c in range(r + 1):
-                matrix[r, c] = output.curvature[:, r, c].sum()
-                matrix[c, r] = matrix[r, c]
-    return output.energy.sum(), gradient, matrix
+                matrix[r, c] = matrix[c, r] = memory.curvature[:, r, c].sum()
+    return memory.energy.sum(), gradient, matrix
 
 
 @njit(cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]

@@ -1,6 +1,6 @@
 """A body, the rays of a rig and settings, ready to evaluate poses against images, fast.
 
-`ImageModel` is the compiled form of `egocap.image_model.appearance`.
+`ImageModel` is the compiled form of `egocap.image_model.torch_energy`.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from jaxtyping import Float, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.gaussians import GaussianBody
-from egocap.body.skeleton import DOF_COUNT
 from egocap.errors import InputError
 from egocap.image_model.body_kernel import make_chain
-from egocap.image_model.colour import ColourMeasure, blend_weights
+from egocap.image_model.colour_measure import ColourMeasure, blend_weights
 from egocap.image_model.image_kernel import (
-    Output,
     Palettes,
     RayArrays,
-    Shape,
+    RayColours,
+    Request,
     image_energy,
     image_visibility,
+    make_memory,
 )
 from egocap.image_model.image_rays import ImageRays, ray_colours
-from egocap.image_model.ray_kernel import CACHE_LINE, LANES, MAX_EDGES, make_scratch
+from egocap.image_model.ray_kernel import LANES, MAX_EDGES, GaussianArrays, Settings, make_scratch
 
 WINDOW = 6.5
 """Length of the row of cells of a Gaussian in sigmas. The tails beyond go into the end cells."""
 _ALL = np.zeros(0, np.int32)
-_UNBINNED = Palettes(np.zeros(0, np.int32), np.zeros((1, 1), np.float32))
-_NO_COLOURS = np.zeros((1, 3), np.float32)
+_NO_FEATURES, _NO_TABLE = np.zeros((1, 3), np.float32), np.zeros((1, 1), np.float32)
+_NO_BINS = np.zeros(0, np.int32)
 _NO_WEIGHTS = np.zeros(0, np.float32)
 
 
@@ -76,27 +76,17 @@ class ImageModel:
             raise InputError(f"a cutoff of {cutoff}", valid="between 0 and 1")
         self.body, self.rays = body, rays
         self.cell, self.far, self.cutoff, self.measure = cell, far, cutoff, measure
-        self._in_cone = measure.kind == "cone"
-        reach = measure.reach
-        self._colour_scale = np.float32(1.0 / reach**2 if self._in_cone else 2.0 / reach)
-        self._chain = make_chain(body)
-        self._shape = _shape(body, cell, cutoff, measure)
-        self._rays = _ray_arrays(rays)
-        self._cells = round(far / cell)
+        in_cone, count, cells = measure.kind == "cone", len(body.parts), round(far / cell)
+        scale = 1.0 / measure.reach**2 if in_cone else 2.0 / measure.reach
+        self._settings = Settings(np.float32(cell), cells, in_cone, np.float32(scale))
         self._threads = threads or numba.get_num_threads()
-        count = len(body.parts)
-        self._scratch = make_scratch(self._threads, count, self._cells)
-        self._lists = np.zeros((len(rays.tile_view), count), np.int16)
-        self._counts = np.zeros(len(rays.tile_view), np.int32)
-        self._lanes = np.arange(MAX_EDGES, dtype=np.float32)
-        self._pixels = np.zeros((3, len(rays)), np.float32)
-        self._output = Output(
-            np.zeros(self._threads), np.zeros((self._threads, count + CACHE_LINE, 3)),
-            np.zeros((self._threads, DOF_COUNT + 1, DOF_COUNT)),
-        )  # fmt: skip
+        self._body = make_chain(body), _gaussian_arrays(body, cell, cutoff, measure)
+        self._rays = _ray_arrays(rays)
+        self._scratch = make_scratch(self._threads, count, cells)
+        self._memory = make_memory(self._threads, len(rays), len(rays.tile_view), count, MAX_EDGES)
 
     def colours(self, images: Sequence[UInt8[Array, "H W 3"]]) -> Float32[Array, "P 3"]:
-        """What RGB images show along the rays, as `evaluate` takes it."""
+        """Colours of RGB images along the rays, as `evaluate` takes them."""
         hsv = ray_colours(self.rays, images)
         return np.ascontiguousarray(self.measure.features(hsv), np.float32)
 
@@ -111,7 +101,7 @@ class ImageModel:
         keep: float = 1.0,
         seed: int = 0,
     ) -> Evaluation:
-        """Energy (equations 5 and 6), gradient and, on wish, Gauss-Newton matrix of a pose.
+        """Energy of a pose (equations 5, 6), gradient and, if asked, Gauss-Newton matrix.
 
         `colours` are those of `self.colours`, or the bins of a `palette.Palette`. With `selected`,
         only these rays count, each times its weight. With `keep` < 1 each Gaussian's derivative is
@@ -119,44 +109,45 @@ class ImageModel:
         expectation stays.
         """
         if isinstance(colours, Palettes):
-            palettes, plain = colours, _NO_COLOURS
-            assert palettes.bins.shape == (len(self.rays),), palettes.bins.shape
-            assert len(palettes.unlike) == len(self.body.parts), palettes.unlike.shape
+            assert colours.bins.shape == (len(self.rays),), colours.bins.shape
+            assert len(colours.unlike) == len(self.body.parts), colours.unlike.shape
+            given = RayColours(_NO_FEATURES, *colours)
         else:
-            palettes, plain = _UNBINNED, colours
-            assert plain.shape == (len(self.rays), 3) and plain.dtype == np.float32, plain.shape
+            assert colours.shape == (len(self.rays), 3), colours.shape
+            assert colours.dtype == np.float32, colours.dtype
+            given = RayColours(colours, _NO_BINS, _NO_TABLE)
+        request = Request(selected, weights, np.float32(keep), np.uint64(seed), bool(curvature))
         numba.set_num_threads(self._threads)
         energy, gradient, matrix = image_energy(
-            np.asarray(angles, np.float64), plain, palettes, self._chain, self._shape, self._rays,
-            np.float32(self.cell), self._cells, self._in_cone, self._colour_scale, selected,
-            weights, np.float32(keep), np.uint64(seed), bool(curvature), self._lanes, self._lists,
-            self._counts, self._scratch, self._pixels, self._output,
+            np.asarray(angles, np.float64), given, *self._body, self._rays, self._settings,
+            request, self._scratch, self._memory,
         )  # fmt: skip
         return Evaluation(energy, gradient, matrix if curvature else None)
 
     def pixel_energies(
         self, angles: Float[Array, "37"], colours: Float32[Array, "P 3"] | Palettes
     ) -> tuple[Float32[Array, "P"], Float32[Array, "P"]]:
-        """Energy of every ray, and how hard it pulls: the length of its derivative, per metre."""
+        """Energy of every ray; length of its derivative by the Gaussians' centres, per metre."""
         self.evaluate(angles, colours)
-        return self._pixels[0].copy(), self._pixels[1].copy()
+        return self._memory.pixels[0].copy(), self._memory.pixels[1].copy()
 
     def visibility(self, angles: Float[Array, "37"]) -> Float32[Array, "P 91"]:
         """Share of every ray that comes from every Gaussian (equation 4)."""
         numba.set_num_threads(self._threads)
         return image_visibility(
-            np.asarray(angles, np.float64), self._chain, self._shape, self._rays,
-            np.float32(self.cell), self._cells, self._lanes, self._lists, self._counts,
-            self._scratch, self._threads,
+            np.asarray(angles, np.float64), *self._body, self._rays, self._settings,
+            self._scratch, self._memory,
         )  # fmt: skip
 
     @property
     def opacity(self) -> Float32[Array, "P"]:
         """Share of every ray that the body absorbed at the pose evaluated last."""
-        return self._pixels[2].copy()
+        return self._memory.pixels[2].copy()
 
 
-def _shape(body: GaussianBody, cell: float, cutoff: float, measure: ColourMeasure) -> Shape:
+def _gaussian_arrays(
+    body: GaussianBody, cell: float, cutoff: float, measure: ColourMeasure
+) -> GaussianArrays:
     sigma = np.array(body.sigma)
     depth = body.density * sigma * np.sqrt(2.0 * np.pi)
     radius2 = 2.0 * sigma**2 * np.log(np.maximum(depth / cutoff, 1.0))
@@ -168,7 +159,7 @@ def _shape(body: GaussianBody, cell: float, cutoff: float, measure: ColourMeasur
             valid=f"cells of at least {least:.4f} m",
         )
     blend = np.stack(blend_weights(np.array(body.colour)), -1)
-    return Shape(
+    return GaussianArrays(
         radius2=radius2.astype(np.float32),
         reach=np.sqrt(radius2).astype(np.float32),
         inv_2s2=(-0.5 / sigma**2).astype(np.float32),

@@ -17,9 +17,8 @@ from numpy import ndarray as Array
 
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import LABELS
-from egocap.body.skeleton import DOF_COUNT, JOINTS
 from egocap.cameras.rig import Rig
-from egocap.image_model.body_kernel import make_chain, pose
+from egocap.image_model.body_kernel import gaussian_centres
 
 DEPTH = 0.6
 """Optical depth of other parts beyond which a joint counts as hidden."""
@@ -64,27 +63,17 @@ def optical_depths(
     rig: Rig,
 ) -> Float[Array, "B V 18"]:
     """Optical depth of the other parts between every view and every joint."""
-    centres = posed_gaussians(angles, body)
+    centres = gaussian_centres(angles, body)
     eyes = np.ascontiguousarray(rig.T_head_camera[:, :3, 3])
     strength = body.density * body.sigma * np.sqrt(2.0 * np.pi)
     out = np.empty((len(angles), len(eyes), len(LABELS)))
     joints = np.ascontiguousarray(joints_head, float)
     margins = np.array([MARGINS[label.rpartition("_")[2]] for label in LABELS])
-    _depths(centres, body.sigma, strength, others(body), margins, eyes, joints, out)
+    _depths(centres, body.sigma, strength, foreign_parts(body), margins, eyes, joints, out)
     return out
 
 
-def posed_gaussians(angles: Float[Array, "B 37"], body: GaussianBody) -> Float[Array, "B G 3"]:
-    """Centres of the body's Gaussians in the head frame, metres."""
-    chain = make_chain(body)
-    origins, axes = np.empty((len(JOINTS) + 1, 3)), np.empty((DOF_COUNT, 3))
-    centres = np.empty((len(angles), len(body.sigma), 3))
-    for row, out in zip(np.ascontiguousarray(angles, float), centres, strict=True):
-        pose(chain, row, origins, axes, out)
-    return centres
-
-
-def others(body: GaussianBody) -> Bool[Array, "18 G"]:
+def foreign_parts(body: GaussianBody) -> Bool[Array, "18 G"]:
     """Whether a Gaussian belongs to none of the parts that meet at a label."""
     foreign = np.ones((len(LABELS), len(body.parts)), bool)
     for row, label in zip(foreign, LABELS, strict=True):

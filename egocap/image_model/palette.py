@@ -29,9 +29,12 @@ from jaxtyping import Float, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.gaussians import GaussianBody
+from egocap.body.labels import without_side
 from egocap.errors import InputError
+from egocap.image_model.colour_measure import hsv_to_rgb, rgb_to_hsv
 from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import ImageRays, ray_colours
+from egocap.image_model.model import ImageModel
 
 VALUES, CHROMAS = 10, 12
 """Bins of brightness, and of each chromaticity."""
@@ -48,6 +51,8 @@ CLEAR = 0.1
 """Opacity under which a ray shows the background."""
 MEMORY = 0.95
 """Share of the background's histogram that stays from frame to frame."""
+SEEN = 0.3
+"""Visibility, summed over pixels, under which a Gaussian takes the colour of its part."""
 _BLUR = (1.0, 0.8, 0.8)
 
 
@@ -88,7 +93,7 @@ class Palette:
                 counts[q] += np.bincount(at, sure[:, q], BINS)
         if not counts.sum() > 0.0:
             raise InputError("no frame shows the body, so that its colours cannot be learned")
-        plain = np.array([n.removeprefix("left_").removeprefix("right_") for n in body.parts])
+        plain = np.array([without_side(part) for part in body.parts])
         everything = _shares(counts.sum(0))
         filled = np.empty_like(counts)
         for q in range(len(counts)):
@@ -107,12 +112,36 @@ def learn_palette(
 
     Raises InputError as `Palette.learn`.
     """
-    from egocap.image_model.model import ImageModel
-
     model = ImageModel(body, rays)
     seen = [model.visibility(angles) for _, angles in frames]
     bins = [colour_bins(ray_colours(rays, images)) for images, _ in frames]
     return Palette.learn(body, seen, bins)
+
+
+def colour_body(
+    body: GaussianBody,
+    rays: ImageRays,
+    images: Sequence[UInt8[Array, "H W 3"]],
+    angles: Float[Array, "37"],
+) -> GaussianBody:
+    """The body in the colours that one frame shows at a known pose.
+
+    A Gaussian takes the mean of the pixels, each weighted by the square of how much of it is seen
+    there: pixels that it fills, not those at its rim. One that is hidden takes its part's colour,
+    or the same part's of the other side, or the mean of all.
+    """
+    weights = ImageModel(body, rays).visibility(angles) ** 2
+    rgb = hsv_to_rgb(ray_colours(rays, images))
+    mass, sums = weights.sum(0).astype(float), weights.T.astype(float) @ rgb
+    colour = sums / np.maximum(mass, 1e-9)[:, None]
+    names = np.array(body.parts)
+    plain = np.array([without_side(part) for part in body.parts])
+    for q in np.flatnonzero(mass < SEEN):
+        for group in (names == names[q], plain == plain[q], np.ones(len(names), bool)):
+            if mass[group].sum() >= SEEN:
+                colour[q] = sums[group].sum(0) / mass[group].sum()
+                break
+    return body.with_colour(rgb_to_hsv(np.clip(colour, 0.0, 1.0)))
 
 
 class Background:

@@ -3,7 +3,7 @@
 Single precision; the loops that matter run over the 16 or more cell edges that a Gaussian covers,
 so that they vectorise: indices are unsigned, which spares numba's test for negative ones, and rows
 are indexed, not sliced, as a slice costs more than its 16 numbers. The readable form is
-`egocap.image_model.visibility.cell_visibility`.
+`egocap.image_model.torch_visibility.cell_visibility`.
 
 With D_k the optical depth of cell k, C_k the same weighted by every Gaussian's dissimilarity,
 T_k = exp(-(D_0 + ... + D_(k-1))) and g(D) = (1 - exp(-D)) / D, a ray's energy is
@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, UInt64
+from jaxtyping import Float32, Int32, UInt64
 from numba import njit
 from numpy import ndarray as Array
 
@@ -27,7 +27,7 @@ MAX_EDGES = 64
 CACHE_LINE = 32
 """Numbers of single precision that fill two cache lines, which processors fetch together."""
 DARK = np.float32(1e-5)
-"""What lies behind this transmittance is not looked at."""
+"""Transmittance behind which a ray is not followed."""
 
 ERF_ERROR = 2e-6
 """Bound of the error of `edge_values` against the error function, in single precision.
@@ -53,6 +53,29 @@ _SERIES = _f(0.25)
 _G2, _G3, _G4, _G5 = _f(1 / 6), _f(-1 / 24), _f(1 / 120), _f(-1 / 720)
 _H1, _H2, _H3, _H4, _H5 = _f(1 / 3), _f(-1 / 8), _f(1 / 30), _f(-1 / 144), _f(1 / 840)
 _THIRTY_SECOND = _f(-1 / 32)
+
+
+class GaussianArrays(NamedTuple):
+    """What rays need of the Gaussians, single precision."""
+
+    radius2: Float32[Array, "G"]  # squared distance from a ray beyond which it is left out
+    reach: Float32[Array, "G"]  # its root
+    inv_2s2: Float32[Array, "G"]  # -1 / (2 sigma^2)
+    inv_s: Float32[Array, "G"]  # 1 / (sqrt(2) sigma)
+    inv_s2: Float32[Array, "G"]  # 1 / sigma^2
+    half_depth: Float32[Array, "G"]  # half of the optical depth through the centre
+    edges: Int32[Array, "G"]
+    colours: Float32[Array, "G 3"]
+    blend: Float32[Array, "G 3"]
+
+
+class Settings(NamedTuple):
+    """Cells along the rays, and how colours are compared."""
+
+    cell: np.float32  # metres
+    cells: int
+    in_cone: bool
+    colour_scale: np.float32  # 2 / reach for the paper's hues, 1 / reach^2 in the cone
 
 
 class Scratch(NamedTuple):
@@ -87,7 +110,7 @@ def make_scratch(threads: int, gaussians: int, cells: int) -> Scratch:
 
 
 @njit(cache=True, inline="always")
-def scratch_of(all_, thread):
+def thread_scratch(all_, thread):
     """One thread's part of the stacked working memory."""
     return Scratch(
         all_.near[thread], all_.first[thread], all_.middle[thread], all_.half[thread],
@@ -129,8 +152,10 @@ def edge_values(start, step, edges, lanes, i, erf, bell):
 
 
 @njit(**RAY_CODE)
-def find_near(n, arms, view, candidates, count, radius2, reach, inv_2s2, half_depth, scratch):
+def find_near(n, arms, view, candidates, count, gaussians, scratch):
     """Gaussians of a tile that the ray n = (3,) meets, into `scratch`; returns how many."""
+    radius2, reach = gaussians.radius2, gaussians.reach
+    inv_2s2, half_depth = gaussians.inv_2s2, gaussians.half_depth
     near, middle, half, across = scratch.near, scratch.middle, scratch.half, scratch.across
     found = 0
     x, y, z = n[0], n[1], n[2]
@@ -154,12 +179,11 @@ def find_near(n, arms, view, candidates, count, radius2, reach, inv_2s2, half_de
 
 
 @njit(**RAY_CODE)
-def compare_colours(found, image, in_cone, scale, colours, blend, scratch):
-    """Dissimilarity of every near Gaussian to the ray's colour: `egocap.image_model.colour`.
-
-    `scale` is 2 / reach for the paper's hues, 1 / reach^2 in the cone.
-    """
+def compare_colours(found, image, settings, gaussians, scratch):
+    """Dissimilarity of every near Gaussian to the ray's colour: `image_model.colour_measure`."""
     near, like = scratch.near, scratch.like
+    in_cone, scale = settings.in_cone, settings.colour_scale
+    colours, blend = gaussians.colours, gaussians.blend
     for i in range(found):
         q = near[i]
         d0, d1, d2 = image[0] - colours[q, 0], image[1] - colours[q, 1], image[2] - colours[q, 2]
@@ -176,7 +200,7 @@ def compare_colours(found, image, in_cone, scale, colours, blend, scratch):
 
 
 @njit(**RAY_CODE)
-def look_up(found, bin_, unlike, scratch):
+def look_up_colours(found, bin_, unlike, scratch):
     """Dissimilarity of every near Gaussian to the ray's bin of colour: `image_model.palette`."""
     near, like = scratch.near, scratch.like
     for i in range(found):
@@ -184,11 +208,13 @@ def look_up(found, bin_, unlike, scratch):
 
 
 @njit(**RAY_CODE)
-def ray_energy(found, edges, inv_s, cell, cells, lanes, scratch):
+def ray_energy(found, settings, gaussians, lanes, scratch):
     """Energy of a ray from its near Gaussians; leaves U and V of every cell in `scratch`.
 
-    Returns the energy, the first cell behind which all is dark, and the light that is left.
+    Returns the energy, the first cell behind which all is dark, and the transmittance.
     """
+    edges, inv_s = gaussians.edges, gaussians.inv_s
+    cell, cells = settings.cell, settings.cells
     low, high = cells, 0
     for i in range(found):
         q = scratch.near[i]
@@ -273,11 +299,12 @@ def _absorb(base, scratch):
 
 
 @njit(**RAY_CODE)
-def ray_step(i, n, edges, inv_s, inv_s2, end, scratch):
+def ray_step(i, n, gaussians, end, scratch):
     """Derivative of the ray's energy by the centre of near Gaussian i, into `scratch.step`.
 
-    Returns False when the Gaussian is out of sight.
+    Returns False when the Gaussian lies behind cell `end`, where all is dark.
     """
+    edges, inv_s, inv_s2 = gaussians.edges, gaussians.inv_s, gaussians.inv_s2
     q, first = scratch.near[i], scratch.first[i]
     if first >= end:
         return False

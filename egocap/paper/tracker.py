@@ -22,10 +22,10 @@ from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.track import Track
 from egocap.errors import InputError
-from egocap.image_model.colour import PAPER
-from egocap.image_model.colour_estimation import colour_body
+from egocap.image_model.colour_measure import PAPER
 from egocap.image_model.image_rays import image_rays, require_pictures
 from egocap.image_model.model import ImageModel
+from egocap.image_model.palette import colour_body
 from egocap.paper.config import PAPER_SOLVERS, PaperConfig
 from egocap.paper.solver import Frame, PaperSolver
 from egocap.pose.config import TrackerConfig

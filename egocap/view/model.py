@@ -13,10 +13,10 @@ from numpy import ndarray as Array
 from egocap.body.gaussians import GaussianBody
 from egocap.data.sequence import Sequence
 from egocap.errors import MachineError
-from egocap.image_model.colour import ColourMeasure, hsv_to_rgb
-from egocap.image_model.colour_estimation import colour_body
+from egocap.image_model.colour_measure import ColourMeasure, hsv_to_rgb
 from egocap.image_model.image_rays import ImageRays, image_rays, ray_colours, ray_image
 from egocap.image_model.model import ImageModel
+from egocap.image_model.palette import colour_body
 
 PANELS = ("image", "density", "model colours", "most visible part", "dissimilarity", "pixel energy")
 _VOID = 0.12

@@ -17,16 +17,16 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, DOF_INDEX, DOFS, LIMITS, SPREAD
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import parse_rig
-from egocap.image_model.appearance import RayBatch, colour_energy, colour_gradient
 from egocap.image_model.image_rays import image_rays
 from egocap.image_model.model import ImageModel
 from egocap.image_model.stochastic import PixelSampler, gradient_scatter
-from egocap.image_model.torch_pose import pose_gaussians
-from egocap.image_model.visibility import (
+from egocap.image_model.torch_energy import RayBatch, colour_energy, colour_gradient
+from egocap.image_model.torch_visibility import (
     RayGaussians,
     along_rays,
     cell_visibility,
     density_at,
+    pose_gaussians,
     sampled_visibility,
 )
 from egocap_eval.image_model.scene import Scene

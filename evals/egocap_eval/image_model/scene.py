@@ -14,13 +14,12 @@ from egocap.body.labels import EVALUATED, UPPER
 from egocap.body.skeleton import DOF_COUNT, forward
 from egocap.data.sequence import VISIBLE, Sequence
 from egocap.detect.synthetic import parse_source, simulate_detections
-from egocap.image_model.colour import PAPER, ColourMeasure
-from egocap.image_model.colour_estimation import colour_body
+from egocap.image_model.colour_measure import PAPER, ColourMeasure
 from egocap.image_model.colour_solver import ImageSolver, ImageSolverConfig
 from egocap.image_model.colour_term import ColourTerm, ColourTermConfig
 from egocap.image_model.image_rays import image_rays
 from egocap.image_model.model import ImageModel
-from egocap.image_model.palette import learn_palette
+from egocap.image_model.palette import colour_body, learn_palette
 from egocap.pose.config import TrackerConfig
 from egocap.pose.inverse_kinematics import nearest_angles
 from egocap.pose.observations import Observations, observe

@@ -11,7 +11,7 @@ from egocap.body.skeleton import DOF_INDEX
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
 from egocap.fitting.appearance_fit import fit_shape, resized
-from egocap.image_model.colour import hsv_to_rgb
+from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.model import ImageModel
 

@@ -4,25 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from egocap.body.gaussians import GaussianBody
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_INDEX, forward
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
-from egocap.image_model.colour import hsv_to_rgb
-from egocap.image_model.colour_estimation import colour_body
+from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.colour_solver import (
     UPPER_BODY,
     ImageSolver,
     ImageSolverConfig,
     track_colours,
 )
-from egocap.image_model.contour import contour_energy, image_edges
 from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.model import ImageModel
-from egocap.image_model.torch_pose import pose_gaussians
+from egocap.image_model.palette import colour_body
 from egocap.pose.inverse_kinematics import nearest_angles
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
@@ -125,43 +122,6 @@ def test_colours_are_read_off_the_image(images):
     assert np.abs(shown - worn)[large].mean() < 0.08
     wrong = [p.endswith(("thigh", "pelvis")) for p in BODY.parts]
     assert np.median(np.abs(shown - worn)[wrong]) < 0.15
-
-
-def test_the_outline_fits_best_at_its_pose(images):
-    edges = torch.tensor(image_edges(RAYS, images))
-    sigma, density = torch.tensor(BODY.sigma), torch.tensor(BODY.density)
-
-    def energy(angles, girth=1.0):
-        centres = pose_gaussians(BODY, angles)
-        return contour_energy(centres, sigma * girth, density / girth, RAYS, edges)
-
-    at_pose = energy(torch.tensor(POSE))
-    for degrees in (4.0, 8.0):
-        assert energy(torch.tensor(perturbed(degrees))) > at_pose
-    assert energy(torch.tensor(POSE), 1.25) > at_pose
-    assert energy(torch.tensor(POSE), 0.8) > at_pose
-
-
-def test_contour_has_the_derivative_of_central_differences(images):
-    rays = image_rays(RIG, 24, 24)
-    edges = torch.tensor(image_edges(rays, images))
-    sigma, density = torch.tensor(BODY.sigma), torch.tensor(BODY.density)
-    angles = torch.tensor(POSE, requires_grad=True)
-
-    def energy(a):
-        return contour_energy(pose_gaussians(BODY, a), sigma, density, rays, edges)
-
-    (slope,) = torch.autograd.grad(energy(angles), angles)
-    for d in (0, 12, 15, 30):
-        h = torch.zeros(37, dtype=torch.float64)
-        h[d] = 1e-6
-        central = (energy(angles.detach() + h) - energy(angles.detach() - h)) / 2e-6
-        assert slope[d].item() == pytest.approx(central.item(), rel=1e-4, abs=1e-5)
-
-
-def test_contour_wants_an_image_a_view(images):
-    with pytest.raises(InputError, match="1 images"):
-        image_edges(RAYS, images[:1])
 
 
 def test_nearest_angles_find_the_joints():

@@ -9,7 +9,7 @@ import pytest
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
-from egocap.image_model.colour import rgb_to_hsv
+from egocap.image_model.colour_measure import rgb_to_hsv
 from egocap.image_model.image_rays import image_rays, ray_colours, ray_image
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")

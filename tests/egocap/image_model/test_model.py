@@ -12,16 +12,20 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import LIMITS, SPREAD
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
-from egocap.image_model.appearance import RayBatch, colour_energy, colour_gradient, pixel_energy
-from egocap.image_model.colour import PAPER, ColourMeasure
+from egocap.image_model.colour_measure import PAPER, ColourMeasure
 from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import image_rays
 from egocap.image_model.model import ImageModel
 from egocap.image_model.ray_kernel import ERF_ERROR, MAX_EDGES, edge_values
-from egocap.image_model.reference import ReferenceModel
 from egocap.image_model.stochastic import PixelSampler, gradient_scatter, systematic
-from egocap.image_model.torch_pose import pose_gaussians
-from egocap.image_model.visibility import along_rays, cell_visibility
+from egocap.image_model.torch_energy import (
+    RayBatch,
+    ReferenceModel,
+    colour_energy,
+    colour_gradient,
+    pixel_energy,
+)
+from egocap.image_model.torch_visibility import along_rays, cell_visibility, pose_gaussians
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
 RAYS = image_rays(RIG, 20, 20)

@@ -9,12 +9,12 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
 from egocap.cameras.rig import Mount, Rig
 from egocap.cameras.rig_files import load_rig
+from egocap.image_model.body_kernel import gaussian_centres
 from egocap.image_model.occlusion import (
     MARGINS,
+    foreign_parts,
     joints_seen,
     optical_depths,
-    others,
-    posed_gaussians,
 )
 from egocap_sim.core.resources import rig_file
 
@@ -30,7 +30,7 @@ def body(person):
 
 
 def test_every_label_knows_parts_of_the_body(body):
-    foreign = others(body)
+    foreign = foreign_parts(body)
     for label, row in zip(LABELS, foreign, strict=True):
         own = {part for part, other in zip(body.parts, row, strict=True) if not other}
         assert own, label
@@ -43,7 +43,7 @@ def test_depth_is_the_integral_along_the_ray(body, person):
     joints = forward(person, angles)
     rig = load_rig(rig_file("egorig1"))
     depths = optical_depths(angles, joints, body, rig)
-    centres, foreign = posed_gaussians(angles, body), others(body)
+    centres, foreign = gaussian_centres(angles, body), foreign_parts(body)
     for label in ("left_wrist", "right_foot", "left_knee"):
         j = LABEL_INDEX[label]
         eye = rig.T_head_camera[1, :3, 3]

@@ -12,15 +12,14 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_INDEX, DOFS, forward
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
-from egocap.image_model.colour import hsv_to_rgb
+from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.colour_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
 from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, felt_angles
 from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import BINS, Background, Palette, colour_bins, learn_palette
-from egocap.image_model.torch_pose import pose_gaussians
-from egocap.image_model.visibility import along_rays, cell_visibility
+from egocap.image_model.torch_visibility import along_rays, cell_visibility, pose_gaussians
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
 RAYS = image_rays(RIG, 40, 40)

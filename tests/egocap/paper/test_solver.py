@@ -10,7 +10,7 @@ from egocap.body.skeleton import LIMITS, SPREAD, forward
 from egocap.data.sequence import VISIBLE, Sequence
 from egocap.detect.synthetic import parse_source, simulate_detections
 from egocap.errors import InputError
-from egocap.image_model.colour import PAPER
+from egocap.image_model.colour_measure import PAPER
 from egocap.image_model.image_rays import image_rays
 from egocap.image_model.model import ImageModel
 from egocap.paper.config import REFERENCE, STOCHASTIC, PaperConfig

@@ -9,7 +9,7 @@ import pytest
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.body.skeleton import DOF_INDEX, forward
-from egocap.image_model.colour import hsv_to_rgb
+from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.model import ImageModel
 from egocap.pose.config import TrackerConfig

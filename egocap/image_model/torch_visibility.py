@@ -1,4 +1,4 @@
-"""Visibility of Gaussians along rays: equation 4 of EgoCap, readable and differentiable.
+"""Posed Gaussians and their visibility along rays: equation 4 of EgoCap, readable, in torch.
 
 A Gaussian c exp(-|x - mu|^2 / 2 sigma^2) met by a ray o + s n is a Gaussian in s: centre
 m = n . (mu - o), the same sigma, height c exp(-d^2 / 2 sigma^2), d the distance of mu from the ray.
@@ -12,9 +12,10 @@ as the points grow, at a cost that is quadratic in the number of Gaussians.
 T_k - T_(k+1), is exact; it is shared among the Gaussians by their depths in the cell. The cost is
 linear in the number of Gaussians. Visibilities are never negative, sum to exactly 1 - T(infinity),
 and are smooth in the pose, because the cells do not move with it; a camera inside a Gaussian is no
-special case. This one is what `egocap.image_model.image_kernel` computes.
+special case.
 
-All tensors broadcast: leading batch axes are frames or hypotheses. Either precision, any device.
+Differentiable; leading batch axes are frames or hypotheses; either precision, any device. The
+compiled forms are `body_kernel` and, of `cell_visibility`, `ray_kernel`; tests compare them.
 
 Source: EgoCap 2016, equation 4; Rhodin et al. 2015, section 3.
 """
@@ -27,6 +28,9 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+from egocap.body.gaussians import GaussianBody
+from egocap.body.skeleton import AXES, DOF_JOINT, JOINTS, POINT_PARENTS
 
 
 class RayGaussians(NamedTuple):
@@ -104,3 +108,45 @@ def absorbed_per_depth(depth: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"
     small = depth < 1e-4
     safe = torch.where(small, torch.ones_like(depth), depth)
     return torch.where(small, 1.0 - 0.5 * depth + depth**2 / 6.0, -torch.expm1(-safe) / safe)
+
+
+def pose_gaussians(
+    body: GaussianBody, angles: Float[Tensor, "*batch 37"]
+) -> Float[Tensor, "*batch G 3"]:
+    """Centres of the Gaussians in the head frame, metres.
+
+    Source: product of exponentials, Murray, Li & Sastry 1994, ch. 3.
+    """
+    rotations, origins = joint_frames(body, angles)
+    carrier = torch.as_tensor(body.joint + 1, device=angles.device)  # 0 is the skull
+    offset = angles.new_tensor(body.offset)
+    turned = (rotations[..., carrier, :, :] @ offset[..., None])[..., 0]
+    return origins[..., carrier, :] + turned
+
+
+def joint_frames(
+    body: GaussianBody, angles: Float[Tensor, "*batch 37"]
+) -> tuple[Float[Tensor, "*batch 18 3 3"], Float[Tensor, "*batch 18 3"]]:
+    """Rotation and origin of the skull and of the 17 joints' frames in the head frame."""
+    batch = angles.shape[:-1]
+    eye = torch.eye(3, dtype=angles.dtype, device=angles.device).expand(*batch, 3, 3)
+    rotations, origins = [eye], [angles.new_zeros(*batch, 3)]
+    turns = _exponentials(angles)
+    offsets = angles.new_tensor(body.proportions.offsets)
+    for i in range(len(JOINTS)):
+        parent = POINT_PARENTS[i] + 1
+        R = rotations[parent]
+        origins.append(origins[parent] + R @ offsets[i])
+        for d in (d for d, joint in enumerate(DOF_JOINT) if joint == i):
+            R = R @ turns[..., d, :, :]
+        rotations.append(R)
+    return torch.stack(rotations, -3), torch.stack(origins, -2)
+
+
+def _exponentials(angles: Float[Tensor, "*batch 37"]) -> Float[Tensor, "*batch 37 3 3"]:
+    """Rodrigues' rotation of every degree of freedom about its rest axis."""
+    x, y, z = angles.new_tensor(AXES).unbind(-1)
+    o = torch.zeros_like(x)
+    K = torch.stack([o, -z, y, z, o, -x, -y, x, o], -1).reshape(-1, 3, 3)
+    sin, cos = angles.sin()[..., None, None], angles.cos()[..., None, None]
+    return torch.eye(3, dtype=K.dtype, device=K.device) + sin * K + (1.0 - cos) * (K @ K)

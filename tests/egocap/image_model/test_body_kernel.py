@@ -10,14 +10,14 @@ from egocap.body.gaussians import GaussianBody
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import LIMITS, SPREAD, points
 from egocap.image_model import body_kernel
-from egocap.image_model.torch_pose import joint_frames, pose_gaussians
+from egocap.image_model.torch_visibility import joint_frames, pose_gaussians
 
 BODY = GaussianBody.from_proportions(Proportions.from_lengths(1.75))
 POSES = np.clip(SPREAD * np.random.default_rng(0).normal(size=(5, 37)), LIMITS[:, 0], LIMITS[:, 1])
 
 
 def compiled(body, angles):
-    origins, axes, centres = np.empty((18, 3)), np.empty((37, 3)), np.empty((len(body.parts), 3))
+    origins, axes, centres = np.empty((17, 3)), np.empty((37, 3)), np.empty((len(body.parts), 3))
     chain = body_kernel.make_chain(body)
     body_kernel.pose(chain, angles, origins, axes, centres)
     return chain, origins, axes, centres
@@ -45,7 +45,7 @@ def test_a_gaussian_at_a_bones_end_follows_the_next_joint(pose):
 def test_compiled_form_is_the_same(pose):
     _, origins, _, centres = compiled(BODY, pose)
     np.testing.assert_allclose(centres, pose_gaussians(BODY, torch.tensor(pose)), atol=1e-12)
-    np.testing.assert_allclose(origins, joint_frames(BODY, torch.tensor(pose))[1], atol=1e-12)
+    np.testing.assert_allclose(origins, joint_frames(BODY, torch.tensor(pose))[1][1:], atol=1e-12)
 
 
 def test_forces_become_the_gradient_that_autograd_finds():
@@ -55,12 +55,12 @@ def test_forces_become_the_gradient_that_autograd_finds():
     work = (pose_gaussians(BODY, angles) * torch.tensor(force)).sum()
     (expected,) = torch.autograd.grad(work, angles)
     chain, origins, axes, centres = compiled(BODY, POSES[0])
-    wrench, loaded = np.zeros((18, 6)), np.zeros(18, bool)
-    for q in range(91):
-        body_kernel.load(wrench, chain.carrier[q], centres[q], force[q])
+    wrench, loaded = np.zeros((17, 6)), np.zeros(17, bool)
+    for q in np.flatnonzero(chain.carrier >= 0):
+        body_kernel.add_force(wrench, chain.carrier[q], centres[q], force[q])
         loaded[chain.carrier[q]] = True
     row, which = np.zeros(37), np.zeros(37, int)
-    count = body_kernel.angle_forces(chain, origins, axes, wrench, loaded, row, which)
+    count = body_kernel.angle_derivatives(chain, origins, axes, wrench, loaded, row, which)
     gradient = np.zeros(37)
     gradient[which[:count]] = row[:count]
     np.testing.assert_allclose(gradient, expected, atol=1e-10)

@@ -10,7 +10,10 @@ from egocap.body.gaussians import GaussianBody
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError, MachineError
-from egocap.image_model.appearance import (
+from egocap.image_model.colour_measure import PAPER, ColourMeasure
+from egocap.image_model.image_kernel import Palettes
+from egocap.image_model.image_rays import image_rays
+from egocap.image_model.torch_energy import (
     RayBatch,
     colour_energy,
     colour_gradient,
@@ -18,9 +21,6 @@ from egocap.image_model.appearance import (
     pixel_energy,
     torch_device,
 )
-from egocap.image_model.colour import PAPER, ColourMeasure
-from egocap.image_model.image_kernel import Palettes
-from egocap.image_model.image_rays import image_rays
 
 RAYS = image_rays(load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml"), 16, 16)
 RNG = np.random.default_rng(0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from egocap.image_model.visibility import (
+from egocap.image_model.torch_visibility import (
     RayGaussians,
     absorbed_per_depth,
     along_rays,

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from egocap.errors import InputError
-from egocap.image_model.colour import (
+from egocap.image_model.colour_measure import (
     PAPER,
     ColourMeasure,
     blend_weights,

@@ -22,7 +22,7 @@ from egocap_sim.crowd.greeting import Offer, greeting, meet, offer_of, place_of_
 from egocap_sim.crowd.wandering import stroll
 from egocap_sim.human.body.person import Person
 from egocap_sim.motion.clips.concatenation import concatenate
-from egocap_sim.motion.generators.course import straight
+from egocap_sim.motion.generators.course import straight_course
 from egocap_sim.motion.generators.gestures import GESTURES
 from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.motion.generators.stance import draw_style
@@ -187,7 +187,7 @@ def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
     rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.2))
     length = float(min(rng.uniform(0.8, 2.5), max(0.5, 0.5 * speed * crowd.seconds)))
     scale = leg_length(person) / leg_length_of_figure()
-    course, seconds = straight(length / scale, speed / scale)
+    course, seconds = straight_course(length / scale, speed / scale)
     t = np.arange(round(seconds * _RATE) + 1) / _RATE
     params = WalkParams(speed=speed / scale)
     steps = pose_figure("walk", _RATE, walk_along(course, t, rng, params, draw_style(rng)))

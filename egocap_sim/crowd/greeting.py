@@ -12,9 +12,9 @@ from scipy.ndimage import gaussian_filter1d
 from egocap.geometry import UP, axis_angle, rigid, transform
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.person import Person
-from egocap_sim.motion.generators.handshake import OFFERED, RIGHT
-from egocap_sim.motion.generators.keyframes import DOWN, Score
+from egocap_sim.motion.generators.keyframes import DOWN, Keyframes
 from egocap_sim.motion.generators.stance import draw_style
+from egocap_sim.motion.generators.tasks import OFFERED, RIGHT
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import minimum_jerk
 from egocap_sim.motion.kinematics.figure import joint_positions
@@ -74,18 +74,18 @@ def offered_side() -> float:
 
 def greeting(offer: Offer, times: Float[Array, "T"], rng: np.random.Generator, fps: float) -> Clip:
     """The other's motion: the hand goes out as the wearer's does."""
-    score = Score(draw_style(rng), rng)
-    score.gaze(0.0, 0.05)
+    keys = Keyframes(draw_style(rng), rng)
+    keys.gaze(0.0, 0.05)
     out = offer.share > 0.5
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]]))).reshape(-1, 2)
     for first, end in edges:
         start, stop = times[first] - times[0], times[min(end, len(times) - 1)] - times[0]
-        score.clock = max(score.clock, start - _LEAD_S)
-        score.hand(RIGHT, OFFERED, max(0.3, start + 0.15 - score.clock))
-        score.clock = max(stop - 0.1, score.clock + 0.35)
-        score.clock = score.hand(RIGHT, DOWN, 0.8)
+        keys.clock = max(keys.clock, start - _LEAD_S)
+        keys.hand(RIGHT, OFFERED, max(0.3, start + 0.15 - keys.clock))
+        keys.clock = max(stop - 0.1, keys.clock + 0.35)
+        keys.clock = keys.hand(RIGHT, DOWN, 0.8)
     t = np.arange(round((float(times[-1] - times[0]) + 0.5) * fps) + 1) / fps
-    return score.clip("greeting", t, fps)
+    return keys.clip("greeting", t, fps)
 
 
 def meet(offer: Offer, person: Person, bodies: Bodies, fps: float) -> Bodies:

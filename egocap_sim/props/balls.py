@@ -14,8 +14,14 @@ from egocap_sim.assets import primitives
 from egocap_sim.assets.actors import Extra
 from egocap_sim.assets.textures import SIZE, noise
 from egocap_sim.core import part_labels
-from egocap_sim.motion.generators.dribble import FLIGHT_S, PUSH_S, Touch, touches
-from egocap_sim.motion.generators.juggle import BALLS, cascade
+from egocap_sim.motion.generators.ball_handling import (
+    BALLS,
+    FLIGHT_S,
+    PUSH_S,
+    Touch,
+    plan_cascade,
+    plan_touches,
+)
 from egocap_sim.props.performance import Performance
 from egocap_sim.props.rigid_actor import moving
 from egocap_sim.scene.config import ThingTable
@@ -30,7 +36,7 @@ def basketball(
 ) -> list[Extra]:
     """A ball that is dribbled: held, pushed, bouncing off the floor, caught again."""
     start, times = performance.start_s, performance.times
-    plan = touches(performance.rng, performance.parameters, start + float(times[-1]))
+    plan = plan_touches(performance.rng, performance.parameters, start + float(times[-1]))
     plan = [Touch(k.caught - start, k.pushed - start, k.hand) for k in plan]
     centre = _centres(performance, BASKETBALL_R)
     path = np.empty((len(times), 3))
@@ -50,7 +56,7 @@ def basketball(
 
 def juggled(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
     """Three balls in a cascade."""
-    timing = cascade(performance.rng, performance.parameters)
+    timing = plan_cascade(performance.rng, performance.parameters)
     times, first = performance.times, timing.first - performance.start_s
     centre = _centres(performance, JUGGLING_R)
     period = 2.0 * timing.beat

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -40,12 +41,12 @@ PALM = np.array([0.08, 0.0, -0.03])  # from the wrist to the palm on the bar
 class CycleParams:
     """A ride around a rounded way."""
 
-    ride_speed: float = 4.5
-    """Speed in m/s, 2 to 8; of longer legs on a larger bicycle a little more."""
-    ride_radius: float = 7.0
-    """Mean distance from the origin in metres, 4 to 12."""
-    cadence: float = 75.0
-    """Turns of the cranks a minute, 40 to 110."""
+    ride_speed: Annotated[float, (2.0, 8.0)] = 4.5
+    """Speed in m/s; of longer legs on a larger bicycle a little more."""
+    ride_radius: Annotated[float, (4.0, 12.0)] = 7.0
+    """Mean distance from the origin in metres."""
+    cadence: Annotated[float, (40.0, 110.0)] = 75.0
+    """Turns of the cranks a minute."""
 
 
 class Ride:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap_sim.motion.generators.course import Course
 from egocap_sim.motion.generators.stance import TOE_OUT
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.curves import minimum_jerk, turn
@@ -30,9 +31,6 @@ TOE_CLEARANCE = 0.022  # metres, of the swinging toe over the ground
 
 TOE_JOINT = figure.offset("l_toe", "l_foot") * [1.0, 0.0, 1.0]
 """Where the foot bends, in its own frame; the toes lie still while the heel lifts."""
-
-PathAt = Callable[[Array], tuple[Array, Array]]
-"""Position (T,2) and heading (T,) of the body's way at times (T,)."""
 
 
 @dataclass(frozen=True)
@@ -52,26 +50,22 @@ GroundAt = Callable[[Array], Array]
 """Height of the ground (T,) at places (T, 2), metres."""
 
 
-def plan(
-    path: PathAt,
-    width: Callable[[float], float],
-    starts: float,
-    ends: float,
-    step_s: float,
-    side: int,
+def plan_steps(
+    course: Course, width: Callable[[float], float], side: int
 ) -> tuple[list[Plant], list[Plant]]:
-    """Stances of the left and the right foot for steps from `starts` to `ends` [s].
+    """Stances of the left and the right foot for the steps of a walk along a course.
 
     `width` is the distance between the feet at a time, `side` the foot that steps first (0 left). A
     walk begins and ends with both feet side by side.
     """
+    starts, step_s = course.starts, course.step_s
     feet: tuple[list[Plant], list[Plant]] = ([], [])
-    strikes = np.arange(starts + step_s * 0.76, ends + 3.0 * step_s, step_s)
-    spots: tuple[list, list] = ([(-np.inf, *_spot(path, width, starts, 0))],
-                                [(-np.inf, *_spot(path, width, starts, 1))])  # fmt: skip
+    strikes = np.arange(starts + step_s * 0.76, course.ends + 3.0 * step_s, step_s)
+    spots: tuple[list, list] = ([(-np.inf, *_spot(course, width, starts, 0))],
+                                [(-np.inf, *_spot(course, width, starts, 1))])  # fmt: skip
     for k, strike in enumerate(strikes):
         foot = (side + k) % 2
-        place, yaw = _spot(path, width, strike + MIDSTANCE * step_s, foot)
+        place, yaw = _spot(course, width, strike + MIDSTANCE * step_s, foot)
         _, last, last_yaw = spots[foot][-1]
         if np.hypot(*np.subtract(place, last)) > 0.015 or abs(yaw - last_yaw) > 0.05:
             spots[foot].append((float(strike), place, yaw))
@@ -92,9 +86,9 @@ def plan(
 
 
 def _spot(
-    path: PathAt, width: Callable[[float], float], time: float, foot: int
+    course: Course, width: Callable[[float], float], time: float, foot: int
 ) -> tuple[tuple[float, float], float]:
-    at, heading = path(np.array([time]))
+    at, heading = course.at(np.array([time]))
     sign = 1.0 - 2.0 * foot
     left = np.array([-np.sin(heading[0]), np.cos(heading[0])])
     place = at[0] + sign * 0.5 * width(time) * left

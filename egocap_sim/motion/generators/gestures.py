@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.errors import InputError
-from egocap_sim.motion.generators.keyframes import DOWN, Hand, Score
+from egocap_sim.motion.generators.keyframes import DOWN, Hand, Keyframes, PaceParams
 from egocap_sim.motion.generators.stance import draw_style
 from egocap_sim.motion.kinematics.clip import Clip
 
-Gesture = Callable[[Score, int, float, np.random.Generator], None]
-"""Writes one gesture to a score: with which hand (0 left, 1 right), how large, and chance."""
+Gesture = Callable[[Keyframes, int, float, np.random.Generator], None]
+"""Adds the keys of one gesture: with which hand (0 left, 1 right), how large, and chance."""
 
 
 def _near(rng: np.random.Generator, size: float, key: Hand, spread: float = 0.02) -> Hand:
@@ -25,43 +25,43 @@ def _near(rng: np.random.Generator, size: float, key: Hand, spread: float = 0.02
     return Hand((wrist[0], wrist[1], wrist[2]), key.pronation, key.bend, key.swivel)
 
 
-def _back(score: Score, *hands: int) -> None:
+def _back(keys: Keyframes, *hands: int) -> None:
     """Let the hands, the trunk and the head come back to rest."""
-    ends = [score.hand(hand, DOWN) for hand in hands]
-    score.trunk(0.0, 0.0, 0.0, 0.8 * score.pace)
-    score.gaze(0.0, 0.0, 0.6)
-    score.clock = max(ends)
+    ends = [keys.hand(hand, DOWN) for hand in hands]
+    keys.trunk(0.0, 0.0, 0.0, 0.8 * keys.pace)
+    keys.gaze(0.0, 0.0, 0.6)
+    keys.clock = max(ends)
 
 
-def wave(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def wave(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Raise a hand beside the head and wave it from the elbow."""
     side = 1.0 - 2.0 * hand
     up = _near(rng, size, Hand((0.15, 0.25, 0.18), 1.35, swivel=0.15))
-    score.gaze(side * rng.uniform(-0.1, 0.35), -0.05)
-    score.clock = score.hand(hand, up)
+    keys.gaze(side * rng.uniform(-0.1, 0.35), -0.05)
+    keys.clock = keys.hand(hand, up)
     for n in range(int(rng.integers(4, 8))):
         x, y, z = up.wrist
         sway = Hand((x, y + (0.10 if n % 2 else -0.08) * size, z), 1.35, 0.1, 0.15)
-        score.clock = score.hand(hand, sway, rng.uniform(0.2, 0.27) * score.pace)
-    _back(score, hand)
+        keys.clock = keys.hand(hand, sway, rng.uniform(0.2, 0.27) * keys.pace)
+    _back(keys, hand)
 
 
-def point(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def point(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Point at something ahead or to the side, looking at it."""
     side = 1.0 - 2.0 * hand
     yaw, lift = rng.uniform(-0.3, 1.2), rng.uniform(-0.35, 0.35)
     reach = 0.535 * np.array([np.cos(yaw) * np.cos(lift), np.sin(yaw) * np.cos(lift), np.sin(lift)])
-    score.gaze(side * yaw * 0.85, -0.6 * lift, 0.45)
-    score.trunk(side * 0.3 * yaw, 0.03, 0.0, 0.8 * score.pace)
-    score.wait(0.12)
+    keys.gaze(side * yaw * 0.85, -0.6 * lift, 0.45)
+    keys.trunk(side * 0.3 * yaw, 0.03, 0.0, 0.8 * keys.pace)
+    keys.wait(0.12)
     yaw_left = 0.7 * yaw  # the chest has turned towards it
     reach[:2] = 0.535 * np.cos(lift) * np.array([np.cos(yaw_left), np.sin(yaw_left)])
-    score.clock = score.hand(hand, Hand((reach[0], reach[1], reach[2]), 1.2))
-    score.wait(rng.uniform(0.5, 1.2))
-    _back(score, hand)
+    keys.clock = keys.hand(hand, Hand((reach[0], reach[1], reach[2]), 1.2))
+    keys.wait(rng.uniform(0.5, 1.2))
+    _back(keys, hand)
 
 
-def explain(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def explain(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Talk with both hands: beats with open palms before the body."""
     beats = [
         Hand((0.31, 0.02, -0.26), -0.4), Hand((0.30, 0.20, -0.22), -0.7),
@@ -71,122 +71,112 @@ def explain(score: Score, hand: int, size: float, rng: np.random.Generator) -> N
     for _ in range(int(rng.integers(4, 8))):
         key = beats[int(rng.integers(len(beats)))]
         both = rng.random() < 0.6
-        ends = [score.hand(hand, _near(rng, size, key, 0.03))]
+        ends = [keys.hand(hand, _near(rng, size, key, 0.03))]
         if both:
-            ends.append(
-                score.hand(1 - hand, _near(rng, size, key, 0.03), later=rng.uniform(0, 0.1))
-            )
+            ends.append(keys.hand(1 - hand, _near(rng, size, key, 0.03), later=rng.uniform(0, 0.1)))
         if rng.random() < 0.5:
-            score.gaze(rng.uniform(-0.35, 0.35), rng.uniform(-0.1, 0.2), 0.45)
-        score.trunk(rng.uniform(-0.12, 0.12), rng.uniform(0.0, 0.06), 0.0, 0.7 * score.pace)
-        score.clock = max(ends)
-        score.wait(rng.uniform(0.02, 0.35))
-    _back(score, 0, 1)
+            keys.gaze(rng.uniform(-0.35, 0.35), rng.uniform(-0.1, 0.2), 0.45)
+        keys.trunk(rng.uniform(-0.12, 0.12), rng.uniform(0.0, 0.06), 0.0, 0.7 * keys.pace)
+        keys.clock = max(ends)
+        keys.wait(rng.uniform(0.02, 0.35))
+    _back(keys, 0, 1)
 
 
-def reach_high(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def reach_high(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Reach for something on a high shelf."""
     side = 1.0 - 2.0 * hand
     top = _near(rng, size, Hand((0.27, 0.05, 0.45), 0.9, swivel=0.2))
-    score.gaze(side * 0.1, -0.5)
-    score.trunk(-side * 0.15, -0.03, -side * 0.1, 0.9 * score.pace)
-    score.clock = score.hand(hand, top)
-    score.wait(rng.uniform(0.3, 0.9))
-    _back(score, hand)
+    keys.gaze(side * 0.1, -0.5)
+    keys.trunk(-side * 0.15, -0.03, -side * 0.1, 0.9 * keys.pace)
+    keys.clock = keys.hand(hand, top)
+    keys.wait(rng.uniform(0.3, 0.9))
+    _back(keys, hand)
 
 
-def reach_low(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def reach_low(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Stoop with bent knees and touch something low in front."""
     side = 1.0 - 2.0 * hand
-    seconds = rng.uniform(1.0, 1.3) * score.pace
-    score.gaze(0.0, 0.75, 0.6)
-    score.trunk(-side * 0.12, 0.85 * size, 0.0, seconds)
-    score.pelvis(-0.08, 0.0, -0.24 * size, seconds)
-    score.hand(hand, Hand((0.42, -0.08, -0.36), 0.7), seconds)
-    score.hand(1 - hand, Hand((0.22, 0.04, -0.46), 0.5), seconds)
-    score.wait(seconds + rng.uniform(0.15, 0.5))
-    score.pelvis(0.0, 0.0, 0.0, 1.1 * score.pace)
-    score.hand(1 - hand, DOWN, 1.1 * score.pace)
-    score.hand(hand, DOWN, 1.1 * score.pace)
-    score.trunk(0.0, 0.0, 0.0, 1.1 * score.pace)
-    score.gaze(0.0, 0.0, 0.9)
-    score.wait(1.15 * score.pace)
+    seconds = rng.uniform(1.0, 1.3) * keys.pace
+    keys.gaze(0.0, 0.75, 0.6)
+    keys.trunk(-side * 0.12, 0.85 * size, 0.0, seconds)
+    keys.pelvis(-0.08, 0.0, -0.24 * size, seconds)
+    keys.hand(hand, Hand((0.42, -0.08, -0.36), 0.7), seconds)
+    keys.hand(1 - hand, Hand((0.22, 0.04, -0.46), 0.5), seconds)
+    keys.wait(seconds + rng.uniform(0.15, 0.5))
+    keys.pelvis(0.0, 0.0, 0.0, 1.1 * keys.pace)
+    keys.hand(1 - hand, DOWN, 1.1 * keys.pace)
+    keys.hand(hand, DOWN, 1.1 * keys.pace)
+    keys.trunk(0.0, 0.0, 0.0, 1.1 * keys.pace)
+    keys.gaze(0.0, 0.0, 0.9)
+    keys.wait(1.15 * keys.pace)
 
 
-def reach_side(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def reach_side(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Reach out sideways, leaning a little, and look there."""
     side = 1.0 - 2.0 * hand
-    score.gaze(side * 0.75, 0.15)
-    score.trunk(side * 0.25, 0.05, -side * 0.1, 0.9 * score.pace)
-    score.wait(0.1)
-    score.clock = score.hand(hand, _near(rng, size, Hand((0.16, 0.49, -0.05), 1.0)))
-    score.wait(rng.uniform(0.3, 0.8))
-    _back(score, hand)
+    keys.gaze(side * 0.75, 0.15)
+    keys.trunk(side * 0.25, 0.05, -side * 0.1, 0.9 * keys.pace)
+    keys.wait(0.1)
+    keys.clock = keys.hand(hand, _near(rng, size, Hand((0.16, 0.49, -0.05), 1.0)))
+    keys.wait(rng.uniform(0.3, 0.8))
+    _back(keys, hand)
 
 
-def hands_together(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def hands_together(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Bring both hands together before the chest or the belly."""
     height = rng.uniform(-0.3, -0.12)
     key = Hand((0.27, -0.135, height), 0.15, 0.2, 0.25)
-    score.gaze(0.0, 0.2)
-    ends = [score.hand(h, key) for h in (0, 1)]
-    score.clock = max(ends)
-    score.wait(rng.uniform(0.5, 1.4))
+    keys.gaze(0.0, 0.2)
+    keys.clock = keys.both_hands(key)
+    keys.wait(rng.uniform(0.5, 1.4))
     if rng.random() < 0.5:  # rub or clap
         for n in range(4):
             apart = Hand((0.27, -0.135 + (0.0 if n % 2 else 0.07), height), 0.15, 0.2, 0.25)
-            ends = [score.hand(h, apart, 0.22 * score.pace) for h in (0, 1)]
-            score.clock = max(ends)
-    _back(score, 0, 1)
+            keys.clock = keys.both_hands(apart, 0.22 * keys.pace)
+    _back(keys, 0, 1)
 
 
-def touch_head(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def touch_head(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Bring a hand to the chin or the temple, thinking."""
     chin = rng.random() < 0.5
     key = (
         Hand((0.20, -0.10, -0.03), 0.4, 0.25) if chin else Hand((0.15, 0.02, 0.14), 0.5, 0.3, 0.35)
     )
-    score.gaze(rng.uniform(-0.2, 0.2), 0.15)
-    score.clock = score.hand(hand, _near(rng, 1.0, key, 0.01))
-    score.wait(rng.uniform(0.5, 1.3))
-    _back(score, hand)
+    keys.gaze(rng.uniform(-0.2, 0.2), 0.15)
+    keys.clock = keys.hand(hand, _near(rng, 1.0, key, 0.01))
+    keys.wait(rng.uniform(0.5, 1.3))
+    _back(keys, hand)
 
 
-def cross_reach(score: Score, hand: int, size: float, rng: np.random.Generator) -> None:
+def cross_reach(keys: Keyframes, hand: int, size: float, rng: np.random.Generator) -> None:
     """Reach across the body to the other side."""
     side = 1.0 - 2.0 * hand
-    score.gaze(-side * 0.6, 0.25)
-    score.trunk(-side * 0.35, 0.08, 0.0, 0.9 * score.pace)
-    score.clock = score.hand(hand, _near(rng, size, Hand((0.40, -0.22, -0.16), 0.8)))
-    score.wait(rng.uniform(0.2, 0.6))
-    _back(score, hand)
+    keys.gaze(-side * 0.6, 0.25)
+    keys.trunk(-side * 0.35, 0.08, 0.0, 0.9 * keys.pace)
+    keys.clock = keys.hand(hand, _near(rng, size, Hand((0.40, -0.22, -0.16), 0.8)))
+    keys.wait(rng.uniform(0.2, 0.6))
+    _back(keys, hand)
 
 
 GESTURES: dict[str, Gesture] = {
-    "wave": wave,
-    "point": point,
-    "explain": explain,
-    "reach_high": reach_high,
-    "reach_low": reach_low,
-    "reach_side": reach_side,
-    "cross_reach": cross_reach,
-    "hands_together": hands_together,
-    "touch_head": touch_head,
-}
+    gesture.__name__: gesture
+    for gesture in (
+        wave, point, explain, reach_high, reach_low, reach_side, cross_reach, hands_together,
+        touch_head,
+    )
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
-class GestureParams:
+class GestureParams(PaceParams):
     """Which gestures, and how they are made."""
 
-    kinds: tuple[str, ...] = ()
+    kinds: Annotated[tuple[str, ...], GESTURES] = ()
     """Gestures to draw from; empty: all of them."""
-    hand: str = "any"
-    """'left', 'right' or 'any': the person's better hand, mostly."""
-    pace: float = 1.0
-    """Factor on the duration of moves, 0.5 (hasty) to 2 (slow)."""
-    size: float = 1.0
-    """Factor on how far gestures reach, 0.5 to 1.15."""
+    hand: Annotated[str, ("left", "right", "any")] = "any"
+    """'any': the person's better hand, mostly."""
+    size: Annotated[float, (0.4, 1.15)] = 1.0
+    """Factor on how far gestures reach."""
 
 
 def gesticulate(
@@ -195,28 +185,22 @@ def gesticulate(
     """Standing, one gesture after another with short rests, for the times t [s].
 
     Every gesture comes before any comes again, but for the last ones, which must be over in time;
-    then the person stands. Raises InputError for an unknown gesture or hand.
+    then the person stands.
     """
-    unknown = [k for k in params.kinds if k not in GESTURES]
-    if unknown:
-        raise InputError(f"unknown gesture '{unknown[0]}'", valid=GESTURES)
-    if params.hand not in ("left", "right", "any"):
-        raise InputError(f"hand '{params.hand}'", valid="left, right, any")
     kinds = list(params.kinds or GESTURES)
     style = draw_style(rng)
-    score = Score(style, rng, params.pace)
-    score.wait(rng.uniform(0.2, 0.5))
+    keys = Keyframes(style, rng, params.pace)
+    keys.wait(rng.uniform(0.2, 0.5))
     waiting: list[str] = []
     while True:
         waiting = waiting or [kinds[i] for i in rng.permutation(len(kinds))]
         better = style.handed if rng.random() < 0.65 else -style.handed
         hand = {"left": 0, "right": 1}.get(params.hand, 0 if better > 0 else 1)
-        moves = [_move(kind, hand, params.size) for kind in waiting]
-        if not score.perform(moves, float(t[-1])):
-            return score.clip("gestures", t, fps)
+        moves = [
+            lambda keys, make=GESTURES[kind], hand=hand: make(keys, hand, params.size, keys.rng)
+            for kind in waiting
+        ]
+        if not keys.perform(moves, float(t[-1])):
+            return keys.clip("gestures", t, fps)
         waiting.pop(0)
-        score.wait(rng.uniform(0.1, 0.5) * score.pace)
-
-
-def _move(kind: str, hand: int, size: float) -> Callable[[Score], None]:
-    return lambda score: GESTURES[kind](score, hand, size, score.rng)
+        keys.wait(rng.uniform(0.1, 0.5) * keys.pace)

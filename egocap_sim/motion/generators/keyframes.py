@@ -1,8 +1,8 @@
-"""A score for a standing body: keys for hands, gaze, trunk and crouch, turned into controls.
+"""Key frames of a standing body, for hands, gaze, trunk and pelvis, turned into controls.
 
-A gesture writes keys at the score's clock; between keys everything moves with minimum jerk. The
-hands' keys are wrist positions from the shoulder at rest in the chest's frame, for a left arm (the
-right is mirrored).
+Gestures add keys at a running clock; between keys everything moves with minimum jerk. The hands'
+keys are wrist positions from the shoulder at rest in the chest's frame, for a left arm (the right
+is mirrored).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +26,14 @@ HAND_SPEED = 0.75  # m/s, mean over a reach at ordinary pace (peak 1.9 times tha
 REACTION = 0.3  # s a move takes however short it is
 END = 0.15  # s of rest after the last move
 BULGE = np.array([0.16, 0.05, 0.0])  # a hand's way curves forward and outward
+
+
+@dataclass(frozen=True)
+class PaceParams:
+    """How fast a motion is."""
+
+    pace: Annotated[float, (0.5, 2.0)] = 1.0
+    """Factor on the duration of moves."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +69,12 @@ class _Track:
         return through(t, self.times, np.array(self.rows), bulge)
 
 
-class Score:
-    """Write moves at `clock`, then `clip` poses them; `clock` is in seconds."""
+Move = Callable[["Keyframes"], None]
+"""Adds the keys of one move."""
+
+
+class Keyframes:
+    """Collects moves that begin at `clock` [s]; `clip` poses them."""
 
     def __init__(self, style: Style, rng: np.random.Generator, pace: float = 1.0) -> None:
         self.style, self.rng, self.pace, self.clock = style, rng, pace * style.tempo, 0.0
@@ -71,9 +84,10 @@ class Score:
         self._trunk = _Track([np.zeros(3)])  # yaw, pitch (forward), roll
         self._pelvis = _Track([np.zeros(3)])  # forward, left, up: metres
 
-    def begin(self, hand: int, key: Hand) -> None:
-        """Start with a hand at a key, before anything moves it."""
-        self._hands[hand] = _Track([key.row])
+    def begin(self, key: Hand, hands: Sequence[int] = (0, 1)) -> None:
+        """Start with hands at a key, before anything moves them."""
+        for hand in hands:
+            self._hands[hand] = _Track([key.row])
 
     def begin_pelvis(self, forward: float, left: float, up: float) -> None:
         """Start with the pelvis shifted from standing, metres: sitting, say."""
@@ -92,6 +106,10 @@ class Score:
         self._hands[hand].move(start, end, key.row)
         return self._hands[hand].times[-1]
 
+    def both_hands(self, key: Hand, seconds: float | None = None, later: float = 0.0) -> float:
+        """Move both hands to mirrored places; returns when the last arrives."""
+        return max([self.hand(hand, key, seconds, later) for hand in (0, 1)])
+
     def gaze(self, yaw: float, pitch: float, seconds: float = 0.5, later: float = 0.0) -> None:
         """Turn the head, in radians from straight ahead (pitch: positive down)."""
         end = self.clock + later + seconds * self.pace
@@ -108,10 +126,10 @@ class Score:
     def wait(self, seconds: float) -> None:
         self.clock += seconds
 
-    def perform(self, moves: Sequence[Callable[[Score], None]], seconds: float) -> bool:
-        """Write the first of the moves that is over in `seconds`; False when none is.
+    def perform(self, moves: Sequence[Move], seconds: float) -> bool:
+        """Add the first of the moves that is over in `seconds`; False when none is.
 
-        Where nothing has been written yet, the first is written even if it will be cut short.
+        Where nothing has been added yet, the first is added even if it will be cut short.
         """
         for move in moves:
             attempt = copy.deepcopy(self)
@@ -122,8 +140,13 @@ class Score:
                 return True
         return False
 
+    def repeat(self, move: Move, seconds: float, rest_s: Callable[[], float] = lambda: 0.0) -> None:
+        """Add a move again and again, each followed by a rest, while it is over in `seconds`."""
+        while self.perform([move], seconds):
+            self.wait(rest_s())
+
     def clip(self, name: str, t: Float[Array, "T"], fps: float, balance: bool = True) -> Clip:
-        """Pose the score for the times t."""
+        """Pose the figure at the times t [s]."""
         c = standing(t, self.style, self.rng)
         rest = DOWN.row
         for i, track in enumerate(self._hands):

@@ -10,12 +10,13 @@ again.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap_sim.motion.generators.keyframes import HAND_SPEED, REACTION
+from egocap_sim.motion.generators.keyframes import HAND_SPEED, REACTION, PaceParams
 from egocap_sim.motion.generators.pose_sampling import LEGS, possible
 from egocap_sim.motion.generators.stance import Style, draw_style
 from egocap_sim.motion.generators.touches import with_hands
@@ -32,14 +33,12 @@ _LOW = {"bend": 0.85, "crouch": 0.75, "kneel": 0.5, "stride": 0.4, "balance": 0.
 
 
 @dataclass(frozen=True)
-class PosesParams:
+class PosesParams(PaceParams):
     """Random reachable poses, one after another."""
 
-    pace: float = 1.0
-    """Factor on the duration of a move, 0.5 to 2."""
-    size: float = 1.0
-    """Factor on how far head, trunk and hips go, 0.4 to 1.15."""
-    kinds: tuple[str, ...] = ()
+    size: Annotated[float, (0.4, 1.15)] = 1.0
+    """Factor on how far head, trunk and hips go."""
+    kinds: Annotated[tuple[str, ...], LEGS] = ()
     """Names of kinds of poses; empty: all of them, the ordinary ones oftener."""
 
 
@@ -92,11 +91,7 @@ def _fastest(clip: Clip, t: Float[Array, "T"], times: Float[Array, "K 2"]) -> Fl
 def draw_pose(
     rng: np.random.Generator, size: float = 1.0, kinds: tuple[str, ...] = ()
 ) -> WholePose:
-    """A pose that a person can take, of a kind in `LEGS`. Raises InputError for others."""
-    from egocap.errors import InputError
-
-    if unknown := [kind for kind in kinds if kind not in LEGS]:
-        raise InputError(f"unknown kind of pose '{unknown[0]}'", valid=LEGS)
+    """A pose that a person can take, of a kind in `LEGS`."""
     names = kinds or tuple(LEGS)
     weights = np.array([LEGS[name][1] for name in names])
     kind = names[int(rng.choice(len(names), p=weights / weights.sum()))]

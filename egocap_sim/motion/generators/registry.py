@@ -10,20 +10,16 @@ import dataclasses
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from egocap.errors import InputError
 from egocap_sim.motion.clips.concatenation import concatenate
-from egocap_sim.motion.generators.counter_work import WorkParams, work
+from egocap_sim.motion.generators.ball_handling import DribbleParams, JuggleParams, dribble, juggle
 from egocap_sim.motion.generators.cycling import CycleParams, cycle, fit_rider
-from egocap_sim.motion.generators.desk import DeskParams, desk
-from egocap_sim.motion.generators.dribble import DribbleParams, dribble
 from egocap_sim.motion.generators.gestures import GESTURES, GestureParams, gesticulate
-from egocap_sim.motion.generators.handshake import HandshakeParams, handshake
-from egocap_sim.motion.generators.hold import HoldParams, hold
-from egocap_sim.motion.generators.juggle import JuggleParams, juggle
+from egocap_sim.motion.generators.keyframes import PaceParams
 from egocap_sim.motion.generators.postures import (
     IdleParams,
     LookParams,
@@ -36,6 +32,15 @@ from egocap_sim.motion.generators.postures import (
 )  # fmt: skip
 from egocap_sim.motion.generators.random_poses import PosesParams, poses
 from egocap_sim.motion.generators.stairs import StairsParams, fit_climber, stairs
+from egocap_sim.motion.generators.tasks import (
+    DeskParams,
+    HoldParams,
+    WorkParams,
+    desk,
+    handshake,
+    hold,
+    work,
+)  # fmt: skip
 from egocap_sim.motion.generators.walk import WalkParams, walk
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.retarget.retarget import Reference
@@ -83,15 +88,6 @@ def _sequence(t: np.ndarray, rng: np.random.Generator, params: SequenceParams, f
     return concatenate("sequence", clips)
 
 
-_LIMITS: dict[str, tuple[float, float]] = {
-    "speed": (0.3, 1.7), "radius": (1.0, 100.0), "wander": (0.0, 2.0), "arm_swing": (0.0, 2.0),
-    "bounce": (0.0, 2.0), "lean": (-0.2, 0.4), "pace": (0.5, 2.0), "size": (0.4, 1.15),
-    "crossover": (0.0, 1.0), "flight": (0.45, 0.8), "dwell": (0.2, 0.4),
-    "ride_speed": (2.0, 8.0), "ride_radius": (4.0, 12.0), "cadence": (40.0, 110.0),
-    "height": (-0.4, -0.2), "treads": (2.0, 8.0), "rise": (0.1, 0.19), "run": (0.28, 0.36),
-    "depth": (0.1, 1.0), "seat": (0.35, 0.6), "stay": (0.0, 600.0), "yaw": (0.1, 1.3),
-}  # fmt: skip
-
 MOTIONS: dict[str, Motion] = {
     "walk": Motion(walk, WalkParams, "walk along a winding way inside a circle"),
     "gestures": Motion(gesticulate, GestureParams, "gestures and reaches of all kinds, standing"),
@@ -103,7 +99,7 @@ MOTIONS: dict[str, Motion] = {
     "cycle": Motion(cycle, CycleParams, "ride a bicycle around", mounted=fit_rider),
     "hold": Motion(hold, HoldParams, "use a phone, a cup or a newspaper, standing"),
     "desk": Motion(desk, DeskParams, "sit at a desk: type, use a mouse, write"),
-    "handshake": Motion(handshake, HandshakeParams, "shake hands, standing"),
+    "handshake": Motion(handshake, PaceParams, "shake hands, standing"),
     "work": Motion(work, WorkParams, "work with both hands at a counter, standing"),
     "poses": Motion(poses, PosesParams, "random poses within reach, one after another"),
     "stairs": Motion(stairs, StairsParams, "walk up and down a staircase", mounted=fit_climber),
@@ -150,7 +146,7 @@ def motion_parameters(name: str, params: dict[str, Any]) -> Any:
 
 
 def _parameters(motion: Motion, params: dict[str, Any]) -> Any:
-    hints = typing.get_type_hints(motion.params)
+    hints = typing.get_type_hints(motion.params, include_extras=True)
     for key, value in params.items():
         if key not in hints:
             raise InputError(f"unknown parameter '{key}'", valid=hints or "none")
@@ -158,17 +154,28 @@ def _parameters(motion: Motion, params: dict[str, Any]) -> Any:
     return motion.params(**(motion.defaults | params))
 
 
-def _checked(key: str, value: Any, kind: Any) -> Any:
+def _checked(key: str, value: Any, hint: Any) -> Any:
+    """A value of an annotated field: numbers within a range, names among the valid ones."""
+    kind: Any = hint
+    valid: Any = None
+    if typing.get_origin(hint) is Annotated:
+        kind, valid = typing.get_args(hint)
     if kind is float:
-        low, high = _LIMITS[key]
+        low, high = valid
         good = isinstance(value, int | float) and not isinstance(value, bool)
         if not good or not low <= value <= high:
             raise InputError(f"{key} is {value!r}", valid=f"{low:g} to {high:g}")
         return float(value)
-    if kind is bool or kind is str:
-        if not isinstance(value, kind):
-            raise InputError(f"{key} is {value!r}", valid=f"a {kind.__name__}")
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise InputError(f"{key} is {value!r}", valid="a bool")
+        return value
+    if kind is str:
+        if value not in valid:
+            raise InputError(f"{key} is {value!r}", valid=valid)
         return value
     if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
         raise InputError(f"{key} is {value!r}", valid="a list of names")
+    if unknown := [v for v in value if valid is not None and v not in valid]:
+        raise InputError(f"unknown name '{unknown[0]}' in {key}", valid=valid)
     return tuple(value)

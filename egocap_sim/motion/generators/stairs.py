@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -29,6 +30,7 @@ from egocap_sim.motion.generators.footsteps import (
     Plant,
     roll_feet,
 )
+from egocap_sim.motion.generators.keyframes import PaceParams
 from egocap_sim.motion.generators.stance import (
     HANG_PRONATION,
     HIP_HEIGHT,
@@ -37,12 +39,11 @@ from egocap_sim.motion.generators.stance import (
     draw_style,
 )
 from egocap_sim.motion.generators.walk import WalkParams, swinging_arms
-from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import slow_noise, turn
 from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.kinematics.limbs import bend_limb
-from egocap_sim.motion.kinematics.posing import SIDES, Controls, pose_figure
+from egocap_sim.motion.kinematics.posing import Controls, pose_figure
 from egocap_sim.motion.retarget.foot_planting import foot_correction, standing
 from egocap_sim.motion.retarget.retarget import Reference
 
@@ -59,17 +60,15 @@ _NEAR_EDGE = 0.02  # metres by which feet keep off edges they pass
 
 
 @dataclass(frozen=True)
-class StairsParams:
+class StairsParams(PaceParams):
     """A staircase and the pace on it."""
 
-    treads: float = 5.0
-    """Steps up to the landing, 2 to 8."""
-    rise: float = 0.165
-    """Height of a step in metres, 0.1 to 0.19."""
-    run: float = 0.30
-    """Depth of a tread in metres, 0.28 to 0.36."""
-    pace: float = 1.0
-    """Factor on the duration of steps, 0.5 to 2."""
+    treads: Annotated[float, (2.0, 8.0)] = 5.0
+    """Steps up to the landing."""
+    rise: Annotated[float, (0.1, 0.19)] = 0.165
+    """Height of a step in metres."""
+    run: Annotated[float, (0.28, 0.36)] = 0.30
+    """Depth of a tread in metres."""
 
 
 def slabs(params: StairsParams, scale: float = 1.0) -> tuple[Slab, ...]:
@@ -294,6 +293,3 @@ def _climber(
         wrist_bend=np.zeros((len(t), 2)),
         swivel=np.zeros((len(t), 2)),
     )
-
-
-assert len(SIDES) == 2 and figure.SOLE_TIP[0] > 0

@@ -10,9 +10,8 @@ from egocap.geometry import transform
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.rng import stream
 from egocap_sim.crowd.bystanders import limb_points
+from egocap_sim.motion.generators.ball_handling import FLIGHT_S, plan_cascade, plan_touches
 from egocap_sim.motion.generators.cycling import Ride, leg_scale
-from egocap_sim.motion.generators.dribble import FLIGHT_S, touches
-from egocap_sim.motion.generators.juggle import cascade
 from egocap_sim.motion.generators.registry import MOTIONS, make_motion, motion_parameters
 from egocap_sim.motion.retarget.kinematic_playback import sample_reference
 from egocap_sim.motion.retarget.retarget import retarget
@@ -55,7 +54,7 @@ def test_a_dribbled_ball_touches_the_palm_and_bounces_off_the_floor(stand_in, st
     performance = perform(stand_in, "dribble", start_s=start_s)
     (path,) = paths("ball", performance)
     touching = np.abs(to_palm(performance, path, balls.BASKETBALL_R)) < 1e-3
-    plan = touches(stream(SEED, "motion"), performance.parameters, 6.0)
+    plan = plan_touches(stream(SEED, "motion"), performance.parameters, 6.0)
     for touch in plan:
         t = performance.times + start_s
         held = (t >= touch.caught) & (t < touch.pushed)
@@ -82,7 +81,7 @@ def test_a_bounce_starts_and_ends_where_the_hands_are():
 
 def test_juggled_balls_fly_freely_between_the_palms(stand_in):
     performance = perform(stand_in, "juggle")
-    timing = cascade(stream(SEED, "motion"), performance.parameters)
+    timing = plan_cascade(stream(SEED, "motion"), performance.parameters)
     flown = paths("juggling_balls", performance)
     assert len(flown) == 3
     gaps = [to_palm(performance, path, balls.JUGGLING_R) for path in flown]

@@ -5,9 +5,9 @@ import pytest
 
 from egocap.errors import InputError
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.motion.generators.desk import TASKS
 from egocap_sim.motion.generators.postures import SEAT_TO_PELVIS
 from egocap_sim.motion.generators.registry import make_motion
+from egocap_sim.motion.generators.tasks import TASKS
 from egocap_sim.motion.kinematics.limbs import bend_angle
 from egocap_sim.motion.retarget.kinematic_playback import sample_reference
 from egocap_sim.motion.retarget.retarget import retarget

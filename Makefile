@@ -6,7 +6,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out
 
-.PHONY: demo test check check-evals setup gl clean
+.PHONY: demo test check check-evals docs setup gl clean
 
 setup: $(VENV)/.ready gl
 
@@ -38,6 +38,11 @@ check: setup
 # A fixed small suite against recorded numbers; exit code 3 and a table when something got worse.
 check-evals: setup
 	$(BIN)/egocap-eval check --baseline evals/egocap_eval/baselines/ci.json
+
+# The documentation, with its command and API reference, in out/site.
+docs: setup
+	$(BIN)/python -m pip install --quiet --requirement requirements-docs.lock
+	$(BIN)/python -m mkdocs build --quiet
 
 clean:
 	rm -rf $(VENV) $(OUT)

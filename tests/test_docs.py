@@ -46,11 +46,8 @@ def commands(page: Path) -> list[list[str]]:
     lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
     lines += [line for line in text.splitlines() if line.startswith("    egocap")]
     lines += [found for found in re.findall(r"`(egocap[a-z-]* [^`]*)`", text) if "SEQ" not in found]
-    return [
-        shlex.split(line, comments=True)
-        for line in lines
-        if re.match(r"\s*egocap(-sim|-eval)? [a-z]", line)
-    ]
+    calls = [call.strip() for line in lines for call in line.split("&&")]
+    return [shlex.split(c, comments=True) for c in calls if re.match(r"egocap\S* [a-z]", c)]
 
 
 @cache

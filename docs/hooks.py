@@ -8,9 +8,14 @@ from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
 
-PROGRAMS = {"egocap": "egocap.cli", "egocap-sim": "egocap_sim.cli", "egocap-eval": "egocap_eval.cli"}
-INTRODUCTION = "Written from the commands' own `--help`. Exit codes: 0 done, 1 failed, 2 usage or bad file,"
-CODES = "3 a threshold was missed, 130 interrupted."
+PROGRAMS = {
+    "egocap": "egocap.cli",
+    "egocap-sim": "egocap_sim.cli",
+    "egocap-eval": "egocap_eval.cli",
+}
+INTRODUCTION = """\
+Written from the commands' own `--help`. Exit codes: 0 done, 1 failed, 2 usage or bad file,
+3 a threshold was missed, 130 interrupted."""
 SUBCOMMAND = re.compile(r"^\W+([a-z][a-z-]+)(?: {2}|\s*$)", re.MULTILINE)
 
 
@@ -38,7 +43,7 @@ def subcommands(program: str) -> list[str]:
 
 def commands_page() -> str:
     """The page, as Markdown."""
-    parts = ["# Commands", f"{INTRODUCTION}\n{CODES}"]
+    parts = ["# Commands", INTRODUCTION]
     for program in PROGRAMS:
         parts += [f"## {program}", f"```text\n{help_text(program)}\n```"]
         for name in subcommands(program):

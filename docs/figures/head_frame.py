@@ -1,6 +1,6 @@
 """Draw docs/images/head-frame.png: where the head frame sits in a simulated head, from two sides.
 
-    python docs/figures/head_frame.py docs/images/head-frame.png
+python docs/figures/head_frame.py docs/images/head-frame.png
 """
 
 import sys
@@ -43,16 +43,33 @@ def draw(axes, corners, colours, across, title):
     flat = np.stack([corners[..., across], corners[..., 2]], -1)[order]
     axes.add_collection(PolyCollection(flat, facecolors=(colours * shade[:, None])[order], lw=0))
     axes.plot(0, 0, "o", color="black", ms=7, zorder=5)
-    axes.annotate("origin: skull base, midway\nbetween the ear lobes", (0, 0), (-0.21, -0.16), zorder=6,
-                  bbox={"fc": "white", "ec": "0.6", "alpha": 0.9},
-                  arrowprops={"arrowstyle": "-", "color": "black"})  # fmt: skip
+    axes.annotate(
+        "origin: skull base, midway\nbetween the ear lobes",
+        (0, 0),
+        (-0.21, -0.16),
+        zorder=6,
+        bbox={"fc": "white", "ec": "0.6", "alpha": 0.9},
+        arrowprops={"arrowstyle": "-", "color": "black"},
+    )
     for name, axis, colour in AXES:
         end = {across: (0.13, 0.0), 2: (0.0, 0.16)}.get(axis)
         if end is not None:
-            axes.annotate("", end, (0, 0), zorder=5,
-                          arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 2.5})  # fmt: skip
-            axes.text(*(np.array(end) * 1.12), name, color=colour, weight="bold", zorder=6,
-                      ha="center", bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1})  # fmt: skip
+            axes.annotate(
+                "",
+                end,
+                (0, 0),
+                zorder=5,
+                arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 2.5},
+            )
+            axes.text(
+                *(np.array(end) * 1.12),
+                name,
+                color=colour,
+                weight="bold",
+                zorder=6,
+                ha="center",
+                bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1},
+            )
     axes.set_title(title)
     axes.set_aspect("equal")
     axes.set_ylim(BELOW, ABOVE)

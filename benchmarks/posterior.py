@@ -29,7 +29,7 @@ from egocap.posterior.information import (
     joint_bound,
     prior_information,
 )
-from egocap.posterior.log_prob import log_posterior_of
+from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.result import Posterior, to_arviz
 from egocap.posterior.sampler import sample
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
@@ -46,7 +46,7 @@ def measure(frames: int, arviz: bool = False) -> dict[str, Any]:
     poses = draw_poses(WALKERS, config, rng)
     seen = rng.random((WALKERS, 2, 18)) >= MISSING
     found = draw_detections(poses, seen, rig, person, 2.0, config, rng)
-    density = log_posterior_of(found, 0, rig, person, config)
+    density = make_log_posterior(found, 0, rig, person, config)
     wall, cpu = _timed(lambda: density(poses), ROUNDS)
     bound = _timed(
         lambda: joint_bound(
@@ -59,7 +59,7 @@ def measure(frames: int, arviz: bool = False) -> dict[str, Any]:
     rows = []
     for frame in range(frames):
         cpu_before = time.process_time()
-        result = sample(log_posterior_of(found, frame, rig, person, config), SamplerConfig())
+        result = sample(make_log_posterior(found, frame, rig, person, config), SamplerConfig())
         worst = int(result.effective.argmin())
         row = {
             "mixed": result.mixed, "outcome": result.outcome, "modes": len(result.modes),

@@ -29,6 +29,7 @@ _MODULES = {
     "load_camera": "cameras.camera_files",
     "load_rig": "cameras.rig_files",
     "open_sequence": "data.sequence",
+    "sample_posterior": "posterior.frame_posterior",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]
 

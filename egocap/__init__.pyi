@@ -10,5 +10,6 @@ from egocap.detect.detector import Detector as Detector
 from egocap.errors import EgocapError as EgocapError
 from egocap.fitting.fit_body import fit_body as fit_body
 from egocap.pose.config import TrackerConfig as TrackerConfig
+from egocap.posterior.frame_posterior import sample_posterior as sample_posterior
 
 __version__: str

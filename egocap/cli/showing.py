@@ -11,6 +11,7 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.commandline import DONE
 from egocap.detect.sources import detections_from
+from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 
 
@@ -53,39 +54,54 @@ def posterior(
     colour: bool = False,
     json: bool = False,
 ) -> int:
-    """Sample what one frame's detections say about the pose: how sure it is, joint by joint.
+    """Sample the posterior of the pose in one frame: uncertainty of every joint.
 
-    A chain that has not mixed is written all the same, and said to be so.
+    A chain that has not mixed is saved with a warning.
 
     Args:
         sequence: folder of a sequence.
         out: posterior to write, npz.
         frame: frame of the sequence, from 0.
         detections: where detections come from, as for `egocap track`; their noise has seed 0.
-        config: what is believed before the detections, and how they scatter.
-        sampling: how long to sample.
-        page: page of pictures to write, html.
-        checkpoint: chain to keep, npz; the same command takes up a killed run from it.
-        colour: let the images' colours speak, too, learned from the sequence's own track: minutes.
+        config: prior, and noise of the detections.
+        sampling: length of the chain.
+        page: page of figures to write, html.
+        checkpoint: file to save the chain in, npz; the same command continues an interrupted run.
+        colour: include the image colours in the likelihood, learned from the sequence's own track;
+            takes minutes.
         json: print the summary as JSON.
     """
     import json as jsons
 
     from egocap.data.sequence import Sequence
-    from egocap.posterior.run import write_posterior
+    from egocap.files import make_folder
+    from egocap.posterior.frame_posterior import sample_posterior
+    from egocap.posterior.result import save_posterior
 
     opened = Sequence(sequence)
     found = detections_from(opened, detections, 0)
-    told = write_posterior(
-        opened, found, frame, out, config, sampling, page=page, checkpoint=checkpoint, colour=colour
+    for path in (out, page, checkpoint):
+        if path is not None:
+            make_folder(path.parent)
+    if page is not None and page.suffix not in (".html", ".htm"):
+        raise InputError(f"--page {page}", valid="the name of an .html file")
+    result = sample_posterior(
+        opened, frame, found, config, sampling, checkpoint=checkpoint, colour=colour
     )
+    save_posterior(out, result)
+    if page is not None:
+        from egocap.posterior.figures import write_page
+
+        write_page(page, result, opened.rig, opened.frame(frame).images)
+    summary = result.summary()
     if json:
-        print(jsons.dumps(told, indent=1))
+        print(jsons.dumps(summary, indent=1))
         return DONE
     ends = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
-    hands = ", ".join(f"{j.replace('_', ' ')} {told['spread_mm'][j]} mm" for j in ends)
-    print(f"{out}: {told['outcome']}; {told['steps']} steps in {told['seconds']} s; spread {hands}")
-    for note in told["notes"]:
+    spread = ", ".join(f"{j.replace('_', ' ')} {summary['spread_mm'][j]} mm" for j in ends)
+    print(f"{out}: {result.outcome}; {result.steps} steps in {summary['seconds']} s; "
+          f"spread {spread}")  # fmt: skip
+    for note in result.notes:
         print(note)
     return DONE
 

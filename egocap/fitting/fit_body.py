@@ -9,7 +9,7 @@ Source: EgoCap 2016, section 4.1 (personalisation from few poses).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -133,12 +133,7 @@ def first_seconds(detections: Detections, seconds: float) -> Detections:
         raise InputError(f"the first {seconds} s", valid="above 0")
     times = np.asarray(detections.times, float)
     count = int(np.count_nonzero(times <= times[:1] + seconds)) if len(times) else 0
-    parts = {
-        name: getattr(detections, name)[:count]
-        for name in ("times", "points", "sigma", "confidence", "valid", "modes", "mode_weights")
-        if getattr(detections, name) is not None
-    }
-    return replace(detections, **parts)
+    return detections[:count]
 
 
 def _chosen(angles: Float[Array, "T 37"], used: Int[Array, "T"], count: int) -> Int[Array, "F"]:

@@ -24,8 +24,8 @@ from egocap.cameras.rig import Rig
 from egocap.errors import InputError
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
+from egocap.pose.observations import REFERENCE_WIDTH
 from egocap.pose.pose_prior import load_posture
-from egocap.posterior.measurement import REFERENCE_WIDTH
 
 UNSEEN = 1e-9
 """Share of the largest information under which a direction counts as unseen."""

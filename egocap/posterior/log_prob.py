@@ -13,17 +13,20 @@ spreads as standard deviations. Whether a joint is detected is taken as given, n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.body.labels import without_side
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import (
     DOF_COUNT,
+    DOFS,
     LABEL_POINTS,
     LIMITS,
+    POINTS,
     forward,
 )
 from egocap.cameras.rig import Rig
@@ -31,12 +34,30 @@ from egocap.data.detections import Detections
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import make_model
 from egocap.pose.pose_prior import load_posture
-from egocap.posterior import curvature, kernel, parameters
+from egocap.posterior import curvature, kernel
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.measurement import Measurement, measure
 
-Extra = Callable[[Float[Array, "W 37"]], Float[Array, "W"]]
-"""A further log likelihood of the angles, such as minus the colour energy."""
+SCALES: dict[str, tuple[str, ...]] = {
+    "trunk": ("neck", "upper_spine", "lower_spine"),
+    "shoulders": ("clavicle", "shoulder"),
+    "upper_arms": ("elbow",),
+    "forearms": ("wrist",),
+    "hands": ("hand",),
+    "hips": ("hip",),
+    "thighs": ("knee",),
+    "shanks": ("ankle",),
+    "feet": ("foot",),
+}
+"""Bones that grow together, by the point at their far end, left and right alike."""
+
+RIG_ERRORS = ("turn_x", "turn_y", "turn_z", "shift_x", "shift_y", "shift_z")
+"""Of one camera, in its own axes: the point's coordinates are turned, then shifted."""
+
+UNSCALED = -1
+
+LogLikelihood = Callable[[Float[Array, "W 37"]], Float[Array, "W"]]
+"""Log likelihood of angles [rad], up to a constant."""
 
 
 class LogPosterior:
@@ -48,11 +69,11 @@ class LogPosterior:
         rig: Rig,
         proportions: Proportions,
         config: PosteriorConfig = PosteriorConfig(),  # noqa: B008 (frozen)
-        extra: Extra | None = None,
+        extra: LogLikelihood | None = None,
     ) -> None:
         self.measurement, self.rig, self.proportions = measurement, rig, proportions
         self.config, self.extra = config, extra
-        self.names = parameters.names(config, rig.views)
+        self.names = parameter_names(config, rig.views)
         self.body = make_body(proportions)
         self.prior = make_prior(config, len(rig.mounts))
         self.optics = make_optics(rig, config)
@@ -97,17 +118,30 @@ class LogPosterior:
         return out
 
 
-def log_posterior_of(
+def make_log_posterior(
     detections: Detections,
     frame: int,
     rig: Rig,
     proportions: Proportions,
     config: PosteriorConfig = PosteriorConfig(),  # noqa: B008 (frozen)
-    extra: Extra | None = None,
+    extra: LogLikelihood | None = None,
 ) -> LogPosterior:
     """The log posterior of one frame of detections. Raises InputError."""
     found = measure(detections, frame, rig, proportions, config)
     return LogPosterior(found, rig, proportions, config, extra)
+
+
+def parameter_names(config: PosteriorConfig, views: Sequence[str]) -> tuple[str, ...]:
+    """Names of all parameters in order: angles, scales (ln of the factor), rig errors."""
+    scales = [f"scale_{group}" for group in SCALES] if config.bone_scales else []
+    rig = [f"{view}_{error}" for view in views for error in RIG_ERRORS] if config.rig_errors else []
+    return (*DOFS, *scales, *rig)
+
+
+def _scale_groups() -> tuple[int, ...]:
+    """Index into `SCALES` for each of `skeleton.POINTS`; UNSCALED for the head."""
+    kinds = {point: i for i, group in enumerate(SCALES.values()) for point in group}
+    return tuple(kinds.get(without_side(point), UNSCALED) for point in POINTS)
 
 
 def readable_log_posterior(
@@ -135,13 +169,13 @@ def make_body(proportions: Proportions) -> kernel.Body:
     """The skeleton's tables and a person's bones as the kernels take them."""
     model = make_model(proportions, TrackerConfig())
     tables = {name: getattr(model, name) for name in kernel.Body._fields if name in model._fields}
-    return kernel.Body(**tables, scale_group=np.array(parameters.scale_of_point()))
+    return kernel.Body(**tables, scale_group=np.array(_scale_groups()))
 
 
 def make_prior(config: PosteriorConfig, views: int) -> kernel.Prior:
     """The beliefs that the settings state."""
     posture = load_posture()
-    scales = len(parameters.SCALES) if config.bone_scales else 0
+    scales = len(SCALES) if config.bone_scales else 0
     spreads = [config.bone_scale_sd] * scales
     if config.rig_errors:
         turn = np.deg2rad(config.rig_turn_sd_deg)

@@ -12,10 +12,8 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
+from egocap.pose.observations import REFERENCE_WIDTH
 from egocap.posterior.config import PosteriorConfig
-
-REFERENCE_WIDTH = 640
-"""Image width in pixels to which spreads in `PosteriorConfig` refer."""
 
 
 @dataclass(frozen=True, eq=False)

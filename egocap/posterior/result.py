@@ -11,26 +11,27 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABELS
 from egocap.errors import FileError
 from egocap.files import read_npz, write_npz
 
 KIND, SCHEMA = "egocap-posterior", 1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Posterior:
-    """Draws from the posterior of one frame, and how far they can be trusted.
+    """Draws from the posterior of one frame, with convergence diagnostics.
 
-    Parameters N: 37 angles [rad], then scales (ln of the factor) and rig errors [rad, m] if asked
-    for. Walkers W, draws S of each. `mixed` False: the numbers are not the posterior's; `outcome`
-    says why.
+    Parameters N: 37 angles [rad], then scales (ln of the factor) and rig errors [rad, m] if they
+    are inferred. Walkers W, draws S of each. If `mixed` is False, the draws do not represent the
+    posterior; `outcome` gives the reason.
     """
 
     names: tuple[str, ...]
     draws: Float[Array, "W S N"]
     log_prob: Float[Array, "W S"]
     joints: Float[Array, "W S 18 3"]  # head frame, metres
-    modes: Float[Array, "K N"]  # where the walkers started from, the heaviest first
+    modes: Float[Array, "K N"]  # that the walkers started from, the heaviest first
     mode_log_mass: Float[Array, "K"]  # Laplace's, relative to the heaviest
     mode_share: Float[Array, "K"]  # of the draws
     laplace_joints: Float[Array, "18 3 3"]  # covariance [m^2] about the heaviest mode
@@ -68,6 +69,36 @@ class Posterior:
         """Covariance of every joint's place, m^2."""
         away = self.flat_joints - self.joint_mean
         return np.einsum("bji,bjk->jik", away, away) / (len(away) - 1)
+
+    def summary(self) -> dict[str, Any]:
+        """Spread of the joints in mm and convergence diagnostics, JSON-ready."""
+        return {
+            "frame": self.frame,
+            "mixed": self.mixed,
+            "outcome": self.outcome,
+            "notes": list(self.notes),
+            "steps": self.steps,
+            "seconds": round(self.seconds, 1),
+            "acceptance": round(self.acceptance, 3),
+            "longest_autocorrelation": round(float(self.autocorrelation.max()), 1),
+            "least_effective": round(float(self.effective.min())),
+            "largest_rhat": round(float(self.rhat.max()), 4),
+            "mode_shares": [round(float(share), 3) for share in self.mode_share],
+            "spread_mm": _spread_mm(self.joint_covariance),
+            "laplace_spread_mm": _spread_mm(self.laplace_joints),
+        }
+
+    def __repr__(self) -> str:
+        walkers, draws, size = self.draws.shape
+        return (
+            f"Posterior(frame {self.frame}: {walkers} walkers x {draws} draws of {size} parameters;"
+            f" {self.outcome})"
+        )
+
+
+def _spread_mm(covariance: Float[Array, "18 3 3"]) -> dict[str, float]:
+    spread = 1e3 * np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    return {name: round(float(value), 1) for name, value in zip(LABELS, spread, strict=True)}
 
 
 def save_posterior(path: str | Path, posterior: Posterior) -> None:

@@ -18,9 +18,9 @@ from egocap.body.skeleton import LIMITS, forward
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
+from egocap.pose.observations import REFERENCE_WIDTH
 from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig
-from egocap.posterior.measurement import REFERENCE_WIDTH
 
 
 def draw_poses(

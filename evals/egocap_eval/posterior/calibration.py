@@ -103,7 +103,7 @@ def run_well_specified(
     found = draw_detections(poses, seen, rig, person, sigma, config, rng)
     joints = forward(person, poses)
     jobs = [
-        Job(one_frame(found, i), joints[i], poses[i], rig, person, config, seed + i)
+        Job(found[i : i + 1], joints[i], poses[i], rig, person, config, seed + i)
         for i in range(frames)
     ]
     scores = score_all(jobs, workers, "well-specified", log)
@@ -176,10 +176,10 @@ def score_all(
 
 def score_frame(job: Job) -> FrameScore:
     """Sample one frame and place the truth in its posterior."""
-    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.log_prob import make_log_posterior
     from egocap.posterior.sampler import sample
 
-    density = log_posterior_of(job.detections, 0, job.rig, job.proportions, job.config)
+    density = make_log_posterior(job.detections, 0, job.rig, job.proportions, job.config)
     result = sample(density, SamplerConfig(most_steps=STEPS, seed=job.seed))
     away = job.joints - density.joints(result.modes[:1])[0]
     ranks = None
@@ -210,30 +210,23 @@ def write_diagram(path: Path, report: CalibrationReport) -> None:
     write_diagrams(path, studies, " ".join(facts))
 
 
-def one_frame(detections: Detections, frame: int) -> Detections:
-    """A file's worth of detections with one frame."""
-    names = ("times", "points", "sigma", "confidence", "valid")
-    part = {name: getattr(detections, name)[frame : frame + 1] for name in names}
-    return replace(detections, **part)
-
-
 def _jobs_of(folder: Path, source: str, frames: int, config: PosteriorConfig) -> list[Job]:
     sequence = open_sequence(folder)
     found = detections_from(sequence, source, 0)
     chosen = np.unique(np.linspace(0, len(sequence) - 1, min(frames, len(sequence))).astype(int))
     truth = sequence.truth.joints_head
     return [
-        Job(one_frame(found, i), truth[i], None, sequence.rig, sequence.proportions, config, int(i))
+        Job(found[i : i + 1], truth[i], None, sequence.rig, sequence.proportions, config, int(i))
         for i in chosen
     ]
 
 
 def _laplace_inside(job: Job) -> Float[Array, "18"]:
     from egocap.posterior.laplace import find_modes
-    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.log_prob import make_log_posterior
     from egocap.posterior.sampler import laplace_joints
 
-    density = log_posterior_of(job.detections, 0, job.rig, job.proportions, job.config)
+    density = make_log_posterior(job.detections, 0, job.rig, job.proportions, job.config)
     mode = find_modes(density, np.random.default_rng(job.seed))[0]
     away = job.joints - density.joints(mode.mean[None])[0]
     return gaussian_share(away, laplace_joints(density, mode))

@@ -16,8 +16,7 @@ COLOURS = ("#1d4ed8", "#c2410c", "#0f766e")
 
 def write_diagrams(path: Path, studies: Sequence[Coverage], facts: str) -> None:
     """All pictures as one HTML page."""
-    from egocap.posterior.page import write_pictures
-    from egocap.posterior.plots import draw_reliability
+    from egocap.posterior.figures import draw_reliability, write_pictures
 
     drawn = [("Reliability", draw_reliability({c.name: c.curve() for c in studies}))]
     for study in studies:

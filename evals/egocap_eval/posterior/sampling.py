@@ -98,7 +98,7 @@ def evaluation_rate(walkers: int = 96, rounds: int = 200) -> float:
     """Log posteriors of 37 angles a second, two views of 18 detections, in batches of walkers."""
     from egocap.body.proportions import Proportions
     from egocap.cameras.rig_files import load_rig
-    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.log_prob import make_log_posterior
     from egocap.posterior.synthetic_pose import draw_detections, draw_poses
     from egocap_sim.core.resources import rig_file
 
@@ -108,7 +108,7 @@ def evaluation_rate(walkers: int = 96, rounds: int = 200) -> float:
     poses = draw_poses(walkers, config, rng)
     seen = np.ones((1, 2, len(LABELS)), bool)
     found = draw_detections(poses[:1], seen, rig, person, 2.0, config, rng)
-    density = log_posterior_of(found, 0, rig, person, config)
+    density = make_log_posterior(found, 0, rig, person, config)
     density(poses)  # compiles
     started = time.perf_counter()
     for _ in range(rounds):
@@ -175,7 +175,7 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
 
 def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[str, Any]]:
     """Sample some frames and say how long it took for how much."""
-    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.log_prob import make_log_posterior
     from egocap.posterior.sampler import sample
 
     found = detections_from(sequence, f"simulated:{sigma:g}", 0)
@@ -184,7 +184,7 @@ def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[st
     with progress("sampling", count) as advance:
         for frame in np.linspace(0, len(sequence) - 1, count).astype(int):
             cpu = time.process_time()
-            density = log_posterior_of(
+            density = make_log_posterior(
                 found, int(frame), sequence.rig, sequence.proportions, config
             )
             result = sample(density, SamplerConfig(effective=LEAST_EFFECTIVE), frame=int(frame))

@@ -100,13 +100,13 @@ def _laplace(
     """Expected spread and error of the mode [mm] of some frames, each by itself."""
     from egocap.posterior.config import PosteriorConfig
     from egocap.posterior.laplace import find_modes
-    from egocap.posterior.log_prob import log_posterior_of
+    from egocap.posterior.log_prob import make_log_posterior
     from egocap.posterior.sampler import laplace_joints
 
     config = PosteriorConfig(degrees=np.inf, model_error_m=MODEL_ERROR_M)
     expected, errors = [], []
     for t in np.linspace(0, len(motion.joints) - 1, POSTERIORS).astype(int):
-        density = log_posterior_of(found, int(t), rig, motion.proportions, config)
+        density = make_log_posterior(found, int(t), rig, motion.proportions, config)
         mode = find_modes(density, np.random.default_rng(seed))[0]
         spread = np.trace(laplace_joints(density, mode), axis1=1, axis2=2)
         expected.append(1e3 * np.sqrt(spread[_JOINTS]))

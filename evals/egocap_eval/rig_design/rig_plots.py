@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from egocap.files import make_folder, write_atomically
-from egocap.posterior.page import write_pictures
+from egocap.posterior.figures import write_pictures
 from egocap_eval.rig_design.rig_report import PAPERS, RigReport
 
 

@@ -24,7 +24,7 @@ from egocap.posterior.information import (
     smoothed_bound,
     smoothed_covariance,
 )
-from egocap.posterior.log_prob import log_posterior_of
+from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.synthetic_pose import draw_detections, draw_noise, draw_poses
 
 
@@ -34,7 +34,7 @@ def test_information_is_the_curvature_of_the_log_likelihood(rig, person):
     rng = np.random.default_rng(0)
     pose, seen = 0.3 * draw_poses(1, config, rng), rng.random((1, 2, 18)) < 0.8
     found = draw_detections(pose, seen, rig, person, 2.0, config, rng)
-    _, _, H = log_posterior_of(found, 0, rig, person, config).derivatives(pose[0])
+    _, _, H = make_log_posterior(found, 0, rig, person, config).derivatives(pose[0])
     information = fisher_information(pose, person, rig, seen, Noise(2.0))
     np.testing.assert_allclose(information[0], H - load_posture().precision, rtol=1e-6, atol=1e-3)
 
@@ -105,7 +105,7 @@ def test_maximum_likelihood_pose_scatters_as_bounded(rig, person):
     truth = forward(person, pose[:1])
     estimates = []
     for frame in range(count):
-        density = log_posterior_of(found, frame, rig, person, config)
+        density = make_log_posterior(found, frame, rig, person, config)
         theta = pose[0]
         for _ in range(4):
             _, g, H = density.derivatives(theta)

@@ -8,8 +8,7 @@ import pytest
 from egocap.body.skeleton import forward
 from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig
-from egocap.posterior.log_prob import log_posterior_of, readable_log_posterior
-from egocap.posterior.parameters import SCALES
+from egocap.posterior.log_prob import SCALES, make_log_posterior, readable_log_posterior
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 
 
@@ -26,7 +25,7 @@ def case(rig, person):
 def test_agrees_with_readable_form(case, rig, person, degrees):
     _, found, rng = case
     config = PosteriorConfig(degrees=degrees, temperature=1.7)
-    density = log_posterior_of(found, 1, rig, person, config)
+    density = make_log_posterior(found, 1, rig, person, config)
     # Wide of the prior too, so that limits are exceeded and points leave the image.
     poses = draw_poses(4, config, rng) + rng.normal(0, 0.6, (4, 37))
     expected = [
@@ -39,7 +38,7 @@ def test_agrees_with_readable_form(case, rig, person, degrees):
 def test_gradient_by_angles_scales_and_rig(case, rig, person, degrees):
     poses, found, rng = case
     config = PosteriorConfig(degrees=degrees, bone_scales=True, rig_errors=True)
-    density = log_posterior_of(found, 0, rig, person, config)
+    density = make_log_posterior(found, 0, rig, person, config)
     assert density.size == 37 + len(SCALES) + 12 == len(density.names)
     theta = np.concatenate([poses[0] + 0.2, rng.normal(0, 0.02, 9), rng.normal(0, 0.01, 12)])
     value, gradient, H = density.derivatives(theta)
@@ -57,7 +56,7 @@ def test_curvature_is_the_hessian_where_the_residuals_vanish(case, rig, person):
     inside = poses[:1] * 0.2
     exact = draw_detections(inside, np.ones((1, 2, 18), bool), rig, person, 0.5, config, rng)
     pixels, _ = rig.project(forward(person, inside))
-    density = log_posterior_of(
+    density = make_log_posterior(
         replace(exact, points=np.moveaxis(pixels, 0, 1)), 0, rig, person, config
     )
     _, _, H = density.derivatives(inside[0])
@@ -69,7 +68,7 @@ def test_curvature_is_the_hessian_where_the_residuals_vanish(case, rig, person):
 
 def test_scaled_bones_move_joints(case, rig, person):
     poses, found, _ = case
-    density = log_posterior_of(found, 0, rig, person, PosteriorConfig(bone_scales=True))
+    density = make_log_posterior(found, 0, rig, person, PosteriorConfig(bone_scales=True))
     theta = np.zeros((2, density.size))
     theta[:, :37] = poses[0]
     theta[1, density.names.index("scale_forearms")] = np.log(1.1)
@@ -83,7 +82,7 @@ def test_scaled_bones_move_joints(case, rig, person):
 def test_no_detections_leave_the_prior_and_say_so(case, rig, person):
     _, found, _ = case
     nothing = replace(found, valid=np.zeros_like(found.valid))
-    density = log_posterior_of(nothing, 0, rig, person)
+    density = make_log_posterior(nothing, 0, rig, person)
     assert density.measurement.count == 0
     assert "the prior" in density.measurement.notes[0]
 
@@ -92,7 +91,7 @@ def test_missing_spread_gets_the_stated_default(case, rig, person):
     _, found, _ = case
     config = PosteriorConfig(default_sigma=3.0, model_error_m=0.0)
     without = replace(found, sigma=np.zeros_like(found.sigma))
-    density = log_posterior_of(without, 0, rig, person, config)
+    density = make_log_posterior(without, 0, rig, person, config)
     assert "state no spread: 3 px" in density.measurement.notes[0]
     used = density.measurement.weights > 0
     np.testing.assert_allclose(
@@ -103,7 +102,7 @@ def test_missing_spread_gets_the_stated_default(case, rig, person):
 def test_bad_input_is_refused(case, rig, person):
     _, found, _ = case
     with pytest.raises(InputError, match=r"no frame 7.*0 to 2"):
-        log_posterior_of(found, 7, rig, person)
+        make_log_posterior(found, 7, rig, person)
     with pytest.raises(InputError, match="degrees = 2"):
         PosteriorConfig(degrees=2.0)
     with pytest.raises(InputError, match="temperature = 0"):

@@ -10,7 +10,7 @@ from egocap.body.skeleton import DOF_INDEX, forward
 from egocap.errors import FileError, InputError
 from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
-from egocap.posterior.log_prob import log_posterior_of
+from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.moves import Crank, Hop, Mixture, Snooker
 from egocap.posterior.result import load_posterior, save_posterior
 from egocap.posterior.sampler import examine, sample, split_rhat
@@ -24,7 +24,7 @@ def density(rig, person):
     rng = np.random.default_rng(5)
     poses = draw_poses(1, CONFIG, rng)
     seen = np.ones((1, 2, 18), bool)
-    return log_posterior_of(
+    return make_log_posterior(
         draw_detections(poses, seen, rig, person, 4.0, CONFIG, rng), 0, rig, person, CONFIG
     )
 
@@ -112,7 +112,7 @@ def test_arm_of_three_joints_agrees_with_quadrature(rig, person):
     seen = np.zeros((1, 2, 18), bool)
     seen[0, 0, 4:6] = True  # wrist and hand, in one view: curved and broad
     found = draw_detections(pose, seen, rig, person, 8.0, CONFIG, rng)
-    density = log_posterior_of(found, 0, rig, person, CONFIG)
+    density = make_log_posterior(found, 0, rig, person, CONFIG)
     dofs = [DOF_INDEX[f"left_{n}"] for n in ("shoulder_swing", "elbow_flexion", "wrist_flexion")]
 
     def log_prob(x):
@@ -148,7 +148,7 @@ def test_occluded_arm_has_two_explanations_and_both_are_sampled(rig, person):
     seen[0, 1, 4:6] = False
     found = draw_detections(pose, seen, rig, person, 1.0, config, rng)
     result = sample(
-        log_posterior_of(found, 0, rig, person, config),
+        make_log_posterior(found, 0, rig, person, config),
         SamplerConfig(most_steps=3000, effective=100),
     )
     near, far = forward(person, result.modes[:2])[:, 4]

@@ -9,11 +9,9 @@ import pytest
 from egocap.errors import MachineError
 from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
-from egocap.posterior.log_prob import log_posterior_of
-from egocap.posterior.page import write_page
-from egocap.posterior.plots import draw_reliability
+from egocap.posterior.figures import draw_reliability, write_page
+from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.result import to_arviz
-from egocap.posterior.run import summary
 from egocap.posterior.sampler import sample
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 
@@ -24,7 +22,7 @@ def of_prior(rig, person):
     rng = np.random.default_rng(0)
     poses, seen = draw_poses(1, config, rng), np.zeros((1, 2, 18), bool)
     found = draw_detections(poses, seen, rig, person, 2.0, config, rng)
-    density = log_posterior_of(found, 0, rig, person, config)
+    density = make_log_posterior(found, 0, rig, person, config)
     return sample(density, SamplerConfig(most_steps=1500, effective=50), source="none")
 
 
@@ -46,7 +44,7 @@ def test_page_holds_every_picture_and_says_what_is_wrong(of_prior, rig, tmp_path
     assert len(re.findall("data:image/png;base64,", html)) == 4
     assert '<p class="bad">not &lt;mixed&gt;</p>' in html
     assert "what follows is the prior" in html
-    assert summary(of_prior)["spread_mm"]["left_hand"] > 50.0
+    assert of_prior.summary()["spread_mm"]["left_hand"] > 50.0
 
 
 def test_reliability_diagram_has_every_curve():

@@ -21,8 +21,8 @@ from egocap_sim.human.body.person import Person
 from egocap_sim.render.renderer import FisheyeRenderer
 from egocap_sim.render.views import Views
 from egocap_sim.scene.config import RecordTable
-from egocap_sim.sensor.capture import See, Shooter, Shot
-from egocap_sim.sensor.plan import Film
+from egocap_sim.sensor.capture import CapturedFrame, JointTest, SensorSimulator
+from egocap_sim.sensor.plan import SensorPlan
 from egocap_sim.truth.visibility import JointVisibility
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -40,25 +40,26 @@ class FrameMaker:
         truth: Truth,
         record: RecordTable,
         extras: Sequence[Extra] = (),
-        film: Film | None = None,
+        sensor_plan: SensorPlan | None = None,
     ) -> None:
-        """`film` is what the sensor does to the frames; None: pictures are perfect."""
+        """`sensor_plan` is what the sensor does to the frames; None: pictures are perfect."""
         self.rig, self.person, self.truth, self.record = rig, person, truth, record
-        self.extras, self._film = extras, film
+        self.extras, self._sensor_plan = extras, sensor_plan
         self.renderer = FisheyeRenderer(
             rig,
             [person.actor, *(extra.actor for extra in extras)],
             place,
             samples=record.samples,
             face_size=record.face_size,
-            coarse=film.sensor.subframe_sharpness if film else 1.0,
+            coarse=sensor_plan.sensor.subframe_sharpness if sensor_plan else 1.0,
         )
         self._visibility = JointVisibility(person, rig)
         self._numbers = np.arange(len(truth.time))
         self._T_body_rest = rigid(np.eye(3), -person.joints)
-        self._shooter = None
-        if film is not None:
-            self._shooter = Shooter(rig, film, self._draw, parts=record.masks, depth=record.depth)
+        self._sensor = None
+        if sensor_plan is not None:
+            planes = {"parts": record.masks, "depth": record.depth}
+            self._sensor = SensorSimulator(rig, sensor_plan, self._draw, **planes)
 
     def close(self) -> None:
         """Give the GL context back."""
@@ -66,25 +67,25 @@ class FrameMaker:
 
     def files(self, index: int) -> dict[str, bytes]:
         """Suffix to content, for every file of one frame."""
-        shot = self._shooter.shoot(index) if self._shooter else self._instant(index)
+        frame = self._sensor.capture(index) if self._sensor else self._instant(index)
         files: dict[str, bytes] = {}
-        for view, image in zip(self.rig.views, shot.images, strict=True):
+        for view, image in zip(self.rig.views, frame.images, strict=True):
             files[f"{view}.{self.record.image_format}"] = self._encode(image)
         if self.record.masks:
-            for view, parts in zip(self.rig.views, shot.parts, strict=True):
+            for view, parts in zip(self.rig.views, frame.parts, strict=True):
                 files[f"{view}.mask.png"] = _png(parts, _FLAT)
         if self.record.depth:
-            for view, depth in zip(self.rig.views, shot.depth, strict=True):
+            for view, depth in zip(self.rig.views, frame.depth, strict=True):
                 files[f"{view}.depth.png"] = _png(_millimetres(depth))
-        files["json"] = self._annotation(index, shot.visibility)
+        files["json"] = self._annotation(index, frame.visibility)
         return files
 
-    def _instant(self, index: int) -> Shot:
+    def _instant(self, index: int) -> CapturedFrame:
         """The frame as perfect cameras see it."""
-        views, see = self._draw(index, self.truth.time[index])
+        views, find_visible = self._draw(index, self.truth.time[index])
         parts = views.parts() if self.record.masks else ()
         depth = views.depth() if self.record.depth else ()
-        return Shot(views.images, parts, depth, see(range(len(self.rig.views))))
+        return CapturedFrame(views.images, parts, depth, find_visible(range(len(self.rig.views))))
 
     def _draw(
         self,
@@ -93,9 +94,9 @@ class FrameMaker:
         rows: Mapping[int, slice] | None = None,
         still_m: float = 0.0,
         coarsely: bool = False,
-    ) -> tuple[Views, See]:
+    ) -> tuple[Views, JointTest]:
         """Render the world at a time in seconds during a frame: all, or rows of some views."""
-        truth, poses = self.truth, self._film.poses if self._film else None
+        truth, poses = self.truth, self._sensor_plan.poses if self._sensor_plan else None
         T_world_body = truth.T_world_body[index] if poses is None else poses.at(time)
         skinning = {self.person.actor.name: T_world_body @ self._T_body_rest}
         for extra in self.extras:
@@ -105,10 +106,10 @@ class FrameMaker:
             skinning[extra.actor.name] = moved
         views = self.renderer.render(T_world_body[INDEX["head"]], skinning, rows, still_m, coarsely)
 
-        def see(wanted: Collection[int]) -> UInt8[Array, "V 18"]:
+        def find_visible(wanted: Collection[int]) -> UInt8[Array, "V 18"]:
             return self._visibility(views, T_world_body, truth.in_view[index], wanted)
 
-        return views, see
+        return views, find_visible
 
     def _encode(self, image: UInt8[Array, "H W 3"]) -> bytes:
         if self.record.image_format == "png":

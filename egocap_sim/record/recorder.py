@@ -35,7 +35,7 @@ from egocap_sim.core.trajectory import PhysicsStats
 from egocap_sim.core.version import code_version
 from egocap_sim.record.workers import DRAFT, files_of, frame_maker, render_locally
 from egocap_sim.scene.config import Scene, to_toml
-from egocap_sim.sensor.plan import Film, load_film
+from egocap_sim.sensor.plan import SensorPlan, plan_sensor
 from egocap_sim.truth.truth import others_truth, truth_before_rendering
 from egocap_sim.world.stage import (
     calibrated_rig_of,
@@ -114,14 +114,14 @@ def generate(
         on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
         if writer.manifest.complete:
             return Summary(out, scene.frames, 0, 0.0, _size(out), None)
-        draft, film, stats = _staged(scene, person)
+        draft, sensor_plan, stats = _staged(scene, person)
         if writer.old_truth is not None:
             _check_start(scene, writer.old_truth, draft)
         writer.begin()
         with disk_errors(out):
             draft.save(out / DRAFT)
-            if film is not None:
-                film.save(out)
+            if sensor_plan is not None:
+                sensor_plan.save(out)
         pending = [(i, writer.frames_of(i)) for i in writer.pending()]
         start = time.perf_counter()
 
@@ -131,7 +131,7 @@ def generate(
 
         _render(scene, out, pending, workers, cluster, enter)
         seconds = time.perf_counter() - start
-        _finish(writer, draft, film)
+        _finish(writer, draft, sensor_plan)
     rendered = sum(len(frames) for _, frames in pending)
     return Summary(out, scene.frames, rendered, seconds, _size(out), stats)
 
@@ -140,9 +140,9 @@ def record_here(scene: Scene, folder: Path) -> None:
     """Make the sequence of a scene in a new folder, in this process and thread alone."""
     person = person_of(scene)
     with SequenceWriter(folder, _manifest(scene), _side_files(scene, person)) as writer:
-        draft, film, _ = _staged(scene, person)
+        draft, sensor_plan, _ = _staged(scene, person)
         writer.begin()
-        maker = frame_maker(scene, person, draft, film)
+        maker = frame_maker(scene, person, draft, sensor_plan)
         try:
             for index in writer.pending():
                 frames = writer.frames_of(index)
@@ -150,7 +150,7 @@ def record_here(scene: Scene, folder: Path) -> None:
                 writer.enter_shard(shard)
         finally:
             maker.close()
-        _finish(writer, draft, film)
+        _finish(writer, draft, sensor_plan)
 
 
 def _manifest(scene: Scene) -> Manifest:
@@ -169,7 +169,7 @@ def _manifest(scene: Scene) -> Manifest:
     )
 
 
-def _staged(scene: Scene, person: Person) -> tuple[Truth, Film | None, PhysicsStats]:
+def _staged(scene: Scene, person: Person) -> tuple[Truth, SensorPlan | None, PhysicsStats]:
     """The motion under physics: truth before rendering, and what the sensor will do to it."""
     rig, sensor, poses = rig_of(scene.rig, scene.seed), sensor_of(scene), None
     if sensor is not None and sensor.timed:
@@ -179,8 +179,8 @@ def _staged(scene: Scene, person: Person) -> tuple[Truth, Film | None, PhysicsSt
     draft = truth_before_rendering(person, trajectory, rig)
     if sensor is None:
         return draft, None, trajectory.stats
-    film, draft = load_film(draft, person, poses, rig, sensor, scene.seed)
-    return draft, film, trajectory.stats
+    sensor_plan, draft = plan_sensor(draft, person, poses, rig, sensor, scene.seed)
+    return draft, sensor_plan, trajectory.stats
 
 
 def _check_start(scene: Scene, old: Truth, new: Truth) -> None:
@@ -228,14 +228,14 @@ def _render(
         render_on_cluster(cluster, scene, out, pending, enter)
 
 
-def _finish(writer: SequenceWriter, draft: Truth, film: Film | None) -> None:
+def _finish(writer: SequenceWriter, draft: Truth, sensor_plan: SensorPlan | None) -> None:
     """Complete the truth with what rendering found, and record it last of all."""
     sequence = _Shards(writer)
     visibility = np.stack([sequence.visibility(i) for i in range(writer.manifest.frames)])
     truth = replace(draft, visibility=visibility)
-    if film is not None:
-        writer.write_file(SENSOR, film.applied.content())
-        film.discard(writer.folder)
+    if sensor_plan is not None:
+        writer.write_file(SENSOR, sensor_plan.applied.content())
+        sensor_plan.discard(writer.folder)
     if (others := sequence.others_of(truth)) is not None:
         writer.write_file(OTHERS, others.content())
     writer.write_file("truth.npz", truth.content())

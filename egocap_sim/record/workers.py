@@ -20,7 +20,7 @@ from egocap.data.sequence import ShardEntry, Truth
 from egocap.data.sequence_writer import write_shard
 from egocap.errors import MachineError
 from egocap_sim.scene.config import Scene
-from egocap_sim.sensor.plan import Film
+from egocap_sim.sensor.plan import SensorPlan
 from egocap_sim.world.stage import person_of, rig_of, sensor_of
 from egocap_sim.world.surroundings import extras_of, place_of
 
@@ -45,11 +45,13 @@ Result = TypeVar("Result")
 def make_frames(scene: Scene, folder: Path) -> FrameMaker:
     """The renderer of a scene whose truth before rendering lies in a folder."""
     truth, sensor = Truth.load(folder / DRAFT), sensor_of(scene)
-    film = Film.load(folder, sensor, scene.seed) if sensor else None
-    return frame_maker(scene, person_of(scene), truth, film)
+    sensor_plan = SensorPlan.load(folder, sensor, scene.seed) if sensor else None
+    return frame_maker(scene, person_of(scene), truth, sensor_plan)
 
 
-def frame_maker(scene: Scene, person: Person, truth: Truth, film: Film | None) -> FrameMaker:
+def frame_maker(
+    scene: Scene, person: Person, truth: Truth, sensor_plan: SensorPlan | None
+) -> FrameMaker:
     """The renderer of a scene."""
     from egocap_sim.record.frame_writer import FrameMaker
 
@@ -60,7 +62,7 @@ def frame_maker(scene: Scene, person: Person, truth: Truth, film: Film | None) -
         truth,
         scene.record,
         extras_of(scene, truth),
-        film,
+        sensor_plan,
     )
 
 

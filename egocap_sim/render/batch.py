@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -19,9 +19,17 @@ from scipy.spatial import KDTree
 
 from egocap.errors import InputError
 from egocap_sim.assets.mesh import Mesh
-from egocap_sim.render.textures import GLOW, Layer
 
 OPENING = 0.15  # metres from its edge that the inside of a double-sided mesh is drawn
+GLOW = 255  # alpha of a texture that shines by itself
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A texture, and what all of it does with light: 0 to 200 for a highlight, or `GLOW`."""
+
+    texture: UInt8[Array, "H W 3"]  # sRGB
+    alpha: int
 
 
 @dataclass(frozen=True, eq=False)

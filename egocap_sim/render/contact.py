@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap_sim.render.gl import GL
+from egocap_sim.render.gl import GL, set_sampling
 
 HEIGHT_M = 0.30  # what is higher takes no light from the floor
 DEEPEST = 0.55  # share of the light that contact takes
@@ -27,7 +27,7 @@ _CORNERS = np.array([[0, 0], [1, 0], [0, 1], [0, 1], [1, 0], [1, 1]], np.float32
 
 
 @dataclass(frozen=True, eq=False)
-class Darkness:
+class ContactShadow:
     """What an actor leaves of the light on the floor z = 0, in square cells."""
 
     corner: Float[Array, "2"]  # least x and y of the picture, metres
@@ -36,7 +36,7 @@ class Darkness:
     last: Int[Array, "2"]  # and those behind it
 
 
-def darkness_under(positions: Float[Array, "N 3"]) -> Darkness | None:
+def make_contact_shadow(positions: Float[Array, "N 3"]) -> ContactShadow | None:
     """The darkness under vertices [m, world]; None where they leave all light."""
     low = positions[positions[:, 2] < HEIGHT_M]
     if not len(low):
@@ -54,10 +54,10 @@ def darkness_under(positions: Float[Array, "N 3"]) -> Darkness | None:
     closeness = cv2.dilate(closeness, np.ones((3, 3), np.uint8))  # vertices may be cells apart
     soft = cv2.GaussianBlur(closeness, (0, 0), _SOFT_CELLS)
     left = np.round(255.0 * (1.0 - DEEPEST * soft)).astype(np.uint8)
-    return Darkness(first * CELL_M, left, at.min(0) - _EDGE, at.max(0) + _EDGE + 1)
+    return ContactShadow(first * CELL_M, left, at.min(0) - _EDGE, at.max(0) + _EDGE + 1)
 
 
-class ContactShade:
+class ContactShadows:
     """The pictures under at most `actors` actors in graphics memory, and how they are drawn."""
 
     def __init__(self, actors: int) -> None:
@@ -83,17 +83,11 @@ class ContactShade:
             GL.GL_TEXTURE_2D_ARRAY, 0, GL.GL_R8, CELLS, CELLS, actors, 0, GL.GL_RED,
             GL.GL_UNSIGNED_BYTE, self._pictures,
         )  # fmt: skip
-        for key, value in (
-            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
-            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
-            (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_EDGE),
-            (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_EDGE),
-        ):
-            GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, key, value)
+        set_sampling(GL.GL_TEXTURE_2D_ARRAY, GL.GL_LINEAR, GL.GL_LINEAR, GL.GL_CLAMP_TO_EDGE)
 
     def pose(self, positions: Mapping[str, Float[Array, "N 3"]]) -> None:
         """Follow the actors, whose vertices are at `positions` [m, world]."""
-        found = [dark for posed in positions.values() if (dark := darkness_under(posed))]
+        found = [dark for posed in positions.values() if (dark := make_contact_shadow(posed))]
         self.count = len(found)
         if not found:
             return

@@ -39,7 +39,7 @@ class Lens(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class PixelTrace:
     """Where the pixels of a camera look, on the cube that is cheapest to draw."""
 
     faces: Float[Array, "6 3 3"]  # R_camera_face
@@ -54,14 +54,14 @@ class Outlook:
 
 
 @lru_cache(maxsize=2)
-def look_out(camera: Lens) -> Outlook:
+def trace_pixels(camera: Lens) -> PixelTrace:
     """Choose the cube around a camera and trace every pixel to it."""
     rays, inside = _rays(camera)
     faces = _cheapest(rays[::_SKIPPED, ::_SKIPPED], inside[::_SKIPPED, ::_SKIPPED])
-    return Outlook(faces, *_trace(rays, inside, faces))
+    return PixelTrace(faces, *_trace(rays, inside, faces))
 
 
-def face_of(directions: Float[Array, "*n 3"], faces: Float[Array, "6 3 3"]) -> Int[Array, "*n"]:
+def cube_face(directions: Float[Array, "*n 3"], faces: Float[Array, "6 3 3"]) -> Int[Array, "*n"]:
     """Index of the cube face each direction leaves through."""
     return np.argmax(directions @ faces[:, :, 2].T, -1)
 
@@ -70,7 +70,7 @@ def face_of(directions: Float[Array, "*n 3"], faces: Float[Array, "6 3 3"]) -> I
 def _trace(
     rays: Float[Array, "H W 3"], inside: Bool[Array, "H W"], faces: Float[Array, "6 3 3"]
 ) -> tuple[Array, Array, Array]:
-    """`Outlook.face`, `slopes` and `bounds`; `face_of` says the first readably."""
+    """`PixelTrace.face`, `slopes` and `bounds`; `cube_face` says the first readably."""
     height, width = inside.shape
     face = np.full((height, width), -1, np.int8)
     slopes = np.zeros((height, width, 2))
@@ -132,7 +132,7 @@ def _cheapest(rays: Float[Array, "h w 3"], inside: Bool[Array, "h w"]) -> Float[
     rays = rays[inside]
 
     def cost(faces: Array) -> float:
-        face = face_of(rays, faces)
+        face = cube_face(rays, faces)
         outward = np.einsum("ni,ni->n", rays, faces[face, :, 2])  # cosine to the face's axis
         drawn = np.sum(solid_angle / outward**3)
         return float(drawn) + TILE_COST * len(np.unique(face))

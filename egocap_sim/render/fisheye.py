@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap_sim.render.cube import Lens, face_of, look_out
+from egocap_sim.render.cube import Lens, cube_face, trace_pixels
 
 MARGIN = 2  # pixels drawn past a tile's edge, so that interpolation never crosses a seam
 
@@ -41,7 +41,7 @@ class Tile:
     height: int
     density: float  # pixels per unit of slope
 
-    def atlas_of(self, directions_face: Float[Array, "*n 3"]) -> Float[Array, "*n 2"]:
+    def project(self, directions_face: Float[Array, "*n 3"]) -> Float[Array, "*n 2"]:
         """Atlas coordinates of directions in the face's frame (z > 0)."""
         return self.at_slopes(directions_face[..., :2] / directions_face[..., 2:])
 
@@ -83,12 +83,12 @@ class Atlas:
         directions = np.asarray(directions, float)
         tile_of = np.full(len(directions), -1)
         xy = np.zeros((len(directions), 2))
-        face = face_of(directions, self._faces[view])
+        face = cube_face(directions, self._faces[view])
         for i, tile in enumerate(self.tiles):
             if tile.view != view:
                 continue
             chosen = face == tile.face
-            at = tile.atlas_of(directions[chosen] @ tile.R_camera_face)
+            at = tile.project(directions[chosen] @ tile.R_camera_face)
             low = np.array([tile.column, tile.row])
             high = low + [tile.width - 1, tile.height - 1]
             ok = np.all((at >= low) & (at <= high), -1)
@@ -107,24 +107,24 @@ def build_atlas(
     centre; None takes 1.8 pixels per radian instead of 2, where markers without anti-aliasing still
     land within 0.25 pixels. `sharpness` scales it.
     """
-    outlooks = [look_out(camera) for camera in cameras]
+    traces = [trace_pixels(camera) for camera in cameras]
     densities = [sharpness * (face_size or round(1.8 * _pixels_per_radian(c))) / 2 for c in cameras]
-    seen = [(view, i) for view, outlook in enumerate(outlooks) for i in outlook.seen]
-    boxes = [_box(outlooks[view].bounds[i] * densities[view]) for view, i in seen]
+    seen = [(view, i) for view, trace in enumerate(traces) for i in trace.seen]
+    boxes = [_box(traces[view].bounds[i] * densities[view]) for view, i in seen]
     width, height, corners = _pack([(x1 - x0, y1 - y0) for x0, x1, y0, y1 in boxes])
     tiles = tuple(
-        _tile(view, i, outlooks[view].faces[i], box, corner, densities[view])
+        _tile(view, i, traces[view].faces[i], box, corner, densities[view])
         for (view, i), box, corner in zip(seen, boxes, corners, strict=True)
     )
     drawn = np.zeros((height, width), np.uint8)
     lookup = tuple(
-        _look_up(outlook.face, outlook.slopes, _origins(tiles, view), density, drawn)
-        for view, (outlook, density) in enumerate(zip(outlooks, densities, strict=True))
+        _make_lookup(trace.face, trace.slopes, _origins(tiles, view), density, drawn)
+        for view, (trace, density) in enumerate(zip(traces, densities, strict=True))
     )
     # Neighbouring image pixels are up to four atlas pixels apart.
     needed = cv2.dilate(drawn, np.ones((7, 7), np.uint8)) > 0
-    inside = tuple(outlook.face >= 0 for outlook in outlooks)
-    faces = tuple(outlook.faces for outlook in outlooks)
+    inside = tuple(trace.face >= 0 for trace in traces)
+    faces = tuple(trace.faces for trace in traces)
     return Atlas(width, height, tiles, lookup, inside, needed, faces)
 
 
@@ -166,7 +166,7 @@ def _origins(tiles: Sequence[Tile], view: int) -> Float[Array, "6 4"]:
 
 
 @numba.njit(cache=True)
-def _look_up(
+def _make_lookup(
     face: Int[Array, "H W"],
     slopes: Float[Array, "H W 2"],
     origins: Float[Array, "6 4"],

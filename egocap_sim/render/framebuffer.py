@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
-from egocap_sim.render.gl import GL, read_pixels
+from egocap_sim.render.gl import GL, begin_depth_test, make_depth_target, read_pixels
 
 Window = tuple[int, int, int, int]  # column, row, width, height in the atlas
 
@@ -30,7 +30,9 @@ class AtlasBuffer:
         self.color = np.empty((self.height, self.width, 4), np.uint8)
         self.labels = np.empty((self.height, self.width), np.uint8)
         self.has_labels = False
-        self._empty_depth = self._make_empty_depth(needed)
+        # Depth to start from: infinitely far, but nearest of all where nothing need be drawn.
+        empty = needed.astype(np.float32)
+        self._texture, self._empty_depth = make_depth_target(self.width, self.height, empty)
 
     def begin(self, background: Float[Array, "3"], windows: Sequence[Window]) -> None:
         """Clear and draw here, in windows; background colour as written to pixels, 0..1."""
@@ -97,13 +99,8 @@ class AtlasBuffer:
         GL.glReadPixels(*box, kind, dtype, out)
 
     def _start(self, frame: int, background: Array, windows: Sequence[Window]) -> None:
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
-        GL.glDisable(GL.GL_SCISSOR_TEST)
+        begin_depth_test(frame)
         GL.glDisable(GL.GL_BLEND)
-        GL.glEnable(GL.GL_DEPTH_TEST)
-        GL.glDepthMask(GL.GL_TRUE)
-        GL.glDepthFunc(GL.GL_LESS)
-        GL.glCullFace(GL.GL_BACK)
         # Depth first: clearing colour is put off to the drawing, unless a copy comes after it.
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._empty_depth)
         for column, row, width, height in windows:
@@ -113,23 +110,6 @@ class AtlasBuffer:
         GL.glClearColor(red, green, blue, 0.0)
         GL.glClear(GL.GL_COLOR_BUFFER_BIT)
         GL.glEnable(GL.GL_SCISSOR_TEST)
-
-    def _make_empty_depth(self, needed: Array) -> int:
-        """Depth to start from: infinitely far, but nearest of all where nothing need be drawn."""
-        self._texture = GL.glGenTextures(1)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
-        GL.glTexImage2D(
-            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, self.width, self.height, 0,
-            GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, needed.astype(np.float32),
-        )  # fmt: skip
-        frame = GL.glGenFramebuffers(1)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
-        GL.glFramebufferTexture2D(
-            GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, self._texture, 0
-        )
-        GL.glDrawBuffer(GL.GL_NONE)
-        GL.glReadBuffer(GL.GL_NONE)
-        return frame
 
     def _make(self, samples: int) -> int:
         frame = GL.glGenFramebuffers(1)

@@ -55,7 +55,10 @@ except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportE
 
 _spare = threading.local()  # a context belongs to one thread
 
-__all__ = ["GL", "Context", "check", "draw_runs", "pyrender", "read_pixels"]
+__all__ = [
+    "GL", "Context", "begin_depth_test", "check", "draw_runs", "make_depth_target", "pyrender",
+    "read_pixels", "set_sampling",
+]  # fmt: skip
 
 
 class Context:
@@ -77,7 +80,7 @@ class Context:
         """Compiled shaders, by name."""
 
     @classmethod
-    def lent(cls) -> Context:
+    def borrow(cls) -> Context:
         """The context that this thread gave back last, its shaders compiled, or a new one."""
         context: Context | None = _spare.__dict__.pop("context", None)
         if context is None:
@@ -85,8 +88,8 @@ class Context:
         context.make_current()
         return context
 
-    def give_back(self) -> None:
-        """Keep it for the thread's next `lent`; what was put into it must have been freed."""
+    def release(self) -> None:
+        """Keep it for the thread's next `borrow`; what was put into it must have been freed."""
         if "context" in _spare.__dict__ or GL.glGetError():
             self.close()
         else:
@@ -115,6 +118,42 @@ def check() -> None:
     """Raise MachineError where OpenGL met an error since this was last asked."""
     if error := GL.glGetError():
         raise MachineError(f"OpenGL reports error {error:#x}, perhaps for want of memory")
+
+
+def set_sampling(target: int, minify: int, magnify: int, wrap: int) -> None:
+    """How shaders sample the texture bound to `target`: OpenGL's filters and wrapping."""
+    GL.glTexParameteri(target, GL.GL_TEXTURE_MIN_FILTER, minify)
+    GL.glTexParameteri(target, GL.GL_TEXTURE_MAG_FILTER, magnify)
+    GL.glTexParameteri(target, GL.GL_TEXTURE_WRAP_S, wrap)
+    GL.glTexParameteri(target, GL.GL_TEXTURE_WRAP_T, wrap)
+
+
+def begin_depth_test(frame: int) -> None:
+    """Draw into a frame buffer, the nearest surface on top, back faces culled where enabled."""
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+    GL.glDisable(GL.GL_SCISSOR_TEST)
+    GL.glEnable(GL.GL_DEPTH_TEST)
+    GL.glDepthMask(GL.GL_TRUE)
+    GL.glDepthFunc(GL.GL_LESS)
+    GL.glCullFace(GL.GL_BACK)
+
+
+def make_depth_target(width: int, height: int, values: np.ndarray | None = None) -> tuple[int, int]:
+    """A depth texture, left bound, and a frame buffer of it alone."""
+    texture = GL.glGenTextures(1)
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glTexImage2D(
+        GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, width, height, 0,
+        GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, ctypes.c_void_p(0) if values is None else values,
+    )  # fmt: skip
+    frame = GL.glGenFramebuffers(1)
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+    GL.glFramebufferTexture2D(
+        GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, texture, 0
+    )
+    GL.glDrawBuffer(GL.GL_NONE)
+    GL.glReadBuffer(GL.GL_NONE)
+    return texture, frame
 
 
 def _text(name: int) -> str:

@@ -17,7 +17,7 @@ TO_TEXTURE = np.array(
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV camera axes to OpenGL's
 
 
-def of_tile(
+def tile_projection(
     tile: Tile, T_world_camera: Float[Array, "4 4"], near: float, far: float
 ) -> Float[Array, "4 4"]:
     """Clip-from-world matrix of a tile: an off-centre frustum through its border slopes."""
@@ -30,7 +30,7 @@ def of_tile(
     return P @ _OPENGL @ geometry.inverse(T_world_face)
 
 
-def through(
+def crop_projection(
     clip: Float[Array, "4 4"], tile: Tile, window: tuple[int, int, int, int]
 ) -> Float[Array, "4 4"]:
     """Clip-from-world matrix of a window (column, row, width, height in the atlas) of a tile."""
@@ -42,7 +42,7 @@ def through(
     return S @ clip
 
 
-def of_light(
+def light_projection(
     direction: Float[Array, "3"], focus: Float[Array, "3"], size: int
 ) -> Float[Array, "4 4"]:
     """Clip-from-world matrix of a distant light over a square around a point.
@@ -73,7 +73,7 @@ def ground_depth(clip: Float[Array, "4 4"], size: int) -> Float[Array, "3"]:
     return (-np.array([at_first, *slope]) / away).astype(np.float32)
 
 
-def depth_of(raw: Float[Array, "*n"], near: float, far: float) -> Float[Array, "*n"]:
+def linear_depth(raw: Float[Array, "*n"], near: float, far: float) -> Float[Array, "*n"]:
     """Metres along the face's z axis from the depth buffer's 0..1."""
     return (near * far / (far - raw.astype(np.float64) * (far - near))).astype(np.float32)
 

@@ -6,7 +6,7 @@ part labels back at once (labels travel in alpha), and look the fisheye pixels u
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 
 import numpy as np
@@ -19,7 +19,7 @@ from egocap_sim.assets.mesh import Actor
 from egocap_sim.environment.place import Place
 from egocap_sim.render import projection
 from egocap_sim.render.batch import Batch, merge
-from egocap_sim.render.contact import ContactShade
+from egocap_sim.render.contact import ContactShadows
 from egocap_sim.render.fisheye import Atlas, build_atlas
 from egocap_sim.render.framebuffer import AtlasBuffer, Window
 from egocap_sim.render.gl import GL, Context, check, pyrender
@@ -75,9 +75,9 @@ class FisheyeRenderer(pyrender.Renderer):
         if len(set(names)) != len(names):
             raise InputError(f"actors need different names, got {', '.join(names)}")
         self.rig, self.place = rig, place
-        self._canvas_of = partial(_Canvas, tuple(rig.cameras), face_size, samples=samples)
-        self.context = Context.lent()
-        self._coarse, self._canvases = coarse, {1.0: self._canvas_of(1.0)}
+        self._make_canvas = partial(_Canvas, tuple(rig.cameras), face_size, samples=samples)
+        self.context = Context.borrow()
+        self._coarse, self._canvases = coarse, {1.0: self._make_canvas(1.0)}
         self._canvas = self._canvases[1.0]
         super().__init__(self._canvas.atlas.width, self._canvas.atlas.height)
         self._program_cache = self.context.programs
@@ -93,7 +93,7 @@ class FisheyeRenderer(pyrender.Renderer):
         # About as fine on the floor as the image is there.
         finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = shadow_map(place.light.spread, fine=finest > 250)
-        self._contact = ContactShade(len(actors)) if actors and place.contact else None
+        self._contact = ContactShadows(len(actors)) if actors and place.contact else None
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
         }
@@ -127,11 +127,13 @@ class FisheyeRenderer(pyrender.Renderer):
                 self._posed[name] = positions
         sharpness = self._coarse if coarsely else 1.0
         if sharpness not in self._canvases:
-            self._canvases[sharpness] = self._canvas_of(sharpness)
+            self._canvases[sharpness] = self._make_canvas(sharpness)
         self._canvas = self._canvases[sharpness]
         T_world_camera = [T_world_head @ m.T_head_camera for m in self.rig.mounts]
         tiles = self._canvas.atlas.tiles
-        self._clip = [projection.of_tile(t, T_world_camera[t.view], NEAR, FAR) for t in tiles]
+        self._clip = [
+            projection.tile_projection(t, T_world_camera[t.view], NEAR, FAR) for t in tiles
+        ]
         self._eyes = [T_world_camera[t.view][:3, 3] for t in tiles]
         self._windows = [self._window(i, rows) for i in range(len(tiles))]
         if self._has_moved(still_m):
@@ -142,7 +144,9 @@ class FisheyeRenderer(pyrender.Renderer):
         self._draw_scene(self._shadow_from_world)
         atlas = self._canvas.buffer.read_color()
         check()
-        self._views = Views(self, self._canvas.resampler, atlas, rows)
+        if self._views is not None:
+            self._views.expired = True
+        self._views = Views(self, self.rig.cameras, self._canvas.resampler, atlas, rows)
         return self._views
 
     def _window(self, tile: int, rows: Mapping[int, slice] | None) -> Window | None:
@@ -179,7 +183,7 @@ class FisheyeRenderer(pyrender.Renderer):
             canvas.buffer.free()
         self._program_cache = pyrender.shader_program.ShaderProgramCache()  # theirs are kept
         self.delete()
-        self.context.give_back()
+        self.context.release()
         del self.context
 
     def __enter__(self) -> FisheyeRenderer:
@@ -191,19 +195,15 @@ class FisheyeRenderer(pyrender.Renderer):
     def __del__(self) -> None:
         """Left to `close`: at exit the OpenGL library may be gone already."""
 
-    def current(self, views: Views) -> bool:
-        """Whether the drawing behind these views is still the one in the buffers."""
-        return views is self._views
-
     def read_depth(self) -> Float[Array, "h w"]:
         """Metres along the face's z axis at every atlas pixel."""
         self._prepare_depth()
-        return projection.depth_of(self._canvas.buffer.read_depth(), NEAR, FAR)
+        return projection.linear_depth(self._canvas.buffer.read_depth(), NEAR, FAR)
 
     def read_depth_at(self, at: Int[Array, "N 2"]) -> Float[Array, "N"]:
         """Metres along the face's z axis at some atlas pixels (column, row)."""
         self._prepare_depth()
-        return projection.depth_of(self._canvas.buffer.read_depth_at(at), NEAR, FAR)
+        return projection.linear_depth(self._canvas.buffer.read_depth_at(at), NEAR, FAR)
 
     def read_labels(self) -> Array:
         """Part labels of the atlas (h, w) uint8, each of exactly one surface."""
@@ -227,7 +227,7 @@ class FisheyeRenderer(pyrender.Renderer):
 
     def _draw_shadows(self, focus: Float[Array, "3"]) -> Array:
         """Draw depth as the light sees it; give the matrix from the world to the shadow map."""
-        clip = projection.of_light(self.place.light.direction, focus, self._shadow.size)
+        clip = projection.light_projection(self.place.light.direction, focus, self._shadow.size)
         self._shadow.begin()
         for gpu in self._gpu.values():
             program = self._program(gpu, _SHADOW)
@@ -257,20 +257,10 @@ class FisheyeRenderer(pyrender.Renderer):
             self._draw_contact(self._contact)
         self._canvas.buffer.end()
 
-    def _draw_contact(self, contact: ContactShade) -> None:
+    def _draw_contact(self, contact: ContactShadows) -> None:
         program = self._compiled("contact")
         contact.begin()
-        low, high = contact.boxes()
-        for tile, clip, window in zip(
-            self._canvas.atlas.tiles, self._clip, self._windows, strict=True
-        ):
-            if (
-                window is None
-                or not projection.may_see(projection.through(clip, tile, window), low, high).any()
-            ):
-                continue
-            GL.glViewport(tile.column, tile.row, tile.width, tile.height)
-            GL.glScissor(*window)
+        for clip, _, _ in self._visible_tiles(*contact.boxes()):
             self._uniforms.matrix(program, "clip_from_world", clip)
             contact.draw()
         contact.end()
@@ -282,21 +272,28 @@ class FisheyeRenderer(pyrender.Renderer):
         self._canvas.buffer.end_labels()
 
     def _draw_tiles(self, name: str | None, gpu: GpuBatch, program, *, with_eye: bool) -> None:
-        low, high = self._boxes[name]
+        for clip, eye, seen in self._visible_tiles(*self._boxes[name]):
+            self._uniforms.matrix(program, "clip_from_world", clip)
+            if with_eye:
+                self._uniforms.vector(program, "eye", eye)
+            gpu.draw(seen)
+
+    def _visible_tiles(self, low: Array, high: Array) -> Iterator[tuple[Array, Array, Array]]:
+        """Direct drawing to each tile that may see some of the boxes (low, high).
+
+        Yields its clip-from-world matrix, its eye, and which boxes it may see.
+        """
         for tile, clip, eye, window in zip(
             self._canvas.atlas.tiles, self._clip, self._eyes, self._windows, strict=True
         ):
             if window is None:
                 continue
-            seen = projection.may_see(projection.through(clip, tile, window), low, high)
-            if not seen.any():
-                continue
-            GL.glViewport(tile.column, tile.row, tile.width, tile.height)
-            GL.glScissor(*window)
-            self._uniforms.matrix(program, "clip_from_world", clip)
-            if with_eye:
-                self._uniforms.vector(program, "eye", eye)
-            gpu.draw(seen)
+            cropped = projection.crop_projection(clip, tile, window)
+            seen = projection.may_see(cropped, low, high)
+            if seen.any():
+                GL.glViewport(tile.column, tile.row, tile.width, tile.height)
+                GL.glScissor(*window)
+                yield clip, eye, seen
 
     def _program(self, gpu: GpuBatch, flags: int):
         program = self._get_primitive_program(

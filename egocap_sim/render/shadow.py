@@ -16,14 +16,15 @@ from ctypes import c_void_p
 import cv2
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from numpy import ndarray as Array
 
 from egocap_sim.render import projection
-from egocap_sim.render.gl import GL
-from egocap_sim.render.shadow_kernel import moments_of, softened
+from egocap_sim.render.gl import GL, begin_depth_test, make_depth_target, set_sampling
 
 GAPS_M = (0.5, 1.6)  # casters' distances from the ground, along the light, that are blurred for;
 # farther ones throw no wider penumbra
+_GAP = np.float32(1e-3)  # of the depth range: nearer to the ground nothing casts
 SOFT = 0.03  # tangent of a light's diameter from which its shadows are drawn soft; the sun's: 0.009
 
 
@@ -34,35 +35,18 @@ class ShadowMap:
 
     def __init__(self, size: int) -> None:
         self.size = size
-        self._texture = GL.glGenTextures(1)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
-        GL.glTexImage2D(
-            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, size, size, 0,
-            GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, c_void_p(0),
-        )  # fmt: skip
-        _look_up()
+        self._texture, self._frame = make_depth_target(size, size)
+        _set_sampling()
         for key, value in (
             (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
             (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
         ):
             GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
-        self._frame = GL.glGenFramebuffers(1)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
-        GL.glFramebufferTexture2D(
-            GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, self._texture, 0
-        )
-        GL.glDrawBuffer(GL.GL_NONE)
-        GL.glReadBuffer(GL.GL_NONE)
 
     def begin(self) -> None:
         """Clear and draw here."""
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
-        GL.glDisable(GL.GL_SCISSOR_TEST)
+        begin_depth_test(self._frame)
         GL.glViewport(0, 0, self.size, self.size)
-        GL.glEnable(GL.GL_DEPTH_TEST)
-        GL.glDepthMask(GL.GL_TRUE)
-        GL.glDepthFunc(GL.GL_LESS)
-        GL.glCullFace(GL.GL_BACK)
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
         GL.glEnable(GL.GL_DEPTH_CLAMP)  # casters behind the light still cast
         GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
@@ -99,7 +83,7 @@ class SoftShadowMap(ShadowMap):
         GL.glTexImage2D(
             GL.GL_TEXTURE_2D, 0, GL.GL_RG32F, size, size, 0, GL.GL_RG, GL.GL_FLOAT, c_void_p(0)
         )
-        _look_up()
+        _set_sampling()
 
     def end(self, clip: Float[Array, "4 4"]) -> None:
         """Stop drawing, and blur."""
@@ -107,12 +91,12 @@ class SoftShadowMap(ShadowMap):
         size = self.size
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._frame)
         GL.glReadPixels(0, 0, size, size, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=self._depth)
-        sharp = moments_of(self._depth, projection.ground_depth(clip, size))
+        sharp = depth_moments(self._depth, projection.ground_depth(clip, size))
         half, wide = (
             cv2.blur(sharp, (n, n), borderType=cv2.BORDER_REPLICATE) for n in self._widths
         )
         gaps = np.array(GAPS_M, np.float32) / np.float32(projection.SHADOW_DEPTH)
-        moments = softened(sharp, half, wide, gaps)
+        moments = soften(sharp, half, wide, gaps)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._moments)
         GL.glTexSubImage2D(GL.GL_TEXTURE_2D, 0, 0, 0, size, size, GL.GL_RG, GL.GL_FLOAT, moments)
 
@@ -134,13 +118,54 @@ def shadow_map(spread: float, fine: bool) -> ShadowMap:
     return SoftShadowMap(640 if fine else 400, spread)
 
 
-def _look_up() -> None:
-    """How the bound texture is looked up: blended; beyond its border everything is lit."""
-    for key, value in (
-        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
-        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
-        (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_BORDER),
-        (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_BORDER),
-    ):
-        GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
+def _set_sampling() -> None:
+    """Interpolate the bound texture; beyond its border everything is lit."""
+    set_sampling(GL.GL_TEXTURE_2D, GL.GL_LINEAR, GL.GL_LINEAR, GL.GL_CLAMP_TO_BORDER)
     GL.glTexParameterfv(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
+
+
+@njit(cache=True, error_model="numpy")
+def depth_moments(depth: Float[Array, "S S"], ground: Float[Array, "3"]) -> Float[Array, "S S 4"]:
+    """Depth and its square, how far a caster is from the ground, and whether there is one.
+
+    The ground's depth is ground[0] + ground[1] * column + ground[2] * row; nothing lies beyond it.
+    """
+    size = len(depth)
+    out = np.empty((size, size, 4), np.float32)
+    for row in range(size):
+        for column in range(size):
+            floor = ground[0] + ground[1] * np.float32(column) + ground[2] * np.float32(row)
+            d = min(depth[row, column], floor)
+            casts = floor - d > _GAP
+            out[row, column, 0] = d
+            out[row, column, 1] = d * d
+            out[row, column, 2] = floor - d if casts else np.float32(0.0)
+            out[row, column, 3] = np.float32(1.0) if casts else np.float32(0.0)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def soften(
+    sharp: Float[Array, "S S 4"],
+    half: Float[Array, "S S 4"],
+    wide: Float[Array, "S S 4"],
+    gaps: Float[Array, "2"],
+) -> Float[Array, "S S 2"]:
+    """Depth and its square, as blurred as the casters around are far from the ground.
+
+    `half` and `wide` are means over the penumbrae of casters at the `gaps`; between them and
+    `sharp` it is interpolated.
+    """
+    size, zero, one = len(sharp), np.float32(0.0), np.float32(1.0)
+    out = np.empty((size, size, 2), np.float32)
+    for row in range(size):
+        for column in range(size):
+            casters = wide[row, column, 3]
+            gap = wide[row, column, 2] / casters if casters > np.float32(1e-6) else zero
+            some = min(gap / gaps[0], one)
+            more = min(max((gap - gaps[0]) / (gaps[1] - gaps[0]), zero), one)
+            for k in range(2):
+                d = sharp[row, column, k]
+                d += some * (half[row, column, k] - d)
+                out[row, column, k] = d + more * (wide[row, column, k] - d)
+    return out

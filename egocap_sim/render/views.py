@@ -1,10 +1,10 @@
-"""What a frame looks like: images at once; labels, depth and single distances when asked."""
+"""A rendered frame: images at once; labels, depth and single distances on demand."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import cv2
 import numba
@@ -12,11 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
+from egocap.cameras.camera import Camera
 from egocap_sim.render.fisheye import Atlas
-
-if TYPE_CHECKING:
-    from egocap_sim.render.renderer import FisheyeRenderer
-
 
 _SKIPPED = 4  # of the columns when it is found what a row needs
 _NEVER = 1 << 30  # a lowest place that no pixel looks up
@@ -92,18 +89,32 @@ def _needed(lookup: Float[Array, "H W 2"], box: Int[Array, "4"]) -> Int[Array, "
     return needed
 
 
+class AtlasReader(Protocol):
+    """Reads labels and depth [m along a face's z axis] of the atlas that was drawn last."""
+
+    def read_labels(self) -> UInt8[Array, "h w"]: ...
+
+    def read_depth(self) -> Float[Array, "h w"]: ...
+
+    def read_depth_at(self, at: Int[Array, "N 2"]) -> Float[Array, "N"]: ...
+
+
 class Views:
-    """One frame of a rig, or rows of it. `images` stay; the rest is only there until the next."""
+    """One frame of a rig, or rows of it. `images` stay; the rest is valid until the next frame."""
+
+    expired = False
+    """Set when the next frame is drawn."""
 
     def __init__(
         self,
-        renderer: FisheyeRenderer,
+        reader: AtlasReader,
+        cameras: Sequence[Camera],
         resampler: Resampler,
         atlas_rgba: UInt8[Array, "h w 4"],
         rows: Mapping[int, slice] | None = None,
     ) -> None:
         """With `rows`, images hold only these rows of these views, and others none."""
-        self._renderer, self._resampler = renderer, resampler
+        self._reader, self._cameras, self._resampler = reader, cameras, resampler
         self._distance: Float[Array, "h w"] | None = None
         drawn = [slice(None) if rows is None else rows.get(v, slice(0, 0))
                  for v in range(len(resampler.atlas.lookup))]  # fmt: skip
@@ -113,23 +124,23 @@ class Views:
 
     def parts(self) -> tuple[UInt8[Array, "H W"], ...]:
         """Part label of every pixel of every view (`core.part_labels`), 0 outside the lens."""
-        return tuple(self.parts_of(v, slice(None)) for v in range(len(self.images)))
+        return tuple(self.part_rows(v, slice(None)) for v in range(len(self.images)))
 
-    def parts_of(self, view: int, rows: slice) -> UInt8[Array, "h W"]:
+    def part_rows(self, view: int, rows: slice) -> UInt8[Array, "h W"]:
         """Part labels of rows of one view."""
         self._require_current()
-        return self._resampler.nearest(view, self._renderer.read_labels(), 0, rows)
+        return self._resampler.nearest(view, self._reader.read_labels(), 0, rows)
 
     def depth(self) -> tuple[Float[Array, "H W"], ...]:
         """Distance along each pixel's ray in metres, float32; infinite where it hits nothing."""
-        return tuple(self.depth_of(v, slice(None)) for v in range(len(self.images)))
+        return tuple(self.depth_rows(v, slice(None)) for v in range(len(self.images)))
 
-    def depth_of(self, view: int, rows: slice) -> Float[Array, "h W"]:
+    def depth_rows(self, view: int, rows: slice) -> Float[Array, "h W"]:
         """Distances of rows of one view."""
         self._require_current()
         if self._distance is None:
-            labels = self._renderer.read_labels()
-            distance = self._renderer.read_depth() * self._resampler.ray_factor
+            labels = self._reader.read_labels()
+            distance = self._reader.read_depth() * self._resampler.ray_factor
             self._distance = np.where(labels > 0, distance, np.float32(np.inf))
         return self._resampler.nearest(view, self._distance, np.inf, rows)
 
@@ -147,7 +158,7 @@ class Views:
         """
         self._require_current()
         pixels = np.asarray(pixels, float)
-        camera = self._renderer.rig.mounts[view].camera
+        camera = self._cameras[view]
         rays, valid = camera.ray(pixels)
         size = np.array([camera.width, camera.height])
         valid = valid & np.all((pixels >= -0.5) & (pixels < size - 0.5), -1)
@@ -155,15 +166,15 @@ class Views:
         hit = np.flatnonzero(valid & (tile >= 0))
         column, row = np.round(xy[hit]).astype(int).T
         distance, part = np.full(len(pixels), np.inf), np.zeros(len(pixels), int)
-        part[hit] = self._renderer.read_labels()[row, column]
+        part[hit] = self._reader.read_labels()[row, column]
         measured = part[hit] > 0
         if wanted is not None:
             measured &= wanted[hit, part[hit]]
         hit, column, row = hit[measured], column[measured], row[measured]
-        z = self._renderer.read_depth_at(np.stack([column, row], -1))
+        z = self._reader.read_depth_at(np.stack([column, row], -1))
         distance[hit] = z * self._resampler.ray_factor[row, column]
         return distance, part
 
     def _require_current(self) -> None:
-        if not self._renderer.current(self):
+        if self.expired:
             raise RuntimeError("these views are gone: the renderer has drawn another frame")

@@ -1,4 +1,4 @@
-"""One frame through the sensor: sub-frames rendered, put together, and spoilt as asked."""
+"""One frame through the sensor: render sub-frames, average them, and apply the faults."""
 
 from __future__ import annotations
 
@@ -16,17 +16,16 @@ from egocap.data.sequence import BLACK
 from egocap_sim.core.rng import stream
 from egocap_sim.render.views import Views
 from egocap_sim.sensor import sensor_kernel
-from egocap_sim.sensor.flicker import lamp_phase, lamp_rows
-from egocap_sim.sensor.light import DECODING, compress, vignette
-from egocap_sim.sensor.plan import Film
+from egocap_sim.sensor.light import DECODING, compress, lamp_phase, lamp_rows, vignette
+from egocap_sim.sensor.plan import SensorPlan
 from egocap_sim.sensor.timing import exposure, instants
 
 STILL_M = 0.01  # bodies that moved less throw the shadow they threw
 MANY = 4  # sub-frames: their mean is blurred, so that each may be drawn less sharply
 
 
-class See(Protocol):
-    """Tells which joints the wanted ones of the views just drawn see; each must be drawn whole."""
+class JointTest(Protocol):
+    """Tells which joints the wanted ones of the views just drawn test; each must be drawn whole."""
 
     def __call__(self, wanted: Collection[int]) -> UInt8[Array, "V 18"]: ...
 
@@ -40,11 +39,11 @@ class Draw(Protocol):
 
     def __call__(
         self, index: int, time: float, rows: Mapping[int, slice], still_m: float, coarsely: bool
-    ) -> tuple[Views, See]: ...
+    ) -> tuple[Views, JointTest]: ...
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class CapturedFrame:
     """What is recorded of one frame, each a value a view. Planes not asked for are empty."""
 
     images: tuple[UInt8[Array, "H W 3"], ...]
@@ -53,29 +52,29 @@ class Shot:
     visibility: UInt8[Array, "V 18"]
 
 
-class Shooter:
-    """Takes a film's frames. Frames may be taken in any order; each comes out the same."""
+class SensorSimulator:
+    """Takes a plan's frames. Frames may be taken in any order; each comes out the same."""
 
-    def __init__(self, rig: Rig, film: Film, draw: Draw, *, parts: bool, depth: bool) -> None:
-        self._rig, self._film, self._draw = rig, film, draw
+    def __init__(self, rig: Rig, plan: SensorPlan, draw: Draw, *, parts: bool, depth: bool) -> None:
+        self._rig, self._plan, self._draw = rig, plan, draw
         self._parts, self._depth = parts, depth
-        sensor = film.sensor
+        sensor = plan.sensor
         self._vignette = [vignette(m.camera, sensor.vignetting) for m in rig.mounts]
         self._encoding = sensor_kernel.encoding_table(sensor.gamma)
         self._noise = sensor_kernel.noise_table()
         self._last: dict[int, tuple[int, UInt8[Array, "H W 3"]]] = {}  # view: frame and picture
 
-    def shoot(self, index: int) -> Shot:
+    def capture(self, index: int) -> CapturedFrame:
         """Render and record one frame."""
-        light, shot = self._expose(index)
+        light, frame = self._expose(index)
         for v, view_light in enumerate(light):
-            if self._film.applied.source[index, v] == index:
+            if self._plan.applied.source[index, v] == index:
                 self._last[v] = index, self._develop(view_light, index, v)
-        images = tuple(self._shown(index, v) for v in range(len(light)))
-        return Shot(images, shot.parts, shot.depth, shot.visibility)
+        images = tuple(self._displayed(index, v) for v in range(len(light)))
+        return CapturedFrame(images, frame.parts, frame.depth, frame.visibility)
 
-    def _shown(self, index: int, v: int) -> UInt8[Array, "H W 3"]:
-        source = int(self._film.applied.source[index, v])
+    def _displayed(self, index: int, v: int) -> UInt8[Array, "H W 3"]:
+        source = int(self._plan.applied.source[index, v])
         camera = self._rig.cameras[v]
         if source == BLACK:
             return np.zeros((camera.height, camera.width, 3), np.uint8)
@@ -83,13 +82,13 @@ class Shooter:
             self._last[v] = source, self._develop(self._expose(source)[0][v], source, v)
         return self._last[v][1]
 
-    def _expose(self, index: int) -> tuple[list[Float[Array, "H W 3"]], Shot]:
+    def _expose(self, index: int) -> tuple[list[Float[Array, "H W 3"]], CapturedFrame]:
         """Linear light of each view, planes of each row's own time, and visibility of its middle.
 
         A sub-frame is drawn only in the rows that gather light then, but the one nearest to the
         middle of a view's exposure whole: there it is judged what the view sees.
         """
-        sensor, applied = self._film.sensor, self._film.applied
+        sensor, applied = self._plan.sensor, self._plan.applied
         timing = sensor.shutter_s, sensor.readout_s
         middle = applied.time[index]
         rendered = instants(middle, *timing, int(applied.subframes[index]))
@@ -110,7 +109,7 @@ class Shooter:
             if not rows:
                 continue
             still_m = STILL_M if i else 0.0
-            views, see = self._draw(index, float(time), rows, still_m, coarsely)
+            views, find_visible = self._draw(index, float(time), rows, still_m, coarsely)
             for v, band in rows.items():
                 weight = exposures[v].weights[band, i]
                 sensor_kernel.add_light(light[v][band], views.images[v], weight, DECODING)
@@ -118,25 +117,25 @@ class Shooter:
                 if len(own):
                     band = slice(int(own[0]), int(own[-1]) + 1)
                     if self._parts:
-                        parts[v][band] = views.parts_of(v, band)
+                        parts[v][band] = views.part_rows(v, band)
                     if self._depth:
-                        depth[v][band] = views.depth_of(v, band)
+                        depth[v][band] = views.depth_rows(v, band)
             if len(whole):
-                visibility[whole] = see(whole)[whole]
-        return light, Shot((), tuple(parts), tuple(depth), visibility)
+                visibility[whole] = find_visible(whole)[whole]
+        return light, CapturedFrame((), tuple(parts), tuple(depth), visibility)
 
     def _develop(self, light: Float[Array, "H W 3"], index: int, v: int) -> UInt8[Array, "H W 3"]:
-        """The picture a sensor makes of the light."""
-        sensor = self._film.sensor
+        """The image that the sensor makes of the light."""
+        sensor = self._plan.sensor
         if sensor.flicker:  # the mean of its rows is in the exposure
-            phase = lamp_phase(stream(self._film.seed, "sensor.flicker"))
-            rows = lamp_rows(self._film.applied.time[index, v], len(light), sensor, phase)
+            phase = lamp_phase(stream(self._plan.seed, "sensor.flicker"))
+            rows = lamp_rows(self._plan.applied.time[index, v], len(light), sensor, phase)
             light = light * (rows / max(rows.mean(), 1e-3)).astype(np.float32)[:, None, None]
-        rng = stream(self._film.seed, f"sensor.noise.{self._rig.views[v]}.{index}")
+        rng = stream(self._plan.seed, f"sensor.noise.{self._rig.views[v]}.{index}")
         height, width, _ = light.shape
         start = rng.integers(0, sensor_kernel.NOISE_SAMPLES - 3 * width, height)
         image = sensor_kernel.develop(
-            light, 2.0 ** float(self._film.applied.exposure_ev[index, v]), self._vignette[v],
+            light, 2.0 ** float(self._plan.applied.exposure_ev[index, v]), self._vignette[v],
             1.0 / sensor.full_well_e if sensor.full_well_e else 0.0, sensor.read_noise**2,
             self._noise, start, self._encoding,
         )  # fmt: skip

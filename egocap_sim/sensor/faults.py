@@ -29,7 +29,7 @@ def wander(times: Float[Array, "T"], deviation: float, rng: np.random.Generator)
     return deviation * np.sqrt(2.0 / _WAVES) * waves.sum(1)
 
 
-def sources(
+def draw_sources(
     frames: int, rate: float, stand_in: str, rng: np.random.Generator
 ) -> Int[Array, "frames"]:
     """Of each frame, the frame whose picture is shown: itself, an earlier one, or BLACK.
@@ -44,7 +44,7 @@ def sources(
     return np.maximum.accumulate(np.where(dropped, 0, own))
 
 
-def miscalibrated(rig: Rig, sensor: SensorTable, rng: np.random.Generator) -> Rig:
+def miscalibrate(rig: Rig, sensor: SensorTable, rng: np.random.Generator) -> Rig:
     """The rig as a calibration would have found it, off by the sensor's stated amounts.
 
     Every camera is turned about a random axis, moved in a random direction, its focal lengths are

@@ -1,37 +1,24 @@
-"""What a sensor does to the light of one picture: each fault one pure function.
+"""Faults of one picture as pure functions: vignetting, flickering lamps, JPEG compression.
 
-Linear light is 0 at black and 1 at white. The renderer's 8-bit values are its square roots, so that
-`encode(decode(image))` gives any image back.
+Linear light is 0 at black and 1 at white; the renderer's 8-bit values are its square roots.
+
+Source: the mean of cos(w t) over an exposure of s seconds around t is sinc(w s / 2) cos(w t), so
+that exposures of whole half periods of the mains (1/100 s at 50 Hz) show no flicker.
 """
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
 from egocap_sim.render.pixel_rays import pixel_rays
+from egocap_sim.sensor.config import SensorTable
+from egocap_sim.sensor.timing import row_time
 
 DECODING = (np.arange(256, dtype=np.float32) / 255.0) ** 2
 """Linear light of the 256 displayed values, float32."""
-
-
-def decode(image: UInt8[Array, "H W 3"]) -> Float[Array, "H W 3"]:
-    """Linear light of displayed values, float32."""
-    return cv2.LUT(image, DECODING)
-
-
-def encode(light: Float[Array, "*n"], gamma: float = 1.0) -> UInt8[Array, "*n"]:
-    """Displayed values of linear light, clipped to black and white, raised to `gamma`."""
-    root = np.sqrt(np.clip(light, 0.0, 1.0))
-    return np.rint(255.0 * root**gamma).astype(np.uint8)
-
-
-def expose(light: Float[Array, "*n"], stops: float) -> Float[Array, "*n"]:
-    """Twice the light for every stop; no clipping yet."""
-    return light * np.float32(2.0**stops)
 
 
 def vignette(camera: Camera, strength: float) -> Float[Array, "H W"]:
@@ -44,23 +31,6 @@ def vignette(camera: Camera, strength: float) -> Float[Array, "H W"]:
     return (1.0 - strength * ratio**2).astype(np.float32)
 
 
-def noisy(
-    light: Float[Array, "*n"],
-    full_well_e: float | None,
-    read_noise: float,
-    normal: Float[Array, "*n"],
-) -> Float[Array, "*n"]:
-    """Add shot and read noise, standard `normal` numbers of variance light / full_well_e +
-    read_noise^2.
-
-    The Poisson count of electrons is taken as normal, which at 10 electrons and more it nearly is.
-    """
-    variance = np.float32(read_noise**2)
-    if full_well_e is not None:
-        variance = variance + np.maximum(light, 0.0) / np.float32(full_well_e)
-    return light + np.sqrt(variance) * normal
-
-
 def compress(image: UInt8[Array, "H W 3"], quality: int) -> UInt8[Array, "H W 3"]:
     """Through JPEG and back, with chroma at half the resolution as cameras store it."""
     import simplejpeg
@@ -69,3 +39,24 @@ def compress(image: UInt8[Array, "H W 3"], quality: int) -> UInt8[Array, "H W 3"
         np.ascontiguousarray(image), quality=quality, colorspace="RGB", colorsubsampling="420"
     )
     return simplejpeg.decode_jpeg(data, colorspace="RGB")
+
+
+def lamp_light(times: Float[Array, "*n"], sensor: SensorTable, phase: float) -> Float[Array, "*n"]:
+    """Mean light, 1 being that of a steady lamp, over exposures whose middles are at `times` [s].
+
+    Without flicker 1 everywhere. `phase` (radians) is that of the light at time zero.
+    """
+    twice = 2.0 * sensor.mains_hz
+    seen = sensor.flicker * np.sinc(twice * sensor.shutter_s)  # numpy's sinc has the pi in it
+    return 1.0 + seen * np.cos(2.0 * np.pi * twice * np.asarray(times, float) + phase)
+
+
+def lamp_rows(middle: float, height: int, sensor: SensorTable, phase: float) -> Float[Array, "H"]:
+    """The same for every row of a picture whose middle row is exposed at `middle` [s]."""
+    rows = row_time(np.full(height, middle), np.arange(height), height, sensor.readout_s)
+    return lamp_light(rows, sensor, phase)
+
+
+def lamp_phase(rng: np.random.Generator) -> float:
+    """Draw the phase of the mains at time zero, radians."""
+    return float(rng.uniform(0.0, 2.0 * np.pi))

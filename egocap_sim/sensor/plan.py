@@ -21,9 +21,9 @@ from egocap_sim.core.pose_sampling import SampledPoses
 from egocap_sim.core.rng import stream
 from egocap_sim.human.body.person import Person
 from egocap_sim.sensor.config import SensorTable
-from egocap_sim.sensor.faults import sources, wander
-from egocap_sim.sensor.flicker import lamp_phase, lamp_rows
-from egocap_sim.sensor.timing import row_time, shared
+from egocap_sim.sensor.faults import draw_sources, wander
+from egocap_sim.sensor.light import lamp_phase, lamp_rows
+from egocap_sim.sensor.timing import overlap_in_time, row_time
 
 DRAFTS = _TRUTH, _MOTION, _RATE = "sensor.draft.tmp", "motion.draft.tmp", "rate.draft.tmp"
 """Files in a sequence's folder that workers read; gone when it is whole."""
@@ -34,7 +34,7 @@ _BODIES = np.array([INDEX[LABEL_BODY[label]] for label in LABELS])
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class SensorPlan:
     """A sensor, its random seed, what it does to each frame, and the bodies between frames."""
 
     sensor: SensorTable
@@ -50,7 +50,7 @@ class Film:
             (folder / _RATE).write_text(repr(self.poses.rate))
 
     @classmethod
-    def load(cls, folder: Path, sensor: SensorTable, seed: int) -> Film:
+    def load(cls, folder: Path, sensor: SensorTable, seed: int) -> SensorPlan:
         """Read what `save` left."""
         poses = None
         if sensor.timed:
@@ -64,21 +64,21 @@ class Film:
             (folder / name).unlink(missing_ok=True)
 
 
-def load_film(
+def plan_sensor(
     truth: Truth,
     person: Person,
     poses: SampledPoses | None,
     rig: Rig,
     sensor: SensorTable,
     seed: int,
-) -> tuple[Film, Truth]:
+) -> tuple[SensorPlan, Truth]:
     """Decide what the sensor does to each frame; the truth as its views will expose it."""
     frames, views = len(truth.time), len(rig.views)
     middle = np.repeat(truth.time[:, None], views, 1)
     middle[:, 1:] += sensor.time_offset_s
     drift = [wander(truth.time, sensor.exposure_drift_ev, stream(seed, f"sensor.exposure.{v}"))
              for v in rig.views]  # fmt: skip
-    shown = [sources(frames, sensor.drop_rate, sensor.drop, stream(seed, f"sensor.drop.{v}"))
+    shown = [draw_sources(frames, sensor.drop_rate, sensor.drop, stream(seed, f"sensor.drop.{v}"))
              for v in rig.views]  # fmt: skip
     joint_time = np.repeat(middle[..., None], len(LABELS), -1)
     subframes = np.ones(frames, int)
@@ -87,7 +87,7 @@ def load_film(
             block = slice(first, first + _BLOCK)
             joint_time[block] = _joint_times(poses, person, rig, sensor, middle[block])
             subframes[block] = _subframes(poses, person, rig, sensor, middle[block])
-        truth = _exposed(truth, poses, person, rig, joint_time)
+        truth = _expose_truth(truth, poses, person, rig, joint_time)
     applied = SensorTruth(
         time=middle,
         joint_time=joint_time,
@@ -95,7 +95,7 @@ def load_film(
         source=np.stack(shown, 1),
         subframes=subframes,
     )
-    return Film(sensor, seed, applied, poses), truth
+    return SensorPlan(sensor, seed, applied, poses), truth
 
 
 def _lamps_ev(
@@ -140,7 +140,7 @@ def _joint_times(
     return times
 
 
-def _exposed(
+def _expose_truth(
     truth: Truth, poses: SampledPoses, person: Person, rig: Rig, times: Float[Array, "T V 18"]
 ) -> Truth:
     """The truth with what each view sees taken at the times at which it exposes it."""
@@ -172,7 +172,7 @@ def _subframes(
     span = sensor.shutter_s + sensor.readout_s
     half = span / 2
     first, last = middle - half, middle + half
-    together = shared(middle, span)[:, None]
+    together = overlap_in_time(middle, span)[:, None]
     first = np.where(together, first.min(1, keepdims=True), first)
     last = np.where(together, last.max(1, keepdims=True), last)
     head = np.array(INDEX["head"])

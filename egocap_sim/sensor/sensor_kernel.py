@@ -1,6 +1,6 @@
-"""The loops over every pixel of a picture, compiled: light gathered, and developed.
+"""Compiled loops over every pixel of a picture: gather light, and develop it.
 
-`egocap_sim.sensor.light` and `timing` say the same readably, and are what these are tested against.
+The tests compare each with a readable form (`tests/egocap_sim/sensor/oracles.py`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def add_light(
     weight: Float[Array, "h"],
     decoding: Float[Array, "256"],
 ) -> None:
-    """`egocap_sim.sensor.timing.add_subframe`, in place."""
+    """Add rows of a rendered sub-frame to a picture, in linear light, by their weights."""
     height, width, channels = picture.shape
     for y in range(height):
         w = weight[y]

@@ -10,10 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
-
-from egocap_sim.sensor.light import decode
 
 _INSTANT = 1e-9  # seconds; a shutter faster than this sees one instant
 
@@ -47,7 +45,7 @@ def row_time(
     return middle + ((rows + 0.5) / height - 0.5) * readout_s
 
 
-def shared(middle: Float[Array, "*n V"], span: float) -> Bool[Array, "*n"]:
+def overlap_in_time(middle: Float[Array, "*n V"], span: float) -> Bool[Array, "*n"]:
     """Whether the views gather light at overlapping times, so that they share their instants."""
     return np.ptp(middle, axis=-1) < span
 
@@ -58,7 +56,7 @@ def instants(middle: Float[Array, "V"], shutter_s: float, readout_s: float, coun
     Views that do so one after the other have `count` each.
     """
     span = shutter_s + readout_s
-    if shared(middle, span):
+    if overlap_in_time(middle, span):
         first, last = middle.min() - span / 2, middle.max() + span / 2
         slot = (last - first) / count
         return Instants(first + (np.arange(count) + 0.5) * slot, slot)
@@ -82,13 +80,3 @@ def exposure(
         weights = np.maximum(end - begin, 0.0)
         weights /= weights.sum(1, keepdims=True)
     return Exposure(times, weights.astype(np.float32), nearest)
-
-
-def add_subframe(
-    picture: Float[Array, "H W 3"], subframe: UInt8[Array, "H W 3"], weight: Float[Array, "H"]
-) -> None:
-    """Add rows of a rendered sub-frame to those of a picture, in linear light, by their weights.
-
-    The readable form of `egocap_sim.sensor.sensor_kernel.add_light`.
-    """
-    picture += weight[:, None, None] * decode(subframe)

@@ -80,12 +80,12 @@ def sensor_of(scene: Scene) -> SensorTable | None:
 
 def calibrated_rig_of(scene: Scene) -> Rig:
     """The rig as trackers know it: the scene's, off by its sensor's calibration error."""
-    from egocap_sim.sensor.faults import miscalibrated
+    from egocap_sim.sensor.faults import miscalibrate
 
     rig, sensor = rig_of(scene.rig, scene.seed), sensor_of(scene)
     if sensor is None or not sensor.miscalibrated:
         return rig
-    return miscalibrated(rig, sensor, stream(scene.seed, "sensor.calibration"))
+    return miscalibrate(rig, sensor, stream(scene.seed, "sensor.calibration"))
 
 
 def person_of(scene: Scene) -> Person:

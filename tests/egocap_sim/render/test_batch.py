@@ -12,7 +12,7 @@ from egocap.errors import InputError
 from egocap_sim.assets import textures
 from egocap_sim.assets.primitives import ball, box, sheet
 from egocap_sim.render.batch import merge
-from egocap_sim.render.projection import may_see, of_light, of_tile
+from egocap_sim.render.projection import light_projection, may_see, tile_projection
 
 GREY = textures.even(np.full(3, 0.5)).texture
 RED = textures.even(np.array([1.0, 0.0, 0.0])).texture
@@ -105,7 +105,7 @@ def test_culling_never_drops_a_box_that_shows():
     high = low + rng.uniform(0.01, 1.5, (400, 3))
     points = low[:, None] + (high - low)[:, None] * rng.uniform(size=(400, 60, 3))
     for tile in atlas.tiles:
-        clip = of_tile(tile, np.eye(4), 0.01, 50.0)
+        clip = tile_projection(tile, np.eye(4), 0.01, 50.0)
         p = np.c_[points.reshape(-1, 3), np.ones(24000)] @ clip.T
         shows = np.all(np.abs(p[:, :2]) < p[:, 3:], axis=1).reshape(400, 60).any(axis=1)
         seen = may_see(clip, low, high)
@@ -115,7 +115,7 @@ def test_culling_never_drops_a_box_that_shows():
 
 def test_the_shadow_square_moves_in_whole_pixels():
     direction = geometry.unit(np.array([0.3, 0.2, -1.0]))
-    a, b = (of_light(direction, np.array([x, 0.1, 1.5]), 1024) for x in (0.0, 0.123))
+    a, b = (light_projection(direction, np.array([x, 0.1, 1.5]), 1024) for x in (0.0, 0.123))
     shift = (a - b)[:2, 3] * 512
     np.testing.assert_allclose(shift, np.round(shift), atol=1e-6)
     np.testing.assert_allclose(a[:3, :3], b[:3, :3])

@@ -27,27 +27,27 @@ def contact(gl):
 
 def test_the_light_left_grows_with_height_and_distance(contact):
     def least(height: float) -> int:
-        return contact.darkness_under(np.array([[2.0, -1.0, height]])).left.min()
+        return contact.make_contact_shadow(np.array([[2.0, -1.0, height]])).left.min()
 
     heights = [least(h) for h in (0.0, 0.05, 0.1, 0.2)]
     assert heights == sorted(heights) and heights[0] < 200 < heights[-1]
-    dark = contact.darkness_under(np.array([[2.0, -1.0, 0.0], [2.1, -1.0, 0.0]]))
+    dark = contact.make_contact_shadow(np.array([[2.0, -1.0, 0.0], [2.1, -1.0, 0.0]]))
     row, column = np.unravel_index(dark.left.argmin(), dark.left.shape)
     x, y = dark.corner + contact.CELL_M * (np.array([column, row]) + 0.5)
     assert abs(x - 2.05) < 0.1 and abs(y + 1.0) < 0.05
-    assert contact.darkness_under(np.array([[0.0, 0.0, contact.HEIGHT_M]])) is None
+    assert contact.make_contact_shadow(np.array([[0.0, 0.0, contact.HEIGHT_M]])) is None
 
 
 def test_what_is_drawn_holds_all_that_is_dark(contact):
     for points in ([[0.0, 0, 0], [0.4, 0.3, 0.1]], [[-9.0, 0, 0], [9.0, 0, 0], [0.5, 0, 0]]):
-        dark = contact.darkness_under(np.array(points))
+        dark = contact.make_contact_shadow(np.array(points))
         (x0, y0), (x1, y1) = dark.first, dark.last
         assert min(x0, y0) >= 0 and max(x1, y1) <= contact.CELLS
         rest = dark.left.copy()
         assert rest[y0:y1, x0:x1].min() < 200
         rest[y0 + 1 : y1 - 1, x0 + 1 : x1 - 1] = 255  # it ends without a step
         assert rest.min() == 255
-    assert contact.darkness_under(np.array([[-9.0, 0, 0], [9.0, 0, 0]])) is None
+    assert contact.make_contact_shadow(np.array([[-9.0, 0, 0], [9.0, 0, 0]])) is None
 
 
 @pytest.mark.parametrize(("height", "darker"), [(0.1, True), (1.0, False)])

@@ -10,7 +10,7 @@ import pytest
 from egocap import geometry
 from egocap_sim.assets import textures
 from egocap_sim.assets.primitives import box, sheet
-from egocap_sim.render.projection import TO_TEXTURE, ground_depth, of_light
+from egocap_sim.render.projection import TO_TEXTURE, ground_depth, light_projection
 
 from .conftest import equidistant, looking_forward, place_of, plain_light
 
@@ -64,7 +64,7 @@ def test_a_bare_floor_does_not_shade_itself(gl):
 
 def test_the_floors_depth_is_where_its_points_are():
     direction, size = geometry.unit(np.array([0.3, 0.2, -1.0])), 400
-    clip = of_light(direction, np.array([0.4, -0.2, 1.5]), size)
+    clip = light_projection(direction, np.array([0.4, -0.2, 1.5]), size)
     floor = np.random.default_rng(0).uniform(-2, 2, (50, 2))
     u, v, depth = (TO_TEXTURE @ clip @ np.insert(floor, [2, 2], [0.0, 1.0], axis=1).T)[:3]
     first, right, up = ground_depth(clip, size).astype(float)

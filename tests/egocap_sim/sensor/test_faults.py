@@ -7,23 +7,23 @@ from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import BLACK
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.sensor.config import PRESETS, SensorTable
-from egocap_sim.sensor.faults import miscalibrated, sources, wander
+from egocap_sim.sensor.faults import draw_sources, miscalibrate, wander
 
 
 def test_frames_are_dropped_at_the_rate_and_repeat_the_last_good_one():
-    source = sources(20_000, 0.1, "repeat", np.random.default_rng(0))
+    source = draw_sources(20_000, 0.1, "repeat", np.random.default_rng(0))
     own = np.arange(len(source))
     dropped = source != own
     assert not dropped[0]
     assert dropped.mean() == pytest.approx(0.1, abs=0.01)
     assert (source[dropped] < own[dropped]).all()
     assert not dropped[source].any()  # what stands in was not dropped itself
-    black = sources(20_000, 0.1, "black", np.random.default_rng(0))
+    black = draw_sources(20_000, 0.1, "black", np.random.default_rng(0))
     assert np.array_equal(black == BLACK, dropped)
 
 
 def test_fewer_frames_are_dropped_as_the_start_of_more():
-    short, long = (sources(n, 0.3, "repeat", np.random.default_rng(5)) for n in (40, 400))
+    short, long = (draw_sources(n, 0.3, "repeat", np.random.default_rng(5)) for n in (40, 400))
     assert np.array_equal(long[:40], short)
 
 
@@ -39,7 +39,7 @@ def test_a_calibration_is_off_by_exactly_what_is_stated():
     rig = load_rig(builtin_file("rig", "egorig1"))
     sensor = SensorTable(calibration_rotation_deg=0.7, calibration_translation_m=0.004,
                          calibration_focal=0.01, calibration_centre_px=2.5)  # fmt: skip
-    off = miscalibrated(rig, sensor, np.random.default_rng(3))
+    off = miscalibrate(rig, sensor, np.random.default_rng(3))
     for true, found in zip(rig.mounts, off.mounts, strict=True):
         turn = true.T_head_camera[:3, :3].T @ found.T_head_camera[:3, :3]
         assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) == pytest.approx(0.7)
@@ -49,7 +49,7 @@ def test_a_calibration_is_off_by_exactly_what_is_stated():
         assert abs(scale - 1) == pytest.approx(0.01)
         shift = np.subtract(found.camera.centre, true.camera.centre)
         assert np.linalg.norm(shift) == pytest.approx(2.5)
-    assert miscalibrated(rig, SensorTable(), np.random.default_rng(3)) == rig
+    assert miscalibrate(rig, SensorTable(), np.random.default_rng(3)) == rig
 
 
 def test_presets_and_what_they_switch_on():

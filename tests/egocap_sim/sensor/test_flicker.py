@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egocap_sim.sensor.config import SensorTable
-from egocap_sim.sensor.flicker import lamp_light, lamp_rows
+from egocap_sim.sensor.light import lamp_light, lamp_rows
 
 
 def test_the_mean_over_an_exposure_is_that_of_brute_force():

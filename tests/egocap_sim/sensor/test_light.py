@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from egocap.cameras.camera import Camera
-from egocap_sim.sensor.light import compress, decode, encode, expose, noisy, vignette
+from egocap_sim.sensor.light import compress, vignette
+
+from .oracles import decode, encode, expose, noisy
 
 LEVELS = np.arange(256, dtype=np.uint8).reshape(16, 16)[..., None].repeat(3, -1)
 

@@ -128,7 +128,7 @@ def test_sensor_tables_survive_toml_and_bad_ones_are_refused(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(to_toml(scene(preset="webcam", jpeg_quality=40)))
     assert load_scene(path) == scene(preset="webcam", jpeg_quality=40)
-    path.write_text(to_toml(scene()) + '\n[sensor]\npreset = "film"\n')
+    path.write_text(to_toml(scene()) + '\n[sensor]\npreset = "sensor_plan"\n')
     with pytest.raises(FileError, match=r"sensor\.preset.*'webcam'"):
         load_scene(path)
     path.write_text(to_toml(scene()) + "\n[sensor]\nshutter = 0.1\n")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egocap_sim.sensor.light import DECODING, encode, expose, noisy
+from egocap_sim.sensor.light import DECODING
 from egocap_sim.sensor.sensor_kernel import (
     NOISE_SAMPLES,
     add_light,
@@ -11,7 +11,8 @@ from egocap_sim.sensor.sensor_kernel import (
     encoding_table,
     noise_table,
 )
-from egocap_sim.sensor.timing import add_subframe
+
+from .oracles import add_subframe, encode, expose, noisy
 
 RNG = np.random.default_rng(0)
 LIGHT = RNG.random((40, 50, 3), dtype=np.float32) * 1.2

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from egocap_sim.sensor.timing import Exposure, add_subframe, exposure, instants
+from egocap_sim.sensor.timing import Exposure, exposure, instants
+
+from .oracles import add_subframe
 
 HEIGHT, WIDTH = 60, 200
 SPEED = 1000.0  # px/s

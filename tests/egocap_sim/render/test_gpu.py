@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from egocap_sim.render.batch import Layer
 from egocap_sim.render.gl import GL, Context
-from egocap_sim.render.textures import Layer, texture_array
+from egocap_sim.render.gpu import texture_array
 
 
 def test_each_level_is_the_mean_of_the_one_before():
-    context = Context.lent()
+    context = Context.borrow()
     rng = np.random.default_rng(0)
     textures = [rng.integers(0, 256, (n, n, 3), dtype=np.uint8) for n in (16, 4)]
     name = texture_array([Layer(textures[0], 40), Layer(textures[1], 255)])
@@ -29,4 +30,4 @@ def test_each_level_is_the_mean_of_the_one_before():
             assert np.abs(found - mean).max() <= 0.5
         finer = found.astype(float)
     GL.glDeleteTextures([name])
-    context.give_back()
+    context.release()

@@ -1,16 +1,15 @@
-"""What each part of the tracker is worth (paper, section 5.5): the whole without it, over people.
+"""The effect of each part of the tracker (paper, section 5.5): tracking without it, over people.
 
 The paper leaves out smoothness, colour and detections: 30 mm and 5 mm worse, and a lost track. The
-same is done here to its energy, with its own stochastic solver, and to our tracker, from which
-every improvement is left out in turn, too. Each scene is acted by its own person and by
-others; every sequence is tracked from several draws of the detections. Changes are taken in pairs,
-sequence by sequence, and their error bars are over the sequences.
+same is done here to its energy, with its stochastic solver, and to our tracker, from which each
+improvement is left out in turn. Every scene is acted by its own person and by others. Changes are
+paired by sequence; error bars are over the sequences.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,6 +28,14 @@ from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import track
+from egocap_eval.harness.cases import (
+    ScoreLog,
+    Scores,
+    mean,
+    paired_change,
+    run_cases,
+    subject_means,
+)
 from egocap_eval.harness.footage import footage_of
 from egocap_eval.harness.intervals import mean_and_interval, share_and_interval, shown
 from egocap_eval.harness.study import Outcome
@@ -83,20 +90,6 @@ SETTLE_S = 1.0
 """Time that a tracker has to recover."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """One variant: means over scenes, people and draws, with 95 % intervals."""
-
-    variant: str
-    mpjpe_mm: dict[str, float] | None  # over the sequences
-    change_mm: dict[str, float] | None  # against ours or the paper's, paired over the sequences
-    upper_mm: float
-    lower_mm: float
-    seen_mm: float
-    hidden_mm: float | None
-    lost_percent: float  # frames that are off by more than LOST_MM
-
-
 def study(
     work: Annotated[Path, arg(metavar="DIR")] = Path("out/ablation"),
     detections: str = LEARNED_LIKE,
@@ -107,6 +100,7 @@ def study(
     workers: int = 2,
     colour: bool = True,
     trials: int = 8,
+    keep: Annotated[Path | None, arg(metavar="FILE")] = None,
 ) -> Outcome:
     """Track with one part left out at a time (paper, section 5.5).
 
@@ -120,6 +114,7 @@ def study(
         workers: Rendering processes.
         colour: Also track with colours: ours, the paper's energy, and by colours alone.
         trials: Failures in each sequence to recover from; 0 for none.
+        keep: Finished scores; the same command continues from them after a stop.
     """
     for count, name in ((people, "people"), (seeds, "seeds"), (frames, "frames")):
         if count < 1:
@@ -128,19 +123,19 @@ def study(
         raise InputError(f"{trials} trials", valid="0 or more")
     scenes = scenes_of(people, frames, size)
     footage = [footage_of(scene, work / scene.name, workers) for scene in scenes]
+    subjects = {f.manifest.name: f for f in footage}
+    log = ScoreLog(keep, detections=detections, frames=frames, size=size)
     names = [name for name in VARIANTS if colour or name != COLOUR]
-    measured = {name: measure_variant(name, footage, detections, seeds) for name in names}
-    papers = PAPERS if colour else ()
-    measured |= {name: measure_variant(name, footage, detections, 1) for name in papers}
+    measured = measure_variants(names, subjects, detections, seeds, log)
+    measured |= measure_variants(list(PAPERS) if colour else [], subjects, detections, 1, log)
     rows = [row_of(name, found, measured[PAPER if name in PAPERS else WHOLE])
             for name, found in measured.items()]  # fmt: skip
     recovery = measure_recovery(footage, detections, trials, colour) if trials else {}
     result = {
         "protocol": "egocap-17", "detections": detections, "people": people, "seeds": seeds,
-        "sequences": [f.manifest.name for f in footage], "rows": [asdict(r) for r in rows],
-        "statements": statements(measured) | recovery,
+        "sequences": list(subjects), "rows": rows, "statements": statements(measured) | recovery,
     }  # fmt: skip
-    content = {f.manifest.name: f.manifest.config_sha256 for f in footage}
+    content = {name: f.manifest.config_sha256 for name, f in subjects.items()}
     tables = [_variants_table(rows), *_statement_tables(result["statements"])]
     return Outcome(result, tables, config={"sequences": content})
 
@@ -158,21 +153,18 @@ def scenes_of(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
     return scenes
 
 
-def measure_variant(
-    variant: str, footage: Sequence[Footage], source: str, seeds: int
-) -> dict[str, list[float | None]]:
-    """Each measure of every sequence, a mean over the draws of the detections."""
-    found: dict[str, list[float | None]] = {name: [] for name in MEASURES}
-    with progress(variant, len(footage), unit="sequences") as advance:
-        for sequence in footage:
-            draws = [errors_of(sequence, tracked(variant, sequence, source, seed))
-                     for seed in range(seeds)]  # fmt: skip
-            for name in MEASURES:
-                values = [draw[name] for draw in draws]
-                known = [v for v in values if v is not None]
-                found[name].append(float(np.mean(known)) if known else None)
-            advance()
-    return found
+def measure_variants(
+    names: Sequence[str], footage: Mapping[str, Footage], source: str, seeds: int,
+    log: ScoreLog | None = None,
+) -> dict[str, dict[str, list[float | None]]]:  # fmt: skip
+    """By variant, each measure of every sequence: a mean over the draws of the detections."""
+
+    def score(variant: str, sequence: Footage, seed: int) -> Scores:
+        return errors_of(sequence, tracked(variant, sequence, source, seed))
+
+    cases = {name: name for name in names}
+    runs = run_cases("variants", cases, footage, score, seeds=seeds, log=log)
+    return {name: subject_means(runs[name], MEASURES) for name in names}
 
 
 def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
@@ -208,10 +200,12 @@ def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:
 
 def row_of(
     name: str, found: Mapping[str, Sequence[float | None]], whole: Mapping[str, Sequence[Any]]
-) -> Row:
-    """A variant beside what it is a change of."""
-    rest = {key: _mean(found[key]) for key in MEASURES if key != "mpjpe_mm"}
-    return Row(name, mean_and_interval(found["mpjpe_mm"]), _change(whole, found), **rest)
+) -> dict[str, Any]:
+    """A variant: means over scenes, people and draws; its change against what it is a variant of,
+    paired over the sequences."""
+    rest = {key: mean(found[key]) for key in MEASURES if key != "mpjpe_mm"}
+    return {"variant": name, "mpjpe_mm": mean_and_interval(found["mpjpe_mm"]),
+            "change_mm": _change(whole, found), **rest}  # fmt: skip
 
 
 def statements(measured: Mapping[str, Mapping[str, Sequence[Any]]]) -> dict[str, Any]:
@@ -263,13 +257,7 @@ def measure_recovery(
 def _change(
     before: Mapping[str, Sequence[Any]], after: Mapping[str, Sequence[Any]]
 ) -> dict[str, float] | None:
-    pairs = zip(before["mpjpe_mm"], after["mpjpe_mm"], strict=True)
-    return mean_and_interval([b - a for a, b in pairs])
-
-
-def _mean(values: Sequence[float | None]) -> Any:
-    known = [v for v in values if v is not None]
-    return float(np.mean(known)) if known else None
+    return paired_change(before["mpjpe_mm"], after["mpjpe_mm"])
 
 
 def _blind(detections: Detections) -> Detections:
@@ -277,12 +265,12 @@ def _blind(detections: Detections) -> Detections:
     return replace(detections, valid=np.zeros_like(detections.valid))
 
 
-def _variants_table(rows: Sequence[Row]) -> Table:
+def _variants_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     header = ("variant", "MPJPE mm", "change", "upper", "lower", "seen", "hidden", "lost %")
     return Table("Tracking with one part left out (95 % intervals over sequences)", header, tuple(
-        (r.variant, shown(r.mpjpe_mm), shown(r.change_mm), number(r.upper_mm), number(r.lower_mm),
-         number(r.seen_mm), number(r.hidden_mm), number(r.lost_percent))
-        for r in rows
+        (row["variant"], shown(row["mpjpe_mm"]), shown(row["change_mm"]),
+         *(number(row[key]) for key in MEASURES if key != "mpjpe_mm"))
+        for row in rows
     ))  # fmt: skip
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from tyro.conf import arg
 
 from egocap.data.sequence import Sequence as Footage
@@ -15,6 +14,7 @@ from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import FileError, InputError
 from egocap.evaluation.table import Table, number
 from egocap.track.tracker import track
+from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import footage_of
 from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
@@ -49,10 +49,11 @@ def study(
     """
     if seeds < 1:
         raise InputError(f"{seeds} seeds", valid="1 or more")
-    rows = []
-    for scene in _scenes(motions, size):
-        footage = footage_of(scene, work / scene.name, workers)
-        rows += [row_of(scene.name, footage, source, seeds) for source in SOURCES]
+    scenes = _scenes(motions, size)
+    footage = {scene.name: footage_of(scene, work / scene.name, workers) for scene in scenes}
+    runs = run_cases("accuracy", {s: s for s in SOURCES}, footage, score, seeds=seeds)
+    rows = [row_of(name, source, runs[source][i])
+            for i, name in enumerate(footage) for source in SOURCES]  # fmt: skip
     rounded = [{k: round(v, 2) if isinstance(v, float) else v for k, v in row.items()}
                for row in rows]  # fmt: skip
     result = {"protocol": "egocap-17", "noise_seeds": seeds, "image_size": list(size),
@@ -90,26 +91,26 @@ def _scene_of_clip(like: Scene, path: Path) -> Scene:
     return scene.model_copy(update={"frames": min(frames_of_clip(scene), CLIP_FRAMES)})
 
 
-def row_of(name: str, sequence: Footage, source: str, seeds: int) -> dict[str, Any]:
-    """One sequence tracked from one kind of detections; errors are means over noise seeds."""
-    reports, rates = [], []
-    for seed in range(seeds):
-        found = detections_from(sequence, source, seed)
-        tracked = track(found, sequence.rig, sequence.proportions)
-        reports.append(score_track(sequence, tracked))
-        rates.append(1.0 / tracked.seconds_per_frame)
-
-    def mean(field: str) -> float | None:
-        values = [getattr(report, field) for report in reports]
-        return None if None in values else float(np.mean(values))
-
+def score(source: str, sequence: Footage, seed: int) -> Scores:
+    """One sequence tracked from one draw of detections."""
+    found = detections_from(sequence, source, seed)
+    tracked = track(found, sequence.rig, sequence.proportions)
+    report = score_track(sequence, tracked)
     return {
-        "sequence": name, "detections": source, "frames": len(sequence),
-        "mpjpe_mm": mean("mpjpe_mm"), "worst_seed_mm": max(r.mpjpe_mm for r in reports),
-        "upper_mm": mean("upper_mm"), "lower_mm": mean("lower_mm"), "p95_mm": mean("p95_mm"),
-        "seen_mm": mean("visible_mm"), "hidden_mm": mean("hidden_mm"),
-        "seen_share": mean("visible_share"), "accel_error": mean("accel_error"),
-        "frames_per_second": min(rates),  # the slowest seed's
+        "frames": len(sequence), "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
+        "lower_mm": report.lower_mm, "p95_mm": report.p95_mm, "seen_mm": report.visible_mm,
+        "hidden_mm": report.hidden_mm, "seen_share": report.visible_share,
+        "accel_error": report.accel_error, "frames_per_second": 1.0 / tracked.seconds_per_frame,
+    }  # fmt: skip
+
+
+def row_of(sequence: str, source: str, seeds: Sequence[Scores]) -> dict[str, Any]:
+    """Means over the seeds of the noise; the worst seed's error, the slowest one's rate."""
+    means = {key: mean([scores[key] for scores in seeds]) for key in seeds[0]}
+    return {"sequence": sequence, "detections": source} | means | {
+        "frames": seeds[0]["frames"],
+        "worst_seed_mm": max(scores["mpjpe_mm"] for scores in seeds),
+        "frames_per_second": min(scores["frames_per_second"] for scores in seeds),
     }  # fmt: skip
 
 

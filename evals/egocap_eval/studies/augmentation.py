@@ -1,4 +1,4 @@
-"""What augmentation is worth: the same green-screen footage, trained on with ever more of it.
+"""The effect of augmentation on a detector that is trained on green-screen footage.
 
 Three detectors are trained for the same number of steps: on the green screen as it is, with
 backgrounds replaced, and with the wearer recoloured besides. Scale, gamma and mirroring are in all,
@@ -9,15 +9,13 @@ Source: EgoCap paper, section 5.3 and Table 1.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes
 
 from egocap.detect.train.config import AugmentationConfig
 from egocap.errors import InputError
 from egocap_eval.harness.study import Outcome
-from egocap_eval.studies.small_detectors import ground, require_some, summary, table
+from egocap_eval.studies.small_detectors import Trainings, ground, summary, table
 
 _PLAIN = AugmentationConfig(
     background=0.0, recolour=0.0, scale=0.15, rotation_deg=0.0, shift=0.0, gamma=2.0,
@@ -32,40 +30,16 @@ ROWS: Mapping[str, AugmentationConfig] = {
 """Rows of the table, each with all of the one before."""
 
 
-def study(
-    chroma: Positional[Annotated[tuple[Path, ...], arg(metavar="DIR")]],
-    /,
-    held_out: Annotated[tuple[Path, ...], arg(metavar="DIR")],
-    backgrounds: Annotated[tuple[Path, ...], arg(metavar="DIR")],
-    steps: int = 800,
-    batch: int = 32,
-    seeds: int = 3,
-    network: str = "small",
-    views: int = 1000,
-    store: Annotated[Path | None, arg(metavar="DIR")] = None,
-) -> Outcome:
-    """Train detectors on green-screen footage with and without augmentation, and compare them.
-
-    Args:
-        chroma: Sequences before a green screen with part labels (scene train-chroma).
-        held_out: Sequences of other people in real places, to score on.
-        backgrounds: Sequences whose images stand in for the green screen.
-        steps: Training steps of each detector.
-        batch: Views a step.
-        seeds: Detectors trained for each row; error bars are over them.
-        network: Configuration to train.
-        views: How many held-out views to score.
-        store: Folder for canonical views and runs; a temporary one when not given.
-    """
-    require_some(seeds, steps, views)
-    with ground(network, chroma, held_out, backgrounds, store) as common:
+def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
+    """Train detectors on green-screen footage with and without augmentation, and compare them."""
+    with ground(trainings) as common:
         if any(s.parts is None for s in common.footage.sequences):
             raise InputError(
                 "footage without part labels cannot be augmented", valid="train-chroma"
             )
         cases = {name: (common.footage, augmentation) for name, augmentation in ROWS.items()}
-        found = common.compare(cases, steps, batch, seeds, views)
-        seen, scored = len(common.footage), min(views, len(common.held_out))
+        found = common.compare(cases)
+        seen, scored = len(common.footage), min(trainings.views, len(common.held_out))
     result = {name: summary(scores) for name, scores in found.items()}
     sizes = {"training_views": seen, "held_out_views": scored}
     return Outcome({"rows": result, **sizes}, [table(result)], missed(result))
@@ -74,9 +48,9 @@ def study(
 def missed(result: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> list[str]:
     """Gains that are not as the paper found them."""
     plain, background, recolour = (result[name]["pck"]["mean"] or 0.0 for name in ROWS)
-    said = []
+    gaps = []
     if background - plain < 5.0:
-        said.append(f"background: {background - plain:+.1f} points of PCK, not 5 or more")
+        gaps.append(f"background: {background - plain:+.1f} points of PCK, not 5 or more")
     if recolour - background <= 0.0:
-        said.append(f"recolouring: {recolour - background:+.1f} points of PCK, not above 0")
-    return said
+        gaps.append(f"recolouring: {recolour - background:+.1f} points of PCK, not above 0")
+    return gaps

@@ -8,22 +8,20 @@ an average adult. The people are development seeds, or the held-out ones of the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from egocap.body.proportions import Proportions
-from egocap.commandline import progress
-from egocap.data.sequence import Sequence, open_sequence
+from egocap.data.sequence import Sequence
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.fitting.body_prior import BodyPrior, proportions_of
 from egocap.fitting.fit_body import BodyFit, fit_body
 from egocap.track.tracker import track
+from egocap_eval.harness.cases import Scores, mean, run_cases
+from egocap_eval.harness.footage import footage_of
 from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.fit_body import bone_errors, person_height, summary, summary_table
@@ -77,14 +75,21 @@ def study(
     if not heldout and not 400_000 <= first_seed <= 410_000 - people:
         raise InputError(f"people of seeds from {first_seed}", valid="400000 to 409999")
     cases = heldout_cases() if heldout else development_cases(people, first_seed, frames)
-    bones, rows = {}, []
+    bones, clips = {}, {}
     for case in cases:
         sequence = _recorded(case.calibration, folder, workers)
         stature = person_height(folder / case.calibration.name) if height else None
         fit = fit_body(detections_from(sequence, detections, 0), sequence.rig, stature)
         bones[case.name] = bone_errors(fit, sequence.proportions.bone_lengths)
-        for clip in case.clips:
-            rows += list(_tracked(_recorded(clip, folder, workers), fit, detections))
+        clips |= {clip.name: (_recorded(clip, folder, workers), fit) for clip in case.clips}
+
+    def score(body: str, clip: tuple[Sequence, BodyFit], _: int) -> Scores:
+        return errors_with(body, *clip, detections)
+
+    runs = run_cases("bodies", {body: body for body in BODIES}, clips, score)
+    rows = [{"sequence": sequence.manifest.name, "body": body, "frames": len(sequence)}
+            | runs[body][i][0]
+            for i, (sequence, _) in enumerate(clips.values()) for body in BODIES]  # fmt: skip
     result = {
         "people": len(bones), "calibration_s": CALIBRATION_S, "detections": detections,
         "fit": summary(bones), "bones": bones, "rows": rows, "mean": _means(rows),
@@ -131,39 +136,30 @@ def _changed(like: Scene, name: str, motion: str, changes: dict[str, Any]) -> Sc
 
 
 def _recorded(scene: Scene, folder: Path, workers: int) -> Sequence:
-    from egocap_sim.record.recorder import generate
-
-    with progress(scene.name, scene.frames) as advance:
-        generate(scene, folder / scene.name, workers=workers, on_frames=advance)
-    return open_sequence(folder / scene.name)
+    return footage_of(scene, folder / scene.name, workers)
 
 
-def _tracked(sequence: Sequence, fit: BodyFit, detections: str) -> Iterator[dict[str, Any]]:
-    found = detections_from(sequence, detections, 0)
+def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) -> Scores:
+    """Errors of a clip that is tracked with one of `BODIES`, mm."""
     bodies: dict[str, Proportions] = {
         "fitted": fit.proportions, "true": sequence.proportions,
         "average": proportions_of(BodyPrior.of(None).mean),
     }  # fmt: skip
-    for body in BODIES:
-        tracked = track(found, sequence.rig, bodies[body], images=sequence.images)
-        report = score_track(sequence, tracked)
-        errors = {
-            "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
-            "lower_mm": report.lower_mm, "seen_mm": report.visible_mm,
-        }  # fmt: skip
-        row = {"sequence": sequence.manifest.name, "body": body, "frames": len(sequence)}
-        yield row | {key: None if e is None else round(e, 2) for key, e in errors.items()}
+    found = detections_from(sequence, detections, 0)
+    report = score_track(sequence, track(found, sequence.rig, bodies[body], images=sequence.images))
+    errors = {
+        "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
+        "lower_mm": report.lower_mm, "seen_mm": report.visible_mm,
+    }  # fmt: skip
+    return {key: None if e is None else round(e, 2) for key, e in errors.items()}
 
 
 def _means(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
     """Over all clips, by body."""
     keys = ("mpjpe_mm", "upper_mm", "lower_mm", "seen_mm")
-
-    def mean(body: str, key: str) -> float:
-        values = [r[key] for r in rows if r["body"] == body and r[key] is not None]
-        return round(float(np.mean(values)), 2)
-
-    return {body: {key: mean(body, key) for key in keys} for body in BODIES}
+    own = {body: [row for row in rows if row["body"] == body] for body in BODIES}
+    return {body: {key: round(float(mean([row[key] for row in own[body]]) or 0.0), 2)
+                   for key in keys} for body in BODIES}  # fmt: skip
 
 
 def _missed(bones: dict[str, dict[str, dict[str, Any]]], rows: list[dict[str, Any]]) -> list[str]:

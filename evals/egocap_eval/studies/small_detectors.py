@@ -1,4 +1,8 @@
-"""Small detectors trained for a few minutes, to compare what they were trained on."""
+"""Detectors trained for a few minutes, to compare what they were trained on.
+
+Every case is footage and augmentation; every seed trains one detector for each, all of them for
+the same number of steps and scored on the same held-out views.
+"""
 
 from __future__ import annotations
 
@@ -7,133 +11,125 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from tyro.conf import Positional, arg
 
-from egocap.commandline import progress
 from egocap.detect.train.config import AugmentationConfig, TrainingConfig
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
+from egocap_eval.harness.cases import Scores, run_cases
 
 if TYPE_CHECKING:
     from egocap.detect.network import NetworkConfig
     from egocap.detect.train.examples import ViewStore
-    from egocap.detect.train.validation import Scores
 
 COLUMNS = ("pck", "auc", "pck_in_view", "pck_wrist", "pck_ankle", "pck_foot")
 Cells = Mapping[str, Mapping[str, float | None]]
+Case = tuple["ViewStore", AugmentationConfig]
 
 
-def configured(
-    steps: int, batch: int, seed: int, augmentation: AugmentationConfig
-) -> TrainingConfig:
-    """Settings of a short run by steps, without validation or checkpoints on the way."""
-    return TrainingConfig(
-        steps=steps, batch=batch, seed=seed, average=0.99, validate_minutes=1e6,
-        checkpoint_minutes=1e6, augmentation=augmentation,
-    )  # fmt: skip
+@dataclass(frozen=True)
+class Trainings:
+    """What the compared trainings have in common."""
+
+    footage: Positional[Annotated[tuple[Path, ...], arg(metavar="DIR")]]
+    """Sequences before a green screen with part labels (scene train-chroma)."""
+    held_out: Annotated[tuple[Path, ...], arg(metavar="DIR")]
+    """Sequences of other people in real places, to score on."""
+    backgrounds: Annotated[tuple[Path, ...], arg(metavar="DIR")]
+    """Sequences whose images stand in for the green screen."""
+    steps: int = 800
+    """Training steps of each detector."""
+    batch: int = 32
+    """Views a step."""
+    seeds: int = 3
+    """Detectors trained for each row; error bars are over them."""
+    network: str = "small"
+    """Configuration to train."""
+    views: int = 1000
+    """How many held-out views to score."""
+    store: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder for canonical views and runs; a temporary one when not given."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What detectors of a comparison have in common."""
+    """The views that detectors of a comparison are trained and scored on."""
 
+    trainings: Trainings
     network: NetworkConfig
     footage: ViewStore
     held_out: ViewStore
     backgrounds: ViewStore
-    place: Path  # for runs, which are removed again
+    folder: Path  # for runs, which are removed again
 
-    def compare(
-        self, cases: Mapping[str, tuple[ViewStore, AugmentationConfig]],
-        steps: int, batch: int, seeds: int, views: int,
-    ) -> dict[str, list[Scores]]:  # fmt: skip
-        """Scores of a detector for each case and seed, cases being footage and augmentation."""
-        found: dict[str, list[Scores]] = {name: [] for name in cases}
-        with progress("training", seeds * len(cases), unit="detectors") as advance:
-            for seed in range(seeds):
-                for name, (footage, augmentation) in cases.items():
-                    training = configured(steps, batch, seed, augmentation)
-                    found[name].append(trained_scores(
-                        self.network, training, footage, self.held_out, views, self.place,
-                        self.backgrounds,
-                    ))  # fmt: skip
-                    advance()
-        return found
+    def compare(self, cases: Mapping[str, Case]) -> dict[str, list[Scores]]:
+        """Scores in `COLUMNS` of a detector for each case and seed."""
+        seeds = self.trainings.seeds
+        runs = run_cases("training", cases, {"held out": self}, _trained_scores, seeds=seeds)
+        return {name: list(of_subjects[0]) for name, of_subjects in runs.items()}
 
 
 @contextmanager
-def ground(
-    network: str, footage: Sequence[Path], held_out: Sequence[Path], backgrounds: Sequence[Path],
-    store: Path | None,
-) -> Iterator[Ground]:  # fmt: skip
-    """Views of all that is trained and scored on, kept in `store` or in a temporary folder.
+def ground(trainings: Trainings) -> Iterator[Ground]:
+    """Views of all that is trained and scored on, kept in the store or in a temporary folder.
 
-    Raises InputError for an unknown network, FileError for folders without sequences.
+    Raises InputError for an unknown network or a count of none, FileError for folders without
+    sequences.
     """
     from egocap.data.dataset import find_sequences
     from egocap.detect.network import config_named
     from egocap.detect.train.examples import build_store
 
-    config = config_named(network)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) if store is None else store
-        train, judge, behind = (
-            build_store(find_sequences(paths), config.view, place / "views")
-            for paths in (footage, held_out, backgrounds)
+    t = trainings
+    if t.seeds < 1 or t.steps < 1 or t.views < 1:
+        raise InputError(
+            f"{t.seeds} seeds, {t.steps} steps, {t.views} views", valid="1 or more of each"
         )
-        yield Ground(config, train, judge, behind, place)
+    config = config_named(t.network)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) if t.store is None else t.store
+        stores = (build_store(find_sequences(paths), config.view, folder / "views")
+                  for paths in (t.footage, t.held_out, t.backgrounds))  # fmt: skip
+        yield Ground(t, config, *stores, folder)
 
 
-def require_some(seeds: int, steps: int, views: int) -> None:
-    """Raise InputError where one of them is none."""
-    if seeds < 1 or steps < 1 or views < 1:
-        raise InputError(f"{seeds} seeds, {steps} steps, {views} views", valid="1 or more of each")
-
-
-def trained_scores(
-    network: NetworkConfig,
-    training: TrainingConfig,
-    footage: ViewStore,
-    held_out: ViewStore,
-    views: int,
-    place: Path,
-    backgrounds: ViewStore | None = None,
-) -> Scores:
-    """Scores, on so many views of the held-out store, of a detector trained on another.
-
-    `place` is a folder for the run, which is removed again.
-    """
+def _trained_scores(case: Case, ground: Ground, seed: int) -> Scores:
     from egocap.detect.train.trainer import Trainer
     from egocap.detect.train.validation import predict, score
 
-    with tempfile.TemporaryDirectory(dir=place) as folder:
-        trainer = Trainer(network, training, footage, None, Path(folder), backgrounds=backgrounds)
+    footage, augmentation = case
+    training = TrainingConfig(
+        steps=ground.trainings.steps, batch=ground.trainings.batch, seed=seed, average=0.99,
+        validate_minutes=1e6, checkpoint_minutes=1e6, augmentation=augmentation,
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory(dir=ground.folder) as folder:
+        trainer = Trainer(
+            ground.network, training, footage, None, Path(folder), backgrounds=ground.backgrounds
+        )
         trainer.run()
-    count = min(views, len(held_out))
-    indices = np.unique(np.linspace(0, len(held_out) - 1, count).astype(int))
-    return score(predict(trainer.average, held_out, indices))
+    count = min(ground.trainings.views, len(ground.held_out))
+    indices = np.unique(np.linspace(0, len(ground.held_out) - 1, count).astype(int))
+    found = score(predict(trainer.average, ground.held_out, indices))
+    return {column: getattr(found, column) for column in COLUMNS}
 
 
-def summary(scores: Sequence[Scores]) -> dict[str, Any]:
+def summary(seeds: Sequence[Scores]) -> dict[str, Any]:
     """Mean and standard error over the seeds of each column."""
-    columns = {c: np.array([getattr(s, c) for s in scores]) for c in COLUMNS}
-    several = len(scores) > 1
-    return {
-        c: {
-            "mean": float(v.mean()),
-            "error": float(v.std(ddof=1) / np.sqrt(len(v))) if several else None,
-        }
-        for c, v in columns.items()
-    }
+    return {c: _mean_and_error([scores[c] for scores in seeds]) for c in COLUMNS}
 
 
 def difference(first: Sequence[Scores], second: Sequence[Scores]) -> dict[str, float | None]:
-    """Points of PCK that the second lacks beside the first, seed by seed, and their error."""
-    lost = np.array([a.pck - b.pck for a, b in zip(first, second, strict=True)])
-    error = float(lost.std(ddof=1) / np.sqrt(len(lost))) if len(lost) > 1 else None
-    return {"mean": float(lost.mean()), "error": error}
+    """Points of PCK that the second lacks beside the first, paired by seed, and their error."""
+    return _mean_and_error([a["pck"] - b["pck"] for a, b in zip(first, second, strict=True)])
+
+
+def _mean_and_error(values: Sequence[float]) -> dict[str, float | None]:
+    several = len(values) > 1
+    error = float(np.std(values, ddof=1) / np.sqrt(len(values))) if several else None
+    return {"mean": float(np.mean(values)), "error": error}
 
 
 def table(rows: Mapping[str, Cells]) -> Table:

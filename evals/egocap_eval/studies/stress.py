@@ -9,8 +9,9 @@ footage: `egocap_eval.studies.stress_rendered`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -26,7 +27,7 @@ from egocap.evaluation.measures import measure
 from egocap.evaluation.pose import beside_truth
 from egocap.evaluation.table import Table
 from egocap.geometry import axis_angle
-from egocap_eval.harness.intervals import mean_and_interval, shown
+from egocap_eval.harness.cases import ScoreLog, Sweep, paired_change, run_sweep, sweep_table
 from egocap_eval.harness.motion_truth import Performance, draw_detections, on_rig, perform_motion
 from egocap_eval.harness.study import Outcome
 
@@ -43,199 +44,46 @@ PAPER_BASELINE = (0.3, 0.4)
 
 @dataclass(frozen=True)
 class Level:
-    """One setting of a sweep: how the motion, its detections and the known rig are changed."""
+    """One level of a sweep: how the motion, its detections and the known rig are changed."""
 
-    value: float
     motion: Callable[[Performance], Performance] = lambda motion: motion
     source: str = SOURCE
     detections: Callable[[Detections, np.random.Generator], Detections] = lambda found, rng: found
     known_rig: Callable[[Rig, np.random.Generator], Rig] = lambda rig, rng: rig
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """A fault, its unit, and its levels."""
-
-    unit: str
-    words: str
-    levels: Sequence[Level]
+def _baseline(metres: float) -> Level:
+    return Level(motion=lambda motion: on_rig(motion, with_baseline(motion.rig, metres)))
 
 
-def baseline_sweep() -> Sweep:
-    """Distance between the cameras, moved along their common line about its middle."""
-
-    def moved(metres: float) -> Callable[[Performance], Performance]:
-        return lambda motion: on_rig(motion, with_baseline(motion.rig, metres))
-
-    values = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.50, 0.60)
-    return Sweep("m", "distance between the cameras", [Level(b, motion=moved(b)) for b in values])
+def _fov(degrees: float) -> Level:
+    return Level(motion=lambda motion: with_fov(motion, np.deg2rad(degrees) / 2))
 
 
-def fov_sweep() -> Sweep:
-    """Full angle of view beyond which a lens sees nothing."""
-
-    def narrowed(degrees: float) -> Callable[[Performance], Performance]:
-        return lambda motion: with_fov(motion, np.deg2rad(degrees) / 2)
-
-    values = (100.0, 120.0, 140.0, 160.0, 170.0, 180.0)
-    return Sweep("degrees", "field of view", [Level(v, motion=narrowed(v)) for v in values])
+def _width(pixels: float) -> Level:
+    width = int(pixels)
+    return Level(lambda motion: on_rig(motion, motion.rig.resized(width, width * 4 // 5)),
+                 f"simulated:{2.0 * 640 / width:g}")  # fmt: skip
 
 
-def resolution_sweep() -> Sweep:
-    """Width of the image, at detections as exact in pixels of that image."""
-    values = (160, 240, 320, 480, 640, 960, 1280)
-    levels = [
-        Level(w, source=f"simulated:{2.0 * 640 / w:g}",
-              motion=lambda motion, w=w: on_rig(motion, motion.rig.resized(w, w * 4 // 5)))
-        for w in values
-    ]  # fmt: skip
-    return Sweep("px wide", "image width, detections exact to 2 px of it", levels)
+def _turned(degrees: float) -> Level:
+    return Level(known_rig=lambda rig, rng: turned_rig(rig, np.deg2rad(degrees), rng))
 
 
-def noise_sweep() -> Sweep:
-    """Standard deviation of the detections, pixels at 640 x 512."""
-    values = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
-    levels = [Level(v, source=f"simulated:{v:g}") for v in values]
-    return Sweep("px", "detector noise at 640 x 512", levels)
+def _late(ms: float) -> Level:
+    return Level(motion=lambda motion: with_offset(motion, 1e-3 * ms))
 
 
-def outlier_sweep() -> Sweep:
-    """Share of unseen joints with a wild detection."""
-    levels = [Level(p, source=f"simulated:2.0,outliers={p:g}") for p in (0.0, 0.05, 0.1, 0.2, 0.4)]
-    return Sweep("share", "wild detections of unseen joints", levels)
+def _drop(share: float) -> Level:
+    return Level(detections=lambda found, rng: _dropped(found, share, rng))
 
 
-def calibration_sweep() -> Sweep:
-    """Each camera turned by an angle that the tracker does not know, about a random axis."""
-
-    def turned(degrees: float) -> Callable[[Rig, np.random.Generator], Rig]:
-        return lambda rig, rng: turned_rig(rig, np.deg2rad(degrees), rng)
-
-    values = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-    return Sweep("degrees", "error of each camera's known direction",
-                 [Level(v, known_rig=turned(v)) for v in values])  # fmt: skip
+def _source(name: str) -> Callable[[float], Level]:
+    return lambda value: Level(source=f"simulated:{name.format(value)}")
 
 
-def offset_sweep() -> Sweep:
-    """Second camera late by a time that the tracker does not know."""
-    values = (0.0, 5.0, 10.0, 20.0, 33.3, 66.7)
-    levels = [Level(v, motion=lambda motion, v=v: with_offset(motion, 1e-3 * v)) for v in values]
-    return Sweep("ms", "second camera late by", levels)
-
-
-def drop_sweep() -> Sweep:
-    """Share of frames of each view without any detection."""
-    levels = [Level(p, detections=lambda found, rng, p=p: _dropped(found, p, rng))
-              for p in (0.0, 0.1, 0.2, 0.4, 0.6)]  # fmt: skip
-    return Sweep("share", "frames lost in each view", levels)
-
-
-SWEEPS: Mapping[str, Callable[[], Sweep]] = {
-    "baseline": baseline_sweep,
-    "fov": fov_sweep,
-    "resolution": resolution_sweep,
-    "noise": noise_sweep,
-    "outliers": outlier_sweep,
-    "calibration": calibration_sweep,
-    "offset": offset_sweep,
-    "dropped": drop_sweep,
-}
-SweepName = Literal[
-    "all", "baseline", "fov", "resolution", "noise", "outliers", "calibration", "offset", "dropped"
-]
-
-
-def study(
-    sweep: SweepName = "all",
-    seeds: Annotated[int, arg(metavar="N")] = 2,
-    frames: Annotated[int, arg(metavar="N")] = 150,
-) -> Outcome:
-    """Track simulated motions under one growing fault at a time, with error bars.
-
-    Args:
-        sweep: Which fault; all of them by default.
-        seeds: Draws of the detections' noise for each motion.
-        frames: Length of each motion.
-    """
-    for count, name, least in ((seeds, "seeds", 1), (frames, "frames", 10)):
-        if count < least:
-            raise InputError(f"{count} {name}", valid=f"{least} or more")
-    motions = [perform_motion(name, frames=frames, seed=seed) for name, seed in MOTIONS]
-    names = list(SWEEPS) if sweep == "all" else [sweep]
-    found = {name: run_sweep(SWEEPS[name](), motions, seeds) for name in names}
-    result = {"sweeps": found, "motions": [list(m) for m in MOTIONS], "source": SOURCE,
-              "best_baseline": None}  # fmt: skip
-    tables = [_table(name, found[name]) for name in names]
-    if "baseline" in found:
-        judged = judge_baseline(found["baseline"])
-        result["best_baseline"] = best_level(found["baseline"]) | judged
-        tables.append(Table("", ("the paper's 0.3 to 0.4 m between the cameras",),
-                            ((judged["words"],),)))  # fmt: skip
-    return Outcome(result, tables)
-
-
-def run_sweep(sweep: Sweep, motions: Sequence[Performance], seeds: int) -> dict[str, Any]:
-    """Every measure at every level: mean over motions, its interval, and each motion's value.
-
-    Motions and noise are the same at every level, so that levels can be compared in pairs. Two
-    motions or more have an interval.
-    """
-    levels = [_at_level(level, motions, seeds) for level in sweep.levels]
-    return {"unit": sweep.unit, "words": sweep.words, "levels": levels}
-
-
-def best_level(sweep: Mapping[str, Any], name: str = "mpjpe_mm") -> dict[str, Any]:
-    """The level of least error; those that cannot be told from it, whose paired difference over
-    motions has an interval with 0 in it; and those that are worse by 5 % at most."""
-    levels = sweep["levels"]
-    means = [np.mean(level["draws"][name]) for level in levels]
-    best = levels[int(np.argmin(means))]
-    same = [level["value"] for level in levels if not _worse(level, best, name)]
-    near = [level["value"] for level, mean in zip(levels, means, strict=True)
-            if mean <= 1.05 * min(means)]  # fmt: skip
-    return {"best": best["value"], "not_distinguishable": same, "within_5_percent": near}
-
-
-def judge_baseline(sweep: Mapping[str, Any], name: str = "mpjpe_mm") -> dict[str, Any]:
-    """Whether the paper's 30 to 40 cm between the cameras are best, in a word and a sentence.
-
-    Confirmed: the best distance is among them, and every one beyond is worse beyond noise. Refuted:
-    another distance is better, beyond noise, than each of them. Noise is that of paired draws.
-    """
-    low, high = PAPER_BASELINE
-    inside = [level for level in sweep["levels"] if low <= level["value"] <= high]
-    beyond = [level for level in sweep["levels"] if not low <= level["value"] <= high]
-    own = min(inside, key=lambda level: np.mean(level["draws"][name]))
-    other = min(beyond, key=lambda level: np.mean(level["draws"][name]))
-    if all(_worse(level, own, name) for level in beyond):
-        verdict = "confirmed"
-    elif all(_worse(level, other, name) for level in inside):
-        verdict = "refuted"
-    else:
-        verdict = "not settled"
-    apart = _difference(own, other, name)
-    assert apart is not None
-    words = (
-        f"{verdict}: at {other['value']:g} m, the best outside the paper's {low:g} to {high:g} m, "
-        f"the error is {abs(apart['mean']):.1f} +- {apart['half_interval']:.1f} mm "
-        f"{'more' if apart['mean'] > 0 else 'less'} than at {own['value']:g} m, the best within"
-    )
-    return {"verdict": verdict, "words": words, "paper_best": own["value"],
-            "other_best": other["value"], "other_minus_paper_mm": apart}  # fmt: skip
-
-
-def _difference(
-    first: Mapping[str, Any], second: Mapping[str, Any], name: str
-) -> dict[str, float] | None:
-    """How much more the second level's error is, draw by draw."""
-    pairs = zip(first["draws"][name], second["draws"][name], strict=True)
-    return mean_and_interval([b - a for a, b in pairs])
-
-
-def _worse(level: Mapping[str, Any], than: Mapping[str, Any], name: str) -> bool:
-    """Whether a level's error is larger beyond the noise of paired draws."""
-    apart = _difference(than, level, name)
-    return apart is not None and apart["mean"] > apart["half_interval"]
+def _sweep(unit: str, words: str, level: Callable[[float], Level], *values: float) -> Sweep:
+    return Sweep(unit, words, {value: level(value) for value in values})
 
 
 def with_baseline(rig: Rig, metres: float) -> Rig:
@@ -283,34 +131,120 @@ def with_offset(motion: Performance, seconds: float) -> Performance:
     return replace(motion, truth=replace(truth, joints_2d=joints_2d))
 
 
-def _at_level(level: Level, motions: Sequence[Performance], seeds: int) -> dict[str, Any]:
-    draws: dict[str, list[float | None]] = {name: [] for name in MEASURES}
-    for motion in map(level.motion, motions):
-        of_seeds = [_scores(level, motion, seed) for seed in range(seeds)]
-        for name in MEASURES:
-            known = [v for scores in of_seeds if (v := scores[name]) is not None]
-            draws[name].append(float(np.mean(known)) if known else None)
-    numbers = {name: mean_and_interval(v) for name, v in draws.items()}
-    return {"value": level.value, **numbers, "draws": draws}
+def _dropped(found: Detections, share: float, rng: np.random.Generator) -> Detections:
+    kept: Float[Array, "T V"] = rng.random(found.valid.shape[:2]) >= share
+    return replace(found, valid=found.valid & kept[..., None])
 
 
-def _scores(level: Level, motion: Performance, seed: int) -> dict[str, float | None]:
+SWEEPS: Mapping[str, Sweep] = {
+    "baseline": _sweep("m", "distance between the cameras", _baseline,
+                       0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.50, 0.60),
+    "fov": _sweep("degrees", "field of view", _fov, 100.0, 120.0, 140.0, 160.0, 170.0, 180.0),
+    "resolution": _sweep("px wide", "image width, detections exact to 2 px of it", _width,
+                         160, 240, 320, 480, 640, 960, 1280),
+    "noise": _sweep("px", "detector noise at 640 x 512", _source("{:g}"),
+                    0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0),
+    "outliers": _sweep("share", "wild detections of unseen joints", _source("2.0,outliers={:g}"),
+                       0.0, 0.05, 0.1, 0.2, 0.4),
+    "calibration": _sweep("degrees", "error of each camera's known direction", _turned,
+                          0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0),
+    "offset": _sweep("ms", "second camera late by", _late, 0.0, 5.0, 10.0, 20.0, 33.3, 66.7),
+    "dropped": _sweep("share", "frames lost in each view", _drop, 0.0, 0.1, 0.2, 0.4, 0.6),
+}  # fmt: skip
+"""Baseline: cameras moved along their common line about its middle. Field of view: the full angle
+beyond which a lens sees nothing. Calibration: each camera turned about a random axis, unknown to
+the tracker, as is the offset of the second camera."""
+SweepName = Literal[
+    "all", "baseline", "fov", "resolution", "noise", "outliers", "calibration", "offset", "dropped"
+]
+
+
+def study(
+    sweep: SweepName = "all",
+    seeds: Annotated[int, arg(metavar="N")] = 2,
+    frames: Annotated[int, arg(metavar="N")] = 150,
+    keep: Annotated[Path | None, arg(metavar="FILE")] = None,
+) -> Outcome:
+    """Track simulated motions under one growing fault at a time, with error bars.
+
+    Args:
+        sweep: Which fault; all of them by default.
+        seeds: Draws of the detections' noise for each motion.
+        frames: Length of each motion.
+        keep: Finished scores; the same command continues from them after a stop.
+    """
+    for count, name, least in ((seeds, "seeds", 1), (frames, "frames", 10)):
+        if count < least:
+            raise InputError(f"{count} {name}", valid=f"{least} or more")
+    log = ScoreLog(keep, frames=frames)
+    motions = {f"{name}-{seed}": perform_motion(name, frames=frames, seed=seed)
+               for name, seed in MOTIONS}  # fmt: skip
+    names = list(SWEEPS) if sweep == "all" else [sweep]
+    found = {name: run_sweep(name, SWEEPS[name], motions, score, MEASURES, seeds=seeds, log=log)
+             for name in names}  # fmt: skip
+    result = {"sweeps": found, "motions": [list(m) for m in MOTIONS], "source": SOURCE,
+              "best_baseline": None}  # fmt: skip
+    tables = [sweep_table(name, found[name], MEASURES) for name in names]
+    if "baseline" in found:
+        judged = judge_baseline(found["baseline"])
+        result["best_baseline"] = best_level(found["baseline"]) | judged
+        tables.append(Table("", ("the paper's 0.3 to 0.4 m between the cameras",),
+                            ((judged["words"],),)))  # fmt: skip
+    return Outcome(result, tables)
+
+
+def score(level: Level, motion: Performance, seed: int) -> dict[str, float | None]:
+    """Measures of a motion tracked at a level of a fault, from one draw of its detections."""
     from egocap.track.tracker import track
 
-    rng = np.random.default_rng([seed, 7])
+    motion, rng = level.motion(motion), np.random.default_rng([seed, 7])
     found = level.detections(draw_detections(motion, level.source, seed), rng)
     tracked = track(found, level.known_rig(motion.rig, rng), motion.proportions)
     scored = beside_truth(tracked.joints_head, Reference.of(motion.truth))
     return {name: measure(scored, name) for name in MEASURES}
 
 
-def _dropped(found: Detections, share: float, rng: np.random.Generator) -> Detections:
-    kept: Float[Array, "T V"] = rng.random(found.valid.shape[:2]) >= share
-    return replace(found, valid=found.valid & kept[..., None])
+def best_level(sweep: Mapping[str, Any], name: str = "mpjpe_mm") -> dict[str, Any]:
+    """The level of least error; those that cannot be told from it, whose paired difference over
+    motions has an interval with 0 in it; and those that are worse by 5 % at most."""
+    levels = sweep["levels"]
+    means = [np.mean(level["draws"][name]) for level in levels]
+    best = levels[int(np.argmin(means))]
+    same = [level["value"] for level in levels if not _worse(level, best, name)]
+    near = [level["value"] for level, mean in zip(levels, means, strict=True)
+            if mean <= 1.05 * min(means)]  # fmt: skip
+    return {"best": best["value"], "not_distinguishable": same, "within_5_percent": near}
 
 
-def _table(name: str, sweep: Mapping[str, Any]) -> Table:
-    rows = tuple((f"{level['value']:g}", *(shown(level[m]) for m in MEASURES))
-                 for level in sweep["levels"])  # fmt: skip
-    header = (f"{name}, {sweep['unit']}", *(m.replace("_mm", ", mm") for m in MEASURES))
-    return Table(f"{sweep['words']} (mean +- 95 % interval)", header, rows)
+def judge_baseline(sweep: Mapping[str, Any], name: str = "mpjpe_mm") -> dict[str, Any]:
+    """Whether the paper's 30 to 40 cm between the cameras are best, in a word and a sentence.
+
+    Confirmed: the best distance is among them, and every one beyond is worse beyond noise. Refuted:
+    another distance is better, beyond noise, than each of them. Noise is that of paired draws.
+    """
+    low, high = PAPER_BASELINE
+    inside = [level for level in sweep["levels"] if low <= level["value"] <= high]
+    beyond = [level for level in sweep["levels"] if not low <= level["value"] <= high]
+    own = min(inside, key=lambda level: np.mean(level["draws"][name]))
+    other = min(beyond, key=lambda level: np.mean(level["draws"][name]))
+    if all(_worse(level, own, name) for level in beyond):
+        verdict = "confirmed"
+    elif all(_worse(level, other, name) for level in inside):
+        verdict = "refuted"
+    else:
+        verdict = "not settled"
+    apart = paired_change(own["draws"][name], other["draws"][name])
+    assert apart is not None
+    words = (
+        f"{verdict}: at {other['value']:g} m, the best outside the paper's {low:g} to {high:g} m, "
+        f"the error is {abs(apart['mean']):.1f} +- {apart['half_interval']:.1f} mm "
+        f"{'more' if apart['mean'] > 0 else 'less'} than at {own['value']:g} m, the best within"
+    )
+    return {"verdict": verdict, "words": words, "paper_best": own["value"],
+            "other_best": other["value"], "other_minus_paper_mm": apart}  # fmt: skip
+
+
+def _worse(level: Mapping[str, Any], than: Mapping[str, Any], name: str) -> bool:
+    """Whether a level's error is larger beyond the noise of paired draws."""
+    apart = paired_change(than["draws"][name], level["draws"][name])
+    return apart is not None and apart["mean"] > apart["half_interval"]

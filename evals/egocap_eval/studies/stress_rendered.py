@@ -1,4 +1,4 @@
-"""How detector and tracker bear what only pictures show: light, blur, crowds, resolution.
+"""Detector and tracker under faults that only images show: light, blur, crowds, resolution.
 
 Every level renders the same people and motions with one thing changed, detects and tracks. Error
 bars are over the people, of whom there are few: read differences, not decimals.
@@ -7,16 +7,15 @@ bars are over the people, of whom there are few: read differences, not decimals.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
 from egocap.errors import InputError
-from egocap.evaluation.table import Table
+from egocap_eval.harness.cases import ScoreLog, Scores, Sweep, run_sweep, sweep_table
 from egocap_eval.harness.footage import footage_of
-from egocap_eval.harness.intervals import mean_and_interval, shown
 from egocap_eval.harness.score_pose import find_detections, score_track, with_detections
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import OthersTable, Scene
@@ -28,15 +27,6 @@ NOISE = {"full_well_e": 10000.0, "read_noise": 0.004}  # of an ordinary small se
 MEASURES = ("pck20", "auc20", "mpjpe_mm", "hidden_mm", "accel_error")
 
 Change = Callable[[Scene], Scene]
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A fault, its unit, and how each level changes a scene."""
-
-    unit: str
-    words: str
-    levels: Mapping[float, Change]
 
 
 def _sensor(**settings: Any) -> Change:
@@ -77,6 +67,7 @@ def study(
     frames: int = 45,
     size: tuple[int, int] = (640, 512),
     workers: int = 1,
+    keep: Annotated[Path | None, arg(metavar="FILE")] = None,
 ) -> Outcome:
     """Render, detect and track under one growing fault of the picture at a time.
 
@@ -88,22 +79,27 @@ def study(
         frames: Length of each sequence.
         size: Image width and height, where it is not what is swept.
         workers: Rendering processes; one is quickest for short sequences.
+        keep: Finished scores; the same command continues from them after a stop.
     """
     if people < 2:
         raise InputError(f"{people} people", valid="2 or more, for error bars")
-    names = list(SWEEPS) if sweep == "all" else [sweep]
+    log = ScoreLog(keep, detections=detections, frames=frames, size=size)
     scenes = [base_scene(i, frames, size) for i in range(people)]
+    subjects = {scene.name: scene for scene in scenes}
+    names = list(SWEEPS) if sweep == "all" else [sweep]
     found = {}
     for name in names:
-        levels = []
-        for value, change in SWEEPS[name].levels.items():
-            folder = work / name / f"{value:g}"
-            draws = [_scored(change(s), folder / s.name, detections, workers) for s in scenes]
-            means = {m: mean_and_interval([draw[m] for draw in draws]) for m in MEASURES}
-            levels.append({"value": value, **means, "draws": draws})
-        found[name] = {"unit": SWEEPS[name].unit, "words": SWEEPS[name].words, "levels": levels}
+        levels = {value: (change, work / name / f"{value:g}")
+                  for value, change in SWEEPS[name].levels.items()}  # fmt: skip
+
+        def score(level: tuple[Change, Path], scene: Scene, _: int) -> Scores:
+            change, folder = level
+            return scores_of(change(scene), folder / scene.name, detections, workers)
+
+        placed = replace(SWEEPS[name], levels=levels)
+        found[name] = run_sweep(name, placed, subjects, score, MEASURES, log=log)
     result = {"sweeps": found, "detections": detections, "people": people, "frames": frames}
-    return Outcome(result, [_table(name, found[name]) for name in names])
+    return Outcome(result, [sweep_table(name, found[name], MEASURES) for name in names])
 
 
 def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
@@ -116,7 +112,8 @@ def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
     })  # fmt: skip
 
 
-def _scored(scene: Scene, folder: Path, source: str, workers: int) -> dict[str, float | None]:
+def scores_of(scene: Scene, folder: Path, source: str, workers: int) -> Scores:
+    """Measures of a scene that is rendered, detected and tracked."""
     from egocap.track.tracker import track
 
     sequence = footage_of(scene, folder, workers)
@@ -127,11 +124,3 @@ def _scored(scene: Scene, folder: Path, source: str, workers: int) -> dict[str, 
     assert report.detections is not None
     seen = {"pck20": report.detections.pck20_seen, "auc20": report.detections.auc20_seen}
     return seen | {name: getattr(report, name) for name in MEASURES if name not in seen}
-
-
-def _table(name: str, sweep: Mapping[str, Any]) -> Table:
-    rows = tuple(
-        (f"{level['value']:g}", *(shown(level[m]) for m in MEASURES)) for level in sweep["levels"]
-    )
-    header = (f"{name}, {sweep['unit']}", *MEASURES)
-    return Table(f"{sweep['words']} (mean +- 95 % interval over people)", header, rows)

@@ -1,4 +1,4 @@
-"""What the training set's size is worth: fewer people, fewer frames, for as many steps.
+"""The effect of the training set's size on a detector: fewer people or frames, the same steps.
 
 The paper leaves three of its six people out (2.5 points of PCK lost), nine tenths of the frames (2
 lost) and half of them (none lost). Here the same is done with six people before a green screen,
@@ -10,18 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes
 
+from egocap.data.dataset import find_sequences
+from egocap.data.sequence import open_sequence
 from egocap.errors import InputError
 from egocap.evaluation.table import Table
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.augmentation import ROWS as AUGMENTATIONS
 from egocap_eval.studies.small_detectors import (
+    Trainings,
     difference,
     ground,
-    require_some,
     summary,
     table,
     with_error,
@@ -40,37 +42,10 @@ SUBSETS: Mapping[str, tuple[str, Subset]] = {
 """What is left of the training set, and the name of what that costs."""
 
 
-def study(
-    footage: Positional[Annotated[tuple[Path, ...], arg(metavar="DIR")]],
-    /,
-    held_out: Annotated[tuple[Path, ...], arg(metavar="DIR")],
-    backgrounds: Annotated[tuple[Path, ...], arg(metavar="DIR")],
-    steps: int = 800,
-    batch: int = 32,
-    seeds: int = 3,
-    network: str = "small",
-    views: int = 1000,
-    store: Annotated[Path | None, arg(metavar="DIR")] = None,
-) -> Outcome:
-    """Train detectors on ever less of the same footage, for as many steps, and compare them.
-
-    Args:
-        footage: Sequences of several people before a green screen with part labels (scene
-            train-chroma).
-        held_out: Sequences of other people in real places, to score on.
-        backgrounds: Sequences whose images stand in for the green screen.
-        steps: Training steps of each detector.
-        batch: Views a step.
-        seeds: Detectors trained for each row; error bars are over them.
-        network: Configuration to train.
-        views: How many held-out views to score.
-        store: Folder for canonical views and runs; a temporary one when not given.
-    """
-    from egocap.data.dataset import find_sequences
-
-    require_some(seeds, steps, views)
-    with ground(network, footage, held_out, backgrounds, store) as common:
-        whole, people = common.footage, people_of(find_sequences(footage))
+def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
+    """Train detectors on ever less of the same footage, for as many steps, and compare them."""
+    with ground(trainings) as common:
+        whole, people = common.footage, people_of(find_sequences(trainings.footage))
         if len(set(people)) < 2:
             raise InputError("footage of one person cannot be halved", valid="two or more people")
         if len(people) != len(whole.sequences):
@@ -79,7 +54,7 @@ def study(
             name: subset(whole, people) for name, (_, subset) in SUBSETS.items()
         }
         cases = {name: (part, AUGMENTATIONS["+ recolouring"]) for name, part in subsets.items()}
-        found = common.compare(cases, steps, batch, seeds, views)
+        found = common.compare(cases)
     rows = {name: summary(scores) for name, scores in found.items()}
     losses = {key: difference(found[ALL], found[name]) for name, (key, _) in SUBSETS.items()}
     sizes = {name: len(part) for name, part in subsets.items()}
@@ -91,8 +66,6 @@ def study(
 
 def people_of(folders: Sequence[Path]) -> list[int]:
     """A number for each sequence that says who is in it: the same for the same person."""
-    from egocap.data.sequence import open_sequence
-
     who = [open_sequence(folder).proportions.rest_joints.tobytes() for folder in folders]
     first = list(dict.fromkeys(who))
     return [first.index(person) for person in who]

@@ -7,7 +7,7 @@ import pytest
 from egocap.data.sequence import Sequence
 from egocap.errors import InputError
 from egocap_eval.studies.augmentation import ROWS, missed, study
-from egocap_eval.studies.small_detectors import COLUMNS, table
+from egocap_eval.studies.small_detectors import COLUMNS, Trainings, table
 
 
 def rows(*pck):
@@ -41,7 +41,6 @@ def test_runs_end_to_end(tiny_sequence, tmp_path):
 
 
 def run(sequence, folder):
-    return study(
-        (sequence,), held_out=(sequence,), backgrounds=(sequence,), steps=1, batch=2, seeds=1,
-        network="tiny", views=4, store=folder,
-    )  # fmt: skip
+    one = (sequence,)
+    return study(Trainings(one, one, one, 1, batch=2, seeds=1, network="tiny", views=4,
+                           store=folder))  # fmt: skip

@@ -7,13 +7,14 @@ import pytest
 
 from egocap.data.sequence import OUT_OF_VIEW, VISIBLE
 from egocap_eval.cli import main
+from egocap_eval.harness.cases import run_sweep
 from egocap_eval.harness.motion_truth import draw_detections, on_rig, perform_motion
 from egocap_eval.studies.stress import (
+    MEASURES,
     SWEEPS,
     best_level,
-    calibration_sweep,
     judge_baseline,
-    run_sweep,
+    score,
     turned_rig,
     with_baseline,
     with_fov,
@@ -75,9 +76,10 @@ def test_a_late_camera_shows_the_next_frame_a_frame_later(motion):
 
 
 def test_errors_grow_with_the_fault(motion):
-    sweep = calibration_sweep()
-    ends = replace(sweep, levels=[sweep.levels[0], sweep.levels[-1]])
-    small, large = run_sweep(ends, [motion, motion], 2)["levels"]
+    sweep = SWEEPS["calibration"]
+    ends = replace(sweep, levels={angle: sweep.levels[angle] for angle in (0.0, 4.0)})
+    twice = {"first": motion, "again": motion}
+    small, large = run_sweep("ends", ends, twice, score, MEASURES, seeds=2)["levels"]
     assert large["mpjpe_mm"]["mean"] > 2 * small["mpjpe_mm"]["mean"]
     # the same motion twice: seeds do not make an interval, motions do
     assert len(small["draws"]["mpjpe_mm"]) == 2
@@ -117,8 +119,8 @@ def test_the_papers_distance_is_judged_by_pairs(shifts, verdict, words):
 
 
 def test_sweeps_have_levels_in_order():
-    for name, make in SWEEPS.items():
-        values = [level.value for level in make().levels]
+    for name, sweep in SWEEPS.items():
+        values = list(sweep.levels)
         assert values == sorted(values) and len(set(values)) >= 5, name
 
 

@@ -20,7 +20,7 @@ def test_a_level_changes_one_table_of_the_scene(name):
 
 
 def test_a_sequence_is_detected_tracked_and_scored(tiny_scene, tiny_sequence):
-    numbers = stress_rendered._scored(tiny_scene, tiny_sequence, "simulated:1.0", workers=1)
+    numbers = stress_rendered.scores_of(tiny_scene, tiny_sequence, "simulated:1.0", workers=1)
     assert list(numbers) == list(stress_rendered.MEASURES)
     assert numbers["pck20"] == 100 and 0 < numbers["mpjpe_mm"] < 200
 
@@ -32,14 +32,14 @@ def test_a_sweep_has_error_bars_over_people(monkeypatch):
             "hidden_mm": None
         }
 
-    monkeypatch.setattr(stress_rendered, "_scored", scored)
+    monkeypatch.setattr(stress_rendered, "scores_of", scored)
     outcome = stress_rendered.study("jpeg", people=2)
     levels = outcome.result["sweeps"]["jpeg"]["levels"]
     assert [level["value"] for level in levels] == [10, 25, 50, 75, 95]
     assert levels[0]["pck20"] == pytest.approx(
         {"mean": 11.5, "half_interval": 12.706 * 0.5}, rel=1e-3
     )
-    assert levels[0]["hidden_mm"] is None and len(levels[0]["draws"]) == 2
+    assert levels[0]["hidden_mm"] is None and len(levels[0]["draws"]["pck20"]) == 2
     assert "quality" in outcome.to_text()
 
 

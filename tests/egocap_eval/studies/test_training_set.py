@@ -6,6 +6,7 @@ import pytest
 from egocap.data.sequence import Sequence
 from egocap.detect.train.examples import Views, ViewStore
 from egocap.errors import InputError
+from egocap_eval.studies.small_detectors import Trainings
 from egocap_eval.studies.training_set import SUBSETS, every_nth, half_of_people, people_of, study
 
 
@@ -55,8 +56,9 @@ def test_one_person_cannot_be_halved(tiny_sequence, tmp_path):
     if Sequence(tiny_sequence).mask(0, "left") is None:
         pytest.skip("no part labels")
     with pytest.raises(InputError, match="one person"):
-        study((tiny_sequence,), held_out=(tiny_sequence,), backgrounds=(tiny_sequence,), steps=1,
-              batch=2, seeds=1, network="tiny", views=4, store=tmp_path)  # fmt: skip
+        one = (tiny_sequence,)
+        study(Trainings(one, one, one, 1, batch=2, seeds=1, network="tiny", views=4,
+                        store=tmp_path))  # fmt: skip
 
 
 def test_paper_rows_name_the_losses():

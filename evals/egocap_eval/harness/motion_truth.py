@@ -1,9 +1,8 @@
-"""Motions with their truth and without pictures: simulated, projected, and hidden by the clock.
+"""Simulated motions with their truth, projected into a rig but not rendered.
 
-Rendering takes most of a sequence's time; studies that draw their detections from the truth do
-without. What hides joints is then drawn too: bursts that take the joints of the lower body away
-from a view for a share of the time, as knees and trunk do. Such studies compare trackers, rigs and
-faults; absolute errors come from rendered sequences.
+Rendering takes most of a sequence's time; studies that draw detections from the truth do without.
+Occlusion is then drawn too: in random bursts, for a share of the time as in rendered sequences.
+Such studies compare trackers, rigs and faults; absolute errors come from rendered sequences.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ BURST_S = 0.4  # mean length of a stretch in which a joint is hidden
 
 
 @dataclass(frozen=True, eq=False)
-class Performance:
+class SimulatedMotion:
     """A motion on a rig: what a tracker may know, and the truth."""
 
     name: str
@@ -48,7 +47,7 @@ class Performance:
         return self.truth.visibility == VISIBLE
 
 
-def perform_motion(
+def simulate_motion(
     motion: str,
     *,
     frames: int,
@@ -56,13 +55,14 @@ def perform_motion(
     rig: str | Rig = "egorig1",
     size: tuple[int, int] = (640, 512),
     parameters: Mapping[str, float] | None = None,
-) -> Performance:
+) -> SimulatedMotion:
     """Simulate a built-in motion of a person drawn from `seed`, seen by a rig, without pictures.
 
     `rig`: the name of a built-in one, or a rig as it is. Raises SceneError for a motion there is
     not, InputError for an unknown rig.
     """
     from egocap_sim.truth.proportions import proportions_of
+    from egocap_sim.truth.truth import truth_before_rendering
     from egocap_sim.world.stage import perform, person_of, rig_of
 
     table = RigTable(name=rig if isinstance(rig, str) else "egorig1", size=size)
@@ -74,52 +74,46 @@ def perform_motion(
     person = person_of(scene)
     trajectory = perform(scene, person)
     made = rig_of(scene.rig, scene.seed) if isinstance(rig, str) else rig.resized(*size)
-    performance = Performance(
+    simulated = SimulatedMotion(
         name=motion,
         rig=made,
         proportions=proportions_of(person),
-        truth=_seen_from(made, trajectory, person),
+        truth=truth_before_rendering(person, trajectory, made),
         joint_error_cm=trajectory.stats.joint_error_cm,
         planted_foot_speed_cm_s=trajectory.stats.planted_foot_speed_cm_s,
     )
-    return with_bursts(performance, np.random.default_rng([seed, 1]))
+    return with_bursts(simulated, np.random.default_rng([seed, 1]))
 
 
-def on_rig(performance: Performance, rig: Rig) -> Performance:
+def on_rig(motion: SimulatedMotion, rig: Rig) -> SimulatedMotion:
     """The same motion seen by another rig; what was hidden in a view stays hidden if it can."""
-    truth = performance.truth
+    truth = motion.truth
     pixels, in_view = rig.project(truth.joints_head)
     in_view = np.moveaxis(in_view, 0, 1)
     hidden = truth.visibility == SELF_OCCLUDED
     visibility = np.where(in_view, np.where(hidden, SELF_OCCLUDED, VISIBLE), 1).astype(np.uint8)
     moved = replace(truth, joints_2d=np.moveaxis(pixels, 0, 1), in_view=in_view,
                     visibility=visibility)  # fmt: skip
-    return replace(performance, rig=rig, truth=moved)
+    return replace(motion, rig=rig, truth=moved)
 
 
-def with_bursts(performance: Performance, rng: np.random.Generator) -> Performance:
+def with_bursts(motion: SimulatedMotion, rng: np.random.Generator) -> SimulatedMotion:
     """The same motion with joints hidden in bursts, each view and joint by itself."""
-    truth = performance.truth
+    truth = motion.truth
     frame_s = float(np.median(np.diff(truth.time))) if len(truth.time) > 1 else 1.0
     share = np.array([HIDDEN_SHARE[label.rpartition("_")[2]] for label in LABELS])
     hidden = _bursts(truth.in_view.shape, share, frame_s / BURST_S, rng)
     visibility = np.where(truth.in_view & hidden, SELF_OCCLUDED, truth.visibility)
-    return replace(performance, truth=replace(truth, visibility=visibility.astype(np.uint8)))
+    return replace(motion, truth=replace(truth, visibility=visibility.astype(np.uint8)))
 
 
-def draw_detections(performance: Performance, source: str, seed: int) -> Detections:
+def draw_detections(motion: SimulatedMotion, source: str, seed: int) -> Detections:
     """Simulated detections of a motion by the name of their source (`egocap.detect.synthetic`)."""
-    truth, camera = performance.truth, performance.rig.mounts[0].camera
+    truth, camera = motion.truth, motion.rig.mounts[0].camera
     return simulate_detections(
-        truth.joints_2d, performance.seen, truth.in_view, truth.time,
+        truth.joints_2d, motion.seen, truth.in_view, truth.time,
         (camera.width, camera.height), parse_source(source), np.random.default_rng(seed),
     )  # fmt: skip
-
-
-def _seen_from(rig: Rig, trajectory, person) -> Truth:
-    from egocap_sim.truth.truth import truth_before_rendering
-
-    return truth_before_rendering(person, trajectory, rig)
 
 
 def _bursts(

@@ -23,7 +23,7 @@ from egocap.evaluation.table import Table, number
 from egocap_eval.harness.study import Outcome
 from egocap_eval.rig_design.rig_bounds import MODEL_ERROR_M, bound, track_errors
 from egocap_eval.rig_design.rig_report import Candidate, RigReport
-from egocap_eval.rig_design.rig_suite import SUITE, Motion, Sights, load_suite
+from egocap_eval.rig_design.rig_suite import SUITE, Motion, SuiteVisibility, load_suite
 from egocap_eval.rig_design.rig_sweep import DEFAULTS, SIZE, Sweep, grid, make_rig, parse_sweep
 
 USUAL = ("baseline=0.05:0.60:12", "fov=120:220:6")
@@ -43,15 +43,15 @@ def run_rig(
     measures = grid(sweeps)
     rigs = [make_rig(m) for m in measures]  # refuse before any work
     motions = load_suite(suite, frames)
-    sights = Sights.of([motion.thinned() for motion in motions], rigs)
+    visibility = SuiteVisibility.of([motion.thinned() for motion in motions], rigs)
     candidates = []
     with progress("bounds", len(rigs), unit="rigs") as advance:
         for m, rig in zip(measures, rigs, strict=True):
-            candidates.append(bound(m, rig, sights, sigma))
+            candidates.append(bound(m, rig, visibility, sigma))
             advance()
     settings = {"suite": list(suite), "frames_a_motion": frames, "sigma_px": sigma,
                 "image_size": list(SIZE), "model_error_m": MODEL_ERROR_M, "seed": seed,
-                "camera_places": len(sights.places), "defaults": DEFAULTS}  # fmt: skip
+                "camera_places": len(visibility.places), "defaults": DEFAULTS}  # fmt: skip
     blocks = _blocks([motion.blocks[motion.every()] for motion in motions])
     report = RigReport(tuple(candidates), tuple(sweeps), blocks, settings)
     return _with_tracks(report, motions, sigma, tracked, seed) if tracked else report
@@ -65,7 +65,7 @@ def check_visibility(folders: Sequence[Path]) -> dict[str, float]:
     """
     from egocap.data.sequence import OCCLUDED, VISIBLE, open_sequence
     from egocap.geometry import inverse
-    from egocap_eval.studies.ray_visibility import Onlooker
+    from egocap_eval.rig_design.ray_visibility import RayVisibility
     from egocap_sim.core.bodies import INDEX
     from egocap_sim.scene.config import load_scene
     from egocap_sim.world.stage import person_of
@@ -74,9 +74,9 @@ def check_visibility(folders: Sequence[Path]) -> dict[str, float]:
     for folder in folders:
         sequence = open_sequence(folder)
         truth = sequence.truth
-        onlooker = Onlooker(person_of(load_scene(sequence.folder / "scene.toml")))
+        rays = RayVisibility(person_of(load_scene(sequence.folder / "scene.toml")))
         bodies = inverse(truth.T_world_body[:, INDEX["head"]])[:, None] @ truth.T_world_body
-        shown = onlooker.shown(bodies, sequence.true_rig.T_head_camera[:, :3, 3])
+        shown = rays.shown(bodies, sequence.true_rig.T_head_camera[:, :3, 3])
         counts = truth.in_view & (truth.visibility != OCCLUDED)
         agree = shown == (truth.visibility == VISIBLE)
         for j in EVALUATED:
@@ -98,12 +98,12 @@ def _with_tracks(
     line.sort(key=lambda c: c.measures[first.name])
     places = np.unique(np.linspace(0, len(line) - 1, min(count, len(line))).round().astype(int))
     chosen = {id(line[i]) for i in places}
-    sights = Sights.of(motions, [make_rig(line[i].measures) for i in places])
+    visibility = SuiteVisibility.of(motions, [make_rig(line[i].measures) for i in places])
     done: list[Candidate] = []
     with progress("tracks", len(chosen), unit="rigs") as advance:
         for c in report.candidates:
             if id(c) in chosen:
-                c = replace(c, tracked=track_errors(make_rig(c.measures), sights, sigma, seed))
+                c = replace(c, tracked=track_errors(make_rig(c.measures), visibility, sigma, seed))
                 advance()
             done.append(c)
     blocks = _blocks([motion.blocks for motion in motions])

@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import EVALUATED
 from egocap.cameras.rig import Rig
 from egocap_eval.rig_design.rig_report import Candidate, Tracked
-from egocap_eval.rig_design.rig_suite import Motion, Sights
+from egocap_eval.rig_design.rig_suite import Motion, SuiteVisibility
 from egocap_eval.rig_design.rig_sweep import SIZE
 
 MODEL_ERROR_M = 0.0
@@ -29,7 +29,9 @@ POSTERIORS = 12
 _JOINTS = list(EVALUATED)
 
 
-def bound(measures: Mapping[str, float], rig: Rig, sights: Sights, sigma: float) -> Candidate:
+def bound(
+    measures: Mapping[str, float], rig: Rig, visibility: SuiteVisibility, sigma: float
+) -> Candidate:
     """Visibility and Bayesian bound of one rig."""
     from egocap.posterior.information import (
         Noise,
@@ -41,8 +43,8 @@ def bound(measures: Mapping[str, float], rig: Rig, sights: Sights, sigma: float)
 
     noise = Noise(sigma, model_error_m=MODEL_ERROR_M)
     squared, seen_all = [], []
-    for i, motion in enumerate(sights.motions):
-        seen = sights.seen(rig, i)
+    for i, motion in enumerate(visibility.motions):
+        seen = visibility.seen(rig, i)
         information = fisher_information(motion.angles, motion.proportions, rig, seen, noise)
         covariance = np.linalg.inv(information + prior_information(motion.angles))
         joints = joint_covariance(motion.angles, motion.proportions, covariance)
@@ -55,7 +57,7 @@ def bound(measures: Mapping[str, float], rig: Rig, sights: Sights, sigma: float)
     )  # fmt: skip
 
 
-def track_errors(rig: Rig, sights: Sights, sigma: float, seed: int) -> Tracked:
+def track_errors(rig: Rig, visibility: SuiteVisibility, sigma: float, seed: int) -> Tracked:
     """Root mean squares [mm] over the suite: the bound given the whole motion, what a Laplace
     posterior of a frame expects, its mode's error, and the tracker's."""
     from egocap.detect.synthetic import SimulatedSource, simulate_detections
@@ -68,8 +70,8 @@ def track_errors(rig: Rig, sights: Sights, sigma: float, seed: int) -> Tracked:
     names = ("smoothed", "smoothed_seen", "posterior", "mode", "tracked", "tracked_seen")
     totals: dict[str, list[Array]] = {f"{name}_mm": [] for name in names}
     frames = []
-    for i, motion in enumerate(sights.motions):
-        seen = sights.seen(rig, i)
+    for i, motion in enumerate(visibility.motions):
+        seen = visibility.seen(rig, i)
         pixels = np.moveaxis(rig.project(motion.joints)[0], 0, 1)
         source = SimulatedSource(sigma)
         found = simulate_detections(pixels, seen, seen, motion.times, SIZE, source, rng)

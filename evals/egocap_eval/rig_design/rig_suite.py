@@ -1,7 +1,7 @@
 """The motions over which rigs are compared: simulated, not rendered.
 
 Joints are the simulated person's; angles are the tracker's skeleton's, fitted to them; what hides
-a joint is the person's own dressed body (`egocap_eval.studies.ray_visibility`).
+a joint is the person's own dressed body (`egocap_eval.rig_design.ray_visibility`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from egocap.cameras.rig import Rig
 from egocap.geometry import inverse, transform
 
 if TYPE_CHECKING:
-    from egocap_eval.studies.ray_visibility import Onlooker
+    from egocap_eval.rig_design.ray_visibility import RayVisibility
 
 SUITE = ("walk", "bike", "basketball", "juggler", "vr", "live")
 FPS = 30.0
@@ -40,7 +40,7 @@ class Motion:
     angles: Float[Array, "T 37"]  # of the tracker's skeleton, nearest to them
     proportions: Proportions
     bodies: Float[Array, "T 21 4 4"] | None = None  # T_head_body
-    onlooker: Onlooker | None = None  # None: nothing hides anything
+    rays: RayVisibility | None = None  # None: nothing hides anything
 
     @property
     def times(self) -> Float[Array, "T"]:
@@ -54,9 +54,9 @@ class Motion:
 
     def shown(self, places: Float[Array, "U 3"]) -> Bool[Array, "T U 18"]:
         """Which joints nothing hides from places in the head frame."""
-        if self.onlooker is None or self.bodies is None:
+        if self.rays is None or self.bodies is None:
             return np.ones((len(self.joints), len(places), len(LABELS)), bool)
-        return self.onlooker.shown(self.bodies, places)
+        return self.rays.shown(self.bodies, places)
 
     def thinned(self) -> Motion:
         """About FRAMES_A_MOTION of its frames, evenly spread."""
@@ -70,16 +70,16 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class Sights:
-    """What shows of some motions to the places where some rigs have their cameras."""
+class SuiteVisibility:
+    """Visibility of the joints of some motions from the camera places of some rigs."""
 
     motions: tuple[Motion, ...]
     places: Float[Array, "U 3"]  # head frame, metres
     shown: tuple[Bool[Array, "T U 18"], ...]  # of each motion
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], rigs: Sequence[Rig]) -> Sights:
-        """Look at every motion from every camera of every rig, from each place once."""
+    def of(cls, motions: Sequence[Motion], rigs: Sequence[Rig]) -> SuiteVisibility:
+        """Visibility from every camera of every rig, computed once for each place."""
         places = np.unique(np.concatenate([_keys(rig) for rig in rigs]), axis=0) * _SAME_PLACE_M
         return cls(tuple(motions), places, tuple(motion.shown(places) for motion in motions))
 
@@ -99,7 +99,7 @@ def _keys(rig: Rig) -> Float[Array, "V 3"]:
 def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
     """Simulate the motions of built-in scenes, without pictures. Raises FileError."""
     from egocap_eval.priors.learn_pose import fit_angles
-    from egocap_eval.studies.ray_visibility import Onlooker
+    from egocap_eval.rig_design.ray_visibility import RayVisibility
     from egocap_sim.core.bodies import INDEX
     from egocap_sim.core.resources import builtin_file
     from egocap_sim.scene.config import load_scene
@@ -117,6 +117,6 @@ def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
         proportions = proportions_of(person)
         motions.append(
             Motion(name, joints, fit_angles(joints, proportions), proportions,
-                   T_head_world[:, None] @ world, Onlooker(person))
+                   T_head_world[:, None] @ world, RayVisibility(person))
         )  # fmt: skip
     return motions

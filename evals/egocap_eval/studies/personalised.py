@@ -88,7 +88,7 @@ def study(
 
     runs = run_cases("bodies", {body: body for body in BODIES}, clips, score)
     rows = [{"sequence": sequence.manifest.name, "body": body, "frames": len(sequence)}
-            | runs[body][i][0]
+            | dict(runs[body][i][0])
             for i, (sequence, _) in enumerate(clips.values()) for body in BODIES]  # fmt: skip
     result = {
         "people": len(bones), "calibration_s": CALIBRATION_S, "detections": detections,

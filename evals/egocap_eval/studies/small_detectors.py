@@ -91,9 +91,11 @@ def ground(trainings: Trainings) -> Iterator[Ground]:
     config = config_named(t.network)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) if t.store is None else t.store
-        stores = (build_store(find_sequences(paths), config.view, folder / "views")
-                  for paths in (t.footage, t.held_out, t.backgrounds))  # fmt: skip
-        yield Ground(t, config, *stores, folder)
+        train, judge, behind = (
+            build_store(find_sequences(paths), config.view, folder / "views")
+            for paths in (t.footage, t.held_out, t.backgrounds)
+        )
+        yield Ground(t, config, train, judge, behind, folder)
 
 
 def _trained_scores(case: Case, ground: Ground, seed: int) -> Scores:

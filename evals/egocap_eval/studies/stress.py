@@ -28,7 +28,12 @@ from egocap.evaluation.pose import beside_truth
 from egocap.evaluation.table import Table
 from egocap.geometry import axis_angle
 from egocap_eval.harness.cases import ScoreLog, Sweep, paired_change, run_sweep, sweep_table
-from egocap_eval.harness.motion_truth import Performance, draw_detections, on_rig, perform_motion
+from egocap_eval.harness.motion_truth import (
+    SimulatedMotion,
+    draw_detections,
+    on_rig,
+    simulate_motion,
+)
 from egocap_eval.harness.study import Outcome
 
 MOTIONS = (
@@ -46,7 +51,7 @@ PAPER_BASELINE = (0.3, 0.4)
 class Level:
     """One level of a sweep: how the motion, its detections and the known rig are changed."""
 
-    motion: Callable[[Performance], Performance] = lambda motion: motion
+    motion: Callable[[SimulatedMotion], SimulatedMotion] = lambda motion: motion
     source: str = SOURCE
     detections: Callable[[Detections, np.random.Generator], Detections] = lambda found, rng: found
     known_rig: Callable[[Rig, np.random.Generator], Rig] = lambda rig, rng: rig
@@ -99,7 +104,7 @@ def with_baseline(rig: Rig, metres: float) -> Rig:
     return replace(rig, mounts=(*moved, *others))
 
 
-def with_fov(motion: Performance, half_angle: float) -> Performance:
+def with_fov(motion: SimulatedMotion, half_angle: float) -> SimulatedMotion:
     """The motion with joints farther off a camera's axis than `half_angle` out of view."""
     ahead = motion.truth.joints_camera[..., 2] / np.linalg.norm(motion.truth.joints_camera, axis=-1)
     truth = motion.truth
@@ -119,7 +124,7 @@ def turned_rig(rig: Rig, angle: float, rng: np.random.Generator) -> Rig:
     return replace(rig, mounts=tuple(mounts))
 
 
-def with_offset(motion: Performance, seconds: float) -> Performance:
+def with_offset(motion: SimulatedMotion, seconds: float) -> SimulatedMotion:
     """The motion whose second view shows it `seconds` later, between frames by straight lines."""
     truth = motion.truth
     later = np.clip(truth.time + seconds, None, truth.time[-1])
@@ -177,7 +182,7 @@ def study(
         if count < least:
             raise InputError(f"{count} {name}", valid=f"{least} or more")
     log = ScoreLog(keep, frames=frames)
-    motions = {f"{name}-{seed}": perform_motion(name, frames=frames, seed=seed)
+    motions = {f"{name}-{seed}": simulate_motion(name, frames=frames, seed=seed)
                for name, seed in MOTIONS}  # fmt: skip
     names = list(SWEEPS) if sweep == "all" else [sweep]
     found = {name: run_sweep(name, SWEEPS[name], motions, score, MEASURES, seeds=seeds, log=log)
@@ -193,7 +198,7 @@ def study(
     return Outcome(result, tables)
 
 
-def score(level: Level, motion: Performance, seed: int) -> dict[str, float | None]:
+def score(level: Level, motion: SimulatedMotion, seed: int) -> dict[str, float | None]:
     """Measures of a motion tracked at a level of a fault, from one draw of its detections."""
     from egocap.track.tracker import track
 

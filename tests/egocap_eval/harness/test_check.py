@@ -10,16 +10,10 @@ from egocap.body.labels import MIRROR
 from egocap.errors import FileError
 from egocap.pose.config import TrackerConfig
 from egocap_eval.cli import main
-from egocap_eval.harness import check
-from egocap_eval.harness.check import (
-    Comparison,
-    Number,
-    Pipeline,
-    compare_numbers,
-    load_baseline,
-    measure_suite,
-)
-from egocap_eval.harness.motion_truth import perform_motion
+from egocap_eval.harness import check, check_suite
+from egocap_eval.harness.check import Comparison, compare_numbers, load_baseline
+from egocap_eval.harness.check_suite import Number, Pipeline, measure_suite
+from egocap_eval.harness.motion_truth import simulate_motion
 
 CONDITIONS = (
     "exact",
@@ -35,8 +29,8 @@ SEEDS = 3
 
 @pytest.fixture(scope="module")
 def motions():
-    return [perform_motion(motion, frames=60, seed=seed, rig=rig)
-            for motion, rig, seed in check.MOTIONS[::2]]  # fmt: skip
+    return [simulate_motion(motion, frames=60, seed=seed, rig=rig)
+            for motion, rig, seed in check_suite.MOTIONS[::2]]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +135,7 @@ def test_the_command_exits_with_3_and_a_table(tmp_path, monkeypatch, capsys):
 
 def test_the_committed_baseline_knows_every_condition():
     names = {name.split("/")[0] for name in load_baseline(check.COMMITTED)}
-    assert {*check.CONDITIONS, "physics", "rig", "rendered"} <= names
+    assert {*check_suite.CONDITIONS, "physics", "rig", "rendered"} <= names
 
 
 def test_a_baseline_that_is_none(tmp_path, capsys):

@@ -17,7 +17,7 @@ from egocap_eval.rig_design.rig import run_rig, study
 from egocap_eval.rig_design.rig_bounds import bound, track_errors
 from egocap_eval.rig_design.rig_plots import save_together, write_rig_page
 from egocap_eval.rig_design.rig_report import Candidate, RigReport, Tracked, difference_mm
-from egocap_eval.rig_design.rig_suite import Motion, Sights
+from egocap_eval.rig_design.rig_suite import Motion, SuiteVisibility
 from egocap_eval.rig_design.rig_sweep import DEFAULTS, Sweep, make_rig, parse_sweep
 
 
@@ -69,11 +69,13 @@ class Wall:
 
 def test_sights_are_by_place_and_by_lens(motion):
     bodies = np.zeros((len(motion.joints), 21, 4, 4))
-    walled = replace(motion, bodies=bodies, onlooker=Wall())
+    walled = replace(motion, bodies=bodies, rays=Wall())
     wide, narrow = (make_rig(DEFAULTS | {"fov": fov}) for fov in (180.0, 60.0))
-    sights = Sights.of([walled], [wide, narrow, make_rig(DEFAULTS | {"baseline": 0.1})])
-    assert len(sights.places) == 4  # the lens makes no new place
-    seen, less = sights.seen(wide, 0), sights.seen(narrow, 0)
+    visibility = SuiteVisibility.of(
+        [walled], [wide, narrow, make_rig(DEFAULTS | {"baseline": 0.1})]
+    )
+    assert len(visibility.places) == 4  # the lens makes no new place
+    seen, less = visibility.seen(wide, 0), visibility.seen(narrow, 0)
     left = [mount.T_head_camera[1, 3] > 0.0 for mount in wide.mounts]
     assert sum(left) == 1 and not seen[:, left].any()
     right = np.logical_not(left)
@@ -84,10 +86,10 @@ def test_sights_are_by_place_and_by_lens(motion):
 
 def test_noise_widens_the_bound_and_blindness_more(motion):
     upwards = DEFAULTS | {"pitch": -90.0, "fov": 120.0}
-    sights = Sights.of([motion], [make_rig(DEFAULTS), make_rig(upwards)])
-    sharp, blurred = (bound(DEFAULTS, make_rig(DEFAULTS), sights, s) for s in (1.0, 4.0))
+    visibility = SuiteVisibility.of([motion], [make_rig(DEFAULTS), make_rig(upwards)])
+    sharp, blurred = (bound(DEFAULTS, make_rig(DEFAULTS), visibility, s) for s in (1.0, 4.0))
     assert sharp.bound_mm < blurred.bound_mm
-    blind = bound(upwards, make_rig(upwards), sights, 1.0)
+    blind = bound(upwards, make_rig(upwards), visibility, 1.0)
     assert blind.seen_any < 0.3 < sharp.seen_any
     assert blind.bound_mm > 1.5 * sharp.bound_mm
 
@@ -159,7 +161,9 @@ def test_tracker_stays_near_the_bound_of_a_still_pose(motion):
         motion, joints=np.repeat(motion.joints[:1], 12, 0),
         angles=np.repeat(motion.angles[:1], 12, 0),
     )  # fmt: skip
-    told = track_errors(make_rig(DEFAULTS), Sights.of([still], [make_rig(DEFAULTS)]), 1.0, 0)
+    told = track_errors(
+        make_rig(DEFAULTS), SuiteVisibility.of([still], [make_rig(DEFAULTS)]), 1.0, 0
+    )
     assert set(told.rms_mm) == {f"{key}_mm" for key in TRACK_KEYS}
     assert len(told.squared_mm2) == 12
     assert told.error_mm == pytest.approx(told.rms_mm["tracked_mm"])

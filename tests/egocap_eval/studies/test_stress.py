@@ -8,7 +8,7 @@ import pytest
 from egocap.data.sequence import OUT_OF_VIEW, VISIBLE
 from egocap_eval.cli import main
 from egocap_eval.harness.cases import run_sweep
-from egocap_eval.harness.motion_truth import draw_detections, on_rig, perform_motion
+from egocap_eval.harness.motion_truth import draw_detections, on_rig, simulate_motion
 from egocap_eval.studies.stress import (
     MEASURES,
     SWEEPS,
@@ -24,7 +24,7 @@ from egocap_eval.studies.stress import (
 
 @pytest.fixture(scope="module")
 def motion():
-    return perform_motion("walk", frames=45, seed=400911)
+    return simulate_motion("walk", frames=45, seed=400911)
 
 
 def test_a_performance_is_what_the_cameras_would_see(motion):
@@ -35,7 +35,7 @@ def test_a_performance_is_what_the_cameras_would_see(motion):
     assert not motion.seen[~truth.in_view].any() and 0.4 < motion.seen.mean() < 0.95
     found = draw_detections(motion, "simulated:0", 0)
     np.testing.assert_array_equal(found.points[found.valid], truth.joints_2d[found.valid])
-    again = perform_motion("walk", frames=45, seed=400911)
+    again = simulate_motion("walk", frames=45, seed=400911)
     np.testing.assert_array_equal(again.truth.visibility, truth.visibility)
 
 

@@ -40,8 +40,8 @@ class Surface(NamedTuple):
     starts: Int[Array, "C"]  # first face of each cluster, and the number of faces at the end
 
 
-class Onlooker:
-    """Sees one simulated person, in any pose, from any place."""
+class RayVisibility:
+    """Visibility of the joints of one simulated person, in any pose, from any place."""
 
     def __init__(self, person: Person, cell_m: float = CELL_M) -> None:
         self._surface = surface_of(person, cell_m)

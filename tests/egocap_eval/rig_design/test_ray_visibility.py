@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egocap.body.labels import LABEL_INDEX, LABELS
-from egocap_eval.studies.ray_visibility import Onlooker, _meets, surface_of
+from egocap_eval.rig_design.ray_visibility import RayVisibility, _meets, surface_of
 from egocap_sim.assets.mesh import Actor, Mesh
 from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.core.part_labels import wearer_part
@@ -51,7 +51,7 @@ def wrist(person):
 
 
 def looking(person, *slabs):
-    return Onlooker(replace(person, actor=Actor("person", slabs)), cell_m=0.001)
+    return RayVisibility(replace(person, actor=Actor("person", slabs)), cell_m=0.001)
 
 
 def standing(person, turn=UPRIGHT, shift=(0.0, 0.0, 0.0)):
@@ -81,14 +81,14 @@ def test_foreign_slab_hides_and_own_does_not(person, wrist):
 
 def test_answers_move_with_the_body(person, wrist):
     """Turned and shifted together, person and eyes see the same; half a slab hides a share."""
-    onlooker = looking(person, slab("half", wrist + [0.5, 0.0, 0.2], (0.02, 0.4, 0.2), "chest"))
+    rays = looking(person, slab("half", wrist + [0.5, 0.0, 0.2], (0.02, 0.4, 0.2), "chest"))
     eyes = wrist + np.array([[1.0, 0.0, 0.0], [1.0, 0.1, -0.3], [0.2, -1.0, 0.4]])
-    here = onlooker.shares(standing(person), eyes)
+    here = rays.shares(standing(person), eyes)
     assert 0.0 < here[0, 0, LEFT_WRIST] < 1.0
     c, s = np.cos(2.0), np.sin(2.0)
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     shift = np.array([0.3, -2.0, 1.0])
-    there = onlooker.shares(standing(person, turn, shift), eyes @ turn.T + shift)
+    there = rays.shares(standing(person, turn, shift), eyes @ turn.T + shift)
     np.testing.assert_allclose(there, here, atol=1e-12)
 
 

@@ -53,9 +53,9 @@ def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[st
 
 def _preparation(scene: Any) -> dict[str, float]:
     """What is not drawing and writing, as a share of the time and in seconds an episode."""
+    from egocap_sim.record import recorder
     from egocap_sim.record.episode_plan import catalogue, plan
     from egocap_sim.record.episode_recorder import make_episode
-    from egocap_sim.record.recorder import recorder
 
     folder = scene.episodes.clips
     clips = () if folder is None else catalogue(Path(folder), strict=False)

@@ -37,3 +37,16 @@ class Actor:
 
     name: str
     meshes: tuple[Mesh, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class AnimatedActor:
+    """An actor and its pose in every frame: a bystander or a prop.
+
+    `skinning` maps its rest pose to the world, body by body, at the cameras' frame times. `joints`
+    are a person's (axis J as `egocap.body.labels.LABELS`, world, metres); None of a prop.
+    """
+
+    actor: Actor
+    skinning: Float[Array, "T B 4 4"]
+    joints: Float[Array, "T 18 3"] | None = None

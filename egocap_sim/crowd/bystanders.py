@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.geometry import UP, axis_angle, rigid
-from egocap_sim.assets.actors import Extra
+from egocap_sim.assets.mesh import AnimatedActor
 from egocap_sim.assets.mesh_simplify import simplify
 from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 from egocap_sim.crowd.greeting import Offer, greeting, meet, offer_of, place_of_greeter
@@ -46,7 +46,7 @@ Rng = np.random.Generator
 Bodies = Float[Array, "T 21 4 4"]
 
 
-def make_others(
+def make_bystanders(
     table: OthersTable,
     rng: Rng,
     times: Float[Array, "T"],
@@ -55,7 +55,7 @@ def make_others(
     cameras: Float[Array, "T V 3"],
     blocked: Sequence[tuple[Float[Array, "2"], float]] = (),
     person: Person | None = None,
-) -> list[Extra]:
+) -> list[AnimatedActor]:
     """The other people of a scene, posed at the frame times [s].
 
     They keep away from the `cameras`, which stick out from the wearer's head, stay within
@@ -84,7 +84,7 @@ class _Crowd:
         self.limbs = [limb_points(wearer[self.checked])]
         self.pelvises = [self.wearer_xy]
 
-    def add(self, i: int) -> Extra:
+    def add(self, i: int) -> AnimatedActor:
         """Find the next person's motion and place."""
         from egocap_sim.human.clothing.wardrobe import make_person
 
@@ -106,7 +106,7 @@ class _Crowd:
         meshes = tuple(simplify(mesh, CELL_M) for mesh in person.actor.meshes)
         actor = replace(person.actor, meshes=meshes)
         skinning = bodies @ rigid(np.eye(3), -person.joints)
-        return Extra(actor, skinning, label_positions(person, bodies))
+        return AnimatedActor(actor, skinning, label_positions(person, bodies))
 
     def is_free(self, bodies: Bodies, greets: bool = False) -> bool:
         """Whether someone may move like this: in bounds, clear of everyone and of things.

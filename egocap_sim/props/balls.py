@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from egocap.geometry import GRAVITY, rigid
 from egocap_sim.assets import primitives
-from egocap_sim.assets.actors import Extra
+from egocap_sim.assets.mesh import AnimatedActor
 from egocap_sim.assets.textures import SIZE, noise
 from egocap_sim.core import part_labels
 from egocap_sim.motion.generators.ball_handling import (
@@ -33,7 +33,7 @@ _G = -float(GRAVITY[2])
 
 def basketball(
     thing: ThingTable, performance: Performance, rng: np.random.Generator
-) -> list[Extra]:
+) -> list[AnimatedActor]:
     """A ball that is dribbled: held, pushed, bouncing off the floor, caught again."""
     start, times = performance.start_s, performance.times
     plan = plan_touches(performance.rng, performance.parameters, start + float(times[-1]))
@@ -54,7 +54,9 @@ def basketball(
     return [_ball("ball", BASKETBALL_R, _leather(rng), path, times, spin)]
 
 
-def juggled(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def juggled(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """Three balls in a cascade."""
     timing = plan_cascade(performance.rng, performance.parameters)
     times, first = performance.times, timing.first - performance.start_s
@@ -133,7 +135,7 @@ def _centres(performance: Performance, radius: float) -> list[Float[Array, "3"]]
     return [palm.centre + radius * palm.normal for palm in performance.palms]
 
 
-def _ball(name, radius, texture, path, times, spin) -> Extra:
+def _ball(name, radius, texture, path, times, spin) -> AnimatedActor:
     mesh = primitives.ball(
         name, (0, 0, 0), (radius,) * 3, texture, 2 * np.pi * radius, part=part_labels.OBJECT,
         shininess=0.15, rings=12,

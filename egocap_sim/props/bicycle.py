@@ -10,8 +10,7 @@ from numpy import ndarray as Array
 
 from egocap.geometry import LEFT, axis_angle, inverse, rigid, transform
 from egocap_sim.assets import textures
-from egocap_sim.assets.actors import Extra
-from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Mesh
 from egocap_sim.assets.primitives import ball, box, ring, tube
 from egocap_sim.core import part_labels
 from egocap_sim.core.bodies import INDEX
@@ -35,7 +34,9 @@ FRAME, FORK, FRONT, REAR, CRANKS, LEFT_PEDAL, RIGHT_PEDAL = range(7)
 _BAR_R, _TYRE_R = 0.014, 0.018  # metres
 
 
-def bicycle(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def bicycle(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """The bicycle that the wearer rides, fitted to the wearer."""
     ride, scale = Ride(performance.rng, performance.parameters), leg_scale(performance.person)
     t = performance.times + performance.start_s

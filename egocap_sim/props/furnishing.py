@@ -9,8 +9,7 @@ from numpy import ndarray as Array
 from egocap.errors import InputError
 from egocap.geometry import transform
 from egocap_sim.assets import textures
-from egocap_sim.assets.actors import Extra
-from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Mesh
 from egocap_sim.assets.primitives import box, cylinder, placed, sheet
 from egocap_sim.core import part_labels
 from egocap_sim.core.bodies import INDEX
@@ -23,14 +22,18 @@ _FLESH = 0.10  # metres of skin and cloth around the points inside limbs
 _FARTHEST = 1.3  # metres ahead: farther off, a table is not in the way of anything
 
 
-def table(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def table(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """A table before the wearer."""
     wide, deep, high = rng.uniform(1.2, 1.6), rng.uniform(0.6, 0.8), rng.uniform(0.70, 0.76)
     front = _front(performance, wide, high - 0.12, high)
     return [resting("table", _table(rng, front, wide, deep, high), len(performance.times))]
 
 
-def desk(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def desk(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """Of someone who sits: a desk under the hands, the legs below it; else a table like others."""
     bodies = performance.bodies
     if bodies[:, 0, 2, 3].max() > 0.8 * performance.person.joints[0, 2]:
@@ -63,7 +66,9 @@ def desk(thing: ThingTable, performance: Performance, rng: np.random.Generator) 
     return [resting("desk", meshes, len(performance.times))]
 
 
-def counter(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def counter(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """A kitchen counter before the wearer, with pans and bowls; as high as the hands allow."""
     points = limb_points(performance.bodies)
     hands = [performance.held(k, performance.palms[k].centre)[:, 2] for k in (0, 1)]
@@ -94,7 +99,9 @@ def counter(thing: ThingTable, performance: Performance, rng: np.random.Generato
     return [resting("counter", meshes, len(performance.times))]
 
 
-def chair(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def chair(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """A chair where the wearer sits down."""
     at, yaw, seat = _seat(thing, performance)
     cloth, frame = textures.cloth(rng), textures.wood(rng)
@@ -109,7 +116,9 @@ def chair(thing: ThingTable, performance: Performance, rng: np.random.Generator)
     return [resting("chair", placed(meshes, (*at, 0.0), yaw), len(performance.times))]
 
 
-def sofa(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def sofa(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """A sofa where the wearer sits down."""
     at, yaw, seat = _seat(thing, performance)
     cloth = textures.cloth(rng)

@@ -9,8 +9,7 @@ from numpy import ndarray as Array
 
 from egocap.geometry import rigid, unit
 from egocap_sim.assets import textures
-from egocap_sim.assets.actors import Extra
-from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Mesh
 from egocap_sim.assets.primitives import box, cylinder, sheet
 from egocap_sim.core import part_labels
 from egocap_sim.core.bodies import INDEX
@@ -22,7 +21,9 @@ _CUP_R, _CUP_H = 0.038, 0.09  # metres
 _PAPER = (0.46, 0.34)
 
 
-def phone(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def phone(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """A phone lying in the palm, its screen away from it."""
     size = np.array([rng.uniform(0.07, 0.078), rng.uniform(0.14, 0.16), 0.008])
     case = textures.even(rng.uniform(0.05, 0.6, 3)).texture
@@ -36,7 +37,9 @@ def phone(thing: ThingTable, performance: Performance, rng: np.random.Generator)
     return [_in_hand("phone", meshes, performance, _hand(thing), 0.0)]
 
 
-def cup(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def cup(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """A cup across the palm, its opening on the thumb's side."""
     glaze = textures.even(rng.uniform(0.2, 0.95, 3)).texture
     tea = textures.even(np.array([0.25, 0.13, 0.06])).texture
@@ -48,7 +51,9 @@ def cup(thing: ThingTable, performance: Performance, rng: np.random.Generator) -
     return [_in_hand("cup", [body, top], performance, _hand(thing), _CUP_R, upright=True)]
 
 
-def newspaper(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def newspaper(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """An open newspaper between both hands, turned to the face."""
     w, h = _PAPER
     print_ = _print(rng)
@@ -79,7 +84,7 @@ def _in_hand(
     hand: int,
     away: float,
     upright: bool = False,
-) -> Extra:
+) -> AnimatedActor:
     """Meshes on a palm, `away` metres off it: their y to the fingertips, z away from the palm; of
     `upright` ones z to the thumb."""
     palm = performance.palms[hand]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from egocap.errors import InputError
-from egocap_sim.assets.actors import Extra
+from egocap_sim.assets.mesh import AnimatedActor
 from egocap_sim.props.balls import basketball, juggled
 from egocap_sim.props.bicycle import bicycle
 from egocap_sim.props.furnishing import chair, counter, desk, sofa, table
@@ -17,7 +17,7 @@ from egocap_sim.props.performance import Performance
 from egocap_sim.props.staircase import staircase
 from egocap_sim.scene.config import ThingTable
 
-Maker = Callable[[ThingTable, Performance, np.random.Generator], list[Extra]]
+Maker = Callable[[ThingTable, Performance, np.random.Generator], list[AnimatedActor]]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def check_thing(thing: ThingTable, motion: str | None) -> None:
+def check_prop(thing: ThingTable, motion: str | None) -> None:
     """Raise InputError for an unknown kind, a motion that does not go with it, or unused keys."""
     if thing.kind not in KINDS:
         raise InputError(f"unknown kind '{thing.kind}'", valid=KINDS)
@@ -56,8 +56,8 @@ def check_thing(thing: ThingTable, motion: str | None) -> None:
         raise InputError(f"a {thing.kind} is not held in a hand", valid="no 'hand'")
 
 
-def make_thing(
+def make_prop(
     thing: ThingTable, performance: Performance, rng: np.random.Generator
-) -> list[Extra]:
+) -> list[AnimatedActor]:
     """The actors of a thing at every frame."""
     return KINDS[thing.kind].make(thing, performance, rng)

@@ -9,18 +9,17 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap_sim.assets.actors import Extra
-from egocap_sim.assets.mesh import Actor, Mesh
+from egocap_sim.assets.mesh import Actor, AnimatedActor, Mesh
 
 
 def moving(
     name: str, parts: Iterable[tuple[int, Mesh]], transforms: Float[Array, "T B 4 4"]
-) -> Extra:
+) -> AnimatedActor:
     """An actor of rigid meshes, each with the number of the transform it follows."""
-    return Extra(Actor(name, tuple(_following(k, mesh) for k, mesh in parts)), transforms)
+    return AnimatedActor(Actor(name, tuple(_following(k, mesh) for k, mesh in parts)), transforms)
 
 
-def resting(name: str, meshes: Iterable[Mesh], frames: int) -> Extra:
+def resting(name: str, meshes: Iterable[Mesh], frames: int) -> AnimatedActor:
     """Meshes that stay where they are."""
     return moving(name, [(0, m) for m in meshes], np.tile(np.eye(4), (frames, 1, 1, 1)))
 

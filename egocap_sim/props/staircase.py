@@ -9,8 +9,7 @@ import numpy as np
 
 from egocap.geometry import LEFT, axis_angle
 from egocap_sim.assets import textures
-from egocap_sim.assets.actors import Extra
-from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Mesh
 from egocap_sim.assets.primitives import box
 from egocap_sim.core import part_labels
 from egocap_sim.motion.generators.cycling import leg_scale
@@ -23,7 +22,9 @@ _RAIL_M = 0.90  # over the treads' edges
 _EDGE = 0.02  # metres by which a tread sticks out over its riser
 
 
-def staircase(thing: ThingTable, performance: Performance, rng: np.random.Generator) -> list[Extra]:
+def staircase(
+    thing: ThingTable, performance: Performance, rng: np.random.Generator
+) -> list[AnimatedActor]:
     """Solid steps as large as the wearer's feet were laid on, with rails along both sides."""
     make = (textures.concrete, textures.wood, textures.planks)[int(rng.integers(3))]
     stone, edge = make(rng), textures.lacquer(rng)

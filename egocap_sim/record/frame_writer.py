@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from egocap.cameras.rig import Rig
 from egocap.data.sequence import Truth
 from egocap.geometry import rigid
-from egocap_sim.assets.actors import Extra
+from egocap_sim.assets.mesh import AnimatedActor
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.pose_sampling import between_frames
 from egocap_sim.environment.place import Place
@@ -39,7 +39,7 @@ class FrameMaker:
         place: Place,
         truth: Truth,
         record: RecordTable,
-        extras: Sequence[Extra] = (),
+        extras: Sequence[AnimatedActor] = (),
         sensor_plan: SensorPlan | None = None,
     ) -> None:
         """`sensor_plan` is what the sensor does to the frames; None: pictures are perfect."""

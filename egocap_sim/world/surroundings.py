@@ -16,7 +16,7 @@ from egocap_sim.world.stage import SceneError, person_of, rig_of, table_of
 
 if TYPE_CHECKING:
     from egocap.data.sequence import Truth
-    from egocap_sim.assets.actors import Extra
+    from egocap_sim.assets.mesh import AnimatedActor
     from egocap_sim.environment.place import Place
 
 _ELBOW_ROOM_M = 0.3  # between the outermost joint of a recorded motion and furniture
@@ -46,11 +46,11 @@ def check_place(scene: Scene) -> None:
 def check_things(scene: Scene) -> None:
     """Raise SceneError unless every thing is known and goes with the motion."""
     if scene.things:
-        from egocap_sim.props.registry import check_thing
+        from egocap_sim.props.registry import check_prop
 
         for i, thing in enumerate(scene.things):
             with table_of(scene, f"things.{i}"):
-                check_thing(thing, scene.motion.name)
+                check_prop(thing, scene.motion.name)
 
 
 def clear_radius_of(scene: Scene, truth: Truth) -> float:
@@ -83,14 +83,14 @@ def place_of(scene: Scene, truth: Truth) -> Place:
     return at_dusk(place) if table.light == "dusk" else place
 
 
-def extras_of(scene: Scene, truth: Truth) -> list[Extra]:
+def extras_of(scene: Scene, truth: Truth) -> list[AnimatedActor]:
     """Everything else that moves, at the frame times of `truth`: the same in every process."""
     extras = [extra for i in range(len(scene.things)) for extra in _thing(scene, i, truth)]
     if scene.others.count:
-        from egocap_sim.crowd.bystanders import make_others
+        from egocap_sim.crowd.bystanders import make_bystanders
 
         with table_of(scene, "others"):
-            extras += make_others(
+            extras += make_bystanders(
                 scene.others,
                 stream(scene.seed, "others"),
                 truth.time,
@@ -108,15 +108,15 @@ def _camera_arms(scene: Scene, truth: Truth) -> Float[Array, "T V 3"]:
     return arms @ np.swapaxes(truth.T_world_head[:, :3, :3], -1, -2)
 
 
-def _thing(scene: Scene, index: int, truth: Truth) -> list[Extra]:
+def _thing(scene: Scene, index: int, truth: Truth) -> list[AnimatedActor]:
     from egocap_sim.props.performance import Performance
-    from egocap_sim.props.registry import make_thing
+    from egocap_sim.props.registry import make_prop
 
     times = truth.time - truth.time[0]
     performance = Performance(person_of(scene), scene.motion, scene.seed, times, truth.T_world_body)
     rng = stream(scene.seed, f"thing {index}")
     with table_of(scene, f"things.{index}"):
-        extras = make_thing(scene.things[index], performance, rng)
+        extras = make_prop(scene.things[index], performance, rng)
     return [
         replace(e, actor=replace(e.actor, name=f"thing-{index + 1} {e.actor.name}")) for e in extras
     ]

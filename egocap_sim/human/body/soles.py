@@ -54,10 +54,10 @@ def sole_points(
     person: Person, positions: Float[Array, "T B 3"], rotations: Float[Array, "T B 3 3"]
 ) -> Float[Array, "T 4 4 3"]:
     """World positions of every sole's bottom corners for posed bodies, axis 1 as `FEET`."""
-    return corners_of(soles(person), positions, rotations)
+    return sole_corners(soles(person), positions, rotations)
 
 
-def corners_of(
+def sole_corners(
     boxes: Sequence[Sole], positions: Float[Array, "T B 3"], rotations: Float[Array, "T B 3 3"]
 ) -> Float[Array, "T S 4 3"]:
     """The same of soles that are known."""

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from scipy.ndimage import gaussian_filter1d
 
 from egocap_sim.human.body.person import Person
-from egocap_sim.human.body.soles import corners_of, soles
+from egocap_sim.human.body.soles import sole_corners, soles
 from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.kinematics.limbs import bend_limb
 
@@ -41,13 +41,13 @@ def plant(
     (`egocap_sim.core.bodies.FEET`).
     """
     boxes = soles(person)
-    root = snap(corners_of(boxes, joint_positions(person.joints, root, turned), turned), root, fps)
-    points = corners_of(boxes, joint_positions(person.joints, root, turned), turned)
+    root = snap(sole_corners(boxes, joint_positions(person.joints, root, turned), turned), root, fps)
+    points = sole_corners(boxes, joint_positions(person.joints, root, turned), turned)
     moves = [foot_correction(points[:, 2 * s : 2 * s + 2], fps) for s in range(2)]
     for side, move in zip(("l", "r"), moves, strict=True):
         positions = joint_positions(person.joints, root, turned)
         turned = bend_limb(positions, turned, side, move)
-    points = corners_of(boxes, joint_positions(person.joints, root, turned), turned)
+    points = sole_corners(boxes, joint_positions(person.joints, root, turned), turned)
     return root, turned, standing(points, fps), points[..., 2].min(-1) < _TOUCH_HEIGHT
 
 

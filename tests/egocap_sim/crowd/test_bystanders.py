@@ -12,7 +12,7 @@ from egocap.errors import InputError
 from egocap.geometry import inverse, rigid
 from egocap_sim.assets.mesh import Actor
 from egocap_sim.core.bodies import FEET, INDEX
-from egocap_sim.crowd.bystanders import BEHAVIOURS, apart, limb_points, make_others
+from egocap_sim.crowd.bystanders import BEHAVIOURS, apart, limb_points, make_bystanders
 from egocap_sim.human.body.soles import sole_points
 from egocap_sim.human.clothing import wardrobe
 from egocap_sim.motion.generators.registry import make_motion
@@ -41,7 +41,7 @@ def cast(monkeypatch, stand_in):
 
 
 def others(wearer, seed=3, blocked=(), bounds=4.0, **table):
-    return make_others(
+    return make_bystanders(
         OthersTable(**table),
         np.random.default_rng(seed),
         TIMES,

@@ -10,7 +10,7 @@ import pytest
 from egocap.geometry import inverse, rigid, transform
 from egocap_sim.assets.mesh import Actor
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.crowd.bystanders import limb_points, make_others
+from egocap_sim.crowd.bystanders import limb_points, make_bystanders
 from egocap_sim.crowd.greeting import greeting, meet, offer_of, place_of_greeter
 from egocap_sim.human.clothing import wardrobe
 from egocap_sim.motion.generators.registry import make_motion
@@ -65,7 +65,7 @@ def test_a_crowd_has_one_who_shakes_hands(stand_in, wearer, monkeypatch):
     table = OthersTable(count=2, behaviours=("shake_hands", "gesture"), farthest_m=2.5)
     eyes = wearer[:, None, INDEX["head"], :3, 3] + [[0.2, 0.15, 0.2], [0.2, -0.15, 0.2]]
     rng = np.random.default_rng(5)
-    crowd = make_others(table, rng, TIMES, wearer, 4.0, eyes, person=stand_in)
+    crowd = make_bystanders(table, rng, TIMES, wearer, 4.0, eyes, person=stand_in)
     hand = wearer[:, None, INDEX["r_hand"], :3, 3]
     rest = inverse(rigid(np.eye(3), -stand_in.joints))
     near = [np.linalg.norm(limb_points(e.skinning @ rest) - hand, axis=-1).min() for e in crowd]

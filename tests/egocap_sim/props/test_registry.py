@@ -18,7 +18,7 @@ from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.props import balls
 from egocap_sim.props.bicycle import LEFT_PEDAL, RIGHT_PEDAL
 from egocap_sim.props.performance import Performance
-from egocap_sim.props.registry import KINDS, check_thing, make_thing
+from egocap_sim.props.registry import KINDS, check_prop, make_prop
 from egocap_sim.scene.config import MotionTable, ThingTable
 
 FPS, SEED = 120.0, 4
@@ -39,7 +39,7 @@ def perform(person, name: str, seconds: float = 4.0, start_s: float = 0.0) -> Pe
 
 
 def paths(kind: str, performance: Performance) -> list[np.ndarray]:
-    made = make_thing(ThingTable(kind=kind), performance, np.random.default_rng(0))
+    made = make_prop(ThingTable(kind=kind), performance, np.random.default_rng(0))
     return [extra.skinning[:, 0, :3, 3] for extra in made]
 
 
@@ -98,7 +98,7 @@ def test_juggled_balls_fly_freely_between_the_palms(stand_in):
 
 def test_feet_stay_on_the_pedals_and_hands_on_the_bar(stand_in):
     performance = perform(stand_in, "cycle")
-    (bicycle,) = make_thing(ThingTable(kind="bicycle"), performance, np.random.default_rng(0))
+    (bicycle,) = make_prop(ThingTable(kind="bicycle"), performance, np.random.default_rng(0))
     for i, (side, pedal) in enumerate((("l", LEFT_PEDAL), ("r", RIGHT_PEDAL))):
         foot, toe = INDEX[f"{side}_foot"], INDEX[f"{side}_toe"]
         sole = stand_in.joints[toe] - stand_in.joints[foot] - [0, 0, stand_in.joints[toe, 2]]
@@ -135,7 +135,7 @@ def test_the_figure_is_as_long_as_itself(stand_in):
 def test_a_held_thing_stays_in_its_hand(stand_in, kind):
     performance = perform(stand_in, "hold", seconds=2.0)
     for hand, name in enumerate(("left", "right")):
-        (thing,) = make_thing(
+        (thing,) = make_prop(
             ThingTable(kind=kind, hand=name), performance, np.random.default_rng(0)
         )
         palm = performance.held(hand, performance.palms[hand].centre)
@@ -146,7 +146,7 @@ def test_a_held_thing_stays_in_its_hand(stand_in, kind):
 @pytest.mark.parametrize(("kind", "motion"), [("counter", "work"), ("desk", "idle")])
 def test_no_limb_is_inside_a_table(stand_in, kind, motion):
     performance = perform(stand_in, motion)
-    (thing,) = make_thing(ThingTable(kind=kind), performance, np.random.default_rng(0))
+    (thing,) = make_prop(ThingTable(kind=kind), performance, np.random.default_rng(0))
     points = limb_points(performance.bodies).reshape(-1, 3)
     for mesh in thing.actor.meshes:
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
@@ -158,7 +158,7 @@ def test_no_limb_is_inside_a_table(stand_in, kind, motion):
 def test_a_seat_is_under_who_sits(stand_in):
     performance = perform(stand_in, "sit")
     for kind, name in (("chair", "seat"), ("sofa", "cushion")):
-        (thing,) = make_thing(ThingTable(kind=kind), performance, np.random.default_rng(0))
+        (thing,) = make_prop(ThingTable(kind=kind), performance, np.random.default_rng(0))
         seat = next(m for m in thing.actor.meshes if m.name == name)
         k = performance.bodies[:, 0, 2, 3].argmin()
         pelvis = performance.bodies[k, 0, :3, 3]
@@ -166,14 +166,14 @@ def test_a_seat_is_under_who_sits(stand_in):
         assert (low[:2] < pelvis[:2]).all() and (pelvis[:2] < high[:2]).all()
         assert 0.3 < high[2] < pelvis[2]
     with pytest.raises(InputError, match="nobody sits"):
-        make_thing(ThingTable(kind="sofa"), perform(stand_in, "idle"), np.random.default_rng(0))
+        make_prop(ThingTable(kind="sofa"), perform(stand_in, "idle"), np.random.default_rng(0))
 
 
 def test_wrong_things_are_told():
     with pytest.raises(InputError, match=r"unknown kind 'elephant'.*bicycle"):
-        check_thing(ThingTable(kind="elephant"), "walk")
+        check_prop(ThingTable(kind="elephant"), "walk")
     with pytest.raises(InputError, match="a ball needs the motion 'dribble', not 'walk'"):
-        check_thing(ThingTable(kind="ball"), "walk")
+        check_prop(ThingTable(kind="ball"), "walk")
     with pytest.raises(InputError, match="not held in a hand"):
-        check_thing(ThingTable(kind="ball", hand="left"), "dribble")
+        check_prop(ThingTable(kind="ball", hand="left"), "dribble")
     assert all(kind.motion is None or kind.motion in MOTIONS for kind in KINDS.values())

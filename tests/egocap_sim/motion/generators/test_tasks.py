@@ -12,7 +12,7 @@ from egocap_sim.motion.kinematics.limbs import bend_angle
 from egocap_sim.motion.retarget.kinematic_playback import sample_reference
 from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.props.performance import Performance
-from egocap_sim.props.registry import make_thing
+from egocap_sim.props.registry import make_prop
 from egocap_sim.scene.config import MotionTable, ThingTable
 
 
@@ -43,7 +43,7 @@ def test_the_desk_lies_between_hands_and_knees(stand_in):
     times = np.arange(150) / 30
     bodies = sample_reference(stand_in, retarget(clip, stand_in), times)
     performance = Performance(stand_in, motion, 1, times, bodies)
-    (extra,) = make_thing(ThingTable(kind="desk"), performance, np.random.default_rng(0))
+    (extra,) = make_prop(ThingTable(kind="desk"), performance, np.random.default_rng(0))
     top = next(mesh for mesh in extra.actor.meshes if mesh.name == "top")
     low, high = top.vertices.min(0), top.vertices.max(0)
     palms = np.stack([performance.held(k, performance.palms[k].centre) for k in (0, 1)])

@@ -36,7 +36,7 @@ class Stage:
 
     def __init__(self, size: tuple[int, int]) -> None:
         from egocap.cameras.rig_files import load_rig
-        from egocap_sim.environment.place import make_place
+        from egocap_sim.environment.places import make_place
         from egocap_sim.human.clothing.wardrobe import make_person
 
         self.rig = load_rig(ROOT / "scenes/rigs/egorig1.toml").resized(*size)

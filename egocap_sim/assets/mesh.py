@@ -9,6 +9,18 @@ from numpy import ndarray as Array
 
 
 @dataclass(frozen=True, eq=False)
+class Material:
+    """How the surface of a primitive looks, and the part label it gets."""
+
+    texture: UInt8[Array, "H W 3"]  # sRGB, seamless
+    tile: float = 1.0  # metres that one repeat of the texture covers
+    shininess: float = 0.0
+    glows: bool = False
+    casts_shadow: bool | None = None  # None: unless it glows or is a sheet
+    part: int | None = None  # None: ROOM for sheets, FURNITURE for solids
+
+
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A textured triangle mesh, rigid or skinned to an actor's bodies.
 

@@ -3,39 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
+from numba import njit
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 from scipy.fft import ifft, irfft
 
-from egocap_sim.assets.texture_kernel import tinted
+from egocap_sim.assets.mesh import Material
 
 SIZE = 512  # pixels along a texture
+Rng = np.random.Generator
 
 
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A texture (sRGB) and how many metres one repeat of it covers."""
-
-    texture: UInt8[Array, "S S 3"]
-    tile: float
-
-
-def noise(rng: np.random.Generator, low: float, high: float, steep: float = 1.0) -> Array:
+def noise(rng: Rng, low: float, high: float, steep: float = 1.0) -> Array:
     """Seamless noise (S, S), mean 0 and deviation 1, with `low` to `high` waves along an edge."""
     return _filtered(rng, low, high, steep, 1.0)
 
 
-def grain(rng: np.random.Generator, stretch: float) -> Array:
+def grain(rng: Rng, stretch: float) -> Array:
     """Seamless noise drawn out along the rows, like the grain of wood."""
     return _filtered(rng, 2, 200, 0.8, stretch)
 
 
-def planks(rng: np.random.Generator) -> Surface:
+def planks(rng: Rng) -> Material:
     """Wooden floorboards running along x, each of its own tone."""
     count, tile = int(rng.integers(6, 11)), float(rng.uniform(1.1, 1.6))
     wood = _wood_colour(rng)
@@ -47,10 +41,10 @@ def planks(rng: np.random.Generator) -> Surface:
     edge = (np.arange(SIZE) * count % SIZE) < 1.2 * count
     value[edge] *= 0.55
     value[column < 2] *= 0.65  # where boards meet end to end
-    return Surface(_tinted(value, wood), tile)
+    return Material(_tinted(value, wood), tile)
 
 
-def tiles(rng: np.random.Generator, chequered: float = 0.4) -> Surface:
+def tiles(rng: Rng, chequered: float = 0.4) -> Material:
     """Stone or ceramic tiles with grout, in two colours with this probability."""
     count, tile = 4, float(rng.uniform(1.2, 2.0))
     stone = rng.uniform(0.45, 0.85) * np.array(
@@ -62,30 +56,30 @@ def tiles(rng: np.random.Generator, chequered: float = 0.4) -> Surface:
         tone = tone * np.where((i + j) % 2, 1.0, rng.uniform(0.45, 0.8))
     grout = ((np.arange(SIZE) * count) % SIZE) < rng.uniform(4, 7) * count
     tone = np.where(grout[:, None] | grout[None, :], rng.uniform(0.5, 0.8), tone)
-    return Surface(_tinted(tone, stone), tile)
+    return Material(_tinted(tone, stone), tile)
 
 
-def carpet(rng: np.random.Generator) -> Surface:
+def carpet(rng: Rng) -> Material:
     """Short pile in one colour, flecked, hardly worn."""
     value = 1 + 0.10 * noise(rng, 60, 250, 0.0) + 0.015 * noise(rng, 1, 8)
-    return Surface(_tinted(value, _cloth_colour(rng)), float(rng.uniform(0.8, 1.2)))
+    return Material(_tinted(value, _cloth_colour(rng)), float(rng.uniform(0.8, 1.2)))
 
 
-def concrete(rng: np.random.Generator) -> Surface:
+def concrete(rng: Rng) -> Material:
     """Smooth screed: clouds, and a few dark specks."""
     value = 1 + 0.05 * noise(rng, 1, 40, 1.3) + 0.05 * noise(rng, 60, 250, 0.0)
     value = np.where(noise(rng, 20, 120, 0.3) > 3.0, 0.75, value)
-    return Surface(_tinted(value, np.full(3, rng.uniform(0.45, 0.7))), 3.0)
+    return Material(_tinted(value, np.full(3, rng.uniform(0.45, 0.7))), 3.0)
 
 
-def plaster(rng: np.random.Generator) -> Surface:
+def plaster(rng: Rng) -> Material:
     """Painted wall: a light colour with the roller's texture."""
     paint = np.array([0.86, 0.85, 0.82]) + rng.uniform(-0.12, 0.08, 3)
     value = 1 + 0.012 * noise(rng, 30, 200, 0.2) + 0.02 * noise(rng, 1, 6)
-    return Surface(_tinted(value, paint), 1.5)
+    return Material(_tinted(value, paint), 1.5)
 
 
-def wallpaper(rng: np.random.Generator) -> Surface:
+def wallpaper(rng: Rng) -> Material:
     """Stripes, or a lattice of small motifs, on a light ground."""
     ground = rng.uniform(0.6, 0.9, 3)
     figure = np.clip(ground * rng.uniform(0.6, 0.9, 3), 0, 1)
@@ -100,10 +94,10 @@ def wallpaper(rng: np.random.Generator) -> Surface:
         mask = np.hypot(u, v) < petals
     value = 1 + 0.015 * noise(rng, 30, 200)
     printed = np.where(mask[..., None], _tinted(value, figure), _tinted(value, ground))
-    return Surface(printed, 1.0)
+    return Material(printed)
 
 
-def bricks(rng: np.random.Generator) -> Surface:
+def bricks(rng: Rng) -> Material:
     """Brickwork in stretcher bond."""
     rows, columns = 12, 4
     y = np.arange(SIZE) * rows / SIZE
@@ -114,22 +108,22 @@ def bricks(rng: np.random.Generator) -> Surface:
     clay = np.array([0.60, 0.34, 0.27]) if rng.random() < 0.6 else np.array([0.8, 0.78, 0.74])
     tone = 1 + rng.normal(0, 0.1, (rows, columns))[j, i] + 0.05 * noise(rng, 4, 120, 0.6)
     wall = _tinted(tone, clay)
-    wall[mortar] = _bytes(np.array(rng.uniform(0.55, 0.8)))
-    return Surface(wall, 1.0)
+    wall[mortar] = to_bytes(np.array(rng.uniform(0.55, 0.8)))
+    return Material(wall)
 
 
-def wood(rng: np.random.Generator) -> Surface:
+def wood(rng: Rng) -> Material:
     """Veneer for furniture."""
-    return Surface(_tinted(1 + 0.07 * grain(rng, 12), _wood_colour(rng)), 1.0)
+    return Material(_tinted(1 + 0.07 * grain(rng, 12), _wood_colour(rng)))
 
 
-def lacquer(rng: np.random.Generator) -> Surface:
+def lacquer(rng: Rng) -> Material:
     """One even colour: white, dark or bright."""
     colour = (np.full(3, 0.88), np.full(3, 0.15), rng.uniform(0.15, 0.8, 3))[int(rng.integers(3))]
     return even(colour)
 
 
-def cloth(rng: np.random.Generator) -> Surface:
+def cloth(rng: Rng) -> Material:
     """Upholstery: a weave, sometimes striped or checked."""
     thread = np.sin(np.arange(SIZE) * 2 * np.pi / 8)
     colour, kind, count = _cloth_colour(rng), rng.random(), int(rng.integers(4, 10))
@@ -143,10 +137,10 @@ def cloth(rng: np.random.Generator) -> Surface:
         cloth = np.where(
             np.broadcast_to(band, value.shape)[..., None], _tinted(value, colour), cloth
         )
-    return Surface(cloth, 0.5)
+    return Material(cloth, 0.5)
 
 
-def rug(rng: np.random.Generator) -> Surface:
+def rug(rng: Rng) -> Material:
     """A patterned rug, drawn once, with borders."""
     y, x = np.mgrid[0:SIZE, 0:SIZE] / SIZE - 0.5
     edge = np.maximum(abs(x), abs(y))
@@ -156,10 +150,10 @@ def rug(rng: np.random.Generator) -> Surface:
     index = np.where(field > 0.5, 1, 0)
     index = np.where((edge > 0.38) & (edge < 0.41), 2, np.where(edge > 0.45, 3, index))
     value = 1 + 0.08 * noise(rng, 60, 250, 0.0)
-    return Surface(_bytes(colours.astype(np.float32)[index] * value[..., None]), 1.0)
+    return Material(to_bytes(colours.astype(np.float32)[index] * value[..., None]))
 
 
-def books(rng: np.random.Generator) -> Surface:
+def books(rng: Rng) -> Material:
     """Book spines, side by side; seen once along a shelf."""
     colour, x = np.zeros((SIZE, SIZE, 3)), 0
     while x < SIZE:
@@ -170,44 +164,44 @@ def books(rng: np.random.Generator) -> Surface:
         colour[title : title + 60, x + width // 3 : x + 2 * width // 3] = rng.uniform(0.6, 1.0)
         colour[:, x : x + 1] *= 0.3
         x += width
-    return Surface(_bytes(colour), 1.0)
+    return Material(to_bytes(colour))
 
 
-def leaves(rng: np.random.Generator) -> Surface:
+def leaves(rng: Rng) -> Material:
     """Foliage: bright and dark greens in small patches."""
     value = 0.75 + 0.22 * noise(rng, 12, 120, 0.4) + 0.12 * noise(rng, 60, 250, 0.0)
-    return Surface(_tinted(value, np.array([0.28, 0.45, 0.16]) * rng.uniform(0.8, 1.2, 3)), 0.5)
+    return Material(_tinted(value, np.array([0.28, 0.45, 0.16]) * rng.uniform(0.8, 1.2, 3)), 0.5)
 
 
-def grass(rng: np.random.Generator) -> Surface:
+def grass(rng: Rng) -> Material:
     """A lawn from above: blades over darker ones, here and there drier."""
     value = _blades(rng) * (1 + 0.10 * noise(rng, 1, 12))
     dry = np.clip(0.25 + 0.25 * noise(rng, 1, 60), 0.0, 1.0)[..., None]
     green, straw = np.array([[0.33, 0.47, 0.18], [0.44, 0.46, 0.24]], np.float32)
     tint = rng.uniform(0.85, 1.15, 3).astype(np.float32)
-    return Surface(_bytes(value[..., None] * tint * (green + dry * (straw - green))), 2.0)
+    return Material(to_bytes(value[..., None] * tint * (green + dry * (straw - green))), 2.0)
 
 
-def paving(rng: np.random.Generator) -> Surface:
+def paving(rng: Rng) -> Material:
     """Concrete slabs outdoors."""
     slabs = tiles(rng, chequered=0.0)
     worn = 1 + 0.06 * noise(rng, 2, 200, 0.5)
-    return Surface(_bytes(slabs.texture / 255.0 * 0.85 * worn[..., None]), 2.0)
+    return Material(to_bytes(slabs.texture / 255.0 * 0.85 * worn[..., None]), 2.0)
 
 
-def asphalt(rng: np.random.Generator) -> Surface:
+def asphalt(rng: Rng) -> Material:
     """A road: dark, grainy, with worn tracks."""
     value = 1 + 0.12 * noise(rng, 60, 250, 0.0) + 0.08 * noise(rng, 1, 12, 1.2)
-    return Surface(_tinted(value, np.full(3, rng.uniform(0.2, 0.32))), 2.0)
+    return Material(_tinted(value, np.full(3, rng.uniform(0.2, 0.32))), 2.0)
 
 
-def picture(rng: np.random.Generator) -> Surface:
+def picture(rng: Rng) -> Material:
     """Something to hang on a wall: soft colour fields."""
     fields = np.stack([noise(rng, 1, int(rng.integers(3, 10)), 1.2) for _ in range(3)], -1)
-    return Surface(_bytes(0.5 + 0.2 * fields * rng.uniform(0.2, 0.9, 3)), 1.0)
+    return Material(to_bytes(0.5 + 0.2 * fields * rng.uniform(0.2, 0.9, 3)))
 
 
-def window(rng: np.random.Generator) -> Surface:
+def window(rng: Rng) -> Material:
     """A bright window with glazing bars: sky above, something green below."""
     along = np.arange(SIZE) / SIZE
     edge = np.minimum(along, 1 - along)
@@ -216,19 +210,19 @@ def window(rng: np.random.Generator) -> Surface:
     seen = (along[:, None] > horizon).astype(np.uint8)
     seen[np.minimum.outer(down, across) < 0.025] = 2
     colours = np.array([[0.93, 0.96, 1.0], [0.72, 0.80, 0.66], [0.8, 0.8, 0.8]])
-    return Surface(_bytes(colours)[seen], 1.0)
+    return Material(to_bytes(colours)[seen])
 
 
-def even(colour: Float[Array, "3"]) -> Surface:
-    """One colour (sRGB, 0..1) everywhere."""
-    return Surface(np.broadcast_to(_bytes(np.asarray(colour)), (4, 4, 3)).copy(), 1.0)
+def even(colour: ArrayLike) -> Material:
+    """One colour, or one grey (sRGB, 0..1), everywhere."""
+    return Material(np.broadcast_to(to_bytes(np.asarray(colour)), (4, 4, 3)).copy())
 
 
-FLOORS: tuple[Callable[[np.random.Generator], Surface], ...] = (planks, tiles, carpet, concrete)
-WALLS: tuple[Callable[[np.random.Generator], Surface], ...] = (plaster, plaster, wallpaper, bricks)
+FLOORS: tuple[Callable[[Rng], Material], ...] = (planks, tiles, carpet, concrete)
+WALLS: tuple[Callable[[Rng], Material], ...] = (plaster, plaster, wallpaper, bricks)
 
 
-def _blades(rng: np.random.Generator, tones: int = 24, each: int = 600) -> Float[Array, "S S"]:
+def _blades(rng: Rng, tones: int = 24, each: int = 600) -> Float[Array, "S S"]:
     """Brightness of short strokes in all directions, mean 1; a brighter one lies over a darker."""
     longest, margin = 22, 24  # pixels
     canvas = np.full((SIZE + 2 * margin, SIZE + 2 * margin), 60, np.uint8)
@@ -246,7 +240,7 @@ def _blades(rng: np.random.Generator, tones: int = 24, each: int = 600) -> Float
 
 
 def _filtered(
-    rng: np.random.Generator, low: float, high: float, steep: float, stretch: float
+    rng: Rng, low: float, high: float, steep: float, stretch: float
 ) -> Float[Array, "S S"]:
     """Random waves, drawn where the filter lets any through and nowhere else."""
     rows, columns = min(int(high), SIZE // 2 - 1), min(int(high / stretch), SIZE // 2)
@@ -270,19 +264,33 @@ def _gain(
     return np.where(within, np.maximum(waves, 1.0) ** -steep, 0.0).astype(np.float32)
 
 
-def _wood_colour(rng: np.random.Generator) -> Array:
+def _wood_colour(rng: Rng) -> Array:
     pale, dark = np.array([0.80, 0.66, 0.47]), np.array([0.36, 0.23, 0.14])
     return dark + (pale - dark) * rng.uniform(0, 1) * rng.uniform(0.9, 1.1, 3)
 
 
-def _cloth_colour(rng: np.random.Generator) -> Array:
+def _cloth_colour(rng: Rng) -> Array:
     grey = rng.uniform(0.25, 0.7)
     return np.clip(grey + rng.uniform(-0.18, 0.18, 3) * rng.uniform(0, 1), 0.05, 0.95)
 
 
 def _tinted(value: Float[Array, "S S"], colour: Float[Array, "3"]) -> UInt8[Array, "S S 3"]:
-    return tinted(value.astype(np.float32), np.asarray(colour, np.float32))
+    return _product(value.astype(np.float32), np.asarray(colour, np.float32))
 
 
-def _bytes(colour: Float[Array, "*n"]) -> UInt8[Array, "*n"]:
+@njit(cache=True, error_model="numpy")
+def _product(value: Float[Array, "H W"], colour: Float[Array, "3"]) -> UInt8[Array, "H W 3"]:
+    """sRGB bytes of a colour (0..1) times a brightness at each pixel, cut off at white."""
+    height, width = value.shape
+    texture = np.empty((height, width, 3), np.uint8)
+    for y in range(height):
+        for x in range(width):
+            for c in range(3):
+                level = min(max(value[y, x] * colour[c], np.float32(0.0)), np.float32(1.0))
+                texture[y, x, c] = np.uint8(level * np.float32(255.0) + np.float32(0.5))
+    return texture
+
+
+def to_bytes(colour: Float[Array, "*n"]) -> UInt8[Array, "*n"]:
+    """sRGB bytes of colours from 0 to 1, cut off at both ends."""
     return np.rint(np.clip(colour, 0.0, 1.0) * 255.0).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""What is far away all around: a panorama on a dome, made up or a user's own.
+"""The distant background: a panorama on a dome, procedural or a user's own.
 
 Panoramas are equirectangular: columns are azimuth (the middle is +x, to the right is clockwise
 seen from above), rows elevation from the zenith down.
@@ -7,6 +7,7 @@ seen from above), rows elevation from the zenith down.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -17,8 +18,9 @@ from numpy import ndarray as Array
 from egocap.errors import FileError
 from egocap_sim.assets import textures
 from egocap_sim.assets.mesh import Mesh
-from egocap_sim.core import part_labels
-from egocap_sim.environment.surroundings import Place
+from egocap_sim.assets.primitives import grid_faces
+from egocap_sim.core.part_labels import BACKGROUND
+from egocap_sim.environment.place import Place, direction
 from egocap_sim.environment.texture_folder import decode_picture
 
 WIDTH, HEIGHT = 2048, 1024  # pixels
@@ -31,14 +33,13 @@ Picture = UInt8[Array, "H W 3"]
 
 def make_panorama(rng: np.random.Generator) -> Picture:
     """Sky with clouds, hills, then houses or trees along the horizon, and the ground below it."""
-    x = np.arange(WIDTH)
     elevation = 90.0 - (np.arange(HEIGHT) + 0.5) * 180.0 / HEIGHT  # degrees, a row each
     image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     above, below = elevation >= 0, elevation < 0
     image[above] = _sky(rng, elevation[above])
     haze = image[HEIGHT // 2 - 8].mean(0)
     for k in range(2):  # hills, the farther ones paler
-        ridge = (2.0 + 2.5 * (1 - k)) * (1.0 + 0.5 * _ridge(rng, x, 5 + 6 * k))
+        ridge = (2.0 + 2.5 * (1 - k)) * (1.0 + 0.5 * _ridge(rng, 5 + 6 * k))
         green = np.array([0.32, 0.40, 0.30]) * rng.uniform(0.7, 1.1)
         _below(image, elevation, ridge, haze + (0.35 + 0.3 * k) * (green - haze))
     if rng.random() < 0.6:
@@ -49,11 +50,11 @@ def make_panorama(rng: np.random.Generator) -> Picture:
     ground = ((haze * 0.75) * (1 - share) + soil * share).astype(np.float32)
     rough = 1.0 + 0.06 * _tiled(rng, 10, 120)[below, :, None]
     image[below] = ground * rough
-    return np.rint(np.clip(image, 0, 1, out=image) * 255).astype(np.uint8)
+    return textures.to_bytes(image)
 
 
 def read_panorama(path: Path) -> Picture:
-    """A user's panorama (RGB), brought to 2048 x 1024. Raises FileError where it cannot be read."""
+    """A user's panorama (RGB), resized to 2048 x 1024. Raises FileError if it cannot be read."""
     image = decode_picture(path, "an equirectangular JPEG or PNG")
     if not 1.8 <= image.shape[1] / image.shape[0] <= 2.2:
         size = f"{image.shape[1]} x {image.shape[0]}"
@@ -62,40 +63,30 @@ def read_panorama(path: Path) -> Picture:
 
 
 def dome(picture: Picture) -> list[Mesh]:
-    """The panorama around the origin: it shines by itself and counts as background."""
-    pieces = []
-    for top in range(0, HEIGHT, _PIECE):
-        for left in range(0, WIDTH, _PIECE):
-            rows = top + np.linspace(0, _PIECE, _STEPS + 1)
-            columns = left + np.linspace(0, _PIECE, _STEPS + 1)
-            pieces.append(_piece(picture, top, left, rows, columns))
-    return pieces
+    """The panorama around the origin: it glows and counts as background."""
+    corners = product(range(0, HEIGHT, _PIECE), range(0, WIDTH, _PIECE))
+    return [_piece(picture, top, left) for top, left in corners]
 
 
-def surrounded(place: Place, picture: Picture) -> Place:
-    """A place with the panorama in the place of its sky."""
+def with_panorama(place: Place, picture: Picture) -> Place:
+    """A place with the panorama instead of its sky."""
     kept = tuple(mesh for mesh in place.meshes if mesh.name != "sky")
     return replace(place, meshes=(*kept, *dome(picture)))
 
 
-def _piece(picture: Picture, top: int, left: int, rows: Array, columns: Array) -> Mesh:
-    row, column = np.meshgrid(rows, columns, indexing="ij")
-    elevation = np.pi / 2 - row / HEIGHT * np.pi
-    azimuth = np.pi - column / WIDTH * 2 * np.pi
-    flat = np.cos(elevation)
-    unit = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], -1)
-    n = len(columns)
-    i, j = np.meshgrid(np.arange(len(rows) - 1), np.arange(n - 1), indexing="ij")
-    k = (i * n + j).ravel()
-    faces = np.concatenate([np.c_[k, k + n, k + n + 1], np.c_[k, k + n + 1, k + 1]])
+def _piece(picture: Picture, top: int, left: int) -> Mesh:
+    """The part of the dome that shows a square of the picture."""
+    step = np.linspace(0, _PIECE, _STEPS + 1)
+    row, column = np.meshgrid(top + step, left + step, indexing="ij")
+    points = direction(np.pi - column / WIDTH * 2 * np.pi, np.pi / 2 - row / HEIGHT * np.pi)
     # Half a pixel in from the edges: textures repeat, and would bleed in from the other side.
     edge = 0.5 / _PIECE
     uv = np.stack([(column - left) / _PIECE, (row - top) / _PIECE], -1).clip(edge, 1 - edge)
     texture = np.ascontiguousarray(picture[top : top + _PIECE, left : left + _PIECE])
-    vertices = RADIUS_M * unit.reshape(-1, 3)
+    vertices = RADIUS_M * np.moveaxis(points, 0, -1).reshape(-1, 3)
     return Mesh(
-        "sky", vertices, faces, uv.reshape(-1, 2), texture,
-        np.full(len(vertices), part_labels.BACKGROUND, np.uint8), casts_shadow=False, glows=True,
+        "sky", vertices, grid_faces(_STEPS, _STEPS), uv.reshape(-1, 2), texture,
+        np.full(len(vertices), BACKGROUND, np.uint8), casts_shadow=False, glows=True,
     )  # fmt: skip
 
 
@@ -114,15 +105,14 @@ def _sky(rng: np.random.Generator, elevation: Float[Array, "h"]) -> Float[Array,
 def _tiled(rng: np.random.Generator, low: float, high: float) -> Float[Array, "H W"]:
     """Noise that closes around the horizon."""
     square = textures.noise(rng, low, high, 1.3).astype(np.float32)
-    wide = cv2.resize(np.hstack([square] * 2), (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
-    return wide
+    return cv2.resize(np.hstack([square] * 2), (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
 
 
-def _ridge(rng: np.random.Generator, x: Array, waves: int) -> Float[Array, "W"]:
+def _ridge(rng: np.random.Generator, waves: int) -> Float[Array, "W"]:
     """A line of standard deviation about 0.7 that closes around the horizon."""
     k = np.arange(1, waves * 4)
     phase, size = rng.uniform(0, 2 * np.pi, len(k)), rng.normal(size=len(k)) / (1 + k / waves)
-    line = (size * np.sin(2 * np.pi * np.outer(x / WIDTH, k) + phase)).sum(1)
+    line = (size * np.sin(2 * np.pi * np.outer(np.arange(WIDTH) / WIDTH, k) + phase)).sum(1)
     return 0.7 * line / max(line.std(), 1e-9)
 
 
@@ -136,7 +126,7 @@ def _below(image: Array, elevation: Array, top: Array, colour: Array) -> None:
 def _houses(image: Array, elevation: Array, rng: np.random.Generator) -> None:
     """Blocks with rows of windows, in some stretches of the horizon."""
     x = 0
-    stretch = _ridge(rng, np.arange(WIDTH), 3) > rng.uniform(-0.6, 0.6)
+    stretch = _ridge(rng, 3) > rng.uniform(-0.6, 0.6)
     while x < WIDTH - 8:
         wide, high = int(rng.integers(24, 90)), rng.uniform(3.0, 12.0)
         if stretch[min(x + wide // 2, WIDTH - 1)]:

@@ -1,46 +1,105 @@
-"""Where a scene happens: every kind of place by name, the light it is in, and users' pictures."""
+"""What a place is: meshes at rest, light, and the colour behind them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
 
-from egocap.errors import InputError
-from egocap_sim.environment.grounds import court, grass, outdoor, square, street
-from egocap_sim.environment.rooms import chroma, corridor, room, studio
-from egocap_sim.environment.surroundings import Light, Place, with_bounced_light
-
-LARGEST_RADIUS_M = 15.0
-Rng = np.random.Generator
-
-__all__ = ["PLACES", "Light", "Place", "make_place"]
+from egocap.geometry import unit
+from egocap_sim.assets.mesh import Material, Mesh
+from egocap_sim.assets.primitives import sheet
 
 
-def make_place(name: str, rng: Rng, clear_radius: float = 2.0) -> Place:
-    """Make a kind of place around a circle of `clear_radius` metres about the origin left free.
+@dataclass(frozen=True, eq=False)
+class Light:
+    """One distant main light that throws shadows, and ambient light from above and below.
 
-    The same generator state gives the same place. Raises: InputError for an unknown name, or a
-    radius outside 0.5 to 15 m.
+    Colours are linear, 1 being what turns a white surface into a white pixel.
     """
-    if name not in PLACES:
-        raise InputError(f"unknown place '{name}'", valid=PLACES)
-    if not 0.5 <= clear_radius <= LARGEST_RADIUS_M:
-        raise InputError(
-            f"clear radius is {clear_radius} m", valid=f"0.5 to {LARGEST_RADIUS_M:g} m"
-        )
-    place = PLACES[name](rng, float(clear_radius))
-    return place if place.name == "chroma" else with_bounced_light(place)
+
+    direction: Float[Array, "3"]  # unit, world, the way the light travels
+    color: Float[Array, "3"]
+    sky: Float[Array, "3"]  # ambient light on surfaces that face `sky_axis`
+    ground: Float[Array, "3"]  # and on those that face away
+    sky_axis: Float[Array, "3"]  # unit
+    spread: float = 0.0093
+    """Diameter over distance: the sun's. From 0.03 on, shadows are drawn with their penumbrae."""
 
 
-def anywhere(rng: Rng, clear_radius: float) -> Place:
-    """One of the other places but the green room."""
-    kinds = [k for k in PLACES if k not in ("chroma", "any")]
-    return PLACES[kinds[int(rng.integers(len(kinds)))]](rng, clear_radius)
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Everything around the person, at rest in the world; the floor is z = 0."""
+
+    name: str
+    meshes: tuple[Mesh, ...]
+    light: Light
+    background: Float[Array, "3"]  # linear colour where nothing is drawn
+    room: Float[Array, "3"] = field(default_factory=lambda: np.full(3, 1000.0))
+    """Half the length and width of a closed room around the origin, and its height, metres."""
+    contact: bool = False
+    """Whether the floor is darker under what touches it: `egocap_sim.render.contact`."""
 
 
-PLACES: dict[str, Callable[[Rng, float], Place]] = {
-    "room": room, "studio": studio, "chroma": chroma, "outdoor": outdoor,
-    "corridor": corridor, "street": street, "grass": grass, "court": court,
-    "square": square, "any": anywhere,
-}  # fmt: skip
+GROUNDS = ("floor", "yard", "rug", "court", "pavement")
+"""Names of the meshes that people stand on."""
+
+
+def with_bounced_light(place: Place) -> Place:
+    """The place with light from below in the colour of its ground."""
+    colours = [(m.texture / 255.0) ** 2 for m in place.meshes if m.name in GROUNDS]
+    if not colours:
+        return place
+    light = place.light
+    albedo = np.mean([c.mean((0, 1)) for c in colours], axis=0)
+    arrives = 0.55 * light.color * max(-float(light.direction[2]), 0.0) + 0.5 * light.sky
+    ground = 0.45 * light.ground + 0.55 * albedo * arrives
+    return replace(place, light=replace(light, ground=ground))
+
+
+def at_dusk(place: Place) -> Place:
+    """The place with the sun low and red, the sky dim and blue, and what glows turned down."""
+    light = place.light
+    flat = light.direction * [1.0, 1.0, 0.0]
+    low = unit(flat / max(np.linalg.norm(flat), 1e-9) - [0.0, 0.0, 0.55])
+    dim = np.array([0.42, 0.34, 0.40])
+    meshes = tuple(
+        replace(m, texture=np.round(m.texture * dim).astype(np.uint8)) if m.glows else m
+        for m in place.meshes
+    )
+    light = replace(
+        light,
+        direction=low,
+        color=light.color * [0.62, 0.38, 0.22],
+        sky=light.sky * [0.50, 0.52, 0.66],
+        ground=light.ground * 0.5,
+    )
+    return replace(place, meshes=meshes, light=light, background=place.background * dim)
+
+
+def direction(azimuth: float, elevation: float) -> Float[Array, "3"]:
+    """Unit vector at an azimuth and an elevation, radians."""
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
+def flat(
+    name: str,
+    corner: tuple[float, float, float],
+    size: tuple[float, float],
+    material: Material,
+    *,
+    tiled: bool = True,
+    cells: int = 1,
+) -> Mesh:
+    """A level sheet that faces up, `size` (x, y) from the corner of least x and greatest y."""
+    across, down = (size[0], 0, 0), (0, -size[1], 0)
+    return sheet(name, corner, across, down, material, tiled=tiled, cells=cells)
+
+
+def floor(half: Float[Array, "2"], material: Material, cells: int = 1) -> Mesh:
+    """A floor `half` metres (x, y) to each side."""
+    x, y = half
+    return flat("floor", (-x, y, 0), (2 * x, 2 * y), material, cells=cells)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
 import numpy as np
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap import geometry
 from egocap_sim.assets import furniture, textures
-from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.mesh import Material, Mesh
 from egocap_sim.assets.primitives import box, extent, placed, sheet
-from egocap_sim.assets.textures import Surface
-from egocap_sim.core import part_labels
-from egocap_sim.environment.surroundings import Light, Place, direction_of, floor
+from egocap_sim.core.part_labels import ROOM
+from egocap_sim.environment.place import Light, Place, direction, flat, floor
 
 Rng = np.random.Generator
+Half = Float[Array, "2"]  # half a room's length (x) and width (y), metres
 _CELLS = 10  # along a wall: light falls off towards corners
 
 
@@ -21,9 +25,7 @@ def room(rng: Rng, clear_radius: float) -> Place:
     """A furnished room with a window, pictures, and sometimes a ceiling and a rug."""
     half = clear_radius + rng.uniform(0.9, 1.6, 2)
     height = float(rng.uniform(2.5, 3.0))
-    ground = textures.FLOORS[int(rng.integers(len(textures.FLOORS)))](rng)
-    wall = textures.WALLS[int(rng.integers(len(textures.WALLS)))](rng)
-    accent = textures.WALLS[int(rng.integers(len(textures.WALLS)))](rng)
+    ground, wall, accent = (_any_of(c, rng) for c in (textures.FLOORS, *[textures.WALLS] * 2))
     sunny = int(rng.integers(4))  # the wall with the window
     meshes = [floor(half, ground, _CELLS), *_walls(half, height, [wall, wall, accent, wall])]
     if rng.random() < 0.6:
@@ -40,7 +42,7 @@ def room(rng: Rng, clear_radius: float) -> Place:
 def studio(rng: Rng, clear_radius: float) -> Place:
     """A motion-capture studio: plain floor and walls, lamps, little else."""
     half = np.full(2, clear_radius + rng.uniform(1.0, 2.0))
-    paint = textures.even(np.full(3, rng.uniform(0.3, 0.75)))
+    paint = textures.even(rng.uniform(0.3, 0.75))
     ground = textures.concrete(rng) if rng.random() < 0.5 else textures.carpet(rng)
     meshes = [floor(half, ground, _CELLS), *_walls(half, 3.5, [paint] * 4)]
     for k in range(4):
@@ -66,29 +68,25 @@ def corridor(rng: Rng, clear_radius: float) -> Place:
     """A long corridor with doors, notices and lamps along the ceiling; narrow for its length."""
     half = np.array([4.0 * clear_radius + 4.0, clear_radius + rng.uniform(0.05, 0.3)])
     height = float(rng.uniform(2.5, 2.9))
-    ground = textures.FLOORS[int(rng.integers(len(textures.FLOORS)))](rng)
-    wall, end = textures.plaster(rng), textures.plaster(rng)
+    ground, wall, end = _any_of(textures.FLOORS, rng), textures.plaster(rng), textures.plaster(rng)
     meshes = [floor(half, ground, _CELLS), *_walls(half, height, [end, wall, end, wall])]
     x, y = half
-    white, glow = textures.even(np.full(3, 0.9)).texture, textures.even(np.full(3, 1.0)).texture
+    white, glow = textures.even(0.9), replace(textures.even(1.0), glows=True)
     ceiling = (-x, -y, height), (2 * x, 0, 0), (0, 2 * y, 0)
     meshes.append(sheet("ceiling", *ceiling, white, cells=_CELLS))
-    lamps = np.arange(-x + 1.5, x - 1.0, 3.0)
-    for at in lamps:
-        corner = (at, -0.15, height - 0.02)
-        meshes.append(sheet("lamp", corner, (1.2, 0, 0), (0, 0.3, 0), glow, glows=True))
-    door, frame = textures.wood(rng), textures.even(np.full(3, 0.35)).texture
+    for at in np.arange(-x + 1.5, x - 1.0, 3.0):
+        meshes.append(sheet("lamp", (at, -0.15, height - 0.02), (1.2, 0, 0), (0, 0.3, 0), glow))
+    wood, paint = (replace(m, part=ROOM) for m in (textures.wood(rng), textures.even(0.35)))
+    door = [
+        box("door frame", (0, 0.01, 1.04), (1.0, 0.02, 2.08), paint),
+        box("door", (0, 0.018, 1.0), (0.88, 0.03, 2.0), wood),
+    ]
     for side in (1, 3):
         for at in np.arange(-x + 1.2, x - 1.2, rng.uniform(2.6, 4.0)) + rng.uniform(0, 0.5):
-            leaf = (
-                box("door frame", (0, 0.01, 1.04), (1.0, 0.02, 2.08), frame, part=part_labels.ROOM),
-                box("door", (0, 0.018, 1.0), (0.88, 0.03, 2.0), door.texture, door.tile,
-                    part=part_labels.ROOM),
-            )  # fmt: skip
-            meshes += _on_wall(side, half, leaf, float(at))
+            meshes += _on_wall(side, half, door, float(at))
             if rng.random() < 0.5:
                 meshes += _on_wall(side, half, _picture(rng), float(at) + 1.2)
-    toward = direction_of(rng.uniform(0, 2 * np.pi), 1.35)
+    toward = direction(rng.uniform(0, 2 * np.pi), 1.35)
     light = Light(
         direction=-toward,
         color=np.full(3, rng.uniform(0.4, 0.6)),
@@ -97,14 +95,17 @@ def corridor(rng: Rng, clear_radius: float) -> Place:
         sky_axis=geometry.UP,
         spread=0.2,  # a long lamp
     )
-    grey = np.full(3, 0.4)
-    return Place("corridor", tuple(meshes), light, grey, np.array([*half, height]))
+    return Place("corridor", tuple(meshes), light, np.full(3, 0.4), np.array([*half, height]))
+
+
+def _any_of(makers: Sequence, rng: Rng) -> Material:
+    return makers[int(rng.integers(len(makers)))](rng)
 
 
 def _indoor_light(rng: Rng, sunny: int) -> Light:
     """Light from high up on the window's side, the room's own light from everywhere."""
     azimuth = _YAW[sunny] - np.pi / 2  # of the wall's outside
-    toward = direction_of(azimuth + rng.uniform(-0.5, 0.5), rng.uniform(0.8, 1.2))
+    toward = direction(azimuth + rng.uniform(-0.5, 0.5), rng.uniform(0.8, 1.2))
     warm = np.array([1.0, rng.uniform(0.9, 1.0), rng.uniform(0.78, 1.0)])
     strength = rng.uniform(0.45, 0.75)
     return Light(
@@ -122,71 +123,59 @@ def _indoor_light(rng: Rng, sunny: int) -> Light:
 _YAW = (np.pi / 2, np.pi, -np.pi / 2, 0.0)
 
 
-def _wall_frame(index: int, half: Array) -> tuple[Array, float, float]:
+def _wall_frame(index: int, half: Half) -> tuple[Float[Array, "3"], float, float]:
     """A wall's middle at the floor, its yaw, and half its length."""
     middle = np.array([(half[0], 0, 0), (0, half[1], 0), (-half[0], 0, 0), (0, -half[1], 0)][index])
     return middle.astype(float), _YAW[index], float(half[1 if index % 2 == 0 else 0])
 
 
-def _on_wall(index: int, half: Array, meshes: tuple[Mesh, ...], along: float = 0.0) -> list[Mesh]:
+def _on_wall(index: int, half: Half, meshes: Iterable[Mesh], along: float = 0.0) -> list[Mesh]:
     middle, yaw, _ = _wall_frame(index, half)
     along_wall = geometry.axis_angle(geometry.UP, yaw) @ np.array([along, 0.0, 0.0])
     return list(placed(meshes, middle + along_wall, yaw))
 
 
-def _walls(half: Array, height: float, surface: list[Surface]) -> list[Mesh]:
+def _walls(half: Half, height: float, materials: Sequence[Material]) -> list[Mesh]:
     out = []
-    board = textures.even(np.full(3, 0.85)).texture
-    for k in range(4):
+    board = replace(textures.even(0.85), part=ROOM, casts_shadow=False)
+    for k, material in enumerate(materials):
         length = _wall_frame(k, half)[2]
-        wall = sheet(
-            "wall", (length, 0, height), (-2 * length, 0, 0), (0, 0, -height),
-            surface[k].texture, surface[k].tile, cells=_CELLS,
-        )  # fmt: skip
-        skirting = box(
-            "skirting", (0, 0.008, 0.04), (2 * length, 0.016, 0.08), board,
-            part=part_labels.ROOM, casts_shadow=False,
-        )  # fmt: skip
+        rectangle = (length, 0, height), (-2 * length, 0, 0), (0, 0, -height)
+        wall = sheet("wall", *rectangle, material, tiled=True, cells=_CELLS)
+        skirting = box("skirting", (0, 0.008, 0.04), (2 * length, 0.016, 0.08), board)
         out += _on_wall(k, half, (wall, skirting))
     return out
 
 
-def _ceiling(half: Array, height: float, paint: Surface | None = None) -> list[Mesh]:
+def _ceiling(half: Half, height: float) -> list[Mesh]:
     x, y = half
-    white = (paint or textures.even(np.full(3, 0.93))).texture
-    out = [sheet("ceiling", (-x, -y, height), (2 * x, 0, 0), (0, 2 * y, 0), white,
-                 cells=_CELLS)]  # fmt: skip
-    if paint is None:
-        bright = textures.even(np.array([1.0, 0.98, 0.94])).texture
-        out.append(
-            sheet("lamp", (-0.6, -0.3, height - 0.02), (1.2, 0, 0), (0, 0.6, 0), bright, glows=True)
-        )
-    return out
+    white, bright = textures.even(0.93), replace(textures.even((1.0, 0.98, 0.94)), glows=True)
+    rectangle = (-x, -y, height), (2 * x, 0, 0), (0, 2 * y, 0)
+    return [
+        sheet("ceiling", *rectangle, white, cells=_CELLS),
+        sheet("lamp", (-0.6, -0.3, height - 0.02), (1.2, 0, 0), (0, 0.6, 0), bright),
+    ]
 
 
-def _window(rng: Rng, height: float) -> tuple[Mesh, ...]:
+def _window(rng: Rng, height: float) -> list[Mesh]:
     w, h = rng.uniform(1.2, 2.0), rng.uniform(1.1, 1.5)
     top = min(height - 0.2, 2.3)
-    pane = textures.window(rng).texture
-    sill = textures.even(np.full(3, 0.88)).texture
-    return (
-        sheet("window", (w / 2, 0.012, top), (-w, 0, 0), (0, 0, -h), pane, glows=True),
-        box("sill", (0, 0.06, top - h - 0.02), (w + 0.1, 0.12, 0.03), sill, part=part_labels.ROOM),
-    )
+    pane, white = replace(textures.window(rng), glows=True), replace(textures.even(0.88), part=ROOM)
+    return [
+        sheet("window", (w / 2, 0.012, top), (-w, 0, 0), (0, 0, -h), pane),
+        box("sill", (0, 0.06, top - h - 0.02), (w + 0.1, 0.12, 0.03), white),
+    ]
 
 
 def _rug(rng: Rng, clear_radius: float) -> list[Mesh]:
-    w, d = (
-        rng.uniform(0.7, 1.3) * min(clear_radius, 2.0),
-        rng.uniform(0.6, 1.0) * min(clear_radius, 2.0),
-    )
+    reach = min(clear_radius, 2.0)
+    w, d = rng.uniform(0.7, 1.3) * reach, rng.uniform(0.6, 1.0) * reach
     x, y = rng.uniform(-0.4, 0.4, 2)
-    woven = textures.rug(rng).texture
-    flat = sheet("rug", (-w, d, 0.004), (2 * w, 0, 0), (0, -2 * d, 0), woven)
-    return list(placed([flat], (x, y, 0), rng.uniform(-0.3, 0.3)))
+    woven = flat("rug", (-w, d, 0.004), (2 * w, 2 * d), textures.rug(rng), tiled=False)
+    return list(placed([woven], (x, y, 0), rng.uniform(-0.3, 0.3)))
 
 
-def _furnish(rng: Rng, half: Array, clear_radius: float, sunny: int) -> list[Mesh]:
+def _furnish(rng: Rng, half: Half, clear_radius: float, sunny: int) -> list[Mesh]:
     """Stand furniture along the walls, and hang pictures, without touching the free circle."""
     out: list[Mesh] = []
     for k in range(4):
@@ -194,8 +183,8 @@ def _furnish(rng: Rng, half: Array, clear_radius: float, sunny: int) -> list[Mes
         depth = float(np.abs(middle).max()) - clear_radius
         at = -length + 0.75
         while at < length - 0.75:
-            maker = furniture.WALL_PIECES[int(rng.integers(len(furniture.WALL_PIECES)))]
-            piece = maker(rng)
+            make = furniture.WALL_PIECES[int(rng.integers(len(furniture.WALL_PIECES)))]
+            piece = make(rng)
             low, high = extent(piece)
             width = float(high[0] - low[0])
             fits = at + width <= length - 0.75 and high[1] + 0.03 <= depth
@@ -209,11 +198,10 @@ def _furnish(rng: Rng, half: Array, clear_radius: float, sunny: int) -> list[Mes
     return out
 
 
-def _picture(rng: Rng) -> tuple[Mesh, ...]:
+def _picture(rng: Rng) -> list[Mesh]:
     w, h, z = rng.uniform(0.4, 1.0), rng.uniform(0.4, 0.8), rng.uniform(1.5, 1.7)
-    wood = textures.wood(rng).texture
-    art = textures.picture(rng).texture
-    return (
-        box("frame", (0, 0.012, z), (w + 0.08, 0.024, h + 0.08), wood, part=part_labels.ROOM),
+    wood, art = replace(textures.wood(rng), part=ROOM), textures.picture(rng)
+    return [
+        box("frame", (0, 0.012, z), (w + 0.08, 0.024, h + 0.08), wood),
         sheet("picture", (w / 2, 0.026, z + h / 2), (-w, 0, 0), (0, 0, -h), art),
-    )
+    ]

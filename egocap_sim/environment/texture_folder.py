@@ -1,9 +1,10 @@
-"""A user's folder of pictures, papered over the floors and walls of a place."""
+"""A user's folder of pictures, shown on the floors and walls of a place."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -13,10 +14,10 @@ from numpy import ndarray as Array
 
 from egocap.errors import FileError
 from egocap_sim.assets.textures import SIZE
-from egocap_sim.environment.surroundings import Place
+from egocap_sim.environment.place import Place
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp")
-PAPERED = ("floor", "yard", "wall", "picture", "house", "pavement", "court")
+TEXTURED = ("floor", "yard", "wall", "picture", "house", "pavement", "court")
 """Names of the meshes that take a picture."""
 
 
@@ -51,15 +52,13 @@ def read_picture(path: Path) -> UInt8[Array, "S S 3"]:
     return cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
 
 
-def papered(place: Place, files: Sequence[Path], rng: np.random.Generator) -> Place:
+def with_pictures(place: Place, files: Sequence[Path], rng: np.random.Generator) -> Place:
     """A place whose floor, walls and pictures show pictures drawn from files."""
-    chosen: dict[Path, Array] = {}
-    meshes = []
-    for mesh in place.meshes:
-        if mesh.name in PAPERED:
-            path = files[int(rng.integers(len(files)))]
-            if path not in chosen:
-                chosen[path] = read_picture(path)
-            mesh = replace(mesh, texture=chosen[path])
-        meshes.append(mesh)
-    return replace(place, meshes=tuple(meshes))
+    read = cache(read_picture)
+    meshes = tuple(
+        replace(mesh, texture=read(files[int(rng.integers(len(files)))]))
+        if mesh.name in TEXTURED
+        else mesh
+        for mesh in place.meshes
+    )
+    return replace(place, meshes=meshes)

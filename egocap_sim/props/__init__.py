@@ -1,4 +1,4 @@
-"""A scene's things and the wearer's motion in; moving and standing objects as actors out.
+"""A scene's props and the wearer's motion in; moving and standing objects as actors out.
 
-A new kind of thing is one module and one line in `registry`.
+A new kind of prop is one function and one line in `registry`.
 """

@@ -5,15 +5,15 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
 from egocap.geometry import GRAVITY, rigid
-from egocap_sim.assets import primitives
-from egocap_sim.assets.mesh import AnimatedActor
-from egocap_sim.assets.textures import SIZE, noise
-from egocap_sim.core import part_labels
+from egocap_sim.assets.mesh import AnimatedActor, Material
+from egocap_sim.assets.primitives import ball
+from egocap_sim.assets.textures import SIZE, noise, to_bytes
+from egocap_sim.core.part_labels import OBJECT
 from egocap_sim.motion.generators.ball_handling import (
     BALLS,
     FLIGHT_S,
@@ -24,64 +24,65 @@ from egocap_sim.motion.generators.ball_handling import (
 )
 from egocap_sim.props.performance import Performance
 from egocap_sim.props.rigid_actor import moving
-from egocap_sim.scene.config import ThingTable
 
 BASKETBALL_R, JUGGLING_R = 0.12, 0.034  # metres
 BOUNCE = 0.85  # speed kept at the floor, of a basketball on a hard court
 _G = -float(GRAVITY[2])
+Rng = np.random.Generator
 
 
-def basketball(
-    thing: ThingTable, performance: Performance, rng: np.random.Generator
-) -> list[AnimatedActor]:
+def basketball(performance: Performance, rng: Rng) -> list[AnimatedActor]:
     """A ball that is dribbled: held, pushed, bouncing off the floor, caught again."""
     start, times = performance.start_s, performance.times
     plan = plan_touches(performance.rng, performance.parameters, start + float(times[-1]))
     plan = [Touch(k.caught - start, k.pushed - start, k.hand) for k in plan]
-    centre = _centres(performance, BASKETBALL_R)
+    hands = _Hands(performance, BASKETBALL_R, PUSH_S + FLIGHT_S)
     path = np.empty((len(times), 3))
     for touch, after in pairwise(plan):
         held = (times >= touch.caught) & (times < touch.pushed)
-        path[held] = performance.held(touch.hand, centre[touch.hand])[held]
+        path[held] = hands.paths[touch.hand][held]
         flies = (times >= touch.pushed) & (times < after.caught)
         if flies.any():
-            a, b = (
-                performance.held_at(hand, centre[hand], np.array([when]), PUSH_S + FLIGHT_S)[0]
-                for hand, when in ((touch.hand, touch.pushed), (after.hand, after.caught))
-            )
+            a, b = hands.at(touch.hand, touch.pushed), hands.at(after.hand, after.caught)
             path[flies] = bounced(a, b, times[flies] - touch.pushed, after.caught - touch.pushed)
     spin = rng.normal(size=3)
     return [_ball("ball", BASKETBALL_R, _leather(rng), path, times, spin)]
 
 
-def juggled(
-    thing: ThingTable, performance: Performance, rng: np.random.Generator
-) -> list[AnimatedActor]:
+def juggling_balls(performance: Performance, rng: Rng) -> list[AnimatedActor]:
     """Three balls in a cascade."""
     timing = plan_cascade(performance.rng, performance.parameters)
     times, first = performance.times, timing.first - performance.start_s
-    centre = _centres(performance, JUGGLING_R)
-    period = 2.0 * timing.beat
+    hands = _Hands(performance, JUGGLING_R, 2.0 * timing.beat)
     number = np.floor((times - first) / timing.beat).astype(int)  # the last throw of any ball
-    extras = []
+    actors = []
     for k in range(BALLS):
         path = np.empty((len(times), 3))
         thrown = number - (number - k) % BALLS  # the last throw of this ball
         for n in np.unique(thrown):
             now, off = thrown == n, first + n * timing.beat
-            a, b = int(n % 2), int((n + 1) % 2)
-            ends = off, off + timing.flight
-            p, q = (
-                performance.held_at(hand, centre[hand], np.array([when]), period)[0]
-                for hand, when in zip((a, b), ends, strict=True)
-            )
-            flies = now & (times < ends[1])
-            path[flies] = thrown_path(p, q, times[flies] - off, timing.flight)
+            a, b, lands = int(n % 2), int((n + 1) % 2), off + timing.flight
+            flies = now & (times < lands)
+            ends = hands.at(a, off), hands.at(b, lands)
+            path[flies] = thrown_path(*ends, times[flies] - off, timing.flight)
             caught = now & ~flies
-            path[caught] = performance.held(b, centre[b])[caught]
+            path[caught] = hands.paths[b][caught]
         texture = _beanbag(rng)
-        extras.append(_ball(f"ball-{k + 1}", JUGGLING_R, texture, path, times, rng.normal(size=3)))
-    return extras
+        actors.append(_ball(f"ball-{k + 1}", JUGGLING_R, texture, path, times, rng.normal(size=3)))
+    return actors
+
+
+class _Hands:
+    """Middles of a ball in the palms of a performance, `period` [s] being the motion's."""
+
+    def __init__(self, performance: Performance, radius: float, period: float) -> None:
+        self.performance, self.period = performance, period
+        self.offsets = [palm.centre + radius * palm.normal for palm in performance.palms]
+        self.paths = [performance.held(h, offset) for h, offset in enumerate(self.offsets)]
+
+    def at(self, hand: int, when: float) -> Float[Array, "3"]:
+        times = np.array([when])
+        return self.performance.held_at(hand, self.offsets[hand], times, self.period)[0]
 
 
 def thrown_path(
@@ -94,18 +95,14 @@ def thrown_path(
 
 
 def bounced(
-    start: Float[Array, "3"],
-    end: Float[Array, "3"],
-    t: Float[Array, "N"],
-    flight: float,
-    radius: float = BASKETBALL_R,
+    start: Float[Array, "3"], end: Float[Array, "3"], t: Float[Array, "N"], flight: float
 ) -> Float[Array, "N 3"]:
     """A ball pushed down, bouncing once, and back up to `end` in `flight` seconds.
 
     The push is as hard as the bounce needs: found by bisection so that the floor gives back
     `BOUNCE` of the speed, or as near to that as the time allows.
     """
-    high, low = start[2] - radius, end[2] - radius
+    high, low = start[2] - BASKETBALL_R, end[2] - BASKETBALL_R
 
     def down_time(push: float) -> float:
         return float((np.sqrt(push * push + 2.0 * _G * high) - push) / _G)
@@ -126,25 +123,20 @@ def bounced(
     falling = high - push * t - 0.5 * _G * t * t
     rising = up * since - 0.5 * _G * since * since
     path = start + (t / flight)[:, None] * (end - start)
-    path[:, 2] = radius + np.where(t < floor, falling, rising)
+    path[:, 2] = BASKETBALL_R + np.where(t < floor, falling, rising)
     return path
 
 
-def _centres(performance: Performance, radius: float) -> list[Float[Array, "3"]]:
-    """A ball's middle in each hand's frame while it lies in the palm."""
-    return [palm.centre + radius * palm.normal for palm in performance.palms]
-
-
-def _ball(name, radius, texture, path, times, spin) -> AnimatedActor:
-    mesh = primitives.ball(
-        name, (0, 0, 0), (radius,) * 3, texture, 2 * np.pi * radius, part=part_labels.OBJECT,
-        shininess=0.15, rings=12,
-    )  # fmt: skip
+def _ball(
+    name: str, radius: float, texture: Array, path: Array, times: Array, spin: Array
+) -> AnimatedActor:
+    skin = Material(texture, 2 * np.pi * radius, shininess=0.15, part=OBJECT)
+    mesh = ball(name, (0, 0, 0), (radius,) * 3, skin, rings=12)
     turned = Rotation.from_rotvec(np.outer(times, spin)).as_matrix()
     return moving(name, [(0, mesh)], rigid(turned, path)[:, None])
 
 
-def _leather(rng: np.random.Generator) -> Array:
+def _leather(rng: Rng) -> UInt8[Array, "S S 3"]:
     """Orange, with dark seams."""
     v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
     seam = np.minimum.reduce([
@@ -152,15 +144,11 @@ def _leather(rng: np.random.Generator) -> Array:
         np.abs(np.abs(v - 0.5) - 0.22 - 0.05 * np.cos(4 * np.pi * u)),
     ]) < 0.008  # fmt: skip
     colour = np.array([0.80, 0.40, 0.16]) * (1 + 0.05 * noise(rng, 30, 200, 0.2))[..., None]
-    return _bytes(np.where(seam[..., None], 0.12, colour))
+    return to_bytes(np.where(seam[..., None], 0.12, colour))
 
 
-def _beanbag(rng: np.random.Generator) -> Array:
+def _beanbag(rng: Rng) -> UInt8[Array, "64 64 3"]:
     """Panels of two bright colours."""
     u = np.arange(64)[None, :] * 4 // 64 % 2
     one, two = rng.uniform(0.1, 0.95, (2, 3))
-    return _bytes(np.broadcast_to(np.where(u[..., None] > 0, one, two), (64, 64, 3)))
-
-
-def _bytes(colour: Array) -> Array:
-    return np.round(np.clip(colour, 0, 1) * 255).astype(np.uint8)
+    return to_bytes(np.broadcast_to(np.where(u[..., None] > 0, one, two), (64, 64, 3)))

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from egocap.geometry import LEFT, axis_angle, inverse, rigid, transform
 from egocap_sim.assets import textures
-from egocap_sim.assets.mesh import AnimatedActor, Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Material, Mesh
 from egocap_sim.assets.primitives import ball, box, ring, tube
-from egocap_sim.core import part_labels
 from egocap_sim.core.bodies import INDEX
+from egocap_sim.core.part_labels import OBJECT
 from egocap_sim.motion.generators.cycling import (
     AXLE,
     CRANK,
@@ -28,15 +29,12 @@ from egocap_sim.motion.generators.cycling import (
 )
 from egocap_sim.props.performance import Performance
 from egocap_sim.props.rigid_actor import moving
-from egocap_sim.scene.config import ThingTable
 
 FRAME, FORK, FRONT, REAR, CRANKS, LEFT_PEDAL, RIGHT_PEDAL = range(7)
 _BAR_R, _TYRE_R = 0.014, 0.018  # metres
 
 
-def bicycle(
-    thing: ThingTable, performance: Performance, rng: np.random.Generator
-) -> list[AnimatedActor]:
+def bicycle(performance: Performance, rng: np.random.Generator) -> list[AnimatedActor]:
     """The bicycle that the wearer rides, fitted to the wearer."""
     ride, scale = Ride(performance.rng, performance.parameters), leg_scale(performance.person)
     t = performance.times + performance.start_s
@@ -44,15 +42,15 @@ def bicycle(
     T = performance.bodies
     grips = grips_of(performance.person, T[..., :3, 3], T[..., :3, :3], T_world_bike @ steering)
     bar = grips[0] - [0.0, 0.0, _BAR_R]  # under the left palm
-    made = [
-        *_frame(scale, _seat(performance, T_world_bike), rng),
-        *_fork(scale, bar),
-        *((FRONT, m) for m in _wheel(scale)),
-        *((REAR, m) for m in _wheel(scale)),
-        *_cranks(scale),
-    ]
+    parts = {
+        FRAME: _frame(scale, _saddle_top(performance, T_world_bike), rng),
+        FORK: _fork(scale, bar),
+        FRONT: _wheel(scale),
+        REAR: _wheel(scale),
+    }
+    meshes = [(part, mesh) for part, made in parts.items() for mesh in made]
     transforms = T_world_bike[:, None] @ _moving_parts(ride, t, scale, steering)
-    return [moving("bicycle", made, transforms)]
+    return [moving("bicycle", [*meshes, *_cranks(scale)], transforms)]
 
 
 def _moving_parts(
@@ -70,19 +68,19 @@ def _moving_parts(
     return out
 
 
-def _seat(performance: Performance, T_world_bike: Float[Array, "T 4 4"]) -> Float[Array, "3"]:
+def _saddle_top(performance: Performance, T_world_bike: Float[Array, "T 4 4"]) -> Float[Array, "3"]:
     """Top of the saddle: under the lowest skin of the pelvis, in the bicycle's frame."""
     person, pelvis = performance.person, performance.bodies[0, INDEX["pelvis"]]
-    skin = person.body_vertices[person.body_owner.astype(int) == 0] - person.joints[0]
+    skin = person.body_vertices[person.body_owner == INDEX["pelvis"]] - person.joints[0]
     local = transform(inverse(T_world_bike[0]) @ pelvis, skin)
     middle = transform(inverse(T_world_bike[0]), pelvis[None, :3, 3])[0]
-    near = local[np.abs(local[:, 1]) < 0.08] if (np.abs(local[:, 1]) < 0.08).any() else local
+    inner = np.abs(local[:, 1]) < 0.08
+    near = local[inner] if inner.any() else local
     return np.array([middle[0] - 0.03, 0.0, float(near[:, 2].min()) + 0.02])
 
 
-def _frame(scale: float, seat: Float[Array, "3"], rng: np.random.Generator) -> list:
-    paint = textures.even(rng.uniform(0.1, 0.8, 3)).texture
-    dark = textures.even(np.full(3, 0.12)).texture
+def _frame(scale: float, seat: Float[Array, "3"], rng: np.random.Generator) -> list[Mesh]:
+    paint, dark = _even(rng.uniform(0.1, 0.8, 3)), _even(0.12, 0.0)
     axle, head = scale * AXLE, scale * HEAD_TUBE
     hub = scale * np.array([REAR_X, 0.0, WHEEL_R])
     low = head + 0.35 * (scale * np.array([FRONT_X, 0.0, WHEEL_R]) - head)
@@ -92,59 +90,57 @@ def _frame(scale: float, seat: Float[Array, "3"], rng: np.random.Generator) -> l
     for y in (-0.06, 0.06):
         side = np.array([0.0, y, 0.0])
         pairs += [(axle + 0.5 * side, hub + side, 0.01), (clamp, hub + side, 0.008)]
-    meshes = [_tube("frame", a, b, r, paint) for a, b, r in pairs]
-    saddle = ball(
-        "saddle", seat - [0.0, 0.0, 0.03], (0.14, 0.075, 0.03), dark, part=part_labels.OBJECT
-    )
-    nose = ball(
-        "saddle", seat + [0.1, 0.0, -0.035], (0.12, 0.03, 0.025), dark, part=part_labels.OBJECT
-    )
-    return [(FRAME, m) for m in (*meshes, saddle, nose)]
+    return [
+        *(tube("frame", a, b, r, paint) for a, b, r in pairs),
+        ball("saddle", seat - [0.0, 0.0, 0.03], (0.14, 0.075, 0.03), dark),
+        ball("saddle", seat + [0.1, 0.0, -0.035], (0.12, 0.03, 0.025), dark),
+    ]
 
 
-def _fork(scale: float, bar: Float[Array, "3"]) -> list:
-    metal = textures.even(np.full(3, 0.7)).texture
-    rubber = textures.even(np.full(3, 0.1)).texture
+def _fork(scale: float, bar: Float[Array, "3"]) -> list[Mesh]:
+    metal, rubber = _even(0.7), _even(0.1)
     head, hub = scale * HEAD_TUBE, scale * np.array([FRONT_X, 0.0, WHEEL_R])
     low = head + 0.35 * (hub - head)
     middle = bar * [1.0, 0.0, 1.0]
-    meshes = [_tube("stem", head, middle, 0.014, metal)]
+    meshes = [tube("stem", head, middle, 0.014, metal)]
     for sign in (-1.0, 1.0):
         leg = np.array([0.0, 0.055 * sign, 0.0])
-        meshes.append(_tube("fork", low + leg, hub + leg, 0.012, metal))
         end = middle + [0.0, sign * (bar[1] + 0.07), 0.0]
-        meshes.append(_tube("bar", middle, end, 0.9 * _BAR_R, metal))
         inner = middle + [0.0, sign * (bar[1] - 0.06), 0.0]
-        meshes.append(_tube("grip", inner, end, _BAR_R, rubber))
-    return [(FORK, m) for m in meshes]
+        meshes += [
+            tube("fork", low + leg, hub + leg, 0.012, metal),
+            tube("bar", middle, end, 0.9 * _BAR_R, metal),
+            tube("grip", inner, end, _BAR_R, rubber),
+        ]
+    return meshes
 
 
 def _wheel(scale: float) -> list[Mesh]:
     """Tyre and spokes about the hub."""
-    rubber = textures.even(np.full(3, 0.1)).texture
-    metal = textures.even(np.full(3, 0.75)).texture
-    r = scale * WHEEL_R - _TYRE_R
-    out = [ring("tyre", r, _TYRE_R, rubber, part=part_labels.OBJECT)]
-    out.append(_tube("hub", (0, -0.05, 0), (0, 0.05, 0), 0.025, metal))
-    for k in range(8):
-        a = 2 * np.pi * k / 8
+    metal, r = _even(0.75), scale * WHEEL_R - _TYRE_R
+    out = [
+        ring("tyre", r, _TYRE_R, _even(0.1, 0.0)),
+        tube("hub", (0, -0.05, 0), (0, 0.05, 0), 0.025, metal),
+    ]
+    for a in 2 * np.pi * np.arange(8) / 8:
         rim = r * np.array([np.sin(a), 0.0, np.cos(a)])
-        out.append(_tube("spoke", (0, 0, 0), rim, 0.003, metal, sides=4))
+        out.append(tube("spoke", (0, 0, 0), rim, 0.003, metal, sides=4))
     return out
 
 
-def _cranks(scale: float) -> list:
-    metal = textures.even(np.full(3, 0.5)).texture
-    black = textures.even(np.full(3, 0.15)).texture
-    out = [(CRANKS, ring("chain ring", 0.09, 0.008, metal, part=part_labels.OBJECT))]
-    out.append((CRANKS, _tube("axle", (0, -0.07, 0), (0, 0.07, 0), 0.02, metal)))
-    plate = box("pedal", (0.0, 0.0, -0.012), (0.10, 0.085, 0.024), black, part=part_labels.OBJECT)
+def _cranks(scale: float) -> list[tuple[int, Mesh]]:
+    metal = _even(0.5)
+    out = [
+        (CRANKS, ring("chain ring", 0.09, 0.008, _even(0.5, 0.0))),
+        (CRANKS, tube("axle", (0, -0.07, 0), (0, 0.07, 0), 0.02, metal)),
+    ]
+    plate = box("pedal", (0.0, 0.0, -0.012), (0.10, 0.085, 0.024), _even(0.15, 0.0))
     for pedal, sign in ((LEFT_PEDAL, 1.0), (RIGHT_PEDAL, -1.0)):
         arm = np.array([0.0, 0.07 * sign, 0.0])
         end = scale * np.array([0.0, PEDAL_Y * sign - 0.05 * sign, CRANK * sign])
-        out += [(CRANKS, _tube("crank", arm, end, 0.012, metal)), (pedal, replace(plate))]
+        out += [(CRANKS, tube("crank", arm, end, 0.012, metal)), (pedal, plate)]
     return out
 
 
-def _tube(name, a, b, radius, texture, sides=8) -> Mesh:
-    return tube(name, a, b, radius, texture, part=part_labels.OBJECT, shininess=0.3, sides=sides)
+def _even(colour: ArrayLike, shininess: float = 0.3) -> Material:
+    return replace(textures.even(colour), shininess=shininess, part=OBJECT)

@@ -1,4 +1,4 @@
-"""What a thing can know of the wearer's performance: every body at every frame, and the plan."""
+"""What props are fitted to: the wearer's bodies at every frame, and the motion's parameters."""
 
 from __future__ import annotations
 
@@ -48,6 +48,12 @@ class Performance:
     def palms(self) -> tuple[Palm, Palm]:
         """The left and the right palm."""
         return palm_of(self.person, "l"), palm_of(self.person, "r")
+
+    @property
+    def palm_paths(self) -> tuple[Float[Array, "T 3"], Float[Array, "T 3"]]:
+        """World paths of the middles of the left and the right palm."""
+        left, right = (self.held(hand, palm.centre) for hand, palm in enumerate(self.palms))
+        return left, right
 
     def held(self, hand: int, offset: Float[Array, "3"]) -> Float[Array, "T 3"]:
         """World path of a point fixed to a hand (0 left), given in the hand body's frame."""

@@ -1,4 +1,4 @@
-"""Every kind of thing by name, and the making of a scene's things."""
+"""Every kind of prop by name, and the making of a scene's props."""
 
 from __future__ import annotations
 
@@ -8,56 +8,65 @@ from dataclasses import dataclass
 import numpy as np
 
 from egocap.errors import InputError
-from egocap_sim.assets.mesh import AnimatedActor
-from egocap_sim.props.balls import basketball, juggled
+from egocap_sim.assets.mesh import AnimatedActor, Mesh
+from egocap_sim.props.balls import basketball, juggling_balls
 from egocap_sim.props.bicycle import bicycle
 from egocap_sim.props.furnishing import chair, counter, desk, sofa, table
 from egocap_sim.props.handheld import cup, newspaper, phone
 from egocap_sim.props.performance import Performance
-from egocap_sim.props.staircase import staircase
+from egocap_sim.props.rigid_actor import resting
+from egocap_sim.props.staircase import stairs
 from egocap_sim.scene.config import ThingTable
 
-Maker = Callable[[ThingTable, Performance, np.random.Generator], list[AnimatedActor]]
+Rng = np.random.Generator
+Maker = Callable[[Performance, Rng], list[AnimatedActor]]
 
 
 @dataclass(frozen=True)
 class Kind:
-    """How a kind of thing is made, and the motion that it needs, if any."""
+    """How a kind of prop is made, and the motion that it needs, if any."""
 
     make: Maker
     motion: str | None = None
-    held: bool = False  # in one hand
 
 
+def at_rest(make: Callable[[Performance, Rng], list[Mesh]]) -> Maker:
+    """A maker of meshes as a maker of one actor that stays where it is."""
+    return lambda performance, rng: [
+        resting(make.__name__, make(performance, rng), len(performance.times))
+    ]
+
+
+HELD: dict[str, Callable[[Performance, Rng, int], AnimatedActor]] = {"phone": phone, "cup": cup}
+"""Kinds that lie in one hand, 0 the left and 1 the right."""
 KINDS: dict[str, Kind] = {
     "ball": Kind(basketball, "dribble"),
     "bicycle": Kind(bicycle, "cycle"),
-    "juggling_balls": Kind(juggled, "juggle"),
-    "phone": Kind(phone, held=True),
-    "cup": Kind(cup, held=True),
+    "juggling_balls": Kind(juggling_balls, "juggle"),
     "newspaper": Kind(newspaper, "hold"),
-    "stairs": Kind(staircase, "stairs"),
-    "table": Kind(table),
-    "desk": Kind(desk),
-    "counter": Kind(counter),
-    "chair": Kind(chair),
-    "sofa": Kind(sofa),
+    "stairs": Kind(at_rest(stairs), "stairs"),
+    "table": Kind(at_rest(table)),
+    "desk": Kind(at_rest(desk)),
+    "counter": Kind(at_rest(counter)),
+    "chair": Kind(at_rest(chair)),
+    "sofa": Kind(at_rest(sofa)),
 }
 
 
-def check_prop(thing: ThingTable, motion: str | None) -> None:
+def check_prop(table: ThingTable, motion: str | None) -> None:
     """Raise InputError for an unknown kind, a motion that does not go with it, or unused keys."""
-    if thing.kind not in KINDS:
-        raise InputError(f"unknown kind '{thing.kind}'", valid=KINDS)
-    kind = KINDS[thing.kind]
-    if kind.motion is not None and kind.motion != motion:
-        raise InputError(f"a {thing.kind} needs the motion '{kind.motion}', not '{motion}'")
-    if thing.hand is not None and not kind.held:
-        raise InputError(f"a {thing.kind} is not held in a hand", valid="no 'hand'")
+    name = table.kind
+    if name not in KINDS.keys() | HELD.keys():
+        raise InputError(f"unknown kind '{name}'", valid=[*KINDS, *HELD])
+    needed = KINDS[name].motion if name in KINDS else None
+    if needed is not None and needed != motion:
+        raise InputError(f"a {name} needs the motion '{needed}', not '{motion}'")
+    if table.hand is not None and name not in HELD:
+        raise InputError(f"a {name} is not held in a hand", valid="no 'hand'")
 
 
-def make_prop(
-    thing: ThingTable, performance: Performance, rng: np.random.Generator
-) -> list[AnimatedActor]:
-    """The actors of a thing at every frame."""
-    return KINDS[thing.kind].make(thing, performance, rng)
+def make_prop(table: ThingTable, performance: Performance, rng: Rng) -> list[AnimatedActor]:
+    """The actors of a prop at every frame."""
+    if table.kind in HELD:
+        return [HELD[table.kind](performance, rng, int(table.hand != "left"))]
+    return KINDS[table.kind].make(performance, rng)

@@ -27,7 +27,7 @@ def check_place(scene: Scene) -> None:
 
     Making the place, which workers do, takes longer.
     """
-    from egocap_sim.environment.place import PLACES
+    from egocap_sim.environment.places import PLACES
 
     if scene.place.name not in PLACES:
         problem = f"unknown place '{scene.place.name}' (valid: {', '.join(PLACES)})"
@@ -55,7 +55,7 @@ def check_things(scene: Scene) -> None:
 
 def clear_radius_of(scene: Scene, truth: Truth) -> float:
     """Metres kept free around the origin: the scene's, or as far as a motion file goes."""
-    from egocap_sim.environment.place import LARGEST_RADIUS_M
+    from egocap_sim.environment.places import LARGEST_RADIUS_M
 
     if scene.motion.file is None:
         return scene.place.clear_radius
@@ -65,20 +65,20 @@ def clear_radius_of(scene: Scene, truth: Truth) -> float:
 
 def place_of(scene: Scene, truth: Truth) -> Place:
     """The surroundings, large enough for the wearer's way."""
-    from egocap_sim.environment.place import make_place
-    from egocap_sim.environment.surroundings import at_dusk
-    from egocap_sim.environment.texture_folder import papered, picture_files
+    from egocap_sim.environment.place import at_dusk
+    from egocap_sim.environment.places import make_place
+    from egocap_sim.environment.texture_folder import picture_files, with_pictures
 
     table = scene.place
     radius = clear_radius_of(scene, truth)
     place = make_place(table.name, stream(scene.seed, "place"), clear_radius=radius)
     if table.textures is not None:
         files = picture_files(Path(table.textures))
-        place = papered(place, files, stream(scene.seed, "textures"))
+        place = with_pictures(place, files, stream(scene.seed, "textures"))
     if table.panorama is not None:
-        from egocap_sim.environment.panorama import read_panorama, surrounded
+        from egocap_sim.environment.panorama import read_panorama, with_panorama
 
-        place = surrounded(place, read_panorama(Path(table.panorama)))
+        place = with_panorama(place, read_panorama(Path(table.panorama)))
     place = replace(place, contact=table.contact and bool(place.meshes))  # on a floor
     return at_dusk(place) if table.light == "dusk" else place
 

@@ -72,7 +72,7 @@ def look(
     from egocap.data.sequence import SELF_OCCLUDED
     from egocap.geometry import rigid
     from egocap_sim.core.bodies import INDEX
-    from egocap_sim.environment.surroundings import Light, Place
+    from egocap_sim.environment.place import Light, Place
     from egocap_sim.render.renderer import FisheyeRenderer
     from egocap_sim.scene.config import MotionTable, RigTable, Scene
     from egocap_sim.truth.truth import truth_before_rendering

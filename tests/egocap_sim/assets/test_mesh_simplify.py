@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from egocap_sim.assets.mesh import Material
 from egocap_sim.assets.mesh_simplify import simplify
 from egocap_sim.assets.primitives import ball
 
-GREY = np.full((4, 4, 3), 128, np.uint8)
+GREY = Material(np.full((4, 4, 3), 128, np.uint8))
 
 
 def volume(mesh) -> float:

@@ -11,9 +11,9 @@ from egocap_sim.environment.panorama import (
     dome,
     make_panorama,
     read_panorama,
-    surrounded,
+    with_panorama,
 )
-from egocap_sim.environment.place import make_place
+from egocap_sim.environment.places import make_place
 
 
 def colour_towards(meshes, direction) -> np.ndarray:
@@ -57,7 +57,7 @@ def test_the_dome_shows_each_direction_where_it_is():
 def test_a_users_panorama_replaces_the_sky(tmp_path):
     path = tmp_path / "view.png"
     cv2.imwrite(str(path), np.full((60, 120, 3), (10, 20, 200), np.uint8))
-    place = surrounded(make_place("outdoor", np.random.default_rng(1)), read_panorama(path))
+    place = with_panorama(make_place("outdoor", np.random.default_rng(1)), read_panorama(path))
     skies = [m for m in place.meshes if m.name == "sky"]
     assert len(skies) == 8 and all((m.texture == (200, 20, 10)).all() for m in skies)
 

@@ -8,11 +8,12 @@ import pytest
 
 from egocap.errors import FileError, InputError
 from egocap_sim.assets import furniture, textures
+from egocap_sim.assets.mesh import Material
 from egocap_sim.assets.primitives import ball, box, cylinder, sheet
 from egocap_sim.core import part_labels
-from egocap_sim.environment.place import PLACES, make_place
-from egocap_sim.environment.surroundings import at_dusk
-from egocap_sim.environment.texture_folder import papered, picture_files, read_picture
+from egocap_sim.environment.place import at_dusk
+from egocap_sim.environment.places import PLACES, make_place
+from egocap_sim.environment.texture_folder import picture_files, read_picture, with_pictures
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -87,7 +88,7 @@ def test_surfaces_join_at_their_edges(make):
 
 
 def test_shapes_are_closed_and_face_outward():
-    grey = textures.even(np.full(3, 0.5)).texture
+    grey = textures.even(0.5)
     shapes = {
         0.024: box("b", (1, 2, 3), (0.2, 0.3, 0.4), grey),
         np.pi * 0.04: cylinder("c", (5, 0, 0), 0.2, 1.0, grey, sides=200),
@@ -99,7 +100,14 @@ def test_shapes_are_closed_and_face_outward():
 
 
 def test_a_sheet_shows_its_first_row_on_top():
-    m = sheet("s", (0, 1, 1), (0, -2, 0), (0, 0, -1), np.zeros((2, 2, 3), np.uint8), tile=0.5)
+    m = sheet(
+        "s",
+        (0, 1, 1),
+        (0, -2, 0),
+        (0, 0, -1),
+        Material(np.zeros((2, 2, 3), np.uint8), tile=0.5),
+        tiled=True,
+    )
     top = m.vertices[:, 2] == 1
     assert (m.uv[top, 1] == 0).all() and m.uv[:, 0].max() == 4 and m.uv[:, 1].max() == 2
 
@@ -117,7 +125,7 @@ def test_dusk_is_darker_redder_and_lower():
 def test_pictures_of_a_user_cover_the_walls(tmp_path):
     cv2.imwrite(str(tmp_path / "red.png"), np.full((30, 40, 3), (0, 0, 255), np.uint8))
     room = make_place("room", np.random.default_rng(1))
-    covered = papered(room, picture_files(tmp_path), np.random.default_rng(0))
+    covered = with_pictures(room, picture_files(tmp_path), np.random.default_rng(0))
     for before, after in zip(room.meshes, covered.meshes, strict=True):
         if before.name in ("wall", "floor"):
             assert (after.texture == [255, 0, 0]).all()

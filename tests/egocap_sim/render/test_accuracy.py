@@ -8,6 +8,8 @@ pixels without anti-aliasing, 0.1 pixels with 4 samples.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,12 +71,9 @@ def shared_calibration():
 def _errors(gl, camera: Camera, samples: int) -> tuple[np.ndarray, np.ndarray]:
     """Pixels between rendered centroid and outline centroid, and centre, of every marker."""
     R_world_camera = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    white = textures.even(np.ones(3)).texture
+    white = replace(textures.even(1.0), glows=True)
     markers = list(_markers(camera, np.random.default_rng(0)))
-    balls = [
-        ball("marker", R_world_camera @ p, (r, r, r), white, rings=24, glows=True)
-        for p, r, _ in markers
-    ]
+    balls = [ball("marker", R_world_camera @ p, (r, r, r), white, rings=24) for p, r, _ in markers]
     with gl.FisheyeRenderer(looking_forward(camera), [], place_of(*balls), samples=samples) as it:
         image = it.render(np.eye(4), {}).images[0][..., 1].astype(float)
     errors = []

@@ -14,8 +14,8 @@ from egocap_sim.assets.primitives import ball, box, sheet
 from egocap_sim.render.batch import merge
 from egocap_sim.render.projection import light_projection, may_see, tile_projection
 
-GREY = textures.even(np.full(3, 0.5)).texture
-RED = textures.even(np.array([1.0, 0.0, 0.0])).texture
+GREY = textures.even(0.5)
+RED = textures.even(np.array([1.0, 0.0, 0.0]))
 
 
 def _skinned(rng):

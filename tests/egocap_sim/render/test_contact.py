@@ -14,7 +14,7 @@ from egocap_sim.assets.primitives import ball, sheet
 
 from .conftest import equidistant, looking_forward, place_of
 
-GREY = textures.even(np.full(3, 0.6)).texture
+GREY = textures.even(0.6)
 HEAD = geometry.rigid(np.eye(3), np.array([0.0, 0.0, 1.5]))
 
 

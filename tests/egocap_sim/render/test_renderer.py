@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +11,19 @@ import pytest
 from egocap import geometry
 from egocap.errors import InputError
 from egocap_sim.assets import textures
-from egocap_sim.assets.mesh import Actor, Mesh
+from egocap_sim.assets.mesh import Actor, Material, Mesh
 from egocap_sim.assets.primitives import ball, box, sheet
 from egocap_sim.core import part_labels
 
 from .conftest import equidistant, looking_forward, place_of, plain_light
 
-GREY = textures.even(np.full(3, 0.6)).texture
-RED, GREEN = (textures.even(np.array(c)).texture for c in ([0.9, 0.1, 0.1], [0.1, 0.8, 0.1]))
+GREY = textures.even(0.6)
+RED, GREEN = (textures.even(np.array(c)) for c in ([0.9, 0.1, 0.1], [0.1, 0.8, 0.1]))
 HEAD = geometry.rigid(np.eye(3), np.array([0.0, 0.0, 1.5]))
 
 
-def _floor(size: float = 20.0, texture=GREY) -> Mesh:
-    return sheet("floor", (-size, size, 0), (2 * size, 0, 0), (0, -2 * size, 0), texture)
+def _floor(size: float = 20.0, material=GREY) -> Mesh:
+    return sheet("floor", (-size, size, 0), (2 * size, 0, 0), (0, -2 * size, 0), material)
 
 
 def _draw(gl, place, actors=(), skinning=None, camera=None, samples=0):
@@ -37,7 +38,7 @@ def test_nothing_is_mirrored_and_textures_stand_upright(gl):
     texture[:32, :32], texture[:32, 32:] = (250, 0, 0), (0, 250, 0)
     texture[32:, :32], texture[32:, 32:] = (0, 0, 250), (250, 250, 250)
     # A poster ahead, 2 m wide: from the viewer its left is +y.
-    poster = sheet("poster", (2, 1, 2.5), (0, -2, 0), (0, 0, -2), texture)
+    poster = sheet("poster", (2, 1, 2.5), (0, -2, 0), (0, 0, -2), Material(texture))
     renderer, views = _draw(gl, place_of(poster))
     with renderer:
         image = views.images[0]
@@ -68,7 +69,7 @@ def test_labels_are_exact_up_to_a_pixel_at_outlines(gl, samples):
     centres = np.array([2.0, 0, 1.5]) + rng.uniform(-1.2, 1.2, (8, 3))
     labels = np.array([1, 7, 21, 40, 101, 102, 200, 255])
     balls = [
-        ball("b", c, (0.3,) * 3, GREY, part=int(p), rings=40)
+        ball("b", c, (0.3,) * 3, replace(GREY, part=int(p)), rings=40)
         for c, p in zip(centres, labels, strict=True)
     ]
     renderer, views = _draw(gl, place_of(*balls), samples=samples)
@@ -137,7 +138,9 @@ def test_a_lens_of_200_degrees_sees_behind_itself(gl):
     angle = np.radians(97)
     at = np.array([np.cos(angle), np.sin(angle), 0.0]) * 2 + [0, 0, 1.5]
     camera = equidistant(degrees=200)
-    renderer, views = _draw(gl, place_of(ball("b", at, (0.1,) * 3, RED, part=102)), camera=camera)
+    renderer, views = _draw(
+        gl, place_of(ball("b", at, (0.1,) * 3, replace(RED, part=102))), camera=camera
+    )
     with renderer:
         rows, columns = np.nonzero(views.parts()[0] == 102)
         (u, v), seen = camera.project(np.array([-np.sin(angle), 0.0, np.cos(angle)]))
@@ -146,7 +149,7 @@ def test_a_lens_of_200_degrees_sees_behind_itself(gl):
 
 
 def _skinned_ball() -> Actor:
-    mesh = ball("limb", (1.5, 0, 1.5), (0.1,) * 3, RED, part=9)
+    mesh = ball("limb", (1.5, 0, 1.5), (0.1,) * 3, replace(RED, part=9))
     n = len(mesh.vertices)
     bones, weights = np.tile([1, 0, 0, 0], (n, 1)), np.tile([1.0, 0, 0, 0], (n, 1))
     return Actor("wearer", (Mesh(**(vars(mesh) | {"bones": bones, "weights": weights})),))
@@ -183,7 +186,7 @@ def test_two_actors_of_one_name_are_refused(gl):
 
 def test_what_was_drawn_before_leaves_no_trace(gl):
     """Contexts are kept for the next renderer: of another place, size and number of samples."""
-    from egocap_sim.environment.place import make_place
+    from egocap_sim.environment.places import make_place
 
     def picture(kind: str, camera, samples: int = 0) -> bytes:
         place = make_place(kind, np.random.default_rng(4))
@@ -202,7 +205,7 @@ def test_what_was_drawn_before_leaves_no_trace(gl):
 
 @pytest.mark.parametrize("samples", [0, 4])
 def test_the_same_inputs_give_the_same_bytes(gl, samples):
-    from egocap_sim.environment.place import make_place
+    from egocap_sim.environment.places import make_place
 
     pictures = []
     for _ in range(2):

@@ -14,7 +14,7 @@ from egocap_sim.render.projection import TO_TEXTURE, ground_depth, light_project
 
 from .conftest import equidistant, looking_forward, place_of, plain_light
 
-GREY = textures.even(np.full(3, 0.6)).texture
+GREY = textures.even(0.6)
 HEAD = geometry.rigid(np.eye(3), np.array([0.0, 0.0, 1.5]))
 FLOOR = sheet("floor", (-20, 20, 0), (40, 0, 0), (0, -40, 0), GREY)
 

@@ -77,7 +77,7 @@ def islands(image):
 def test_skin_stays_under_cloth(seed, outfit):
     pytest.importorskip("OpenGL")
     from egocap.errors import MachineError
-    from egocap_sim.environment.place import make_place
+    from egocap_sim.environment.places import make_place
     from egocap_sim.render.renderer import FisheyeRenderer
 
     wear = {"watch": "none", "gloves": "none", "glasses": "none", "hat": "none", "hair": "bald"}

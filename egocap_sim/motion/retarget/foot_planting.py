@@ -41,7 +41,9 @@ def plant(
     (`egocap_sim.core.bodies.FEET`).
     """
     boxes = soles(person)
-    root = snap(sole_corners(boxes, joint_positions(person.joints, root, turned), turned), root, fps)
+    root = snap(
+        sole_corners(boxes, joint_positions(person.joints, root, turned), turned), root, fps
+    )
     points = sole_corners(boxes, joint_positions(person.joints, root, turned), turned)
     moves = [foot_correction(points[:, 2 * s : 2 * s + 2], fps) for s in range(2)]
     for side, move in zip(("l", "r"), moves, strict=True):

@@ -138,9 +138,8 @@ def test_a_lens_of_200_degrees_sees_behind_itself(gl):
     angle = np.radians(97)
     at = np.array([np.cos(angle), np.sin(angle), 0.0]) * 2 + [0, 0, 1.5]
     camera = equidistant(degrees=200)
-    renderer, views = _draw(
-        gl, place_of(ball("b", at, (0.1,) * 3, replace(RED, part=102))), camera=camera
-    )
+    small = ball("b", at, (0.1,) * 3, replace(RED, part=102))
+    renderer, views = _draw(gl, place_of(small), camera=camera)
     with renderer:
         rows, columns = np.nonzero(views.parts()[0] == 102)
         (u, v), seen = camera.project(np.array([-np.sin(angle), 0.0, np.cos(angle)]))

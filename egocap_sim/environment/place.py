@@ -79,8 +79,8 @@ def at_dusk(place: Place) -> Place:
     return replace(place, meshes=meshes, light=light, background=place.background * dim)
 
 
-def direction(azimuth: float, elevation: float) -> Float[Array, "3"]:
-    """Unit vector at an azimuth and an elevation, radians."""
+def direction(azimuth: Array | float, elevation: Array | float) -> Float[Array, "3 *n"]:
+    """Unit vectors at azimuths and elevations, radians."""
     flat = np.cos(elevation)
     return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
 

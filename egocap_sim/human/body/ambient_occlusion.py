@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
-from egocap_sim.human.body.normals import vertex_normals
+from egocap_sim.human.body.triangles import vertex_normals
 
 DIRECTIONS = 96
 CELL = 0.012  # m, of the depth maps

@@ -1,4 +1,4 @@
-"""Where on a person each point of the skin lies: along the arms, along the legs, how high.
+"""Coordinates of the skin: along the arms, along the legs, above the neck; and body levels.
 
 Garments are cut and their fabric is laid along these coordinates, so that a hem is a clean line
 around a limb however the triangles run.
@@ -11,73 +11,117 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
 from egocap_sim.core.bodies import BODIES, INDEX
-from egocap_sim.human.body.anny_model import BareBody, anatomy
-from egocap_sim.human.body.normals import vertex_normals
+from egocap_sim.human.body.anny_model import BareBody, anatomy, skull_middle
+from egocap_sim.human.body.triangles import vertex_normals
 
-ARM = ("upperarm", "forearm", "hand")
-LEG = ("thigh", "calf", "foot", "toe")
 TORSO, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG = range(5)  # pieces a garment is sewn from
+ARMS, LEGS = (LEFT_ARM, RIGHT_ARM), (LEFT_LEG, RIGHT_LEG)
+_BODIES = {
+    **dict.fromkeys(ARMS, ("upperarm", "forearm", "hand")),
+    **dict.fromkeys(LEGS, ("thigh", "calf", "foot", "toe")),
+}
+LIMBS: dict[int, tuple[str, ...]] = {
+    piece: tuple(side + body for body in _BODIES[piece])
+    for piece, side in ((LEFT_ARM, "l_"), (RIGHT_ARM, "r_"), (LEFT_LEG, "l_"), (RIGHT_LEG, "r_"))
+}
+"""Bodies of each limb from the root outward."""
 
 
 @dataclass(frozen=True, eq=False)
-class Chart:
-    """Coordinates of every skin vertex, in metres.
+class Skull:
+    """The brain case, which hair, hats and headgear sit on: an ellipsoid."""
 
-    `arm` runs from the shoulder down the arm, `leg` from the hip down the leg (both 0 elsewhere);
-    `neck` is the height above a ring around the base of the neck, lower in front, and minus the
-    distance to it on the shoulders and the chest.
+    centre: Float[Array, "3"]  # world at rest
+    half: Float[Array, "3"]  # half its length, width and height (m), without ears and nose
+
+
+@dataclass(frozen=True, eq=False)
+class BodyChart:
+    """A bare body with coordinates of every skin vertex, in metres.
+
+    `along_arm` runs from the shoulder down the arm, `along_leg` from the hip down the leg (both 0
+    elsewhere); `neck` is the height above a ring around the base of the neck, lower in front, and
+    minus the distance to it on the shoulders and the chest.
     """
 
+    body: BareBody
     piece: Int[Array, "N"]  # TORSO ... RIGHT_LEG
-    arm: Float[Array, "N"]
-    leg: Float[Array, "N"]
+    along_arm: Float[Array, "N"]
+    along_leg: Float[Array, "N"]
     neck: Float[Array, "N"]
-    elbow: float  # `arm` of the elbow, the wrist, `leg` of the knee and the ankle
+    normals: Float[Array, "N 3"]
+    on_arm: Bool[Array, "N"]
+    on_leg: Bool[Array, "N"]
+    elbow: float  # `along_arm` of the elbow, the wrist, `along_leg` of the knee and the ankle
     wrist: float
     knee: float
     ankle: float
-    normals: Float[Array, "N 3"]
+    crotch: float  # heights
+    waist: float
+    chest: float
+    skull: Skull
+
+    @property
+    def vertices(self) -> Float[Array, "N 3"]:
+        """The skin at rest."""
+        return self.body.vertices
+
+    def joint(self, body: str) -> Float[Array, "3"]:
+        """Rest position of a body's joint."""
+        return self.body.joints[INDEX[body]]
 
 
-def make_chart(body: BareBody) -> Chart:
+def make_chart(body: BareBody) -> BodyChart:
     """Lay the coordinates over a person."""
-    joints = {name: body.joints[i] for name, i in INDEX.items()}
-    piece = _pieces()
-    arm, leg = np.zeros(len(piece)), np.zeros(len(piece))
-    for prefix, arm_piece, leg_piece in (("l_", LEFT_ARM, LEFT_LEG), ("r_", RIGHT_ARM, RIGHT_LEG)):
-        on_arm, on_leg = piece == arm_piece, piece == leg_piece
-        points = [joints[prefix + b] for b in ("upperarm", "forearm", "hand")]
-        arm[on_arm] = _along(points, body.vertices[on_arm])
-        points = [joints[prefix + b] for b in ("thigh", "calf", "foot")]
-        leg[on_leg] = _along(points, body.vertices[on_leg])
-    return Chart(
+    joints, vertices, piece = body.joints, body.vertices, _pieces()
+    along = np.zeros(len(piece))
+    for limb, names in LIMBS.items():
+        on = piece == limb
+        along[on] = _along(joints[[INDEX[name] for name in names[:3]]], vertices[on])
+    on_arm, on_leg = np.isin(piece, ARMS), np.isin(piece, LEGS)
+    middle = (np.abs(vertices[:, 1]) < 0.02) & (vertices[:, 2] > 0.3 * body.height_m)
+    return BodyChart(
+        body=body,
         piece=piece,
-        arm=arm,
-        leg=leg,
-        neck=_above_neck(body.vertices, joints),
+        along_arm=np.where(on_arm, along, 0.0),
+        along_leg=np.where(on_leg, along, 0.0),
+        neck=_above_neck(body),
+        normals=vertex_normals(vertices, anatomy().faces),
+        on_arm=on_arm,
+        on_leg=on_leg,
         elbow=_length(joints, "l_upperarm", "l_forearm"),
         wrist=_length(joints, "l_upperarm", "l_forearm", "l_hand"),
         knee=_length(joints, "l_thigh", "l_calf"),
         ankle=_length(joints, "l_thigh", "l_calf", "l_foot"),
-        normals=vertex_normals(body.vertices, anatomy().faces),
+        crotch=float(vertices[middle, 2].min()),
+        waist=float(joints[INDEX["spine"], 2] + 0.02 * body.height_m / 1.75),
+        chest=float(joints[INDEX["chest"], 2] + 0.10),
+        skull=_fit_skull(vertices[anatomy().owner == INDEX["head"]]),
     )
 
 
 @cache
 def _pieces() -> Int[Array, "N"]:
-    of_body = np.zeros(len(BODIES), int)
-    for prefix, arm_piece, leg_piece in (("l_", LEFT_ARM, LEFT_LEG), ("r_", RIGHT_ARM, RIGHT_LEG)):
-        of_body[[INDEX[prefix + b] for b in ARM]] = arm_piece
-        of_body[[INDEX[prefix + b] for b in LEG]] = leg_piece
-    return of_body[anatomy().owner]
+    piece = np.zeros(len(BODIES), int)
+    for limb, names in LIMBS.items():
+        piece[[INDEX[name] for name in names]] = limb
+    return piece[anatomy().owner]
 
 
-def _along(points: list[Array], vertices: Float[Array, "N 3"]) -> Float[Array, "N"]:
+def _fit_skull(head: Float[Array, "N 3"]) -> Skull:
+    middle = skull_middle(head)
+    crown = head[head[:, 2] > middle[2] + 0.2 * (head[:, 2].max() - middle[2])]
+    low, high = crown.min(0), crown.max(0)
+    centre = np.array([(low[0] + high[0]) / 2, 0.0, middle[2]])
+    return Skull(centre, np.array([*(high - low)[:2] / 2, high[2] - middle[2]]))
+
+
+def _along(points: Float[Array, "3 3"], vertices: Float[Array, "N 3"]) -> Float[Array, "N"]:
     """Distance travelled along two bones in a row, continuous across the joint between them."""
     first, second = points[1] - points[0], points[2] - points[1]
     length = np.linalg.norm(first)
@@ -86,17 +130,18 @@ def _along(points: list[Array], vertices: Float[Array, "N 3"]) -> Float[Array, "
     return np.minimum(upper, length) + np.maximum(lower, 0.0)
 
 
-def _above_neck(vertices: Float[Array, "N 3"], joints: dict[str, Array]) -> Float[Array, "N"]:
+def _above_neck(body: BareBody) -> Float[Array, "N"]:
     """Height above the neck's ring; below and beside it, minus the distance to the ring's disc."""
-    neck, notch = joints["neck"], joints["l_clavicle"]
+    neck, notch = body.joints[INDEX["neck"]], body.joints[INDEX["l_clavicle"]]
     back, front = neck + [-0.055, 0.0, 0.01], np.array([notch[0] + 0.04, 0.0, notch[2] + 0.01])
     up = unit(np.array([back[2] - front[2], 0.0, front[0] - back[0]]))
-    offset = vertices - (back + front) / 2
+    offset = body.vertices - (back + front) / 2
     height = offset @ up
     beside = np.maximum(np.linalg.norm(offset - height[:, None] * up, axis=1) - 0.06, 0.0)
     beside[anatomy().owner == INDEX["head"]] = 0.0
     return np.where(height > 0, height - beside, -np.hypot(height, beside))
 
 
-def _length(joints: dict[str, Array], *names: str) -> float:
-    return float(sum(np.linalg.norm(joints[b] - joints[a]) for a, b in pairwise(names)))
+def _length(joints: Float[Array, "21 3"], *names: str) -> float:
+    pairs = pairwise(joints[[INDEX[name] for name in names]])
+    return float(sum(np.linalg.norm(b - a) for a, b in pairs))

@@ -10,13 +10,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.assets.mesh import Mesh
-from egocap_sim.core.bodies import BODIES
-from egocap_sim.core.part_labels import wearer_part
 from egocap_sim.human.body.anny_export import shape_data
 from egocap_sim.human.body.anny_model import EYE, EYE_RADIUS, BareBody, anatomy
 from egocap_sim.human.body.noise import smooth_noise
-from egocap_sim.human.body.numbering import distinct
 from egocap_sim.human.body.skin_maps import NAIL, OPEN, RED
+from egocap_sim.human.body.skinning import PART_OF_BODY
+from egocap_sim.human.body.triangles import distinct
 
 TONES: tuple[str, ...] = (
     "#f6ede4", "#f3e7db", "#f7ead0", "#eadaba", "#d7bd96",
@@ -31,8 +30,6 @@ TEXTURE_SIZE = 512
 MOUTH = (0.9092, 0.5168)
 BEARD = (((0.948, 0.5168), (0.034, 0.052)), ((0.894, 0.5168), (0.010, 0.024)))  # jaw, upper lip
 BROWS = ((0.8203, 0.4800), (0.8203, 0.5536))
-
-PART_OF_BODY = np.array([wearer_part(b) for b in BODIES], np.uint8)
 
 
 def tone_color(tone: float) -> Float[Array, "3"]:

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from scipy.interpolate import LinearNDInterpolator
 
 from egocap.geometry import unit
-from egocap_sim.human.body.normals import vertex_normals
+from egocap_sim.human.body.triangles import vertex_normals
 
 SIZE = 512  # px
 OPEN, RED, NAIL = range(3)  # channels

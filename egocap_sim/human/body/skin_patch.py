@@ -52,7 +52,7 @@ class Patch:
         return result
 
 
-def patch_of(inside: Bool[Array, "N"]) -> Patch:
+def make_patch(inside: Bool[Array, "N"]) -> Patch:
     """The patch of the vertices inside."""
     first, second = _edges()
     both = inside[first] & inside[second]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import cv2
@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap_sim.human.body.body_chart import TORSO
-from egocap_sim.human.clothing.panels import ARMS, GIRTH, LEGS, REACH, Panel
+from egocap_sim.human.body.body_chart import ARMS, LEGS, TORSO
+from egocap_sim.human.clothing.panels import GIRTH, REACH, Panel
 
 LINE = cv2.LINE_8  # without anti-aliasing: the same bytes with every build of OpenCV
 STITCH, SEAM = -0.22, -0.3  # relief of a stitched line and of a seam
+FRONT = 0.5  # turn of the middle of the front
 
 
 @dataclass(frozen=True)
@@ -55,13 +56,27 @@ class Canvas:
     def __post_init__(self) -> None:
         self.relief = np.zeros(self.image.shape[:2], np.float32)
 
+    @property
+    def top(self) -> float:
+        """Metres along the piece at the upper edge."""
+        return self.panel.top
+
+    @property
+    def bottom(self) -> float:
+        """Metres along the piece at the lower edge."""
+        return self.panel.bottom
+
     def px(self, turn: float, along: float) -> tuple[int, int]:
         """Pixel of a place."""
         return round(float(self.panel.x(turn))), round(float(self.panel.y(along)))
 
-    def metres(self, length: float) -> int:
+    def rows(self, length: float) -> int:
         """Rows that so many metres take, at least one."""
-        return max(1, round(length / (self.panel.top - self.panel.bottom) * self.panel.height))
+        return max(1, round(length / (self.top - self.bottom) * self.panel.height))
+
+    def columns(self, length: float) -> int:
+        """Columns that so many metres take."""
+        return round(float(self.panel.x(self.turns(length))))
 
     def turns(self, length: float) -> float:
         """Turn that so many metres take around the piece."""
@@ -72,53 +87,59 @@ class Canvas:
         points = np.array([self.px(*p) for p in places], np.int32)
         cv2.polylines(self.relief, [points], False, strength, width, LINE)
 
+    def line_around(self, along: float, strength: float, width: int = 1) -> None:
+        """Press a line around the piece at a place along it."""
+        self.line([(0, along), (REACH, along)], strength, width)
+
+    def line_down(self, turn: float, strength: float, width: int = 1) -> None:
+        """Press a line from the upper to the lower edge."""
+        self.line([(turn, self.top), (turn, self.bottom)], strength, width)
+
     def band(self, low: float, high: float) -> slice:
         """Rows between two places along the piece."""
         first, last = sorted((self.px(0, high)[1], self.px(0, low)[1]))
         return slice(max(first, 0), max(last, 0))
 
+    def dye(self, color: tuple[float, float, float], share: Float[Array, "H #W 1"]) -> None:
+        """Blend a colour (0-255) into the image."""
+        self.image += share * (np.array(color, np.float32) - self.image)
+
 
 def hems(canvas: Canvas) -> None:
     """A stitched line above the lower edge."""
-    place = canvas.panel.bottom + 0.022
-    if canvas.panel.top - canvas.panel.bottom > 0.06:
-        canvas.line([(0, place), (REACH, place)], STITCH)
-        canvas.relief[canvas.band(canvas.panel.bottom, place)] += 0.04
+    place = canvas.bottom + 0.022
+    if canvas.top - canvas.bottom > 0.06:
+        canvas.line_around(place, STITCH)
+        canvas.relief[canvas.band(canvas.bottom, place)] += 0.04
 
 
 def ribs(canvas: Canvas) -> None:
     """Ribbed cuffs and waistband."""
-    rows = canvas.band(canvas.panel.bottom, canvas.panel.bottom + 0.055)
+    place = canvas.bottom + 0.055
     count = round(GIRTH[canvas.panel.piece] / 0.012)
     wave = 0.12 * np.sign(np.sin(2 * np.pi * canvas.panel.turns * count))
-    canvas.relief[rows] += wave[None, :].astype(np.float32) - 0.05
-    place = canvas.panel.bottom + 0.055
-    canvas.line([(0, place), (REACH, place)], SEAM, 2)
+    canvas.relief[canvas.band(canvas.bottom, place)] += wave[None, :].astype(np.float32) - 0.05
+    canvas.line_around(place, SEAM, 2)
 
 
 def side_seams(canvas: Canvas) -> None:
     """Seams at the sides of the torso, inside and outside of the legs, under the arms."""
-    places = (0.02,) if canvas.panel.piece in ARMS else (0.25, 0.75)
-    for turn in places:
-        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], SEAM)
+    for turn in (0.02,) if canvas.panel.piece in ARMS else (0.25, 0.75):
+        canvas.line_down(turn, SEAM)
 
 
 def placket(canvas: Canvas) -> None:
     """A band down the front with buttons."""
-    if canvas.panel.piece != TORSO:
-        return _cuffs(canvas)
-    half, front = canvas.turns(0.017), 0.5
-    for turn in (front - half, front + half):
-        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
-    canvas.line([(front - half - canvas.turns(0.003), canvas.panel.top),
-                 (front - half - canvas.turns(0.003), canvas.panel.bottom)], SEAM)  # fmt: skip
-    for place in np.arange(canvas.marks.neck - 0.05, canvas.panel.bottom + 0.03, -0.085):
-        centre = canvas.px(front, float(place))
-        radius = max(2, canvas.metres(0.006))
+    half = canvas.turns(0.017)
+    for turn in (FRONT - half, FRONT + half):
+        canvas.line_down(turn, STITCH)
+    canvas.line_down(FRONT - half - canvas.turns(0.003), SEAM)
+    radius = max(2, canvas.rows(0.006))
+    for place in np.arange(canvas.marks.neck - 0.05, canvas.bottom + 0.03, -0.085):
+        centre = canvas.px(FRONT, float(place))
         cv2.circle(canvas.relief, (centre[0] + 1, centre[1] + 1), radius + 1, -0.25, -1, LINE)
         cv2.circle(canvas.image, centre, radius, _button(canvas), -1, LINE)
         cv2.circle(canvas.relief, centre, radius, 0.12, -1, LINE)
-    return None
 
 
 def _button(canvas: Canvas) -> tuple[float, float, float]:
@@ -127,51 +148,42 @@ def _button(canvas: Canvas) -> tuple[float, float, float]:
     return (205.0, 200.0, 190.0) if dark else (238.0, 236.0, 230.0)
 
 
-def _cuffs(canvas: Canvas) -> None:
-    if canvas.panel.piece in ARMS and canvas.panel.bottom < canvas.marks.elbow - 0.1:
-        place = canvas.panel.bottom + 0.06
-        canvas.line([(0, place), (REACH, place)], SEAM, 2)
-        x, y = canvas.px(0.62, canvas.panel.bottom + 0.03)
-        cv2.circle(canvas.image, (x, y), 2, _button(canvas), -1, LINE)
+def cuffs(canvas: Canvas) -> None:
+    """The buttoned cuffs of long sleeves."""
+    if canvas.bottom < canvas.marks.elbow - 0.1:
+        canvas.line_around(canvas.bottom + 0.06, SEAM, 2)
+        centre = canvas.px(0.62, canvas.bottom + 0.03)
+        cv2.circle(canvas.image, centre, 2, _button(canvas), -1, LINE)
 
 
 def zipper(canvas: Canvas) -> None:
     """A metal zip down the front."""
-    if canvas.panel.piece != TORSO:
-        return
-    x, _ = canvas.px(0.5, 0.0)
-    half = max(1, round(float(canvas.panel.x(canvas.turns(0.005)))))
-    rows = np.arange(canvas.panel.height)
+    x, _ = canvas.px(FRONT, 0.0)
+    half, rows = max(1, canvas.columns(0.005)), np.arange(canvas.panel.height)
     teeth = np.where((rows // 2) % 2 == 0, 190.0, 110.0).astype(np.float32)
     canvas.image[:, x - half : x + half] = teeth[:, None, None]
     for side in (-1, 1):
-        turn = 0.5 + side * canvas.turns(0.014)
-        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
+        canvas.line_down(FRONT + side * canvas.turns(0.014), STITCH)
 
 
 def edges(canvas: Canvas) -> None:
     """The stitched edges of a front that stands open, patch pockets low at its sides."""
-    if canvas.panel.piece != TORSO:
-        return
     for side in (-1, 1):
-        turn = 0.5 + side * canvas.turns(0.075)
-        canvas.line([(turn, canvas.panel.top), (turn, canvas.panel.bottom)], STITCH)
-        _patch(canvas, 0.5 + side * canvas.turns(0.16), canvas.panel.bottom + 0.2, 0.12, 0.13)
+        canvas.line_down(FRONT + side * canvas.turns(0.075), STITCH)
+        _patch(canvas, FRONT + side * canvas.turns(0.16), canvas.bottom + 0.2, 0.12, 0.13)
 
 
 def kangaroo(canvas: Canvas) -> None:
-    """A hoodie's pocket over the belly."""
-    if canvas.panel.piece != TORSO:
-        return
-    low = max(canvas.panel.bottom + 0.06, canvas.marks.crotch)
+    """A hoodie's pocket over the belly, and the hood's cords."""
+    low = max(canvas.bottom + 0.06, canvas.marks.crotch)
     high, wide, narrow = low + 0.19, canvas.turns(0.15), canvas.turns(0.09)
-    outline = [(0.5 - wide, low), (0.5 - wide, low + 0.07), (0.5 - narrow, high),
-               (0.5 + narrow, high), (0.5 + wide, low + 0.07), (0.5 + wide, low)]  # fmt: skip
+    outline = [(FRONT - wide, low), (FRONT - wide, low + 0.07), (FRONT - narrow, high),
+               (FRONT + narrow, high), (FRONT + wide, low + 0.07), (FRONT + wide, low)]  # fmt: skip
     canvas.line(outline, SEAM, 2)
-    canvas.line([outline[1], outline[2]], -0.4, 3)
-    canvas.line([outline[3], outline[4]], -0.4, 3)
-    for side in (-1, 1):  # the hood's cords
-        turn = 0.5 + side * canvas.turns(0.035)
+    canvas.line(outline[1:3], -0.4, 3)
+    canvas.line(outline[3:5], -0.4, 3)
+    for side in (-1, 1):
+        turn = FRONT + side * canvas.turns(0.035)
         start, end = canvas.px(turn, canvas.marks.neck), canvas.px(turn, canvas.marks.neck - 0.2)
         cv2.line(canvas.relief, (start[0] + 1, start[1]), (end[0] + 1, end[1]), -0.3, 2, LINE)
         cv2.line(canvas.image, start, end, (225.0, 222.0, 215.0), 2, LINE)
@@ -179,32 +191,27 @@ def kangaroo(canvas: Canvas) -> None:
 
 def chest_pocket(canvas: Canvas) -> None:
     """A patch pocket on the left chest."""
-    if canvas.panel.piece == TORSO:
-        _patch(canvas, 0.5 + canvas.turns(0.085), canvas.marks.chest, 0.10, 0.12)
+    _patch(canvas, FRONT + canvas.turns(0.085), canvas.marks.chest, 0.10, 0.12)
 
 
 def front_pockets(canvas: Canvas) -> None:
     """Trousers: slanted pockets, the fly, and a waistband."""
-    if canvas.panel.piece != TORSO:
-        return
-    top = canvas.panel.top - 0.04
+    top = canvas.top - 0.04
     for side in (-1, 1):
-        inner, outer = 0.5 + side * canvas.turns(0.10), 0.5 + side * canvas.turns(0.20)
+        inner, outer = FRONT + side * canvas.turns(0.10), FRONT + side * canvas.turns(0.20)
         curve = [(inner, top), (inner + 0.2 * (outer - inner), top - 0.05),
                  (inner + 0.55 * (outer - inner), top - 0.085), (outer, top - 0.10)]  # fmt: skip
         canvas.line(curve, -0.38, 2)
-    fly = 0.5 + canvas.turns(0.028)
-    canvas.line([(0.5, top), (0.5, canvas.marks.crotch)], SEAM, 2)
-    canvas.line([(fly, top), (fly, top - 0.11), (0.5, top - 0.15)], STITCH)
-    canvas.line([(0, top), (REACH, top)], SEAM, 2)
+    fly = FRONT + canvas.turns(0.028)
+    canvas.line([(FRONT, top), (FRONT, canvas.marks.crotch)], SEAM, 2)
+    canvas.line([(fly, top), (fly, top - 0.11), (FRONT, top - 0.15)], STITCH)
+    canvas.line_around(top, SEAM, 2)
 
 
 def back_pockets(canvas: Canvas) -> None:
     """Two patch pockets behind."""
-    if canvas.panel.piece == TORSO:
-        top = canvas.panel.top - 0.12
-        for turn in (canvas.turns(0.095), 1 - canvas.turns(0.095)):
-            _patch(canvas, turn, top, 0.13, 0.14)
+    for turn in (canvas.turns(0.095), 1 - canvas.turns(0.095)):
+        _patch(canvas, turn, canvas.top - 0.12, 0.13, 0.14)
 
 
 def _patch(canvas: Canvas, turn: float, top: float, width: float, height: float) -> None:
@@ -216,75 +223,83 @@ def _patch(canvas: Canvas, turn: float, top: float, width: float, height: float)
 
 
 def belt(canvas: Canvas) -> None:
-    """A belt in the accent colour, its buckle and loops."""
-    if canvas.panel.piece != TORSO:
-        return
-    rows = canvas.band(canvas.panel.top - 0.036, canvas.panel.top)
+    """A belt in the accent colour, and its buckle."""
+    rows = canvas.band(canvas.top - 0.036, canvas.top)
     canvas.image[rows] = np.array(canvas.marks.accent, np.float32)
     canvas.relief[rows] += 0.05
-    x, y = canvas.px(0.5, canvas.panel.top - 0.018)
-    half = round(float(canvas.panel.x(canvas.turns(0.024))))
-    tall = max(3, canvas.metres(0.018))
-    cv2.rectangle(canvas.image, (x - half, y - tall), (x + half, y + tall), (190.0, 186.0, 175.0),
-                  2, LINE)  # fmt: skip
-    for edge in (canvas.panel.top - 0.036,):
-        canvas.line([(0, edge), (REACH, edge)], -0.4, 2)
+    x, y = canvas.px(FRONT, canvas.top - 0.018)
+    half, tall = canvas.columns(0.024), max(3, canvas.rows(0.018))
+    corners = (x - half, y - tall), (x + half, y + tall)
+    cv2.rectangle(canvas.image, *corners, (190.0, 186.0, 175.0), 2, LINE)
+    canvas.line_around(canvas.top - 0.036, -0.4, 2)
 
 
 def faded(canvas: Canvas) -> None:
-    """Denim worn light on the thighs and the knees, with stitched yellow seams."""
-    if canvas.panel.piece not in LEGS:
-        return
+    """Denim worn light on the thighs and the knees."""
     turns, along = canvas.panel.turns % 1, canvas.panel.along
-    front = np.exp(-0.5 * ((turns - 0.5) / 0.13) ** 2)[None, :]
+    front = np.exp(-0.5 * ((turns - FRONT) / 0.13) ** 2)[None, :]
     thigh = np.exp(-0.5 * ((along + 0.2) / 0.12) ** 2)
     knee = np.exp(-0.5 * ((along - canvas.marks.knee) / 0.07) ** 2)
     share = (0.30 * front * (thigh + knee)[:, None])[..., None].astype(np.float32)
-    canvas.image += share * (np.array([205.0, 212.0, 222.0], np.float32) - canvas.image)
+    canvas.dye((205.0, 212.0, 222.0), share)
 
 
 def pressed(canvas: Canvas) -> None:
     """The ironed crease down the front of trouser legs."""
-    if canvas.panel.piece in LEGS:
-        canvas.line([(0.5, canvas.panel.top), (0.5, canvas.panel.bottom)], 0.14, 2)
+    canvas.line_down(FRONT, 0.14, 2)
 
 
 def motif(canvas: Canvas) -> None:
     """A print on the chest: a disc, bars or blocks in the accent colour."""
-    if canvas.panel.piece != TORSO:
-        return
-    color = tuple(float(c) for c in canvas.marks.accent)
+    image, color = canvas.image, canvas.marks.accent
     kind = int(canvas.rng.integers(3))
-    x, y = canvas.px(0.5, canvas.marks.chest - 0.02)
-    half, tall = round(float(canvas.panel.x(canvas.turns(0.09)))), canvas.metres(0.08)
+    x, y = canvas.px(FRONT, canvas.marks.chest - 0.02)
+    half, tall = canvas.columns(0.09), canvas.rows(0.08)
     if kind == 0:
-        cv2.ellipse(canvas.image, (x, y), (half, tall), 0, 0, 360, color, -1, LINE)
-        inner = tuple(float(c) for c in canvas.image[0, 0])
-        cv2.ellipse(canvas.image, (x, y), (half // 2, tall // 2), 0, 0, 360, inner, -1, LINE)
+        cv2.ellipse(image, (x, y), (half, tall), 0, 0, 360, color, -1, LINE)
+        inner = tuple(float(c) for c in image[0, 0])
+        cv2.ellipse(image, (x, y), (half // 2, tall // 2), 0, 0, 360, inner, -1, LINE)
     elif kind == 1:
         for i in range(3):
             row, right = y + (i - 1) * tall // 2, x + half - i * half // 3
-            cv2.rectangle(canvas.image, (x - half, row), (right, row + tall // 4), color, -1, LINE)
+            cv2.rectangle(image, (x - half, row), (right, row + tall // 4), color, -1, LINE)
     else:
         grid = np.repeat(np.repeat(canvas.rng.random((3, 5)) < 0.55, tall // 3, 0), half // 3, 1)
-        patch = canvas.image[y - tall // 2 :, x - half :][: grid.shape[0], : grid.shape[1]]
+        patch = image[y - tall // 2 :, x - half :][: grid.shape[0], : grid.shape[1]]
         patch[grid[: patch.shape[0], : patch.shape[1]]] = color
 
 
 def gradient(canvas: Canvas) -> None:
     """Dip-dyed: the colour runs into the accent toward the lower edge."""
-    along = canvas.panel.along
     start = canvas.marks.chest if canvas.panel.piece == TORSO else -0.08
-    share = np.clip((start - along) / max(start - canvas.panel.bottom, 0.05), 0, 1)
+    share = np.clip((start - canvas.panel.along) / max(start - canvas.bottom, 0.05), 0, 1)
     share = (share * share * (3 - 2 * share)).astype(np.float32)[:, None, None]
-    canvas.image += share * (np.array(canvas.marks.accent, np.float32) - canvas.image)
+    canvas.dye(canvas.marks.accent, share)
 
 
-DETAILS: dict[str, Callable[[Canvas], None]] = {
-    "hems": hems, "ribs": ribs, "side_seams": side_seams, "placket": placket, "zip": zipper,
-    "edges": edges, "kangaroo": kangaroo, "chest_pocket": chest_pocket,
-    "front_pockets": front_pockets, "back_pockets": back_pockets, "belt": belt,
-    "faded": faded, "pressed": pressed, "motif": motif,
-    "gradient": gradient,
-}  # fmt: skip
-"""Details by name. Each is offered every panel of a garment and paints where it belongs."""
+Paint = Callable[[Canvas], None]
+
+
+def _on(pieces: tuple[int, ...], paint: Paint) -> dict[int, Paint]:
+    return dict.fromkeys(pieces, paint)
+
+
+_ALL, _TORSO = (TORSO, *ARMS, *LEGS), (TORSO,)
+DETAILS: dict[str, Mapping[int, Paint]] = {
+    "hems": _on(_ALL, hems),
+    "ribs": _on(_ALL, ribs),
+    "side_seams": _on(_ALL, side_seams),
+    "placket": _on(_TORSO, placket) | _on(ARMS, cuffs),
+    "zip": _on(_TORSO, zipper),
+    "edges": _on(_TORSO, edges),
+    "kangaroo": _on(_TORSO, kangaroo),
+    "chest_pocket": _on(_TORSO, chest_pocket),
+    "front_pockets": _on(_TORSO, front_pockets),
+    "back_pockets": _on(_TORSO, back_pockets),
+    "belt": _on(_TORSO, belt),
+    "faded": _on(LEGS, faded),
+    "pressed": _on(LEGS, pressed),
+    "motif": _on(_TORSO, motif),
+    "gradient": _on(_ALL, gradient),
+}
+"""Details by name, and by the piece of the garment on which they are painted."""

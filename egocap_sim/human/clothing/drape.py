@@ -8,7 +8,31 @@ from numpy import ndarray as Array
 
 ANGLES = 48  # directions around the body
 LEVELS = 20  # heights
-INWARD = 0.35  # m by which hanging cloth comes closer to the body's axis in each metre of fall
+INWARD = 0.35  # m by which falling cloth comes closer to the body's axis in each metre
+
+
+def drape(
+    cloth: Float[Array, "N 3"],
+    where: Bool[Array, "N"],
+    centre: Float[Array, "2"],
+    span: tuple[float, float],
+    freedom: float,
+) -> Float[Array, "N 3"]:
+    """Let cloth between two heights (m, the upper first) fall freely, as far as `freedom` (0 to 1)
+    allows."""
+    top, bottom = span
+    heights = np.linspace(top, bottom - 0.03, LEVELS)
+    here = where & (cloth[:, 2] < top) & (cloth[:, 2] > bottom - 0.06)
+    slice_ = cloth[where & (cloth[:, 2] < top + 0.05) & (cloth[:, 2] > bottom - 0.09)]
+    reach = fallen(girth(slice_, centre, heights), heights)
+    offset = cloth[here, :2] - centre
+    radius = np.linalg.norm(offset, axis=1)
+    wanted = sample(reach, heights, np.arctan2(offset[:, 1], offset[:, 0]), cloth[here, 2])
+    begin = np.clip((top - cloth[here, 2]) / 0.10, 0, 1)
+    further = freedom * begin * np.maximum(wanted - radius, 0)
+    moved = cloth.copy()
+    moved[here, :2] += offset * (further / np.maximum(radius, 1e-6))[:, None]
+    return moved
 
 
 def girth(
@@ -21,6 +45,7 @@ def girth(
     step = abs(heights[1] - heights[0])
     angles = 2 * np.pi * np.arange(ANGLES) / ANGLES - np.pi
     axes = np.stack([np.cos(angles), np.sin(angles)])
+    cosine = np.cos(angles[:, None] - angles[None, :])
     reach = np.zeros((len(heights), ANGLES))
     for i, z in enumerate(heights):
         near = points[np.abs(points[:, 2] - z) < 0.75 * step, :2] - centre
@@ -29,43 +54,18 @@ def girth(
             continue
         support = (near @ axes).max(0)  # distance of the tangent in each direction
         # The convex outline's reach: the nearest tangent met along each direction.
-        cosine = np.cos(angles[:, None] - angles[None, :])
-        with np.errstate(divide="ignore"):
-            met = np.where(cosine > 0.2, support[None, :] / np.maximum(cosine, 0.2), np.inf)
+        met = np.where(cosine > 0.2, support[None, :] / np.maximum(cosine, 0.2), np.inf)
         reach[i] = met.min(1)
     return reach
 
 
 def fallen(reach: Float[Array, "L A"], heights: Float[Array, "L"]) -> Float[Array, "L A"]:
-    """Reach of cloth that hangs from what is above it; `heights` run downward."""
+    """Reach of cloth that is carried by what is above it; `heights` run downward."""
     result = reach.copy()
     for i in range(1, len(heights)):
         drop = heights[i - 1] - heights[i]
         result[i] = np.maximum(reach[i], result[i - 1] - INWARD * drop)
     return result
-
-
-def hang(
-    cloth: Float[Array, "N 3"],
-    where: Bool[Array, "N"],
-    centre: Float[Array, "2"],
-    top: float,
-    bottom: float,
-    freedom: float,
-) -> Float[Array, "N 3"]:
-    """Let cloth between two heights (m) fall freely, as far as `freedom` (0 to 1) allows."""
-    heights = np.linspace(top, bottom - 0.03, LEVELS)
-    here = where & (cloth[:, 2] < top) & (cloth[:, 2] > bottom - 0.06)
-    slab = cloth[where & (cloth[:, 2] < top + 0.05) & (cloth[:, 2] > bottom - 0.09)]
-    reach = fallen(girth(slab, centre, heights), heights)
-    offset = cloth[here, :2] - centre
-    radius = np.linalg.norm(offset, axis=1)
-    wanted = sample(reach, heights, np.arctan2(offset[:, 1], offset[:, 0]), cloth[here, 2])
-    begin = np.clip((top - cloth[here, 2]) / 0.10, 0, 1)
-    further = freedom * begin * np.maximum(wanted - radius, 0)
-    moved = cloth.copy()
-    moved[here, :2] += offset * (further / np.maximum(radius, 1e-6))[:, None]
-    return moved
 
 
 def sample(

@@ -1,4 +1,4 @@
-"""The wardrobe's cuts: tops and bottoms as shells around a person."""
+"""Tops, bottoms and socks: their cuts, and their shells around a person."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.human.body.anny_model import BareBody
-from egocap_sim.human.body.body_chart import LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, TORSO, Chart
-from egocap_sim.human.clothing.details import Marks
-from egocap_sim.human.clothing.drape import hang
-from egocap_sim.human.clothing.shell import ELSEWHERE, Cut, Level, Shell, make_shell
+from egocap_sim.human.body.body_chart import LEGS, TORSO, BodyChart
+from egocap_sim.human.clothing.drape import drape
+from egocap_sim.human.clothing.shell import ELSEWHERE, Level, Pattern, Shell, make_shell
 from egocap_sim.human.clothing.skirts import Skirt
 
 PLAIN = ("side_seams", "hems")
@@ -112,104 +110,88 @@ BOTTOMS: dict[str, Bottom | Skirt | None] = {
 UNDER_DRESSES = ("none", "leggings", "tight_shorts")
 
 SOCKS: dict[str, float] = {"ankle_socks": 0.06, "crew_socks": 0.16}  # m above the ankle
-HANGING = 0.008  # m of ease from which cloth falls freely
-NECK_RADIUS, STRAP = 0.06, 0.04  # m: of the ring that `Chart.neck` counts from, of a shoulder
+LOOSE = 0.008  # m of ease from which cloth falls freely
+NECK_RADIUS, STRAP = 0.06, 0.04  # m: of the ring that `BodyChart.neck` counts from, of a shoulder
 THIGH_GRIP = 0.5  # how much a hanging hem still follows the thighs under it
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """A garment on a person: its cloth and the skin it hides."""
-
-    shell: Shell
-    covered: Bool[Array, "N"]
-
-
-def fit_top(body: BareBody, chart: Chart, top: Top, tucked: bool = False) -> Fitted:
+def fit_top(chart: BodyChart, top: Top, tucked: bool = False) -> Shell:
     """Put a top on a person; `tucked` into a skirt, it ends tight at the waist."""
-    z = body.vertices[:, 2]
-    crotch, waist, chest = levels(body)
+    z, arm = chart.vertices[:, 2], chart.on_arm
     at_waist = tucked or top.skirt is not None
-    hem = waist - 0.02 if at_waist else crotch + 0.03 + top.hem * (waist - crotch - 0.03)
-    arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
-    sleeve_end = _along(top.sleeve, chart.elbow, chart.wrist) - chart.arm
-    edges = [
-        np.where(arm, sleeve_end, ELSEWHERE)
-        if top.armhole is None
-        else _armholes(body, chart, top),
-        np.where(chart.piece == TORSO, top.collar - chart.neck, ELSEWHERE),
-    ]
-    if top.opening is not None:
-        edges.append(_open_front(body, top.opening))
-    margin = _margin(max(top.ease, top.sleeve_ease))
-    cut = Cut(edges, Level(hem, above=True, where=~arm), margin=margin)
-    drop = np.clip((chest - z) / (chest - hem), 0, 1)
+    rise = chart.waist - chart.crotch - 0.03
+    hem = chart.waist - 0.02 if at_waist else chart.crotch + 0.03 + top.hem * rise
+    drop = np.clip((chart.chest - z) / (chart.chest - hem), 0, 1)
     # Shoulders carry the cloth; it falls freely from the chest down and along the sleeves.
     ease = top.ease * (0.25 + 0.75 * drop)
     if at_waist:
         ease = ease * np.clip((z - hem - 0.02) / 0.10, 0.05, 1)
-    sleeve = top.sleeve_ease * np.clip(chart.arm / 0.12, 0.2, 1)
+    sleeve = top.sleeve_ease * np.clip(chart.along_arm / 0.12, 0.2, 1)
     collar_ease = np.clip((top.collar - chart.neck) / 0.08, 0.2, 1)
-    looseness = np.where(arm, sleeve, ease * collar_ease)
-    gap = top.gap + 0.004 * drop * ~arm * (not at_waist)  # over the waistband below
-    free = top.ease >= HANGING and not at_waist
+    free = top.ease >= LOOSE and not at_waist
 
     def fall(cloth: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
-        centre = body.joints[INDEX["pelvis"], :2] * [1, 0]
-        return hang(cloth, ~arm, centre, chest - 0.02, hem, min(1.0, top.ease / 0.014))
+        centre = chart.joint("pelvis")[:2] * [1, 0]
+        return drape(cloth, ~arm, centre, (chart.chest - 0.02, hem), min(1.0, top.ease / 0.014))
 
-    shell = make_shell(
-        body, chart, cut, gap, looseness, _hips(body, chart), fall=fall if free else None
+    pattern = Pattern(
+        _top_edges(chart, top),
+        gap=top.gap + 0.004 * drop * ~arm * (not at_waist),  # over the waistband below
+        looseness=np.where(arm, sleeve, ease * collar_ease),
+        level=Level(hem, above=True, where=~arm),
+        margin=_margin(max(top.ease, top.sleeve_ease)),
+        span=_hips(chart),
+        fall=fall if free else None,
     )
-    legs = np.isin(shell.piece, (LEFT_LEG, RIGHT_LEG))
-    return Fitted(
-        replace(
-            shell,
-            piece=np.where(legs, TORSO, shell.piece),
-            weights=_let_go(shell.weights) if free else shell.weights,
-        ),
-        cut.covered(body.vertices),
-    )
+    shell = make_shell(chart, pattern)
+    piece = np.where(np.isin(shell.piece, LEGS), TORSO, shell.piece)
+    return replace(shell, piece=piece, weights=_let_go(shell.weights) if free else shell.weights)
 
 
-def fit_trim(body: BareBody, chart: Chart, top: Top) -> Shell:
+def _top_edges(chart: BodyChart, top: Top) -> list[Float[Array, "N"]]:
+    """Distances inside the ends of the sleeves (or the armholes), the collar and an open front."""
+    if top.armhole is None:
+        sleeve_end = _reach(top.sleeve, chart.elbow, chart.wrist) - chart.along_arm
+        arms = np.where(chart.on_arm, sleeve_end, ELSEWHERE)
+    else:
+        arms = _armholes(chart, top.armhole, top.collar)
+    edges = [arms, np.where(chart.piece == TORSO, top.collar - chart.neck, ELSEWHERE)]
+    return edges if top.opening is None else [*edges, _open_front(chart, top.opening)]
+
+
+def fit_trim(chart: BodyChart, top: Top) -> Shell:
     """What lies around the neck of a top, outside it."""
     assert top.trim is not None
-    trim = TRIMS[top.trim]
+    trim, torso = TRIMS[top.trim], chart.piece == TORSO
     inside = top.collar + 0.002 - chart.neck
     edges = [
-        np.where(chart.piece == TORSO, inside, -ELSEWHERE),
-        np.where(chart.piece == TORSO, trim.width - inside, ELSEWHERE),
+        np.where(torso, inside, -ELSEWHERE),
+        np.where(torso, trim.width - inside, ELSEWHERE),
     ]
     if trim.notch is not None:
-        wider = trim.notch + 0.5 * np.clip(inside, 0, None)
-        edges.append(_open_front(body, wider))
-    behind = np.clip((body.joints[INDEX["neck"], 0] - body.vertices[:, 0]) / 0.06 + 0.3, 0, 1)
+        edges.append(_open_front(chart, trim.notch + 0.5 * np.clip(inside, 0, None)))
+    behind = np.clip((chart.joint("neck")[0] - chart.vertices[:, 0]) / 0.06 + 0.3, 0, 1)
     middle = np.sin(np.pi * np.clip(inside / trim.width, 0, 1))
     collar_ease = np.clip(inside / 0.08, 0.2, 1)
     gap = top.gap + 0.25 * top.ease * collar_ease + trim.gap
-    looseness = trim.bulge * behind * middle
-    return make_shell(body, chart, Cut(edges), gap + looseness, 0 * looseness, rounds=4)
+    return make_shell(chart, Pattern(edges, gap + trim.bulge * behind * middle, rounds=4))
 
 
-def _armholes(body: BareBody, chart: Chart, top: Top) -> Float[Array, "N"]:
+def _armholes(chart: BodyChart, radius: float, collar: float) -> Float[Array, "N"]:
     """Distance inside the edges around both shoulders."""
-    assert top.armhole is not None
-    arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
-    joints = body.joints[[INDEX["l_upperarm"], INDEX["r_upperarm"]]] - [0, 0, 0.01]
-    away = np.min([np.linalg.norm(body.vertices - joint, axis=1) for joint in joints], axis=0)
+    joints = chart.body.joints[[INDEX["l_upperarm"], INDEX["r_upperarm"]]] - [0, 0, 0.01]
+    away = np.min([np.linalg.norm(chart.vertices - joint, axis=1) for joint in joints], axis=0)
     # Narrow shoulders and a wide neck leave less: the straps keep their width.
-    radius = min(top.armhole, joints[0, 1] - NECK_RADIUS - max(-top.collar, 0) - STRAP)
-    return np.where(arm, np.minimum(-0.01 - chart.arm, away - radius), away - radius)
+    radius = min(radius, joints[0, 1] - NECK_RADIUS - max(-collar, 0) - STRAP)
+    return np.where(chart.on_arm, np.minimum(-0.01 - chart.along_arm, away - radius), away - radius)
 
 
-def _open_front(body: BareBody, half: Array | float) -> Float[Array, "N"]:
+def _open_front(chart: BodyChart, half: Array | float) -> Float[Array, "N"]:
     """Distance inside the edges of a front that stands open by `half` (m) on each side."""
-    joints = body.joints
-    order = ["pelvis", "spine", "chest", "neck", "head"]
-    middle = np.interp(body.vertices[:, 2], *joints[[INDEX[n] for n in order]][:, [2, 0]].T)
-    front = body.vertices[:, 0] > middle
-    return np.where(front, np.abs(body.vertices[:, 1]) - half, ELSEWHERE)
+    spine = np.array([chart.joint(b) for b in ("pelvis", "spine", "chest", "neck", "head")])
+    middle = np.interp(chart.vertices[:, 2], spine[:, 2], spine[:, 0])
+    front = chart.vertices[:, 0] > middle
+    return np.where(front, np.abs(chart.vertices[:, 1]) - half, ELSEWHERE)
 
 
 def _let_go(weights: Float[Array, "M 21"]) -> Float[Array, "M 21"]:
@@ -221,34 +203,30 @@ def _let_go(weights: Float[Array, "M 21"]) -> Float[Array, "M 21"]:
     return loose
 
 
-def fit_bottom(body: BareBody, chart: Chart, bottom: Bottom, buried: Bool[Array, "N"]) -> Fitted:
+def fit_bottom(chart: BodyChart, bottom: Bottom, buried: Bool[Array, "N"]) -> Shell:
     """Put trousers or shorts on a person; `buried` is what the top hides of them."""
-    z = body.vertices[:, 2]
-    waist = levels(body)[1]
-    leg = np.isin(chart.piece, (LEFT_LEG, RIGHT_LEG))
-    arm = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
-    length = _along(bottom.leg, chart.knee, chart.ankle)
-    cut = Cut(
+    arm, leg = chart.on_arm, chart.on_leg
+    length = _reach(bottom.leg, chart.knee, chart.ankle)
+    pattern = Pattern(
         [
             np.where(arm, -ELSEWHERE, ELSEWHERE),
-            np.where(leg, length - chart.leg, ELSEWHERE),
+            np.where(leg, length - chart.along_leg, ELSEWHERE),
         ],
-        Level(waist, above=False, where=~arm),
+        gap=np.full(len(leg), bottom.gap),
+        looseness=bottom.ease * np.where(leg, np.clip(chart.along_leg / length, 0.05, 1), 0.05),
+        level=Level(chart.waist, above=False, where=~arm),
         margin=_margin(bottom.ease),
+        span=_hips(chart),
     )
-    looseness = bottom.ease * np.where(leg, np.clip(chart.leg / length, 0.05, 1), 0.05)
-    gap = np.full(len(z), bottom.gap)
-    shell = make_shell(body, chart, cut, gap, looseness, _hips(body, chart), buried)
-    return Fitted(shell, cut.covered(body.vertices))
+    return make_shell(chart, pattern, buried)
 
 
-def fit_socks(body: BareBody, chart: Chart, rise: float, buried: Bool[Array, "N"]) -> Fitted:
+def fit_socks(chart: BodyChart, rise: float, buried: Bool[Array, "N"]) -> Shell:
     """Put socks on a person; `buried` is what shoes and trousers hide of them."""
-    leg = np.isin(chart.piece, (LEFT_LEG, RIGHT_LEG))
-    cut = Cut([np.where(leg, chart.leg - (chart.ankle - rise), -ELSEWHERE)], margin=0.012)
-    gap = np.full(len(leg), 0.0025)
-    shell = make_shell(body, chart, cut, gap, 0 * gap, buried=buried, rounds=4)
-    return Fitted(shell, cut.covered(body.vertices))
+    leg = chart.on_leg
+    edge = np.where(leg, chart.along_leg - (chart.ankle - rise), -ELSEWHERE)
+    pattern = Pattern([edge], np.full(len(leg), 0.0025), margin=0.012, rounds=4)
+    return make_shell(chart, pattern, buried)
 
 
 def _margin(ease: float) -> float:
@@ -256,38 +234,13 @@ def _margin(ease: float) -> float:
     return 0.02 + 0.8 * ease
 
 
-def _hips(body: BareBody, chart: Chart) -> Float[Array, "N"]:
+def _hips(chart: BodyChart) -> Float[Array, "N"]:
     """1 from the crotch to the waist and 0 elsewhere: where cloth spans from leg to leg."""
-    z = body.vertices[:, 2]
-    crotch, waist, _ = levels(body)
-    rise = np.clip((z - crotch + 0.05) / 0.08, 0, 1) * np.clip((waist + 0.1 - z) / 0.1, 0, 1)
-    return np.where(np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM)), 0.0, rise)
+    z = chart.vertices[:, 2]
+    above, below = (z - chart.crotch + 0.05) / 0.08, (chart.waist + 0.1 - z) / 0.1
+    return np.where(chart.on_arm, 0.0, np.clip(above, 0, 1) * np.clip(below, 0, 1))
 
 
-def marks(body: BareBody, chart: Chart, accent: Float[Array, "3"]) -> Marks:
-    """Where details go on a person; `accent` is the sRGB colour (0 to 1) of belts and prints."""
-    crotch, waist, chest = levels(body)
-    red, green, blue = (float(255 * c) for c in accent)
-    return Marks(
-        crotch=crotch,
-        waist=waist,
-        chest=chest,
-        neck=float(body.joints[INDEX["l_clavicle"], 2]),
-        elbow=-chart.elbow,
-        knee=-chart.knee,
-        accent=(red, green, blue),
-    )
-
-
-def levels(body: BareBody) -> tuple[float, float, float]:
-    """Heights (m) of the crotch, the waist and the chest."""
-    joints = body.joints[:, 2]
-    middle = (np.abs(body.vertices[:, 1]) < 0.02) & (body.vertices[:, 2] > 0.3 * body.height_m)
-    crotch = float(body.vertices[middle, 2].min())
-    waist = float(joints[INDEX["spine"]] + 0.02 * body.height_m / 1.75)
-    return crotch, waist, float(joints[INDEX["chest"]] + 0.10)
-
-
-def _along(share: float, first: float, second: float) -> float:
+def _reach(share: float, first: float, second: float) -> float:
     """Metres along a limb from a share: 1 is its first joint below the root, 2 the second."""
     return float(np.interp(share, [0, 1, 2], [0, first, second]))

@@ -1,25 +1,30 @@
-"""What carries the rig: a bicycle helmet, a headset."""
+"""Hats, and what carries the rig: a bicycle helmet, a headset. All are stacks of rings."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.assets.mesh import Mesh
+from egocap_sim.assets.textures import even
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.part_labels import RIG
-from egocap_sim.human.body.anny_model import BareBody
-from egocap_sim.human.body.skull import skull_of
+from egocap_sim.human.body.anny_model import anatomy
+from egocap_sim.human.body.body_chart import BodyChart, Skull
+from egocap_sim.human.body.skinning import Worn, rigid_mesh
+from egocap_sim.human.body.triangles import ring_faces
+from egocap_sim.human.clothing.fabric import PALETTE, fabric_texture, one_color
 
-HEADGEAR = ("helmet", "headset")
+AROUND = 48  # of a helmet and a headset
 
 
-def make_helmet(body: BareBody, color: Float[Array, "3"]) -> Mesh:
+def make_helmet(skull: Skull, color: Float[Array, "3"]) -> Mesh:
     """A bicycle helmet around the top of the skull, its rim just above the brows."""
-    skull = skull_of(body)
-    rings, around = 12, 48
-    turn = np.linspace(0, 2 * np.pi, around + 1)
+    rings, turn = 12, np.linspace(0, 2 * np.pi, AROUND + 1)
     rim = np.radians(100)
     half = skull.half + [0.030, 0.022, 0.026]
     points = []
@@ -35,14 +40,12 @@ def make_helmet(body: BareBody, color: Float[Array, "3"]) -> Mesh:
     y, x = np.mgrid[0:128, 0:128] / 128
     vents = ((x * 6 + 0.5) % 1 - 0.5) ** 2 / 0.03 + (y - 0.48) ** 2 / 0.035 < 1
     texture[vents | (y > 0.95)] = 24
-    return _head_mesh("helmet", vertices, ring_faces(rings + 1, around), rows, around, texture)
+    return _headgear("helmet", vertices, rows, texture)
 
 
-def make_headset(body: BareBody, color: Float[Array, "3"]) -> Mesh:
+def make_headset(skull: Skull, color: Float[Array, "3"]) -> Mesh:
     """A box before the eyes and a strap around the head."""
-    skull = skull_of(body)
-    around = 48
-    turn = np.linspace(0, 2 * np.pi, around + 1)
+    turn = np.linspace(0, 2 * np.pi, AROUND + 1)
     front = np.clip(2.2 * np.cos(turn) - 1.0, 0, 1)
     around_head = np.stack([np.cos(turn), np.sin(turn)], 1)
     squared = (1 + 0.18 * front * np.abs(np.sin(turn)))[:, None]
@@ -54,41 +57,70 @@ def make_headset(body: BareBody, color: Float[Array, "3"]) -> Mesh:
         height = side * (0.016 + 0.030 * front) - 0.40 * skull.half[2] * front
         points.append(np.column_stack([ring, height]))
     vertices = np.concatenate(points) + skull.centre
-    faces = ring_faces(len(points), around)[:, ::-1]
-    rows = np.array([0.0, 0.3, 0.7, 1.0])
-    return _head_mesh("headset", vertices, faces, rows, around, _plain_texture(color))
+    mesh = _headgear("headset", vertices, np.array([0.0, 0.3, 0.7, 1.0]), _plain_texture(color))
+    return replace(mesh, faces=mesh.faces[:, ::-1])
+
+
+HEADGEAR = {"helmet": make_helmet, "headset": make_headset}
+
+
+def cap(chart: BodyChart, rng: np.random.Generator) -> Worn:
+    """A cap with a peak over the eyes."""
+    return _hat(
+        "cap", chart, rng, lambda turn: 0.075 * np.clip(1.6 * np.cos(turn) - 0.6, 0, 1) ** 0.5, 1.0
+    )
+
+
+def sun_hat(chart: BodyChart, rng: np.random.Generator) -> Worn:
+    """A hat with a wide brim all around."""
+    return _hat("hat", chart, rng, lambda turn: 0.085 + 0 * turn, 1.12)
+
+
+def beanie(chart: BodyChart, rng: np.random.Generator) -> Worn:
+    """A knitted cap without a brim."""
+    return _hat("beanie", chart, rng, lambda turn: 0 * turn, 1.10, pattern="knit")
+
+
+def _hat(
+    name: str,
+    chart: BodyChart,
+    rng: np.random.Generator,
+    brim: Callable[[Array], Array],
+    crown: float,
+    pattern: str = "plain",
+) -> Worn:
+    """A dome around the skull and hair, and a brim of some width (m) by direction (0 ahead)."""
+    skull, around, rings = chart.skull, 40, 8
+    turn = np.linspace(0, 2 * np.pi, around + 1)
+    half = skull.half + [0.020, 0.018, 0.022]
+    points = []
+    for angle in np.linspace(0.02, np.pi / 2, rings):
+        ring = np.stack([np.cos(turn), np.sin(turn)], 1) * np.sin(angle) ** 0.8
+        height = np.full(around + 1, crown * half[2] * np.cos(angle))
+        points.append(np.column_stack([ring * half[:2], height]))
+    rim, width = points[-1], brim(turn)[:, None]
+    out = np.column_stack([np.cos(turn), np.sin(turn), np.full(around + 1, -0.22)]) * width
+    points += [rim + 0.5 * out, rim + out, rim + out - [0, 0, 0.003]]
+    points.append(rim * [0.97, 0.97, 1] - [0, 0, 0.004])
+    vertices = np.concatenate(points) + skull.centre + [0, 0, 0.12 * skull.half[2]]
+    cloth = one_color(pattern, str(rng.choice(list(PALETTE))))
+    texture = np.tile(fabric_texture(cloth, rng), (2, 2, 1))
+    texture[: len(texture) // 16] = np.clip(texture[: len(texture) // 16] * 0.7, 0, 255)
+    rows = np.append(np.linspace(0.02, 0.8, rings), [0.9, 0.97, 0.98, 0.99])
+    uv = np.stack([np.tile(turn / np.pi, len(rows)), np.repeat(rows, around + 1)], 1)
+    head = anatomy().owner == INDEX["head"]
+    hidden = head & (chart.vertices[:, 2] > skull.centre[2] + 0.35 * skull.half[2])
+    faces = ring_faces(len(rows), around)
+    return Worn(rigid_mesh(name, vertices, faces, uv, texture, "head", 0.05), hidden)
 
 
 def _plain_texture(color: Float[Array, "3"]) -> UInt8[Array, "128 128 3"]:
-    return np.broadcast_to(np.rint(color * 255).astype(np.uint8), (128, 128, 3)).copy()
+    return np.tile(even(color).texture, (32, 32, 1))
 
 
-def ring_faces(rings: int, around: int) -> Int[Array, "F 3"]:
-    """Triangles between rings of around + 1 points, whose last lies on the first."""
-    ring = np.arange(around)
-    strips = []
-    for i in range(rings - 1):
-        a, b = i * (around + 1), (i + 1) * (around + 1)
-        strips.append(np.stack([a + ring, b + ring, b + ring + 1], 1))
-        strips.append(np.stack([a + ring, b + ring + 1, a + ring + 1], 1))
-    return np.concatenate(strips).astype(np.int32)
-
-
-def _head_mesh(
-    name: str, vertices: Array, faces: Array, rows: Array, around: int, texture: Array
-) -> Mesh:
-    u = np.tile(np.arange(around + 1) / around, len(rows))
-    bones = np.zeros((len(vertices), 4), np.int32)
-    bones[:, 0] = INDEX["head"]
-    return Mesh(
-        name=name,
-        vertices=vertices,
-        faces=faces,
-        uv=np.stack([u, np.repeat(rows, around + 1)], 1),
-        texture=texture,
-        parts=np.full(len(vertices), RIG, np.uint8),
-        bones=bones,
-        weights=np.tile([1.0, 0.0, 0.0, 0.0], (len(vertices), 1)),
-        shininess=0.4,
-        double_sided=True,
-    )
+def _headgear(name: str, vertices: Array, rows: Array, texture: Array) -> Mesh:
+    """Rings on the head that count as the rig; `rows` are their v in the texture."""
+    u = np.tile(np.arange(AROUND + 1) / AROUND, len(rows))
+    uv = np.stack([u, np.repeat(rows, AROUND + 1)], 1)
+    mesh = rigid_mesh(name, vertices, ring_faces(len(rows), AROUND), uv, texture, "head", 0.4)
+    return replace(mesh, parts=np.full(len(vertices), RIG, np.uint8))

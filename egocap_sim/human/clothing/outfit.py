@@ -78,19 +78,18 @@ class Outfit:
             )
 
     def describe(self) -> dict[str, object]:
-        """The outfit as JSON knows it."""
-        said = asdict(self)
-        for fabric in (said["top_fabric"], said["bottom_fabric"]):
+        """The outfit as JSON-ready values."""
+        table = asdict(self)
+        for fabric in (table["top_fabric"], table["bottom_fabric"]):
             fabric["colors"] = list(fabric["colors"])
-        return said
+        return table
 
 
 def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Generator) -> Outfit:
     """Draw clothes, hair and accessories; hair greys with age and darkens with skin."""
     female = sex == "female"
-    tops = [t for t in TOPS if female or TOPS[t].skirt is None]
-    share = np.array([0.7 if TOPS[t].skirt is not None else 1.0 for t in tops])
-    top = str(rng.choice(tops, p=share / share.sum()))
+    tops = {t: 1.0 if TOPS[t].skirt is None else 0.7 for t in TOPS}
+    top = _weighted({t: w for t, w in tops.items() if female or TOPS[t].skirt is None}, rng)
     bottom = _bottom(top, female, rng)
     warm = ("sweater", "hoodie", "jacket", "zip_jacket", "vest")
     patterns = WARM_PATTERNS if top in warm else TOP_PATTERNS
@@ -159,8 +158,7 @@ def _fabric(
     patterns: Mapping[str, int], colors: tuple[str, ...], rng: np.random.Generator
 ) -> Fabric:
     assert set(patterns) <= set(PATTERNS)
-    share = np.array(list(patterns.values())) / sum(patterns.values())
-    pattern = str(rng.choice(list(patterns), p=share))
+    pattern = _weighted(patterns, rng)
     main = str(rng.choice(DENIM_COLORS if pattern == "denim" else colors))
     others = rng.choice([c for c in PALETTE if c != main], 2, replace=False)
     return Fabric(pattern, (main, str(others[0]), str(others[1])), round(float(rng.uniform()), 2))
@@ -174,8 +172,7 @@ def _bottom(top: str, female: bool, rng: np.random.Generator) -> str:
              "wide_trousers": 12, "leggings": 8}  # fmt: skip
     if female:
         usual |= {"skirt": 10, "pleated_skirt": 6, "long_skirt": 8}
-    share = np.array(list(usual.values()), float)
-    return str(rng.choice(list(usual), p=share / share.sum()))
+    return _weighted(usual, rng)
 
 
 def _haircut(sex: str, rng: np.random.Generator) -> str:
@@ -184,8 +181,7 @@ def _haircut(sex: str, rng: np.random.Generator) -> str:
     if sex == "female":
         usual = {"bald": 1, "buzz": 2, "short": 15, "thick": 10, "bob": 20, "long": 24,
                  "very_long": 10, "ponytail": 18}  # fmt: skip
-    share = np.array(list(usual.values()), float)
-    return str(rng.choice(list(usual), p=share / share.sum()))
+    return _weighted(usual, rng)
 
 
 def _hair_color(age_years: float, tone: float, rng: np.random.Generator) -> str:
@@ -193,4 +189,10 @@ def _hair_color(age_years: float, tone: float, rng: np.random.Generator) -> str:
         return str(rng.choice(["grey", "white"]))
     colors = [c for c in HAIR_COLORS if c not in ("grey", "white")]
     likely = np.array([3, 3, 2, 1, 1, 0.5]) * np.exp(-4 * tone * np.arange(6) / 5)
-    return str(rng.choice(colors, p=likely / likely.sum()))
+    return _weighted(dict(zip(colors, likely, strict=True)), rng)
+
+
+def _weighted(weights: Mapping[str, float], rng: np.random.Generator) -> str:
+    """One of the keys, drawn with these weights."""
+    share = np.array(list(weights.values()), float)
+    return str(rng.choice(list(weights), p=share / share.sum()))

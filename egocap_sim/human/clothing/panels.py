@@ -17,18 +17,11 @@ from numpy import ndarray as Array
 from egocap.geometry import unit
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.anny_model import BareBody
-from egocap_sim.human.body.body_chart import LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, TORSO
+from egocap_sim.human.body.body_chart import ARMS, LEGS, LIMBS, TORSO
 
 SIZE = 512  # px of a garment's texture
 REACH = 1.12  # turns a panel shows: triangles on the seam run beyond the first
-GIRTH = {TORSO: 0.96, LEFT_ARM: 0.30, RIGHT_ARM: 0.30, LEFT_LEG: 0.48, RIGHT_LEG: 0.48}  # m
-LIMBS = {
-    LEFT_ARM: ("l_upperarm", "l_forearm", "l_hand"),
-    RIGHT_ARM: ("r_upperarm", "r_forearm", "r_hand"),
-    LEFT_LEG: ("l_thigh", "l_calf", "l_foot"),
-    RIGHT_LEG: ("r_thigh", "r_calf", "r_foot"),
-}
-ARMS, LEGS = (LEFT_ARM, RIGHT_ARM), (LEFT_LEG, RIGHT_LEG)
+GIRTH = {TORSO: 0.96, **dict.fromkeys(ARMS, 0.30), **dict.fromkeys(LEGS, 0.48)}  # m
 
 
 @dataclass(frozen=True)
@@ -79,19 +72,17 @@ class Panel:
 
 def lay_out(spans: Mapping[int, tuple[float, float]]) -> dict[int, Panel]:
     """Give pieces their panels; `spans` is the greatest and the least `along` of each."""
-    torso = [p for p in spans if p == TORSO]
     limbs = sorted(p for p in spans if p != TORSO)
-    tall = max((spans[p][0] - spans[p][1] for p in limbs), default=0.0)
-    length = spans[TORSO][0] - spans[TORSO][1] if torso else 0.0
-    rows = round(SIZE * length / max(length + tall, 1e-6)) if limbs else SIZE
-    rows = int(np.clip(rows, 32, SIZE - 32)) if torso and limbs else rows
+    rows = 0  # of the torso
     panels = {}
-    if torso:
+    if TORSO in spans:
+        length, *others = (spans[p][0] - spans[p][1] for p in (TORSO, *limbs))
+        rows = round(SIZE * length / max(length + max(others, default=0.0), 1e-6))
+        rows = int(np.clip(rows, 32, SIZE - 32)) if limbs else SIZE
         panels[TORSO] = Panel(TORSO, 0, 0, SIZE, rows, *spans[TORSO])
     for i, piece in enumerate(limbs):
         width = SIZE // len(limbs)
-        panels[piece] = Panel(piece, i * width, rows if torso else 0, width,
-                              SIZE - rows if torso else SIZE, *spans[piece])  # fmt: skip
+        panels[piece] = Panel(piece, i * width, rows, width, SIZE - rows, *spans[piece])
     return panels
 
 
@@ -111,7 +102,7 @@ def unroll(
         slope = np.clip((points[:, 2] - (high[2] - 0.16)) / 0.10, 0, 1)
         turn = np.arctan2(points[:, 1], x) / (2 * np.pi) + 0.5
         return turn, points[:, 2] + slope * np.maximum(0, 0.2 - radius)
-    a, b, c = (body.joints[INDEX[name]] for name in LIMBS[piece])
+    a, b, c = (body.joints[INDEX[name]] for name in LIMBS[piece][:3])
     first, second = unit(b - a), unit(c - b)
     length = np.linalg.norm(b - a)
     upper = np.minimum((points - a) @ first, length)

@@ -1,15 +1,13 @@
-"""Sew cloth: its panels, the texture painted on them, and the drawn mesh."""
+"""From cloth to a mesh: panels, the texture painted on them, and texture coordinates."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
-from numpy import ndarray as Array
 
 from egocap_sim.assets.mesh import Mesh
 from egocap_sim.human.body.anny_model import BareBody
-from egocap_sim.human.body.numbering import distinct
-from egocap_sim.human.body.skin import PART_OF_BODY
+from egocap_sim.human.body.skinning import skinned_mesh
+from egocap_sim.human.body.triangles import distinct
 from egocap_sim.human.clothing.panels import GIRTH, lay_out, unroll
 from egocap_sim.human.clothing.shell import Shell
 from egocap_sim.human.clothing.tailoring import Cloth, paint
@@ -33,32 +31,14 @@ def sew(name: str, shell: Shell, body: BareBody, cloth: Cloth, shininess: float 
     turn = (turn + ((turn.max(1, keepdims=True) - turn) > 0.5)).ravel()  # across the seam
     key = (corner_vertex * len(GIRTH) + corner_piece) * 2 + (turn >= 1.0)
     first, index = distinct(key)
-    vertex, piece_of = corner_vertex[first], corner_piece[first]
-    turn, along = turn[first], along[first]
-    panels = lay_out(spans)
-    uv = np.zeros((len(vertex), 2))
+    vertex, pieces, turn, along = (a[first] for a in (corner_vertex, corner_piece, turn, along))
+    panels, light = lay_out(spans), shell.light[vertex]
+    uv, samples = np.zeros((len(vertex), 2)), {}
     for piece, panel in panels.items():
-        here = piece_of == piece
+        here = pieces == piece
         uv[here] = panel.uv(turn[here], along[here])
-    light = shell.light[vertex]
-    samples = {p: (turn[piece_of == p], along[piece_of == p], light[piece_of == p]) for p in panels}
-    bones, weights = strongest(shell.weights[vertex])
-    return Mesh(
-        name=name,
-        vertices=shell.vertices[vertex],
-        faces=index.reshape(-1, 3).astype(np.int32),
-        uv=uv,
-        texture=paint(panels, samples, cloth),
-        parts=PART_OF_BODY[bones[:, 0]],
-        bones=bones,
-        weights=weights,
-        shininess=shininess,
-        double_sided=True,
-    )
-
-
-def strongest(weights: Float[Array, "N 21"]) -> tuple[Int[Array, "N 4"], Float[Array, "N 4"]]:
-    """The four bodies each vertex follows most, heaviest first, and their weights, summing to 1."""
-    bones = np.argsort(-weights, axis=1, kind="stable")[:, :4]
-    kept = np.take_along_axis(weights, bones, 1)
-    return bones.astype(np.int32), kept / kept.sum(1, keepdims=True)
+        samples[piece] = turn[here], along[here], light[here]
+    return skinned_mesh(
+        name, shell.vertices[vertex], index.reshape(-1, 3), uv, paint(panels, samples, cloth),
+        shell.weights[vertex], shininess,
+    )  # fmt: skip

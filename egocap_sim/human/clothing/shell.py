@@ -1,9 +1,9 @@
-"""Garment shells: the skin's surface pushed outward, smoothed, cut along hems and turned in."""
+"""Garment shells: the skin's surface offset outward, smoothed, cut along hems and turned in."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -13,14 +13,13 @@ from numpy import ndarray as Array
 
 from egocap.geometry import unit
 from egocap_sim.core.bodies import BODIES
-from egocap_sim.human.body.anny_model import BareBody, anatomy
-from egocap_sim.human.body.body_chart import TORSO, Chart
-from egocap_sim.human.body.numbering import distinct
-from egocap_sim.human.body.skin_patch import patch_of
+from egocap_sim.human.body.anny_model import anatomy
+from egocap_sim.human.body.body_chart import TORSO, BodyChart
+from egocap_sim.human.body.skin_patch import make_patch
+from egocap_sim.human.body.triangles import distinct
 
 APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
-SMOOTHING = 14  # rounds of averaging: bridges hollows of a few centimetres
-ELSEWHERE = 1.0  # m inside: what an edge says of parts of the body that it does not concern
+ELSEWHERE = 1.0  # m inside an edge: of the parts of the body that the edge does not concern
 TIGHT, WIDE = 2, 24  # rounds of averaging of the skin weights
 HEM_FOLD = 0.7  # share of the gap to the skin by which a hem's edge is turned in
 
@@ -40,24 +39,29 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
-    """Where a garment is: distances (m) inside each edge; cloth lies where all are above 0.
+class Pattern:
+    """Where a garment lies, and how far from the skin.
 
-    Skin more than `margin` inside every edge counts as hidden: enough for hems to move. Where
-    `level` is given, cloth also ends at that height, wherever `levelled`.
+    `edges` are distances (m) inside each edge; cloth lies where all are above 0, and on its side
+    of `level`. Skin more than `margin` inside every edge is hidden: enough for hems to move.
+    `gap` (m) is the least distance to the skin along its normal; `looseness` (m) is added to it
+    before the cloth is smoothed in so many `rounds` of averaging, which bridge hollows. `span` (0
+    to 1) is how far the cloth bends wider than the skin under it, as between the legs. `fall`
+    moves the smoothed cloth before it is cut.
     """
 
     edges: Sequence[Float[Array, "N"]]
+    gap: Float[Array, "N"]
+    looseness: Float[Array, "N"] | float = 0.0
     level: Level | None = None
     margin: float = 0.05
+    span: Float[Array, "N"] | None = None
+    rounds: int = 14
+    fall: Callable[[Float[Array, "N 3"]], Float[Array, "N 3"]] | None = None
 
     def edges_at(self, points: Float[Array, "N 3"]) -> list[Float[Array, "N"]]:
         """Distances inside each edge of cloth (or skin) whose vertices are at these points."""
         return [*self.edges, *([self.level.inside(points)] if self.level else [])]
-
-    def covered(self, skin: Float[Array, "N 3"]) -> Bool[Array, "N"]:
-        """The skin's vertices that cannot be seen."""
-        return np.min(self.edges_at(skin), axis=0) > self.margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,43 +72,31 @@ class Shell:
     skin: Float[Array, "M 3"]  # the point of the skin under each vertex
     faces: Int[Array, "F 3"]
     weights: Float[Array, "M 21"]
-    piece: Int[Array, "M"]  # of `chart`
+    piece: Int[Array, "M"]  # of `body_chart`
     light: Float[Array, "M"]  # openness of the body there: dark in armpits and between the legs
+    covered: Bool[Array, "N"]  # vertices of the bare skin that cannot be seen under it
 
 
-def make_shell(
-    body: BareBody,
-    chart: Chart,
-    cut: Cut,
-    gap: Float[Array, "N"],
-    looseness: Float[Array, "N"],
-    drape: Float[Array, "N"] | None = None,
-    buried: Bool[Array, "N"] | None = None,
-    rounds: int = SMOOTHING,
-    fall: Callable[[Float[Array, "N 3"]], Float[Array, "N 3"]] | None = None,
-) -> Shell:
+def make_shell(chart: BodyChart, pattern: Pattern, buried: Bool[Array, "N"] | None = None) -> Shell:
     """Cut a garment from the body.
 
-    `gap` (m) is the least distance to the skin along its normal, `looseness` (m) is added to it
-    before the cloth is smoothed in so many `rounds` of averaging. `drape` (0 to 1) is how far the
-    cloth bends wider than the skin under it, as between the legs. Triangles all of whose corners
-    are `buried` (under another garment) are left out. `fall` moves the smoothed cloth before it is
-    cut.
+    Triangles all of whose corners are `buried` (under another garment) are left out.
     """
-    near = np.min(cut.edges_at(body.vertices), axis=0) > -APRON
+    depth, skin = np.min(pattern.edges_at(chart.vertices), axis=0), chart.vertices
+    near, covered = depth > -APRON, depth > pattern.margin
     # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
-    flat = cut.covered(body.vertices) & (chart.piece == TORSO)
-    least = np.where(flat, np.maximum(gap - 0.006, 0.0015), gap)
-    patch = patch_of(near)
+    closer = np.maximum(pattern.gap - 0.006, 0.0015)
+    least = np.where(covered & (chart.piece == TORSO), closer, pattern.gap)
+    patch = make_patch(near)
     outward = unit(patch.smoothed(chart.normals, 4))
-    cloth = body.vertices + outward * (gap + looseness)[:, None]
-    cloth = patch.smoothed_over(cloth, body.vertices, chart.normals, least, rounds)
-    if fall is not None:
-        cloth = fall(cloth)
+    cloth = skin + outward * (pattern.gap + pattern.looseness)[:, None]
+    cloth = patch.smoothed_over(cloth, skin, chart.normals, least, pattern.rounds)
+    if pattern.fall is not None:
+        cloth = pattern.fall(cloth)
     weights = patch.smoothed(skin_weights(), TIGHT)
-    if drape is not None:
+    if pattern.span is not None:
         wide = patch.smoothed(weights, WIDE - TIGHT)
-        weights = weights + drape[:, None] * (wide - weights)
+        weights = weights + pattern.span[:, None] * (wide - weights)
     faces = anatomy().faces
     faces = faces[near.take(faces.T).all(0)]
     if buried is not None:
@@ -112,18 +104,12 @@ def make_shell(
     # Cloth bridges the skin's small hollows.
     light = patch.smoothed(anatomy().openness.astype(float)[:, None], 4)[:, 0]
     mix = sp.csr_matrix(sp.identity(len(near)))
-    for edge in cut.edges_at(cloth):
+    for edge in pattern.edges_at(cloth):
         faces, step = clip(faces, mix @ edge)
         mix = sp.csr_matrix(step @ mix)
+    piece = chart.piece[mix.indices[mix.indptr[:-1]]]
     return _turn_hems(
-        Shell(
-            vertices=mix @ cloth,
-            skin=mix @ body.vertices,
-            faces=faces,
-            weights=mix @ weights,
-            piece=chart.piece[mix.indices[mix.indptr[:-1]]],
-            light=mix @ light,
-        )
+        Shell(mix @ cloth, mix @ skin, faces, mix @ weights, piece, mix @ light, covered)
     )
 
 
@@ -146,7 +132,6 @@ def clip(
     """
     inside = value > 0
     count = inside.take(faces.T).sum(0)
-    whole = faces[count == 3]
     # Turn the partly kept triangles so that the corner that stands alone comes first.
     lone = _alone_first(faces[count == 1], inside)
     pair = _alone_first(faces[count == 2], ~inside)
@@ -155,16 +140,14 @@ def clip(
     key, index = np.unique(crossed.min(1) * n + crossed.max(1), return_inverse=True)
     low, high, index = key // n, key % n, index + n
     a, b, c, d = np.split(index, np.cumsum([len(lone), len(lone), len(pair)]))
-    cut = np.concatenate(
-        [
-            whole,
-            np.stack([lone[:, 0], a, b], 1),
-            np.stack([c, pair[:, 1], pair[:, 2]], 1),
-            np.stack([c, pair[:, 2], d], 1),
-        ]
-    )
-    share = value[low] / (value[low] - value[high])
-    rows = np.concatenate([np.arange(n), n + np.arange(len(key)), n + np.arange(len(key))])
+    cut = np.concatenate([
+        faces[count == 3],
+        np.stack([lone[:, 0], a, b], 1),
+        np.stack([c, pair[:, 1], pair[:, 2]], 1),
+        np.stack([c, pair[:, 2], d], 1),
+    ])  # fmt: skip
+    share, new = value[low] / (value[low] - value[high]), n + np.arange(len(key))
+    rows = np.concatenate([np.arange(n), new, new])
     columns = np.concatenate([np.arange(n), low, high])
     amount = np.concatenate([np.ones(n), 1 - share, share])
     mix = sp.csr_matrix((amount, (rows, columns)), shape=(n + len(key), n))
@@ -187,18 +170,20 @@ def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array,
 
 def _turn_hems(shell: Shell) -> Shell:
     """Add a narrow strip inside every edge, so that cloth has a thickness where it ends."""
-    edges = border(shell.faces)
+    edges, count = border(shell.faces), len(shell.vertices)
     rim = np.unique(edges)
-    place = np.zeros(len(shell.vertices), int)
-    place[rim] = len(shell.vertices) + np.arange(len(rim))
+    place = np.zeros(count, int)
+    place[rim] = count + np.arange(len(rim))
     a, b = edges.T
     strip = np.concatenate([np.stack([b, a, place[a]], 1), np.stack([b, place[a], place[b]], 1)])
     turned = shell.vertices[rim] * (1 - HEM_FOLD) + shell.skin[rim] * HEM_FOLD
-    return Shell(
+    twice = np.append(np.arange(count), rim)
+    return replace(
+        shell,
         vertices=np.concatenate([shell.vertices, turned]),
-        skin=np.concatenate([shell.skin, shell.skin[rim]]),
+        skin=shell.skin[twice],
         faces=np.concatenate([shell.faces, strip]),
-        weights=np.concatenate([shell.weights, shell.weights[rim]]),
-        piece=np.concatenate([shell.piece, shell.piece[rim]]),
+        weights=shell.weights[twice],
+        piece=shell.piece[twice],
         light=np.concatenate([shell.light, 0.6 * shell.light[rim]]),
     )

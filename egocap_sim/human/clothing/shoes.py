@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 from scipy.spatial import ConvexHull, KDTree
 
-from egocap_sim.assets.mesh import Mesh
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.anny_model import BareBody, anatomy
-from egocap_sim.human.body.skin import PART_OF_BODY
-from egocap_sim.human.body.skin_patch import patch_of
-from egocap_sim.human.clothing.sewing import strongest
+from egocap_sim.human.body.skin_patch import make_patch
+from egocap_sim.human.body.skinning import Worn, skinned_mesh
 from egocap_sim.human.clothing.shell import skin_weights
 
 DIRECTIONS = 28  # corners of each ring
@@ -40,44 +38,29 @@ SHOES: dict[str, Shoe] = {
 }
 
 
-def make_shoes(
-    body: BareBody, shoe: Shoe, texture: UInt8[Array, "H W 3"]
-) -> tuple[Mesh, Bool[Array, "N"]]:
-    """Both shoes as one mesh, and the skin they hide.
+def make_shoes(body: BareBody, shoe: Shoe, texture: UInt8[Array, "H W 3"]) -> Worn:
+    """Both shoes as one mesh.
 
     Every level is the outline, seen from above, of what the foot has at or above that level, so
     that the shell is wider below and nothing of the foot can stand out of it. The foot's own
     lowest point is on the floor and so is the sole: its thickness is only drawn.
     """
-    shape = anatomy()
+    owner, z = anatomy().owner, body.vertices[:, 2]
     vertices, faces, uv = [], [], []
-    covered = np.zeros(len(body.vertices), bool)
+    covered = np.zeros(len(z), bool)
     for side in ("l_", "r_"):
         top = body.joints[INDEX[side + "foot"], 2] + shoe.collar
-        leg = np.isin(shape.owner, [INDEX[side + b] for b in ("calf", "foot", "toe")])
-        foot = leg & (body.vertices[:, 2] < top + 0.035)
-        covered |= foot & (body.vertices[:, 2] < top - 0.025)
-        ring_points, ring_uv = _rings(body.vertices[foot], top, shoe)
-        start = sum(len(v) for v in vertices)
-        faces.append(_skin_rings(len(ring_points)) + start)
-        vertices.append(ring_points.reshape(-1, 3))
-        uv.append(ring_uv.reshape(-1, 2))
-    vertices = np.concatenate(vertices)
-    weights = _weights_near(body, vertices)
-    bones, weights = strongest(weights)
-    mesh = Mesh(
-        name="shoes",
-        vertices=vertices,
-        faces=np.concatenate(faces).astype(np.int32),
-        uv=np.concatenate(uv),
-        texture=texture,
-        parts=PART_OF_BODY[bones[:, 0]],
-        bones=bones,
-        weights=weights,
-        shininess=0.15,
-        double_sided=True,
+        leg = np.isin(owner, [INDEX[side + b] for b in ("calf", "foot", "toe")])
+        foot = leg & (z < top + 0.035)
+        covered |= foot & (z < top - 0.025)
+        points, places = _rings(body.vertices[foot], top, shoe)
+        faces.append(_ring_faces(len(points)) + sum(map(len, vertices)))
+        vertices.append(points.reshape(-1, 3))
+        uv.append(places.reshape(-1, 2))
+    parts = np.concatenate(vertices), np.concatenate(faces), np.concatenate(uv)
+    return Worn(
+        skinned_mesh("shoes", *parts, texture, _weights_near(body, parts[0]), 0.15), covered
     )
-    return mesh, covered
 
 
 def shoe_texture(
@@ -105,37 +88,25 @@ def _rings(
     foot: Float[Array, "N 3"], top: float, shoe: Shoe
 ) -> tuple[Float[Array, "L D 3"], Float[Array, "L D 2"]]:
     """Rings from the middle of the sole, up around the foot, to the collar turned inward."""
-    heel, tip = foot[:, :2].min(0), foot[:, :2].max(0)
-    outlines, heights, rows = [], [], []
-
-    def add(outline: Array, z: float, row: float) -> None:
-        outlines.append(outline)
-        heights.append(z)
-        rows.append(row)
-
-    base = _outline(foot, 0.0, shoe.room + 0.004)
+    base, sole, edge = _outline(foot, 0.0, shoe.room + 0.004), shoe.sole, 1 - SOLE_ROWS
     middle = base.mean(0)
-    foot_of_texture = 1 - SOLE_ROWS
-    add(middle + 0.02 * (base - middle), 0.0, 0.999)
-    add(middle + 0.97 * (base - middle), 0.0, 0.97)
-    add(base, 0.004, 0.94)
-    add(base, shoe.sole, foot_of_texture + 0.01)
-    add(middle + 0.975 * (base - middle), shoe.sole + 0.001, foot_of_texture - 0.01)
-    levels = np.linspace(shoe.sole + 0.012, top, 7)
-    for z in levels:
-        share = (z - shoe.sole) / (top - shoe.sole)
-        add(_outline(foot, z - 0.012, shoe.room), z, (1 - share) * (foot_of_texture - 0.02))
-    collar = outlines[-1]
-    add(collar.mean(0) + 0.88 * (collar - collar.mean(0)), top - 0.004, 0.0)
-    points = np.concatenate(
-        [
-            np.array(outlines),
-            np.broadcast_to(np.array(heights)[:, None, None], (len(rows), DIRECTIONS, 1)),
-        ],
-        2,
-    )
-    u = (points[..., 0] - heel[0]) / (tip[0] - heel[0])
-    return points, np.stack([u, np.broadcast_to(np.array(rows)[:, None], u.shape)], 2)
+    rings = [  # outline, height (m), row of the texture
+        (middle + 0.02 * (base - middle), 0.0, 0.999),
+        (middle + 0.97 * (base - middle), 0.0, 0.97),
+        (base, 0.004, 0.94),
+        (base, sole, edge + 0.01),
+        (middle + 0.975 * (base - middle), sole + 0.001, edge - 0.01),
+    ]
+    for z in np.linspace(sole + 0.012, top, 7):
+        share = (z - sole) / (top - sole)
+        rings.append((_outline(foot, z - 0.012, shoe.room), z, (1 - share) * (edge - 0.02)))
+    collar = rings[-1][0]
+    rings.append((collar.mean(0) + 0.88 * (collar - collar.mean(0)), top - 0.004, 0.0))
+    points = np.array([np.column_stack([xy, np.full(DIRECTIONS, z)]) for xy, z, _ in rings])
+    heel, tip = foot[:, 0].min(), foot[:, 0].max()
+    u = (points[..., 0] - heel) / (tip - heel)
+    v = np.array([row for _, _, row in rings])
+    return points, np.stack([u, np.broadcast_to(v[:, None], u.shape)], 2)
 
 
 def _outline(foot: Float[Array, "N 3"], z: float, room: float) -> Float[Array, "D 2"]:
@@ -154,16 +125,14 @@ def _outline(foot: Float[Array, "N 3"], z: float, room: float) -> Float[Array, "
     return np.stack([np.interp(at, travelled, closed[:, i]) for i in range(2)], 1)
 
 
-def _skin_rings(count: int) -> Array:
-    """Triangles between rings stacked upward, each counter-clockwise seen from above."""
+def _ring_faces(count: int) -> Int[Array, "F 3"]:
+    """Triangles between closed rings stacked upward, each counter-clockwise seen from above."""
     ring = np.arange(DIRECTIONS)
-    after = (ring + 1) % DIRECTIONS
-    strips = []
-    for low in range(count - 1):
-        a, b = low * DIRECTIONS, (low + 1) * DIRECTIONS
-        strips.append(np.stack([a + ring, a + after, b + after], 1))
-        strips.append(np.stack([a + ring, b + after, b + ring], 1))
-    return np.concatenate(strips)
+    a = ring + DIRECTIONS * np.arange(count - 1)[:, None]
+    after = np.roll(ring, -1) - ring
+    b = a + DIRECTIONS
+    first, second = np.stack([a, a + after, b + after], -1), np.stack([a, b + after, b], -1)
+    return np.stack([first, second], 1).reshape(-1, 3)
 
 
 def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "M 21"]:
@@ -181,4 +150,4 @@ def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "
 def _smooth_weights() -> Float[Array, "N 21"]:
     """Weights of the skin, averaged, so that shoes bend less sharply."""
     weights = skin_weights()
-    return patch_of(np.ones(len(weights), bool)).smoothed(weights, 4)
+    return make_patch(np.ones(len(weights), bool)).smoothed(weights, 4)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap_sim.core.bodies import BODIES, INDEX
-from egocap_sim.human.body.anny_model import BareBody, anatomy
-from egocap_sim.human.body.body_chart import LEFT_ARM, RIGHT_ARM, TORSO, Chart
+from egocap_sim.human.body.anny_model import anatomy
+from egocap_sim.human.body.body_chart import TORSO, BodyChart
+from egocap_sim.human.body.triangles import ring_faces
 from egocap_sim.human.clothing.drape import fallen, girth, sample
 from egocap_sim.human.clothing.shell import Shell
 
@@ -27,21 +28,18 @@ class Skirt:
     count: int = 9  # folds around
 
 
-def make_skirt(body: BareBody, chart: Chart, skirt: Skirt, waist: float, gap: float) -> Shell:
+def make_skirt(chart: BodyChart, skirt: Skirt, waist: float, gap: float) -> Shell:
     """A skirt from the waist (height, m), `gap` (m) away from the skin there.
 
     It lies outside the convex outline of hips and legs at every height. Its left half follows the
     left leg and its right half the right one, softly across the middle: in front wholly, as the
     thigh pushes it when lifted, behind a little less.
     """
-    joints = body.joints
-    knee, ankle = joints[INDEX["l_calf"], 2], joints[INDEX["l_foot"], 2]
-    hip = joints[INDEX["l_thigh"], 2]
+    hip, knee, ankle = (chart.joint(b)[2] for b in ("l_thigh", "l_calf", "l_foot"))
     hem = float(np.interp(skirt.length, [0, 1, 2], [hip, knee, ankle]))
-    centre = np.array([joints[INDEX["pelvis"], 0], 0.0])
+    centre = np.array([chart.joint("pelvis")[0], 0.0])
     heights = np.linspace(waist, hem, ROWS)
-    near = ~np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
-    reach = fallen(girth(body.vertices[near], centre, heights), heights)
+    reach = fallen(girth(chart.vertices[~chart.on_arm], centre, heights), heights)
     turn = np.linspace(0, 2 * np.pi, AROUND + 1) - np.pi
     drop = np.clip(waist - heights, 0, None)
     below_hips = np.clip(waist - 0.10 - heights, 0, None)
@@ -51,50 +49,44 @@ def make_skirt(body: BareBody, chart: Chart, skirt: Skirt, waist: float, gap: fl
         radius = radius + 0.05 * min(1.0, drop[i] / 0.12) * 0.15 + skirt.flare * below_hips[i]
         share = (below_hips[i] / max(below_hips[-1], 1e-6)) ** 0.8
         radius = radius + skirt.fold * share * (1 + np.cos(skirt.count * turn))
-        rings.append(np.column_stack([
-            centre[0] + radius * np.cos(turn), radius * np.sin(turn), np.full(len(turn), z)
-        ]))  # fmt: skip
-    outer = np.concatenate(rings)
-    turned = rings[-1] * [1, 1, 1]
+        x, y = centre[0] + radius * np.cos(turn), radius * np.sin(turn)
+        rings.append(np.column_stack([x, y, np.full(len(turn), z)]))
+    turned = rings[-1].copy()
     turned[:, :2] = centre + 0.97 * (turned[:, :2] - centre)
-    vertices = np.concatenate([outer, turned])
-    weights = _weights(vertices, centre, joints, waist)
+    vertices = np.concatenate([*rings, turned])
     light = np.ones(len(vertices))
-    light[len(outer) :] = 0.5
+    light[-len(turn) :] = 0.5
     light[: len(turn)] = 0.6
+    faces = ring_faces(ROWS + 1, AROUND).reshape(ROWS, 2, AROUND, 3)[:, ::-1].reshape(-1, 3)
     return Shell(
         vertices=vertices,
         skin=vertices,
-        faces=_strips(ROWS + 1, AROUND),
-        weights=weights,
+        faces=faces,
+        weights=_weights(vertices, chart, waist),
         piece=np.full(len(vertices), TORSO),
         light=light,
+        covered=_covered(chart, vertices[:, 2].max(), vertices[:, 2].min()),
     )
 
 
-def under_skirt(body: BareBody, chart: Chart, shell: Shell) -> Array:
-    """Mask (N,) of the skin deep enough inside a skirt never to be seen."""
-    waist, hem = shell.vertices[:, 2].max(), shell.vertices[:, 2].min()
-    z = body.vertices[:, 2]
-    arms = np.isin(chart.piece, (LEFT_ARM, RIGHT_ARM))
+def _covered(chart: BodyChart, waist: float, hem: float) -> Bool[Array, "N"]:
+    """The skin deep enough inside a skirt never to be seen."""
+    z = chart.vertices[:, 2]
     depth = 0.10 + 0.25 * max(0.0, waist - hem - 0.45)  # long ones open wider below
-    return ~arms & (z < waist - 0.03) & (z > hem + depth) & (anatomy().owner != INDEX["head"])
+    inside = (z < waist - 0.03) & (z > hem + depth)
+    return ~chart.on_arm & inside & (anatomy().owner != INDEX["head"])
 
 
-def _weights(
-    points: Float[Array, "M 3"], centre: Float[Array, "2"], joints: Array, waist: float
-) -> Float[Array, "M 21"]:
-    hip, knee = joints[INDEX["l_thigh"], 2], joints[INDEX["l_calf"], 2]
+def _weights(points: Float[Array, "M 3"], chart: BodyChart, waist: float) -> Float[Array, "M 21"]:
+    hip, knee = chart.joint("l_thigh")[2], chart.joint("l_calf")[2]
     z, y = points[:, 2], points[:, 1]
-    front = np.clip((points[:, 0] - centre[0]) / 0.10, -1, 1)
+    front = np.clip((points[:, 0] - chart.joint("pelvis")[0]) / 0.10, -1, 1)
     # In front the lap folds at the hip joint; behind, cloth stretches over the seat.
     ahead = np.clip(front, 0, 1)
     start, length = hip + 0.06 - 0.05 * ahead, 0.20 - 0.10 * ahead
-    down = np.clip((start - z) / length, 0, 1)
-    down = down * down * (3 - 2 * down)
+    down = _smooth_step((start - z) / length)
     leg = down * (0.93 + 0.07 * front)
-    left = np.clip(0.5 + y / 0.20, 0, 1)
-    left = left * left * (3 - 2 * left)
+    left = _smooth_step(0.5 + y / 0.20)
     calf = np.clip((knee + 0.08 - z) / 0.22, 0, 1) * (0.7 - 0.15 * front)
     weights = np.zeros((len(points), len(BODIES)))
     spine = np.clip((z - waist + 0.08) / 0.12, 0, 1) * 0.5
@@ -106,12 +98,6 @@ def _weights(
     return weights
 
 
-def _strips(rings: int, around: int) -> Array:
-    """Triangles between rings of around + 1 points from the top down, seen from outside."""
-    ring = np.arange(around)
-    strips = []
-    for i in range(rings - 1):
-        a, b = i * (around + 1), (i + 1) * (around + 1)
-        strips.append(np.stack([a + ring, b + ring + 1, a + ring + 1], 1))
-        strips.append(np.stack([a + ring, b + ring, b + ring + 1], 1))
-    return np.concatenate(strips)
+def _smooth_step(share: Float[Array, "M"]) -> Float[Array, "M"]:
+    share = np.clip(share, 0, 1)
+    return share * share * (3 - 2 * share)

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap_sim.human.body.body_chart import TORSO
+from egocap_sim.human.body.body_chart import ARMS, TORSO
 from egocap_sim.human.body.noise import stretched, wrapped_noise
 from egocap_sim.human.clothing.details import DETAILS, Canvas, Marks
-from egocap_sim.human.clothing.panels import ARMS, GIRTH, REACH, SIZE, Panel
+from egocap_sim.human.clothing.panels import GIRTH, REACH, SIZE, Panel
 
 FOLD = 0.55  # strength of painted folds in the crumpled places
 SHADE = 0.62  # share of its light that cloth loses where no light comes in
@@ -40,7 +40,8 @@ def paint(
     for piece, panel in panels.items():
         canvas = Canvas(panel, lay_tile(panel, cloth.tile, cloth.tile_m), cloth.marks, cloth.rng)
         for name in cloth.details:
-            DETAILS[name](canvas)
+            if (detail := DETAILS[name].get(piece)) is not None:
+                detail(canvas)
         shade = canvas.relief + cloth.crumple * folds(panel, cloth.marks, cloth.rng)
         shade = (1 + np.clip(shade, -0.45, 0.3)) * shadow(panel, *light[piece])
         _shade(canvas.image, shade, image[panel.window])
@@ -146,7 +147,7 @@ def shadow(
         grids = np.where(grids[1] == 0, wide, grids) if reach > 1 else wide
     value = (grids[0] / np.maximum(grids[1], 1e-9)).astype(np.float32)
     value = 1 - SHADE * (1 - np.clip(value, 0, 1)) ** 1.3
-    return _enlarged(value, panel.height, panel.width)
+    return stretched(value, *_steps(panel.height), *_steps(panel.width))
 
 
 def _blurred(grids: Float[Array, "2 H W"], reach: int) -> Float[Array, "2 H W"]:
@@ -157,12 +158,9 @@ def _blurred(grids: Float[Array, "2 H W"], reach: int) -> Float[Array, "2 H W"]:
     return grids
 
 
-def _enlarged(grid: Array, height: int, width: int) -> Array:
-    return stretched(grid, *_steps(height, len(grid)), *_steps(width, len(grid)))
-
-
-def _steps(size: int, cells: int) -> tuple[Int[Array, "size"], Float[Array, "size"]]:
-    """The cell before each of `size` places, and the way from it to the next."""
+def _steps(size: int) -> tuple[Int[Array, "size"], Float[Array, "size"]]:
+    """The cell of the shade before each of `size` places, and the way from it to the next."""
+    cells = SHADE_CELLS
     at = np.clip((np.arange(size, dtype=np.float32) + 0.5) * cells / size - 0.5, 0, cells - 1.001)
     low = at.astype(int)
     return low, (at - low).astype(np.float32)

@@ -12,12 +12,13 @@ from egocap.errors import InputError
 from egocap_sim.assets.mesh import Actor
 from egocap_sim.core.part_labels import OTHER_PERSON
 from egocap_sim.human.body.anny_model import BareBody, anatomy, bare_body, landmarks
+from egocap_sim.human.body.body_chart import make_chart
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.phenotype import ADULT_YEARS, PHENOTYPE_NAMES, Phenotype, age_from_years
 from egocap_sim.human.body.skin import rgb
 from egocap_sim.human.clothing.dressing import dress
 from egocap_sim.human.clothing.fabric import PALETTE
-from egocap_sim.human.clothing.headwear import HEADGEAR, make_headset, make_helmet
+from egocap_sim.human.clothing.headwear import HEADGEAR
 from egocap_sim.human.clothing.outfit import change_outfit, sample_outfit
 
 HEIGHTS_M = (1.40, 2.10)  # what may be asked for
@@ -54,7 +55,7 @@ def make_person(
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed is {seed!r}", valid="a whole number from 0")
     _check("sex", sex, SEXES)
-    _check("headgear", headgear, HEADGEAR)
+    _check("headgear", headgear, tuple(HEADGEAR))
     _check_range("height_m", height_m, HEIGHTS_M)
     _check_range("age_years", age_years, ADULT_YEARS)
     _check_range("skin_tone", skin_tone, (0.0, 1.0))
@@ -64,11 +65,13 @@ def make_person(
     tone = _tone(body.phenotype, _stream(seed, SKIN)) if skin_tone is None else float(skin_tone)
     clothes = sample_outfit(sampled_sex, years, tone, _stream(seed, OUTFIT))
     clothes = change_outfit(clothes, outfit or {}, hatless=headgear is not None)
-    meshes = dress(body, clothes, tone, headgear, _stream(seed, FABRIC))
+    chart = make_chart(body)
+    meshes = dress(chart, clothes, tone, headgear, _stream(seed, FABRIC))
     if headgear:
-        color = rgb(list(PALETTE.values())[_stream(seed, GEAR).integers(len(PALETTE))])
-        make = {"helmet": make_helmet, "headset": make_headset}[headgear]
-        meshes.append(make(body, color if headgear == "helmet" else rgb(PALETTE["black"])))
+        names = list(PALETTE)
+        drawn = names[_stream(seed, GEAR).integers(len(names))]
+        color = drawn if headgear == "helmet" else "black"
+        meshes.append(HEADGEAR[headgear](chart.skull, rgb(PALETTE[color])))
     if bystander:
         meshes = [replace(m, parts=np.full_like(m.parts, OTHER_PERSON)) for m in meshes]
     mass = _mass(body)

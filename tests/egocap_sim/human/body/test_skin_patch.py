@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egocap_sim.human.body.anny_model import anatomy
-from egocap_sim.human.body.skin_patch import patch_of
+from egocap_sim.human.body.skin_patch import make_patch
 from egocap_sim.human.clothing.shell import skin_weights
 
 
@@ -24,24 +24,24 @@ def test_smoothed_is_half_the_mean_of_the_neighbours_inside():
     expected = np.where(
         count > 0, 0.5 * values + 0.5 * (joined @ values) / np.maximum(count, 1), values
     )
-    assert patch_of(mask).smoothed(values, 1) == pytest.approx(expected)
+    assert make_patch(mask).smoothed(values, 1) == pytest.approx(expected)
 
 
 def test_rounds_follow_each_other():
-    patch = patch_of(inside())
+    patch = make_patch(inside())
     values = np.random.default_rng(0).normal(size=(len(anatomy().owner), 3))
     twice = patch.smoothed(patch.smoothed(values, 1), 1)
     assert np.array_equal(patch.smoothed(values, 2), twice)
 
 
 def test_smoothed_weights_still_sum_to_one():
-    weights = patch_of(inside()).smoothed(skin_weights(), 4)
+    weights = make_patch(inside()).smoothed(skin_weights(), 4)
     assert weights.sum(1) == pytest.approx(1)
 
 
 def test_smoothed_points_keep_their_distance():
     mask = inside()
-    patch, n = patch_of(mask), len(mask)
+    patch, n = make_patch(mask), len(mask)
     rng = np.random.default_rng(0)
     skin = rng.normal(size=(n, 3))
     normals = np.tile([0.0, 0.6, 0.8], (n, 1))

@@ -13,7 +13,7 @@ from egocap.geometry import axis_angle, rigid
 from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 from egocap_sim.core.part_labels import OTHER_PERSON, RIG
 from egocap_sim.human.body.anny_model import anatomy
-from egocap_sim.human.body.normals import vertex_normals
+from egocap_sim.human.body.triangles import vertex_normals
 from egocap_sim.human.clothing.accessories import ACCESSORIES
 from egocap_sim.human.clothing.garments import BOTTOMS, TOPS, UNDER_DRESSES
 from egocap_sim.human.clothing.hair import HAIRCUTS

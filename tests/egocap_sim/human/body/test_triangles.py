@@ -1,9 +1,9 @@
-"""Numbering against numpy's."""
+"""Distinct numbers against numpy's."""
 
 import numpy as np
 import pytest
 
-from egocap_sim.human.body.numbering import distinct
+from egocap_sim.human.body.triangles import distinct
 
 
 @pytest.mark.parametrize("numbers", [[], [7], [3, 0, 3, 9, 0], list(range(5))])

@@ -26,7 +26,6 @@ film live2 live --seed 400010 --frames 250
 film live3 live --seed 400011 --frames 250
 
 "$bin/python" benchmarks/image_model.py "$work/live1" --out $results/image_model_times.json
-"$bin/python" -m egocap_eval.image_model.study "$work/walk" "$work/gesture" "$work/squat" "$work/sequence" \
+"$bin/egocap-eval" image-model "$work/walk" "$work/gesture" "$work/squat" "$work/sequence" \
     "$work/reach" --live "$work/live1" "$work/live2" "$work/live3" --trials "$trials" \
-    --out $results/image_model.json
-"$bin/python" -m egocap_eval.image_model.plots $results/image_model.json $results/image_model.png
+    --plot $results/image_model.png --out $results/image_model.json

@@ -31,6 +31,7 @@ STUDIES = {
     "training-set": ("studies.training_set", "Cost of fewer people or frames in training."),
     "dataset": ("harness.dataset_card", "Count what a data set holds: people, rigs, joints seen."),
     "detector": ("detection.detector", "Score the learned detector: PCK, calibration, speed."),
+    "image-model": ("image_model.study", "Exactness and basin of attraction of the image model."),
     "calibration": ("posterior.calibration", "Coverage of the posterior's credible regions."),
     "posterior": ("posterior.sampling", "Sampling speed; the tracker's error over the bound."),
     "rig": ("rig_design.rig", "Visibility, error bounds and tracked errors of stereo rigs."),

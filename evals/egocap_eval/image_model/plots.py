@@ -1,6 +1,4 @@
-"""Pictures of the image model's studies.
-
-    python -m egocap_eval.image_model.plots RESULT.json OUT.png
+"""Figures of the image model's studies.
 
 OUT.png: energy and slope while an arm sweeps before the trunk; error of both quadratures of Eq. 4;
 scatter of the stochastic gradient; share of trials that return to under 30 mm from perturbed poses.
@@ -9,19 +7,15 @@ OUT-angles.png: energy along every angle about the true pose.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
-
-from egocap.errors import EgocapError
-from egocap_eval.harness.result_file import load_result
 
 COLUMNS = 8
 KINDS = {"colour": "tab:orange", "with_detections": "tab:blue"}
 
 
 def draw(result: dict[str, Any], path: Path) -> tuple[Path, Path]:
-    """Draw the result of `image_model.study` as PNG or SVG, by the suffix; the paths written."""
+    """Draw the result of `image_model.study`; returns the paths written (png or svg, by suffix)."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(15, 9.5), layout="constrained")
@@ -106,21 +100,3 @@ def _basin(axes: Any, found: dict[str, Any]) -> None:
     axes.set(xlabel="perturbation of every angle, degrees", ylabel="back under 30 mm, %",
              title="basin of attraction", ylim=(-3, 103))  # fmt: skip
     axes.legend(fontsize=8)
-
-
-def main() -> int:
-    """Read a result and draw it; the exit code."""
-    if len(sys.argv) != 3:
-        print(__doc__, file=sys.stderr)
-        return 2
-    try:
-        written = draw(load_result(Path(sys.argv[1]))["result"], Path(sys.argv[2]))
-    except EgocapError as error:
-        print(f"image_model_plots: {error}", file=sys.stderr)
-        return error.exit_code
-    print("\n".join(str(path) for path in written))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

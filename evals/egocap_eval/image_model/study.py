@@ -1,27 +1,22 @@
-"""Studies of the volumetric image model: is it exact, and how well does it find poses.
+"""Studies of the volumetric image model: exactness, and basin of attraction of the true pose.
 
-    python -m egocap_eval.image_model.study SEQ... --live SEQ... --out RESULT.json
-    python -m egocap_eval.image_model.plots RESULT.json OUT.png
-
-SEQ are simulated sequences, of several people and motions; those of --live are followed by colour
-alone. Colours are learned in five frames of a sequence at the true pose, as personalisation would
-(live: in the first); poses are searched without the truth, which only judges them.
-`tools/measure-image-model.sh` makes the sequences of the committed result, and all of it.
+Colours are learned in five frames of a sequence at the true pose, as personalisation would; in
+sequences followed live, in the first frame. Poses are searched without the truth.
+`tools/measure-image-model.sh` makes the sequences of the committed result, and the result.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from tyro.conf import Positional, arg
 
 from egocap.body.gaussians import GaussianBody
 from egocap.body.proportions import Proportions
-from egocap.errors import EgocapError
+from egocap.evaluation.table import Table, number
+from egocap_eval.harness.study import Outcome
 from egocap_eval.image_model.basin import (
     basin_study,
     detection_study,
@@ -34,64 +29,73 @@ from egocap_eval.image_model.exactness import (
     quadrature_study,
     stochastic_study,
 )
+from egocap_eval.image_model.plots import draw
 from egocap_eval.image_model.scene import Scene
 
-CURVES = ("occlusion", "valleys")
-"""Parts of the result that are for plots."""
 
+def study(
+    sequences: Positional[Annotated[tuple[Path, ...], arg(metavar="SEQ")]],
+    /,
+    live: tuple[Path, ...] = (),
+    live_frames: int = 250,
+    trials: int = 8,
+    frames: int = 8,
+    plot: Path | None = None,
+) -> Outcome:
+    """Exactness of the image model's visibility and gradients; how well it finds poses.
 
-def study(words: argparse.Namespace) -> dict[str, Any]:
-    """All studies' numbers."""
+    Args:
+        sequences: Simulated sequences of several people and motions.
+        live: Simulated sequences in which the upper body is followed by colour alone.
+        live_frames: Frames of each of these.
+        trials: Perturbed poses of every kind, a sequence.
+        frames: Frames to solve with and without colour, of every sequence.
+        plot: Figure to write, png or svg, and beside it one with the suffix -angles.
+    """
     rng = np.random.default_rng(0)
-    scenes = [Scene(folder) for folder in words.sequences]
+    scenes = [Scene(folder) for folder in sequences]
     rig = scenes[0].sequence.rig
     body = GaussianBody.from_proportions(Proportions.from_lengths())
     coloured = body.with_colour(rng.uniform(0.05, 0.95, (len(body.parts), 3)))
-    return {
+    result = {
         "quadrature": quadrature_study(rig, rng),
         "gradients": gradient_study(coloured, rig, rng),
         "occlusion": occlusion_study(body, rig),
         "stochastic": stochastic_study(scenes[0], rng),
         "valleys": valley_study(scenes[:3]),
-        "live": {folder.name: live_study(folder, words.live_frames) for folder in words.live},
-        "beside_detections": detection_study(scenes, words.frames, rng),
-        "basin": basin_study(scenes, words.trials, rng),
+        "live": {folder.name: live_study(folder, live_frames) for folder in live},
+        "beside_detections": detection_study(scenes, frames, rng),
+        "basin": basin_study(scenes, trials, rng),
     }
+    if plot is not None:
+        draw(result, plot)
+    return Outcome(result, _tables(result))
 
 
-def main() -> int:
-    """Run all studies; print and write their numbers; the exit code."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("sequences", type=Path, nargs="+")
-    parser.add_argument("--live", type=Path, nargs="*", default=[])
-    parser.add_argument("--live-frames", type=int, default=250)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--trials", type=int, default=8, help="of every kind, a sequence")
-    parser.add_argument("--frames", type=int, default=8, help="to compare, of every sequence")
-    words = parser.parse_args()
-    try:
-        result = study(words)
-    except EgocapError as error:
-        print(f"image_model: {error}", file=sys.stderr)
-        return error.exit_code
-    print(json.dumps({k: v for k, v in result.items() if k not in CURVES}, indent=1))
-    if words.out:
-        from egocap_eval.harness.result_file import save_result
-
-        names, live = ([folder.name for folder in f] for f in (words.sequences, words.live))
-        counts = ["--trials", str(words.trials), "--frames", str(words.frames)]
-        command = [
-            "python",
-            "-m",
-            "egocap_eval.image_model.study",
-            *names,
-            "--live",
-            *live,
-            *counts,
-        ]
-        save_result(words.out, result, [*command, "--out", str(words.out)])
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def _tables(result: dict[str, Any]) -> list[Table]:
+    basin, live = result["basin"], result["live"]
+    sizes = next(iter(basin.values()))
+    shares = tuple(
+        (name, *(number(100 * entry[size]["share_under_30_mm"], 0) for size in sizes))
+        for name, entry in basin.items()
+    )
+    quadrature = tuple(
+        (name, f"{entry['samples_9']['relative']:.1e}", f"{entry['cells_20mm']['relative']:.1e}")
+        for name, entry in result["quadrature"].items()
+    )
+    means = tuple(
+        (name, *(number(value) for value in entry["mean"].values()))
+        for name, entry in result["beside_detections"].items()
+    )
+    columns = next(iter(result["beside_detections"].values()))["mean"]
+    tables = [
+        Table("Relative error of visibility", ("rays", "9 samples", "cells of 2 cm"), quadrature),
+        Table("Perturbed poses back under 30 mm, %", ("", *(s.replace("_", " ") for s in sizes)),
+              shares),
+        Table("Mean error, mm", ("detections", *(c.replace("_", " ") for c in columns)), means),
+    ]  # fmt: skip
+    if live:
+        header = ("sequence", "mean mm", "median mm")
+        rows = tuple((n, number(e["mean_mm"]), number(e["median_mm"])) for n, e in live.items())
+        tables.append(Table("Upper body by colour alone", header, rows))
+    return tables

@@ -1,9 +1,8 @@
-"""Whether the posterior's regions hold what they claim: coverage and rank statistics.
+"""Calibration of the posterior: coverage of its credible regions and rank statistics.
 
-Well-specified: poses from the prior, detections from the likelihood, so that any failure is the
-sampler's. Then detections from elsewhere against the truth of their sequences: there the likelihood
-is wrong by an unknown amount, and one number, the temperature, is fitted to frames that are not
-scored. What is counted is in `egocap_eval.posterior.coverage`.
+Well-specified: poses are drawn from the prior and detections from the likelihood, so that any
+failure is the sampler's. On sequences the likelihood is wrong by an unknown amount; one number, the
+temperature, is fitted to frames that are not scored. `coverage` has the measures.
 
 Source: Talts et al. 2018 (simulation-based calibration); Guo et al. 2017 (temperature).
 """
@@ -18,14 +17,16 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from tyro.conf import OmitArgPrefixes
 
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import DOFS
+from egocap.body.skeleton import DOFS, forward
 from egocap.cameras.rig import Rig
 from egocap.commandline import progress
 from egocap.data.detections import Detections
@@ -33,7 +34,12 @@ from egocap.data.sequence import open_sequence
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
+from egocap.posterior.laplace import find_modes
+from egocap.posterior.log_prob import make_log_posterior
+from egocap.posterior.sampler import laplace_joints, sample
+from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 from egocap_eval.harness.study import Outcome
+from egocap_eval.posterior.calibration_plots import write_diagrams
 from egocap_eval.posterior.coverage import (
     LEVELS,
     CalibrationReport,
@@ -47,6 +53,22 @@ from egocap_eval.posterior.progress_log import ScoreLog
 STEPS = 2000
 """Of every frame's chain, a third of them burn-in at most."""
 TEMPERATURES = tuple(float(t) for t in np.geomspace(0.25, 64.0, 25))
+
+
+@dataclass(frozen=True)
+class DrawnNoise:
+    """Noise of the detections drawn in the well-specified study."""
+
+    sigma: float = 2.0
+    """Spread of the detections, pixels at a width of 640."""
+    missing: float = 0.3
+    """Probability that a view misses a joint, whatever the pose."""
+    degrees: float = 5.0
+    """Degrees of freedom of the Student-t errors, also on sequences; inf: Gaussian."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.missing <= 1.0:
+            raise InputError(f"missing = {self.missing}", valid="0 to 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +85,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """A name for everything that the score depends on."""
+        """Hash of everything that the score depends on."""
         found, digest = self.detections, hashlib.sha256()
         for array in (found.points, found.sigma, found.confidence, found.valid, self.joints,
                       self.angles, self.proportions.offsets):  # fmt: skip
@@ -76,39 +98,33 @@ class Job:
 def run_well_specified(
     frames: int,
     rig: Rig,
+    noise: DrawnNoise,
     *,
-    sigma: float,
-    missing: float,
-    degrees: float,
     seed: int,
     workers: int,
     log: ScoreLog | None = None,
 ) -> CalibrationReport:
-    """Draw a pose and its detections `frames` times, sample each, see where the truth lies.
+    """Draw `frames` poses and their detections, sample each posterior, rank the truth in it.
 
-    Every view misses a joint with chance `missing`, whatever the pose. Raises InputError.
+    Raises InputError.
     """
-    from egocap.body.skeleton import forward
-    from egocap.posterior.synthetic_pose import draw_detections, draw_poses
-
     if frames < 2:
         raise InputError(f"{frames} frames", valid="2 or more")
-    if not 0.0 <= missing <= 1.0:
-        raise InputError(f"missing = {missing}", valid="0 to 1")
-    config = PosteriorConfig(degrees=degrees, model_error_m=0.0)
+    config = PosteriorConfig(degrees=noise.degrees, model_error_m=0.0)
     rng = np.random.default_rng(seed)
     person = Proportions.from_lengths(1.75)
     poses = draw_poses(frames, config, rng)
-    seen = rng.random((frames, len(rig.mounts), len(LABELS))) >= missing
-    found = draw_detections(poses, seen, rig, person, sigma, config, rng)
+    seen = rng.random((frames, len(rig.mounts), len(LABELS))) >= noise.missing
+    found = draw_detections(poses, seen, rig, person, noise.sigma, config, rng)
     joints = forward(person, poses)
     jobs = [
         Job(found[i : i + 1], joints[i], poses[i], rig, person, config, seed + i)
         for i in range(frames)
     ]
     scores = score_all(jobs, workers, "well-specified", log)
-    settings = {"rig": rig.name, "sigma_px": sigma, "missing": missing, "steps": STEPS,
-                "degrees": degrees if np.isfinite(degrees) else "inf", "seed": seed}  # fmt: skip
+    settings = {"rig": rig.name, "sigma_px": noise.sigma, "missing": noise.missing,
+                "steps": STEPS, "degrees": noise.degrees if np.isfinite(noise.degrees) else "inf",
+                "seed": seed}  # fmt: skip
     return CalibrationReport(Coverage("well-specified", scores), settings=settings)
 
 
@@ -125,7 +141,7 @@ def run_detector(
     Frames are spread evenly. Of several sequences every other one is held out for the temperature;
     of one, its first half. Raises InputError, FileError.
     """
-    jobs = [_jobs_of(folder, source, frames, config) for folder in folders]
+    jobs = [_sequence_jobs(folder, source, frames, config) for folder in folders]
     if len(jobs) == 1:
         half = len(jobs[0]) // 2
         fitting, scored = jobs[0][:half], jobs[0][half:]
@@ -176,9 +192,6 @@ def score_all(
 
 def score_frame(job: Job) -> FrameScore:
     """Sample one frame and place the truth in its posterior."""
-    from egocap.posterior.log_prob import make_log_posterior
-    from egocap.posterior.sampler import sample
-
     density = make_log_posterior(job.detections, 0, job.rig, job.proportions, job.config)
     result = sample(density, SamplerConfig(most_steps=STEPS, seed=job.seed))
     away = job.joints - density.joints(result.modes[:1])[0]
@@ -197,20 +210,7 @@ def score_frame(job: Job) -> FrameScore:
     )
 
 
-def write_diagram(path: Path, report: CalibrationReport) -> None:
-    """Reliability, every joint's coverage and the ranks as an HTML page."""
-    from egocap_eval.posterior.calibration_plots import write_diagrams
-
-    studies = [c for c in (report.well_specified, report.before, report.after) if c is not None]
-    facts = list(report.missed())
-    if report.well_specified is not None and not facts:
-        facts.append("Well-specified coverage is within tolerance.")
-    if report.temperature is not None:
-        facts.append(f"Temperature fitted to frames held out: {report.temperature:.2f}.")
-    write_diagrams(path, studies, " ".join(facts))
-
-
-def _jobs_of(folder: Path, source: str, frames: int, config: PosteriorConfig) -> list[Job]:
+def _sequence_jobs(folder: Path, source: str, frames: int, config: PosteriorConfig) -> list[Job]:
     sequence = open_sequence(folder)
     found = detections_from(sequence, source, 0)
     chosen = np.unique(np.linspace(0, len(sequence) - 1, min(frames, len(sequence))).astype(int))
@@ -222,10 +222,6 @@ def _jobs_of(folder: Path, source: str, frames: int, config: PosteriorConfig) ->
 
 
 def _laplace_inside(job: Job) -> Float[Array, "18"]:
-    from egocap.posterior.laplace import find_modes
-    from egocap.posterior.log_prob import make_log_posterior
-    from egocap.posterior.sampler import laplace_joints
-
     density = make_log_posterior(job.detections, 0, job.rig, job.proportions, job.config)
     mode = find_modes(density, np.random.default_rng(job.seed))[0]
     away = job.joints - density.joints(mode.mean[None])[0]
@@ -250,9 +246,7 @@ def study(
     /,
     frames: int = 300,
     detections: str = "learned",
-    sigma: float = 2.0,
-    missing: float = 0.3,
-    degrees: float = 5.0,
+    noise: Annotated[DrawnNoise, OmitArgPrefixes] = DrawnNoise(),
     rig: Path | None = None,
     seed: int = 0,
     workers: int = 2,
@@ -266,15 +260,13 @@ def study(
         sequences: Sequences on which to score some detections, before and after a temperature.
         frames: Frames of the well-specified study, and of each sequence.
         detections: Detections of the sequences, as for `egocap track`.
-        sigma: Spread of well-specified detections, pixels at a width of 640.
-        missing: Chance that a view misses a joint.
-        degrees: Degrees of freedom of Student-t errors; inf: Gaussian.
+        noise: Noise of the well-specified detections.
         rig: Rig file; EgoRig1 by default.
-        seed: Of poses, noise and chains.
-        workers: Processes.
-        only_detector: Leave the well-specified study out.
-        keep: File of finished frames, which the same command, stopped, takes up again.
-        page: Pictures to write, html.
+        seed: Seed of poses, noise and chains.
+        workers: Number of processes.
+        only_detector: Skip the well-specified study.
+        keep: File of finished frames; the same command continues an interrupted study from it.
+        page: Page of figures to write, html.
     """
     from egocap.cameras.rig_files import load_rig
     from egocap_sim.core.resources import rig_file
@@ -287,13 +279,12 @@ def study(
     if not only_detector:
         camera = load_rig(rig or rig_file("egorig1")).resized(640, 512)
         report = run_well_specified(
-            frames, camera, sigma=sigma, missing=missing, degrees=degrees, seed=seed,
-            workers=workers, log=log,
+            frames, camera, noise, seed=seed, workers=workers, log=log
         )  # fmt: skip
     if sequences:
-        config = PosteriorConfig(degrees=degrees)
+        config = PosteriorConfig(degrees=noise.degrees)
         found = run_detector(sequences, detections, frames, config, workers, log)
         report = replace(report, before=found[0], after=found[1], temperature=found[2])
     if page is not None:
-        write_diagram(page, report)
+        write_diagrams(page, report)
     return Outcome(report.to_dict(), (report.to_table(),), report.missed())

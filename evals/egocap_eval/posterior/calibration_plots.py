@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from egocap.body.labels import EVALUATED, LABELS
-from egocap_eval.posterior.coverage import LEVELS, RANK_BINS, Coverage, rank_statistics
+from egocap_eval.posterior.coverage import (
+    LEVELS,
+    RANK_BINS,
+    CalibrationReport,
+    Coverage,
+    rank_statistics,
+)
 
 COLOURS = ("#1d4ed8", "#c2410c", "#0f766e")
 
 
-def write_diagrams(path: Path, studies: Sequence[Coverage], facts: str) -> None:
-    """All pictures as one HTML page."""
+def write_diagrams(path: Path, report: CalibrationReport) -> None:
+    """Write reliability, coverage of every joint and the ranks as an HTML page."""
     from egocap.posterior.figures import draw_reliability, write_pictures
 
+    studies = [c for c in (report.well_specified, report.before, report.after) if c is not None]
+    facts = list(report.missed())
+    if report.well_specified is not None and not facts:
+        facts.append("Well-specified coverage is within tolerance.")
+    if report.temperature is not None:
+        facts.append(f"Temperature fitted to frames held out: {report.temperature:.2f}.")
     drawn = [("Reliability", draw_reliability({c.name: c.curve() for c in studies}))]
     for study in studies:
         drawn.append((f"Every joint, {study.name}", draw_joints(study)))
         if study.scores[0].ranks is not None:
             drawn.append((f"Ranks, {study.name}", draw_ranks(study)))
-    write_pictures(path, "Calibration of the posterior", drawn, facts=facts)
+    write_pictures(path, "Calibration of the posterior", drawn, facts=" ".join(facts))
 
 
 def draw_joints(study: Coverage) -> Any:

@@ -1,6 +1,5 @@
 """The image model's studies, small: what they claim holds, and their pictures can be drawn."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from egocap.body.gaussians import GaussianBody
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_INDEX, DOFS
 from egocap.cameras.rig_files import load_rig
-from egocap_eval.image_model import study
+from egocap_eval.harness.commands import main
 from egocap_eval.image_model.basin import OFFSETS_DEG, PERTURBATIONS_DEG, _summary, valley_study
 from egocap_eval.image_model.exactness import KEPT, SAMPLED_RAYS, occlusion_study, quadrature_study
 from egocap_eval.image_model.plots import draw
@@ -87,7 +86,6 @@ def test_pictures_of_a_result(tmp_path):
     assert all(p.stat().st_size > 10_000 for p in written)
 
 
-def test_a_missing_sequence_is_one_line_and_exit_code_2(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["image_model", str(tmp_path / "none")])
-    assert study.main() == 2
+def test_a_missing_sequence_is_one_line_and_exit_code_2(tmp_path, capsys):
+    assert main(["image-model", str(tmp_path / "none")]) == 2
     assert capsys.readouterr().err.count("\n") == 1

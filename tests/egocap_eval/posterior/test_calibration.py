@@ -6,7 +6,8 @@ import pytest
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import FileError, InputError
 from egocap_eval.posterior import calibration
-from egocap_eval.posterior.calibration import run_well_specified, study, write_diagram
+from egocap_eval.posterior.calibration import DrawnNoise, run_well_specified, study
+from egocap_eval.posterior.calibration_plots import write_diagrams
 from egocap_eval.posterior.coverage import Coverage, FrameScore, rank_statistics, region_share
 from egocap_eval.posterior.progress_log import ScoreLog
 from egocap_sim.core.resources import rig_file
@@ -50,29 +51,30 @@ def test_ranks_tell_a_narrow_sampler_from_a_right_one():
 def test_study_runs_goes_on_and_draws(monkeypatch, tmp_path):
     monkeypatch.setattr(calibration, "STEPS", 1000)
     rig = load_rig(rig_file("egorig1")).resized(640, 512)
-    settings = {"sigma": 2.0, "degrees": np.inf, "seed": 1, "workers": 1}
+    noise = DrawnNoise(sigma=2.0, missing=0.0, degrees=np.inf)
+    settings = {"seed": 1, "workers": 1}
     with pytest.raises(InputError, match="1 frames"):
-        run_well_specified(1, rig, missing=0.3, **settings)
-    report = run_well_specified(2, rig, missing=0.0, **settings)
+        run_well_specified(1, rig, noise, **settings)
+    report = run_well_specified(2, rig, noise, **settings)
     told = report.to_dict()["well_specified"]
     assert told["frames"] == 2 and 0.0 <= told["levels"]["0.8"]["coverage"] <= 1.0
     assert sum(told["ranks"]["histogram"]) == 2 * 37
 
     kept = tmp_path / "frames.jsonl"
     log = ScoreLog(kept)
-    first = run_well_specified(2, rig, missing=0.0, **settings, log=log)
+    first = run_well_specified(2, rig, noise, **settings, log=log)
     np.testing.assert_array_equal(
         first.well_specified.scores[1].inside, report.well_specified.scores[1].inside
     )
     kept.write_text(kept.read_text()[:-30])  # a kill in the middle of the last line
     monkeypatch.setattr(calibration, "score_frame", lambda job: pytest.fail("done before"))
     with pytest.raises(pytest.fail.Exception, match="done before"):
-        run_well_specified(2, rig, missing=0.0, **settings, log=ScoreLog(kept))
+        run_well_specified(2, rig, noise, **settings, log=ScoreLog(kept))
     last = list(log._scores)[-1]
     ScoreLog(kept).add(last, log[last])
-    again = run_well_specified(2, rig, missing=0.0, **settings, log=ScoreLog(kept))
+    again = run_well_specified(2, rig, noise, **settings, log=ScoreLog(kept))
     assert again.to_dict() == first.to_dict()
-    write_diagram(tmp_path / "page.html", again)
+    write_diagrams(tmp_path / "page.html", again)
     assert (tmp_path / "page.html").read_text().count("data:image/png") == 3
 
 

@@ -25,6 +25,7 @@ _MODULES = {
     "Rig": "cameras.rig",
     "Track": "data.track",
     "TrackerConfig": "pose.config",
+    "evaluate": "evaluation.scoring",
     "fit_body": "fitting.fit_body",
     "load_camera": "cameras.camera_files",
     "load_rig": "cameras.rig_files",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from egocap.evaluation.detections import DetectionScore
+from egocap.evaluation.detection_scores import DetectionScore
 from egocap.evaluation.table import Table, number
 
 UNITS: Mapping[str, str] = {

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.evaluation import Reference, Report, evaluate_detections, evaluate_pose
+from egocap.evaluation import GroundTruth, Report, evaluate_detections, evaluate_pose
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def report() -> Report:
     found = np.ones(image.shape[:3], bool)
     score = evaluate_detections(image + 2, found, image, found, found, [1280, 1280], "a|b")
     predicted = truth + 0.01 * rng.normal(size=truth.shape)
-    report = evaluate_pose(predicted, Reference(truth, np.arange(200) / 30))
+    report = evaluate_pose(predicted, GroundTruth(truth, np.arange(200) / 30))
     return replace(report, detections=score, pck20=score.pck20, auc20=score.auc20)
 
 

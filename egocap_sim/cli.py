@@ -15,7 +15,7 @@ from egocap.commandline import DONE, USAGE, progress, run
 from egocap_sim.world.overrides import UNCHANGED, Overrides, as_long_as_its_clip, overridden, shown
 
 if TYPE_CHECKING:
-    from egocap_sim.record.recorder import Summary
+    from egocap_sim.record.sequence_recorder import Summary
     from egocap_sim.scene.config import Scene
 
 app = SubcommandApp()
@@ -223,7 +223,7 @@ def _generate(
 ) -> Summary:
     from egocap.errors import FileError
     from egocap_sim.record.recorder import generate as generate_sequence
-    from egocap_sim.world.stage import SceneError
+    from egocap_sim.scene.scene_error import SceneError
 
     try:
         with progress(scene.name, scene.frames) as advance:

@@ -104,11 +104,11 @@ def overridden(scene: Scene, asked: Overrides) -> Scene:
 
 def as_long_as_its_clip(scene: Scene, asked: Overrides) -> Scene:
     """Where a file replaces the motion and no frames are asked for, the scene with all it has."""
-    from egocap_sim.world.stage import frames_of_clip
+    from egocap_sim.world.world import World
 
     if asked.motion is None or scene.motion.file is None or asked.frames is not None:
         return scene
-    return scene.model_copy(update={"frames": frames_of_clip(scene)})
+    return scene.model_copy(update={"frames": World(scene).clip_frames})
 
 
 def _source(what: str, asked: str, names: Collection[str]) -> dict[str, str]:

@@ -57,8 +57,8 @@ def build_place(table: PlaceTable, seed: int, clear_radius: float) -> Place:
 
     `clear_radius` [m] around the origin stays free.
     """
-    from egocap_sim.environment.places import make_place
     from egocap_sim.environment.place import at_dusk
+    from egocap_sim.environment.places import make_place
     from egocap_sim.environment.texture_folder import picture_files, with_pictures
 
     place = make_place(table.name, make_rng(seed, "place"), clear_radius=clear_radius)
@@ -73,7 +73,9 @@ def build_place(table: PlaceTable, seed: int, clear_radius: float) -> Place:
     return at_dusk(place) if table.light == "dusk" else place
 
 
-def build_props(tables: Sequence[ThingTable], performance: Performance, scene: str) -> list[AnimatedActor]:
+def build_props(
+    tables: Sequence[ThingTable], performance: Performance, scene: str
+) -> list[AnimatedActor]:
     """Make the props used in a performance. Raises SceneError for a scene of this name."""
     from egocap_sim.props.registry import make_prop
 

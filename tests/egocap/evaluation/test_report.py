@@ -37,6 +37,14 @@ def test_every_form_names_the_protocol_and_the_number(report):
         assert "PCK at 20 px" in text and "shoulder" in text
 
 
+def test_a_report_prints_its_summary_and_shows_as_html(report):
+    text = str(report)
+    assert text.startswith("egocap-17: ") and "PA-MPJPE" in text and "Error per joint" not in text
+    assert len(repr(report)) < 120 and f"MPJPE {report.mpjpe_mm:.1f} mm" in repr(report)
+    html = report._repr_html_()
+    assert html.count("<tr>") == html.count("</tr>") > 10 and "<td>PA-MPJPE</td>" in html
+
+
 def test_text_columns_line_up(report):
     lines = report.to_text().splitlines()
     start = lines.index("Error per joint, mm") + 3

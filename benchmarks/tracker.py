@@ -33,7 +33,6 @@ from egocap.data.detections import Detections  # noqa: E402
 from egocap.detect.synthetic import parse_source, simulate_detections  # noqa: E402
 from egocap.pose.config import TrackerConfig  # noqa: E402
 from egocap.pose.pose_prior import load_posture  # noqa: E402
-from egocap.track.tracker import track  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 FPS = 30.0
@@ -45,7 +44,8 @@ CASES: dict[str, tuple[str, Literal["interval", "none"]]] = {
 }
 COMPILE = (
     "import time; t = time.perf_counter(); from benchmarks.tracker import *; "
-    "motion = make_motion(3); track(motion[0], *motion[1:3]); print(time.perf_counter() - t)"
+    "found, rig, person, _ = make_motion(3); Tracker(rig, person).track(found); "
+    "print(time.perf_counter() - t)"
 )
 
 
@@ -83,7 +83,7 @@ def measure(frames: int) -> dict[str, Any]:
     cases = {}
     for name, (source, smoothing) in CASES.items():
         found, rig, person, joints = make_motion(frames, source)
-        result = track(found, rig, person, TrackerConfig(smoothing=smoothing))
+        result = Tracker(rig, person, TrackerConfig(smoothing=smoothing)).track(found)
         error = np.linalg.norm(result.joints_head - joints, axis=-1)[:, 1:].mean()
         cases[name] = {
             "frames_per_second": round(1 / result.seconds_per_frame, 1),

@@ -8,9 +8,11 @@ from egocap.data.sequence import open_sequence as open_sequence
 from egocap.data.track import Track as Track
 from egocap.detect.detector import Detector as Detector
 from egocap.errors import EgocapError as EgocapError
-from egocap.evaluation.scoring import evaluate as evaluate
 from egocap.fitting.fit_body import fit_body as fit_body
+from egocap.paper.tracker import PaperTracker as PaperTracker
 from egocap.pose.config import TrackerConfig as TrackerConfig
 from egocap.posterior.frame_posterior import sample_posterior as sample_posterior
+from egocap.track.online import OnlineTracker as OnlineTracker
+from egocap.track.tracker import Tracker as Tracker
 
 __version__: str

@@ -114,10 +114,10 @@ def _by_detections(
 ) -> tuple[LiveReport, KnowsPerson, str]:
     from egocap.detect.detector import Detector
     from egocap.detect.weights import open_weights
-    from egocap.track.online import LiveTracker
+    from egocap.track.online import OnlineTracker
     from egocap.view.capture import follow_live
 
-    tracker = LiveTracker(request.rig, request.person, config)
+    tracker = OnlineTracker(request.rig, request.person, config)
     detector = Detector(request.rig, open_weights(weights) if weights else None)
     opened = request.opened(stack)
     report = follow_live(opened, detector, tracker, request.seconds, request.watcher)

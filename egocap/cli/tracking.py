@@ -14,6 +14,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE
 from egocap.detect.sources import detections_from
 from egocap.fitting.config import FitConfig
+from egocap.paper.config import SolverName
 from egocap.pose.config import TrackerConfig
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def track(
     sequence: Positional[Path],
     out: Path,
     detections: str = "learned",
+    solver: SolverName = "fast",
     config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
     seed: int = 0,
     body: Path | None = None,
@@ -43,6 +45,9 @@ def track(
         detections: where detections come from: the learned detector (learned:FILE for other weights
             than the shipped); simulated:SIGMA[,outliers=P][,occluded=keep|drop] draws them from the
             truth, SIGMA in pixels at 640 x 512; or a file of detections.
+        solver: fast: second order, all settings; reference: the paper's 200 gradient steps over
+            all pixels; stochastic: its 50 steps over random pixels. Of the settings, the paper's
+            solvers have the smoothing alone.
         config: the tracker's settings.
         seed: seed of simulated detections.
         body: the person's proportions, as fit-body writes them; by default the sequence's own.
@@ -57,12 +62,13 @@ def track(
     from egocap.data.sequence import Sequence
     from egocap.data.track import save_track
     from egocap.files import make_folder
-    from egocap.track.tracker import track as run_tracker
+    from egocap.paper.tracker import make_tracker
 
     opened = Sequence(sequence)
     proportions = opened.proportions if body is None else Proportions.load(body)
     found = detections_from(opened, detections, seed)
-    result = run_tracker(found, opened.rig, proportions, config, opened.images)
+    tracker = make_tracker(opened.rig, proportions, solver, config)
+    result = tracker.track(found, opened.images)
     of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
     result = replace(result, config=result.config | of_sequence)
     if head_pose is not None:

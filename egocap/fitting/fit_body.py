@@ -110,11 +110,11 @@ def fit_body(
     at the prior, and `report` says so. Raises InputError for a height that no adult has, when there
     are no detections at all, and as `tracker.track`.
     """
-    from egocap.track.tracker import track
+    from egocap.track.tracker import Tracker
 
     prior = BodyPrior.of(height)
     average = proportions_of(prior.mean)
-    followed = track(detections, rig, average, tracker)
+    followed = Tracker(rig, average, tracker).track(detections)
     observations = observe(detections, rig, average, tracker)
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():

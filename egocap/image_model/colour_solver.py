@@ -139,7 +139,7 @@ class ImageSolver:
         if seen is None:
             return energy
         scale = float(self.priors_config.robust_scale)
-        return energy + detections(self._skeleton, angles, *seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
+        return energy + detections(self._skeleton, angles, seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
 
     def descend(
         self,
@@ -173,7 +173,7 @@ class ImageSolver:
     def _total(self, colours, angles, predicted, scatter, seen=None):
         colour = evaluation = self.model.evaluate(angles, colours, curvature=True)
         if seen is not None and evaluation.curvature is not None:
-            felt = felt_angles((seen[-1] > 0.0).any(0))
+            felt = felt_angles((seen.weights > 0.0).any(0))
             evaluation = Evaluation(
                 evaluation.energy, evaluation.gradient * felt,
                 evaluation.curvature * np.outer(felt, felt),
@@ -181,7 +181,7 @@ class ImageSolver:
         energy, gradient, H = self._with_priors(evaluation, angles, predicted, scatter)
         if seen is not None:
             scale = float(self.priors_config.robust_scale)
-            energy += detections(self._skeleton, angles, *seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
+            energy += detections(self._skeleton, angles, seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
         return energy, gradient, H, colour
 
     def _with_priors(
@@ -212,8 +212,7 @@ class ImageSolver:
 def _detected(observations: Observations | None, frame: int):
     if observations is None:
         return None
-    of_frame = (a[frame] for a in (observations.rays, observations.whiten, observations.weights))
-    return observations.centres, *of_frame
+    return observations.frame(frame)
 
 
 def track_colours(
@@ -232,7 +231,7 @@ def track_colours(
     descent, else by Gauss-Newton.
     """
     found: list[Solution] = []
-    scatter = np.maximum(solver.priors_config.speed / fps * SPREAD, 1e-3)
+    scatter = np.maximum(solver.priors_config.velocity_sigma / fps * SPREAD, 1e-3)
     last = before = np.asarray(start, float)
     for colours in frames:
         predicted = predict(last, before, solver.priors_config.zeta)

@@ -4,9 +4,7 @@
     E_pose      = lambda_limit sum over^2 + lambda_pose sum huber(p)
     E_smooth    = lambda_smooth sum huber(predicted - p),     huber(x) = sqrt(1 + x^2) - 1
 
-d is the distance of a body part from the ray of its detection and w the detection's confidence: the
-Gaussian at the part, as the ray meets it. As every label has a colour of its own, no other part
-hides it.
+d is the distance of a body part from the ray of its detection and w the detection's confidence.
 
 Source: EgoCap 2016, equations 2 and 3 and section 4.3.3.
 """

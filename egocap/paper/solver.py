@@ -1,8 +1,8 @@
-"""The paper's solvers: gradient steps on equation 1, frame after frame, as a measure of ours.
+"""The paper's solvers: gradient descent on equation 1, for comparison with the default solver.
 
-`reference` looks at all pixels; every angle has a step of its own, longer while the gradient keeps
-its sign and shorter when it turns (conditioned gradient descent). `stochastic` looks at random
-pixels and Gaussians (section 4.4), with steps scaled by Adam.
+`reference` evaluates all pixels; the step of every angle grows while its gradient keeps its sign
+and shrinks when it changes (conditioned gradient descent). `stochastic` evaluates random pixels and
+Gaussians (section 4.4), with steps by Adam.
 
 Source: EgoCap 2016, sections 4 to 4.4 and 5.2; Riedmiller & Braun 1993, "A direct adaptive method
 for faster backpropagation learning: the RPROP algorithm"; Kingma & Ba 2015, "Adam".
@@ -23,16 +23,16 @@ from egocap.paper.config import PaperConfig
 from egocap.paper.energy import detection_agreement, pose_prior, smoothness
 from egocap.pose.kernel import Model
 
-_LONGER, _SHORTER = 1.2, 0.5
-_FIRST, _LONGEST, _SHORTEST = 0.01, 0.1, 1e-6  # rad
-_ADAM_STEP = 0.02  # of each angle's everyday spread; decays to a tenth
+_GROW, _SHRINK = 1.2, 0.5
+_FIRST_STEP, _MAX_STEP, _MIN_STEP = 0.01, 0.1, 1e-6  # rad
+_ADAM_STEP = 0.02  # of each angle's prior deviation; decays to a tenth
 _SETTLED = 1e-3
-"""Share of the energy's fall that the last tenth of the steps may still bring once converged."""
+"""Converged: the last tenth of the steps brought less than this fraction of the decrease."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What one frame shows, and what is expected of it."""
+    """One frame's colours and detections, and the predicted pose."""
 
     colours: Float32[Array, "P 3"]
     centres: Float[Array, "V 3"]
@@ -43,16 +43,16 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class PaperPose:
-    """What a descent came to."""
+    """Result of a descent."""
 
     angles: Float[Array, "37"]
     converged: bool
-    first_energy: float  # at the start; nan for random pixels, which cannot tell
-    energy: float  # where it ended; nan likewise
+    first_energy: float  # at the start; nan for random pixels
+    energy: float  # at the end; nan for random pixels
 
 
 class PaperSolver:
-    """Finds the pose of one frame. Not to be shared between threads."""
+    """Solves one frame. Not to be shared between threads."""
 
     def __init__(self, image: ImageModel, skeleton: Model, config: PaperConfig) -> None:
         self.image, self.skeleton, self.config = image, skeleton, config
@@ -60,7 +60,7 @@ class PaperSolver:
         self._sampler = PixelSampler(image)
 
     def solve(self, frame: Frame, start: Float[Array, "37"], rng: np.random.Generator) -> PaperPose:
-        """Descend from a start: with all rays, or with random ones drawn from `rng`."""
+        """Descend from a start, with all rays or with random ones drawn from `rng`."""
         if self.config.rays > 0:
             return PaperPose(self._stochastic(frame, start, rng), True, np.nan, np.nan)
         return self._conditioned(frame, start)
@@ -71,7 +71,7 @@ class PaperSolver:
         return np.array([*self._others(frame, angles)[0], colour])
 
     def _conditioned(self, frame: Frame, start: Float[Array, "37"]) -> PaperPose:
-        angles, steps = np.array(start, float), np.full(DOF_COUNT, _FIRST)
+        angles, steps = np.array(start, float), np.full(DOF_COUNT, _FIRST_STEP)
         last, energies = np.zeros(DOF_COUNT), []
         best, lowest = angles, np.inf
         for _ in range(self.config.iterations):
@@ -80,8 +80,8 @@ class PaperSolver:
             if energy < lowest:
                 best, lowest = angles, energy
             turned = np.sign(gradient * last)
-            steps *= np.where(turned > 0.0, _LONGER, np.where(turned < 0.0, _SHORTER, 1.0))
-            steps = np.clip(steps, _SHORTEST, _LONGEST)
+            steps *= np.where(turned > 0.0, _GROW, np.where(turned < 0.0, _SHRINK, 1.0))
+            steps = np.clip(steps, _MIN_STEP, _MAX_STEP)
             angles, last = angles - steps * np.sign(gradient), gradient
         before = min(energies[: -max(len(energies) // 10, 1)], default=np.inf)
         settled = before - lowest <= _SETTLED * max(energies[0] - lowest, 1e-12)
@@ -107,7 +107,7 @@ class PaperSolver:
     def _seen(
         self, frame: Frame, angles: Float[Array, "37"], rng: np.random.Generator | None = None
     ) -> Evaluation:
-        """Colour energy and gradient, of random rays where there is a generator."""
+        """Colour energy and gradient, of random rays if there is a generator."""
         if self.config.lambda_colour <= 0.0:
             return Evaluation(0.0, np.zeros(DOF_COUNT))
         if rng is None:
@@ -125,7 +125,7 @@ class PaperSolver:
     def _others(
         self, frame: Frame, angles: Float[Array, "37"]
     ) -> tuple[Float[Array, "3"], Float[Array, "37"]]:
-        """Detection, prior and smoothness, and the gradient of their sum."""
+        """Energies of detections, prior and smoothness, and the gradient of their sum."""
         config, g = self.config, np.zeros(DOF_COUNT)
         terms = np.array([
             detection_agreement(

@@ -7,115 +7,116 @@ from typing import Literal
 
 from egocap.errors import InputError
 
+SMOOTHINGS = ("interval", "gaussian", "none")
+
 
 @dataclass(frozen=True)
 class TrackerConfig:
-    """Weights are those of a negative log-posterior: residuals are in standard deviations."""
+    """Weights are those of a negative log-posterior: residuals are in standard deviations.
 
-    solver: Literal["fast", "reference", "stochastic"] = "fast"
-    """fast: second order, all below; reference: the paper's 200 gradient steps over all pixels;
-    stochastic: its 50 over random ones. Of what is below, these two know the smoothing alone."""
+    In the comment of a field that is on by default, what follows "Off:" is what happens without it.
+    """
+
     smoothing: Literal["interval", "gaussian", "none"] = "interval"
-    """interval: all frames together, past and future, with a paper's solver like gaussian;
-    gaussian: low-pass; none: causal, live."""
+    """interval: all frames together, past and future; gaussian: low-pass over 5 frames; none: past
+    frames only."""
+    multistart: bool = True
+    """Solve the sequence from other starts, too, and keep, per limb, the segments of lower energy
+    (interval only). Off: Solve from one start."""
+    appearance_check: bool = True
+    """Reject detections of limbs where the images show the background (interval only). Off: Keep
+    detections that the images contradict."""
+    estimate_noise: bool = True
+    """Widen the detector's uncertainty to what the residuals show (interval only). Off: Use the
+    detector's uncertainty as it is."""
+    colour: bool = False
+    """Refine every frame by the images' colours; needs the covariance."""
+    covariance: bool = True
+    """Compute the joints' covariances and confidences. Off: Do not compute covariances and
+    confidences."""
+    synchronise: bool = False
+    """Estimate a constant time lag of every view against the first (interval only)."""
+    align_cameras: bool = False
+    """Estimate a small constant rotation of every view against the first (interval only)."""
+    use_detector_sigma: bool = True
+    """Weight every detection by the detector's own standard deviation. Off: Give all detections a
+    standard deviation of 4 px at an image width of 640."""
+    use_modes: bool = True
+    """Associate a joint with another mode of its heat map where the body fits it better. Off: Use
+    the highest mode alone."""
+    fix_swaps: bool = True
+    """Exchange left and right arms or legs of a view where the body fits better. Off: Keep left and
+    right as detected."""
+    swap_cost: float = 6.0
+    """Energy that exchanging left and right must save."""
     lambda_detection: float = 1.0
     """Weight of the detections."""
-    guess_weight: float = 0.1
-    """Share of its weight that a guess (confidence 0) keeps; its sigma counts beside it."""
-    spread: bool = True
-    """Weigh every detection by the accuracy that its detector states; without, all alike."""
-    modes: bool = True
-    """Let a joint take another of its detector's places where the body fits it better."""
-    swaps: bool = True
-    """Undo a view's mistaking left for right, arms or legs, where the body fits better."""
-    swap_price: float = 6.0
-    """Energy that undoing a swap must save."""
-    recalibrate: bool = True
-    """Widen a detector's stated accuracy to what its residuals show (all frames together only)."""
-    restarts: bool = True
-    """Seek cheaper motions from elsewhere, for limbs in wrong poses (all frames together only)."""
-    look: bool = True
-    """Drop detections of limbs where images show what lies behind (all frames together only)."""
+    occluded_weight: float = 0.1
+    """Fraction of its weight that a detection of confidence 0 keeps."""
     lambda_limit: float = 200.0
     """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""
     lambda_pose: float = 0.001
-    """Weight of departing from the rest pose, in units of each angle's everyday spread (Eq. 2)."""
+    """Weight of the distance from the rest pose, in each angle's prior deviation (Eq. 2)."""
     lambda_posture: float = 0.03
-    """Weight of departing from everyday postures, learned with their correlations; 0: without."""
+    """Weight of the learned pose prior, a Gaussian with correlations; 0: without."""
     lambda_motion: float = 1.0
-    """Weight of what the learned motion prior makes of past and future; 0: without."""
-    motion_share: float = 0.3
-    """Share of the detections' information that the motion prior hears: errors last for frames."""
+    """Weight of the learned motion prior; 0: without."""
+    motion_information: float = 0.3
+    """Fraction of the detections' information given to the motion prior: errors are correlated."""
     lambda_smooth: float = 1.0
-    """Weight of departing from the motion predicted from the past two frames (Eq. 3)."""
+    """Weight of the distance from the pose predicted from the past two frames (Eq. 3)."""
     zeta: float = 0.25
-    """Share of the last velocity that the prediction keeps (Eq. 3)."""
-    speed: float = 4.0
-    """Scatter of the prediction, in spreads per second."""
-    acceleration: float = 1.0
-    """Scatter of the accelerations that `interval` allows, in units of each angle's agility."""
+    """Fraction of the last velocity that the prediction keeps (Eq. 3)."""
+    velocity_sigma: float = 4.0
+    """Standard deviation of the prediction, in each angle's prior deviation per second."""
+    acceleration_sigma: float = 1.0
+    """Standard deviation of the accelerations that `interval` allows, relative to each angle's."""
     robust_scale: float = 3.0
-    """Residual, in standard deviations, beyond which a detection loses its say."""
-    agreement: float = 5.0
-    """Residual, in standard deviations, within which a detection agrees with a pose."""
+    """Residual, in standard deviations, beyond which a detection is treated as an outlier."""
+    inlier_threshold: float = 5.0
+    """Residual, in standard deviations, below which a detection is an inlier of a pose."""
     pixel_floor: float = 0.5
-    """Least standard deviation of a detection, in pixels at an image width of 640."""
+    """Minimum standard deviation of a detection, in pixels at an image width of 640."""
     model_error_m: float = 0.004
-    """Scatter of true joints about the tracker's skeleton, metres."""
-    synchronise: bool = False
-    """Estimate how much later every view's pictures are than the first view's (interval only)."""
-    align_cameras: bool = False
-    """Estimate a small rotation of every view against the first one (interval only)."""
-    colour: bool = False
-    """Refine every frame by the images' colours; needs the covariance."""
+    """Standard deviation of true joints about the tracker's skeleton, metres."""
     colour_size: int = 64
-    """Width and height in pixels to which every view is reduced for that."""
+    """Width and height in pixels to which every view is reduced for `colour`."""
     colour_weight: float = 0.005
     """Weight of one pixel's colour."""
-    follow_light: bool = True
-    """Let the person's colours follow slow changes of the light."""
-    covariance: bool = True
-    """Work out how sure every joint is."""
+    adapt_illumination: bool = True
+    """Adapt the person's colours to slow changes of the light. Off: Keep the learned colours."""
     max_iterations: int = 20
-    """Steps of the solver for one frame."""
+    """Maximum solver steps per frame."""
     tolerance: float = 1e-4
-    """A frame has converged when a step lowers its energy by less than this share."""
-    lost_share: float = 0.75
-    """Less than this share of a frame's detections agreeing means lost: solved from all starts."""
-    retry_s: float = 0.1
-    """Seconds before a frame that stays lost is solved from all starts again."""
-    jump_gain: float = 4.0
-    """A pose found afresh replaces the tracked one if it explains this many more detections."""
-    gaussian_frames: float = 1.0
+    """Relative decrease of the energy below which a frame has converged."""
+    min_inlier_ratio: float = 0.75
+    """Inlier ratio of a frame below which the track is lost and all initial poses are tried."""
+    reinit_interval_s: float = 0.1
+    """Seconds before a frame that stays lost is initialised again."""
+    reinit_gain: float = 4.0
+    """A new pose replaces the tracked one if it explains this many more detections."""
+    gaussian_sigma_frames: float = 1.0
     """Standard deviation of the Gaussian low-pass, frames (5 frames wide)."""
 
     def __post_init__(self) -> None:
-        if self.solver not in ("fast", "reference", "stochastic"):
-            raise InputError(f"solver '{self.solver}'", valid=("fast", "reference", "stochastic"))
-        if self.smoothing not in ("interval", "gaussian", "none"):
-            raise InputError(
-                f"smoothing '{self.smoothing}'", valid=("interval", "gaussian", "none")
-            )
+        if self.smoothing not in SMOOTHINGS:
+            raise InputError(f"smoothing '{self.smoothing}'", valid=SMOOTHINGS)
+        positive = (
+            "velocity_sigma", "acceleration_sigma", "robust_scale", "inlier_threshold",
+            "pixel_floor", "max_iterations",
+        )  # fmt: skip
         for field in fields(self):
             value = getattr(self, field.name)
             if not isinstance(value, bool | str) and not (0.0 <= value < float("inf")):
                 raise InputError(f"{field.name} = {value}", valid="a number from 0")
+            if field.name in positive and value <= 0:
+                raise InputError(f"{field.name} = {value}", valid="a number above 0")
         if self.colour and not self.covariance:
-            raise InputError("colour without covariance", valid="both or none")
-        if self.guess_weight > 1.0:
-            raise InputError(f"guess_weight = {self.guess_weight}", valid="0 to 1")
-        for name in (
-            "speed",
-            "acceleration",
-            "robust_scale",
-            "agreement",
-            "pixel_floor",
-            "max_iterations",
-        ):
-            if getattr(self, name) <= 0:
-                raise InputError(f"{name} = {getattr(self, name)}", valid="a number above 0")
+            raise InputError("colour without covariance", valid="covariance, or no colour")
+        if self.occluded_weight > 1.0:
+            raise InputError(f"occluded_weight = {self.occluded_weight}", valid="0 to 1")
 
     @property
-    def looks(self) -> bool:
-        """Whether images are asked which detections they deny."""
-        return self.look and self.covariance and self.smoothing == "interval"
+    def checks_appearance(self) -> bool:
+        """Whether detections are checked against images, if there are any."""
+        return self.appearance_check and self.covariance and self.smoothing == "interval"

@@ -15,6 +15,7 @@ from numpy import ndarray as Array
 from egocap.body.skeleton import LIMITS, SPREAD, HasOffsets, forward
 from egocap.geometry import unit
 from egocap.pose.config import TrackerConfig
+from egocap.pose.observations import Rays
 from egocap.pose.pose_prior import Posture, load_posture
 
 
@@ -51,16 +52,13 @@ def pseudo_huber(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
 def detection_energy(
     proportions: HasOffsets,
     angles: Float[Array, "37"],
-    centres: Float[Array, "V 3"],
-    rays: Float[Array, "V 18 3"],
-    whiten: Float[Array, "V 18 2 3"],
-    weights: Float[Array, "V 18"],
+    seen: Rays,
     scale: float,
 ) -> float:
     """Disagreement of one frame's pose with its detections in all views."""
     joints = forward(proportions, angles)
-    residual = angular_residual(joints, centres[:, None], rays, whiten)
-    return float(0.5 * np.sum(weights * robust(np.sum(residual**2, axis=-1), scale)))
+    residual = angular_residual(joints, seen.centres[:, None], seen.rays, seen.whiten)
+    return float(0.5 * np.sum(seen.weights * robust(np.sum(residual**2, axis=-1), scale)))
 
 
 def limit_energy(angles: Float[Array, "37"], weight: float) -> float:
@@ -71,12 +69,12 @@ def limit_energy(angles: Float[Array, "37"], weight: float) -> float:
 
 
 def pose_energy(angles: Float[Array, "37"], weight: float) -> float:
-    """Departure from the rest pose, in everyday spreads.  Source: EgoCap 2016, equation 2."""
+    """Distance from the rest pose, in prior deviations.  Source: EgoCap 2016, equation 2."""
     return float(weight * np.sum(pseudo_huber(angles / SPREAD)))
 
 
 def posture_energy(angles: Float[Array, "37"], posture: Posture, weight: float) -> float:
-    """Departure from everyday postures, with their correlations: half a Mahalanobis distance."""
+    """The learned pose prior: half a squared Mahalanobis distance."""
     departure = angles - posture.mean
     return float(0.5 * weight * departure @ posture.precision @ departure)
 
@@ -84,7 +82,7 @@ def posture_energy(angles: Float[Array, "37"], posture: Posture, weight: float) 
 def predict(
     last: Float[Array, "37"], before_last: Float[Array, "37"], zeta: float
 ) -> Float[Array, "37"]:
-    """The pose expected after the last two.  Source: EgoCap 2016, equation 3."""
+    """The pose predicted from the last two.  Source: EgoCap 2016, equation 3."""
     return last + zeta * (last - before_last)
 
 
@@ -94,14 +92,14 @@ def smoothness_energy(
     scatter: Float[Array, "37"],
     weight: float,
 ) -> float:
-    """Departure from the predicted pose, in its scatter.  Source: EgoCap 2016, equation 3."""
+    """Distance from the predicted pose, in `scatter`.  Source: EgoCap 2016, equation 3."""
     return float(weight * np.sum(pseudo_huber((angles - predicted) / scatter)))
 
 
 def acceleration_energy(
     angles: Float[Array, "T 37"], stencil: Float[Array, "T 3"], density: Float[Array, "37"]
 ) -> float:
-    """Random accelerations needed to pass through the poses, in their expected scatter.
+    """Accelerations between the poses, in their standard deviation.
 
     Row t of `stencil` weighs the poses t, t + 1, t + 2 (see `acceleration_stencil`).
     """
@@ -115,7 +113,7 @@ def acceleration_stencil(times: Float[Array, "T"]) -> Float[Array, "T 3"]:
     """Second differences of unevenly spaced samples, scaled to unit variance.
 
     For white acceleration of density 1 the second divided difference over steps of h has a
-    variance of about 1 / h, so its square times h is what the prior charges. The last two rows,
+    variance of about 1 / h, so that the prior's energy is its square times h. The last two rows,
     which would reach beyond the end, are zero.
     """
     stencil = np.zeros((len(times), 3))
@@ -131,15 +129,12 @@ def acceleration_stencil(times: Float[Array, "T"]) -> Float[Array, "T 3"]:
 def frame_energy(
     proportions: HasOffsets,
     angles: Float[Array, "37"],
-    centres: Float[Array, "V 3"],
-    rays: Float[Array, "V 18 3"],
-    whiten: Float[Array, "V 18 2 3"],
-    weights: Float[Array, "V 18"],
+    seen: Rays,
     config: TrackerConfig,
 ) -> float:
-    """Everything that concerns one frame alone: detections, limits, priors."""
+    """Energy of one frame: detections, limits, priors."""
     return (
-        detection_energy(proportions, angles, centres, rays, whiten, weights, config.robust_scale)
+        detection_energy(proportions, angles, seen, config.robust_scale)
         + limit_energy(angles, config.lambda_limit)
         + pose_energy(angles, config.lambda_pose)
         + posture_energy(angles, load_posture(), config.lambda_posture)

@@ -1,8 +1,7 @@
 """The energy of `egocap.pose.energy` with its gradient and Gauss-Newton matrix, compiled.
 
-One call handles one frame: a few tens of microseconds. Double precision; a test compares every sum
-with the readable form and with finite differences. Compiled code is cached on disk, so everything
-that may change (the skeleton's tables, the settings) is passed in as arguments.
+One call handles one frame in a few tens of microseconds, in double precision. Compiled code is
+cached on disk, so everything that may change (the skeleton's tables, the settings) is an argument.
 
 Source: iteratively reweighted Gauss-Newton; Triggs et al. 2000, "Bundle adjustment - a modern
 synthesis", section 3.3 and 4.
@@ -27,6 +26,7 @@ from egocap.body.skeleton import (
     SPREAD,
 )
 from egocap.pose.config import TrackerConfig
+from egocap.pose.observations import Rays
 from egocap.pose.pose_prior import load_posture
 
 
@@ -65,11 +65,12 @@ def make_model(proportions: Proportions, config: TrackerConfig) -> Model:
 
 
 @njit(cache=True)
-def detections(model, angles, centres, rays, whiten, weights, scale, H, g):
+def detections(model, angles, seen, scale, H, g):
     """Add the detection term's Gauss-Newton matrix and gradient to H (37,37), g (37,).
 
-    H gets its lower triangle only. Returns the energy.
+    `seen` are the `Rays` of one frame. H gets its lower triangle only. Returns the energy.
     """
+    centres, rays, whiten, weights = seen
     points, axes = pose_skeleton(model, angles)
     scale2 = scale * scale
     energy = 0.0
@@ -164,12 +165,23 @@ def priors(model, angles, H, g):
     return energy
 
 
-@njit(cache=True)
-def pulled(angles, goal, precision, H, g):
-    """Add the pull of a goal (37,) to H and g; return its energy.
+def information(
+    model: Model, angles: Float[Array, "37"], seen: Rays, scale: float, *, with_priors: bool = True
+) -> tuple[Float[Array, "37 37"], Float[Array, "37"]]:
+    """Gauss-Newton matrix and gradient of one frame's detections, and of its priors."""
+    H, g = np.zeros((len(angles), len(angles))), np.zeros(len(angles))
+    detections(model, angles, seen, float(scale), H, g)
+    if with_priors:
+        priors(model, angles, H, g)
+    return H + np.tril(H, -1).T, g
 
-    Half a squared Mahalanobis distance when that is small; people who move as nobody in the learned
-    motions does are pulled less and less (Student's t, with as many degrees as angles).
+
+@njit(cache=True)
+def motion_term(angles, mean, precision, H, g):
+    """Add the motion prior's term for one frame to H (37,37) and g (37,); return its energy.
+
+    Student's t with as many degrees of freedom as angles: half a squared Mahalanobis distance while
+    that is small, and robust to motions unlike those learned.
     """
     n = len(angles)
     slope = np.empty(n)
@@ -177,8 +189,8 @@ def pulled(angles, goal, precision, H, g):
     for d in range(n):
         slope[d] = 0.0
         for e in range(n):
-            slope[d] += precision[d, e] * (angles[e] - goal[e])
-        squared += slope[d] * (angles[d] - goal[d])
+            slope[d] += precision[d, e] * (angles[e] - mean[e])
+        squared += slope[d] * (angles[d] - mean[d])
     share = 1.0 / (1.0 + squared / n)
     for d in range(n):
         g[d] += share * slope[d]
@@ -189,7 +201,7 @@ def pulled(angles, goal, precision, H, g):
 
 @njit(cache=True)
 def smoothness(model, angles, predicted, scatter, H, g):
-    """Add the term that ties the pose to its prediction; return its energy."""
+    """Add the smoothness term, about the predicted pose; return its energy."""
     energy = 0.0
     for d in range(len(angles)):
         x = (angles[d] - predicted[d]) / scatter[d]
@@ -201,8 +213,9 @@ def smoothness(model, angles, predicted, scatter, H, g):
 
 
 @njit(cache=True)
-def squared_residuals(model, angles, centres, rays, whiten, weights, squared):
+def squared_residuals(model, angles, seen, squared):
     """Squared residual of every detection in standard deviations, into (V, 18); missing: inf."""
+    centres, rays, whiten, weights = seen
     points, _ = pose_skeleton(model, angles)
     for label in range(len(model.label_points)):
         X = points[model.label_points[label]]

@@ -1,11 +1,9 @@
-"""How people's joint angles go together over time: a stationary Gaussian process, learned.
+"""The learned motion prior: joint angles as a stationary Gaussian process.
 
-A leg that the body hides is told by the other leg half a step ago, by the swing of the arms and by
-where it was last seen: by how every angle goes with every other, now and up to two seconds apart.
-These covariances are learned from motions (`python -m egocap_eval.priors.learn_motion`).
-Given what a track's detections say about the angles, the process says what the angles were, hidden
-ones included; the smoother is then guided by it. Knots lie a tenth of a second apart; windows of
-them are solved at once, and each keeps its middle.
+The covariances of all angles, up to two seconds apart, are learned from motions
+(`python -m egocap_eval.priors.learn_motion`). Detections of a track, linearised, go in; a Gaussian
+over every frame's angles comes out, occluded ones included, which the smoother adds as a term.
+Knots lie a tenth of a second apart; overlapping windows of them are solved at once.
 
 Source: Rasmussen & Williams 2006, "Gaussian Processes for Machine Learning", sections 2.2 and 9.1;
 Wang, Fleet & Hertzmann 2008, "Gaussian process dynamical models for human motion", for the idea.
@@ -27,7 +25,7 @@ from egocap.body.skeleton import DOF_COUNT, DOFS, MIRROR_DOFS, MIRROR_SIGNS
 from egocap.errors import FileError
 from egocap.files import read_npz, write_npz
 from egocap.pose.config import TrackerConfig
-from egocap.pose.kernel import Model, detections
+from egocap.pose.kernel import Model, information
 from egocap.pose.observations import Observations
 
 FILE = Path(__file__).with_name("motion_prior.npz")
@@ -36,8 +34,8 @@ LAGS = 21
 """Knots in a window: two seconds."""
 _HOP = 10  # knots that a window contributes
 _SLACK = np.deg2rad(2.0)
-"""Scatter of every angle about the process, so that nothing counts as impossible."""
-_LONGEST_KNOTS = 150  # of one motion: longer ones count no more
+"""Standard deviation of every angle about the process, which keeps its covariance regular."""
+_MAX_KNOTS = 150  # of one motion: longer ones weigh no more
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,32 +56,34 @@ class MotionPrior:
 
 
 @dataclass(frozen=True, eq=False)
-class Guide:
-    """What the process says of every frame: a Gaussian over its angles."""
+class MotionPrediction:
+    """A Gaussian over the angles of every frame."""
 
     mean: Float[Array, "T 37"]  # rad
     precision: Float[Array, "T 37 37"]  # rad^-2
 
-    def __getitem__(self, frames: slice) -> Guide:
+    def __getitem__(self, frames: slice) -> MotionPrediction:
         """Some of the frames."""
-        return Guide(self.mean[frames], self.precision[frames])
+        return MotionPrediction(self.mean[frames], self.precision[frames])
 
-    def replaced(self, other: Guide, frames: Bool[Array, "T"]) -> Guide:
-        """This, and another one in some frames."""
-        return Guide(
+    def replaced(self, other: MotionPrediction, frames: Bool[Array, "T"]) -> MotionPrediction:
+        """This, with some frames of another."""
+        return MotionPrediction(
             np.where(frames[:, None], other.mean, self.mean),
             np.where(frames[:, None, None], other.precision, self.precision),
         )
 
 
-NO_GUIDE = Guide(np.zeros((0, DOF_COUNT)), np.zeros((0, DOF_COUNT, DOF_COUNT)))
+NO_MOTION_PREDICTION = MotionPrediction(
+    np.zeros((0, DOF_COUNT)), np.zeros((0, DOF_COUNT, DOF_COUNT))
+)
 
 
 def learn_motion_prior(motions: Sequence[Float[Array, "T 37"]], fps: float) -> MotionPrior:
     """Mean and covariances of some motions and their mirrors.
 
     Sums over pairs are divided by the number of all frames, not of pairs, which keeps the process
-    possible (positive definite) and trusts long lags less.
+    positive definite.
     """
     stride = round(STEP_S * fps)
     parts = [
@@ -92,7 +92,7 @@ def learn_motion_prior(motions: Sequence[Float[Array, "T 37"]], fps: float) -> M
         for part in (motion, motion[:, MIRROR_DOFS] * MIRROR_SIGNS)
         for start in range(stride)
     ]
-    shares = [min(1.0, _LONGEST_KNOTS / max(len(part), 1)) for part in parts]
+    shares = [min(1.0, _MAX_KNOTS / max(len(part), 1)) for part in parts]
     total = sum(share * len(part) for share, part in zip(shares, parts, strict=True))
     mean = sum(share * part.sum(0) for share, part in zip(shares, parts, strict=True)) / total
     covariances = np.zeros((LAGS, DOF_COUNT, DOF_COUNT))
@@ -130,59 +130,55 @@ def load_motion_prior(path: Path = FILE) -> MotionPrior:
     return prior
 
 
-def guide_of(
+def predict_motion(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
-) -> Guide:
-    """What the learned process makes of a track's detections, taken as linear about the track."""
+) -> MotionPrediction:
+    """The motion prior's posterior of every frame's angles, given a track's detections.
+
+    Detections are linearised about the track. A fraction `motion_information` of their information
+    is used, as their errors are correlated over frames.
+    """
     prior = load_motion_prior()
-    information, pull = _information(angles, observations, model, config)
-    mean = np.empty_like(angles)
-    precision = np.empty((len(angles), DOF_COUNT, DOF_COUNT))
-    for part in _stretches(observations.times):
-        mean[part], precision[part] = _guide_stretch(
-            observations.times[part], angles[part], information[part], pull[part], prior
-        )
-    return Guide(mean, precision)
-
-
-def _information(
-    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
-) -> tuple[Float[Array, "T 37 37"], Float[Array, "T 37"]]:
-    """Every frame's Gauss-Newton matrix and negative gradient of its detections."""
-    information = np.zeros((len(angles), DOF_COUNT, DOF_COUNT))
-    pull = np.zeros_like(angles)
+    matrices, gradients = np.empty((len(angles), DOF_COUNT, DOF_COUNT)), np.empty_like(angles)
     for t, pose in enumerate(np.ascontiguousarray(angles)):
-        detections(
-            model, pose, observations.centres, observations.rays[t], observations.whiten[t],
-            observations.weights[t], float(config.robust_scale), information[t], pull[t],
-        )  # fmt: skip
-    information += np.swapaxes(np.tril(information, -1), 1, 2)
-    return config.motion_share * information, -config.motion_share * pull
+        matrices[t], gradients[t] = information(
+            model, pose, observations.frame(t), config.robust_scale, with_priors=False
+        )
+    matrices, targets = config.motion_information * matrices, -config.motion_information * gradients
+    mean, precision = np.empty_like(angles), np.empty_like(matrices)
+    for part in _stretches(observations.times):
+        mean[part], precision[part] = _predict_stretch(
+            observations.times[part], angles[part], matrices[part], targets[part], prior
+        )
+    return MotionPrediction(mean, precision)
 
 
 def _stretches(times: Float[Array, "T"]) -> Iterator[slice]:
-    """Frames without a gap longer than a window."""
+    """Runs of frames without a gap longer than a window."""
     breaks = np.flatnonzero(np.diff(times) > LAGS * STEP_S) + 1
     edges = [0, *breaks.tolist(), len(times)]
     yield from (slice(a, b) for a, b in pairwise(edges))
 
 
-def _guide_stretch(
-    times: Float[Array, "T"], angles: Float[Array, "T 37"], information: Float[Array, "T 37 37"],
-    pull: Float[Array, "T 37"], prior: MotionPrior,
+def _predict_stretch(
+    times: Float[Array, "T"], angles: Float[Array, "T 37"], matrices: Float[Array, "T 37 37"],
+    targets: Float[Array, "T 37"], prior: MotionPrior,
 ) -> tuple[Float[Array, "T 37"], Float[Array, "T 37 37"]]:  # fmt: skip
+    """Mean and precision of the frames of a stretch."""
     from scipy.interpolate import make_interp_spline
 
     count = max(1, round((times[-1] - times[0]) / STEP_S) + 1)
     knots = times[0] + STEP_S * np.arange(count)
     nearest = np.clip(np.round((times - times[0]) / STEP_S).astype(int), 0, count - 1)
     at_knots = np.stack([np.interp(knots, times, column) for column in angles.T], -1)
-    matrices, targets = np.zeros((count, DOF_COUNT, DOF_COUNT)), np.zeros((count, DOF_COUNT))
-    # A frame tells of its knot by how far it lies from where the track was then, not now.
+    knot_matrices, knot_targets = np.zeros((count, DOF_COUNT, DOF_COUNT)), np.zeros_like(at_knots)
+    # A frame's information is moved to its knot along the track.
     departure = at_knots - prior.mean
-    np.add.at(matrices, nearest, information)
-    np.add.at(targets, nearest, pull + np.einsum("tij,tj->ti", information, departure[nearest]))
-    means, covariances = condition(matrices, targets, prior)
+    np.add.at(knot_matrices, nearest, matrices)
+    np.add.at(
+        knot_targets, nearest, targets + np.einsum("tij,tj->ti", matrices, departure[nearest])
+    )
+    means, covariances = condition(knot_matrices, knot_targets, prior)
     means += prior.mean
     degree = min(3, count - 1)
     spline = make_interp_spline(knots, means, k=degree) if count > 1 else lambda _: means
@@ -196,8 +192,8 @@ def condition(
 ) -> tuple[Float[Array, "N 37"], Float[Array, "N 37 37"]]:
     """Departure from the mean and covariance at every knot, given Gaussian information there.
 
-    `targets` are the information matrices times the departures that they point at. Where the window
-    ends, what lies beyond is left out: at least half a second on either side is heard.
+    `targets` are the information matrices times the departures that they point at. Every knot is
+    conditioned on those of at least half a second on either side.
     """
     from scipy.linalg import cho_solve, cholesky, solve_triangular
 
@@ -207,7 +203,7 @@ def condition(
         last = min(first + _HOP, count)
         low = max(0, min(first - (LAGS - _HOP) // 2, count - LAGS))
         high = min(low + LAGS, count)
-        # What is kept comes last, so that it is what is left when the rest is eliminated.
+        # The knots that are kept come last: their marginal is the last block.
         order = [*range(low, first), *range(last, high), *range(first, last)]
         L = _ordered_precision(prior, tuple(k - low for k in order)).copy()
         for i, k in enumerate(order):

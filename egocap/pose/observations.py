@@ -1,12 +1,12 @@
-"""Detections as the solver takes them: rays in the head frame, whitened by their accuracy.
+"""Detections in, observations out: rays in the head frame, whitened by their standard deviations.
 
-A detector may have found a joint in several places, or taken left for right. Such other places are
-`modes`; `egocap.track.association` picks among them.
+A detector's heat map may have several modes; `egocap.track.association` chooses among them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,8 +22,17 @@ from egocap.pose.config import TrackerConfig
 REFERENCE_WIDTH = 640
 """Image width in pixels to which `TrackerConfig.pixel_floor` refers."""
 EVEN_SIGMA = 4.0
-"""Standard deviation of every detection, pixels at that width, where `TrackerConfig.spread` is off:
-about what the shipped detector's are."""
+"""Standard deviation of every detection, pixels at that width, without `use_detector_sigma`: about
+the mean of the shipped detector's."""
+
+
+class Rays(NamedTuple):
+    """The arrays of `Observations` for the kernels: of one frame, or of T frames."""
+
+    centres: Float[Array, "V 3"]
+    rays: Float[Array, "*T V 18 3"]
+    whiten: Float[Array, "*T V 18 2 3"]
+    weights: Float[Array, "*T V 18"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +44,16 @@ class Observations:
     rays: Float[Array, "T V 18 3"]  # unit, head frame
     whiten: Float[Array, "T V 18 2 3"]  # direction across the ray -> standard deviations
     weights: Float[Array, "T V 18"]  # 0 for missing
-    modes: Modes | None = None  # other places; None: there are none
+    modes: Modes | None = None  # other modes; None: there are none
+
+    @property
+    def arrays(self) -> Rays:
+        """All frames for the kernels."""
+        return Rays(self.centres, self.rays, self.whiten, self.weights)
+
+    def frame(self, t: int) -> Rays:
+        """One frame for the kernels; its arrays are views."""
+        return Rays(self.centres, self.rays[t], self.whiten[t], self.weights[t])
 
     @property
     def reversed(self) -> Observations:
@@ -54,16 +72,16 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """K other places where every joint may be, likeliest first."""
+    """K other modes of every joint, likeliest first."""
 
     rays: Float[Array, "T K V 18 3"]
     whiten: Float[Array, "T K V 18 2 3"]
-    weights: Float[Array, "T K V 18"]  # 0 where there is no such place
-    price: Float[Array, "T K V 18"]  # energy that taking it costs, 0 or more
+    weights: Float[Array, "T K V 18"]  # 0 where there is no such mode
+    cost: Float[Array, "T K V 18"]  # energy added by its lower likelihood, 0 or more
 
     def __getitem__(self, frames: slice) -> Modes:
         """Some of the frames, in a copy."""
-        parts = (self.rays, self.whiten, self.weights, self.price)
+        parts = (self.rays, self.whiten, self.weights, self.cost)
         return Modes(*(np.ascontiguousarray(a[frames]) for a in parts))
 
 
@@ -72,8 +90,8 @@ def observe(
 ) -> Observations:
     """Cast the detections into rays of the head frame.
 
-    A pixel's accuracy becomes an angular covariance by the camera's local resolution; to it comes
-    the scatter of true joints about the tracker's skeleton, seen from the rest pose's distance.
+    A standard deviation in pixels becomes an angular covariance by the camera's local resolution;
+    the skeleton's model error, at the rest pose's distance, is added.
     Detections outside the image or lens, or with values that are not finite, count as missing.
     Raises InputError when the number of views does not match the rig.
     """
@@ -85,7 +103,7 @@ def observe(
     caster = _Caster(detections, usable, rig, proportions, config)
     first = caster.cast(detections.points)
     modes = None
-    if config.modes and detections.modes is not None and detections.mode_weights is not None:
+    if config.use_modes and detections.modes is not None and detections.mode_weights is not None:
         modes = _cast_modes(caster, detections.modes, detections.mode_weights)
     return Observations(np.asarray(detections.times, float), centres, *first, modes)
 
@@ -93,21 +111,21 @@ def observe(
 def _cast_modes(
     caster: _Caster, places: Float[Array, "T V 18 K 2"], shares: Float[Array, "T V 18 K"]
 ) -> Modes | None:
-    """The modes after the first, each at the price of its being less likely."""
+    """The modes after the first; their cost is the log ratio of its weight to theirs."""
     there = (shares > 0.0) & (shares[..., :1] > 0.0)
     most = [k for k in range(1, places.shape[3]) if there[..., k].any()]
     if not most:
         return None
     cast = [caster.cast(np.where(there[..., k, None], places[..., k, :], np.nan)) for k in most]
     safe = np.where(there, shares, 1.0)
-    price = [np.maximum(np.log(safe[..., 0] / safe[..., k]), 0.0) for k in most]
+    cost = [np.maximum(np.log(safe[..., 0] / safe[..., k]), 0.0) for k in most]
     rays, whiten, weights = (np.stack(parts, 1) for parts in zip(*cast, strict=True))
-    return Modes(rays, whiten, weights, np.stack(price, 1))
+    return Modes(rays, whiten, weights, np.stack(cost, 1))
 
 
 @dataclass(frozen=True, eq=False)
 class _Caster:
-    """Casts places in the images into whitened rays."""
+    """Casts pixels into whitened rays."""
 
     detections: Detections
     usable: Bool[Array, "T V 18"]
@@ -118,7 +136,7 @@ class _Caster:
     def cast(
         self, points: Float[Array, "T V 18 2"]
     ) -> tuple[Float[Array, "T V 18 3"], Float[Array, "T V 18 2 3"], Float[Array, "T V 18"]]:
-        """Rays, whiteners and weights of some places, which are missing where not finite."""
+        """Rays, whiteners and weights of pixels; missing where these are not finite."""
         found, config = self.detections, self.config
         rays, whiten = np.zeros((*points.shape[:3], 3)), np.zeros((*points.shape[:3], 2, 3))
         usable = self.usable & np.isfinite(points).all(-1)
@@ -129,7 +147,11 @@ class _Caster:
             _, J, _ = camera.project_jacobian(ray)
             floor = config.pixel_floor * camera.width / REFERENCE_WIDTH
             even = EVEN_SIGMA * camera.width / REFERENCE_WIDTH
-            stated = found.sigma[:, v] if config.spread else np.full_like(found.sigma[:, v], even)
+            stated = (
+                found.sigma[:, v]
+                if config.use_detector_sigma
+                else np.full_like(found.sigma[:, v], even)
+            )
             sigma = np.where(usable[:, v], np.maximum(stated, floor), floor)
             centre = mount.T_head_camera[:3, 3]
             distance = np.linalg.norm(self.proportions.rest_joints - centre, axis=-1)
@@ -137,7 +159,7 @@ class _Caster:
             whiten[:, v] = _whitener(ray, J, sigma, model) @ R.T
             rays[:, v] = ray @ R.T
             usable[:, v] &= seen
-        trust = config.guess_weight + (1.0 - config.guess_weight) * found.confidence
+        trust = config.occluded_weight + (1.0 - config.occluded_weight) * found.confidence
         return rays, whiten, np.where(usable, config.lambda_detection * trust, 0.0)
 
 

@@ -6,10 +6,24 @@ Marquardt 1963 (scaled by the diagonal), raised tenfold on failure and lowered o
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from jaxtyping import Float
 from numba import njit
+from numpy import ndarray as Array
 
 from egocap.pose.kernel import detections, priors, smoothness
+
+
+class Prediction(NamedTuple):
+    """The pose predicted from the past, a Gaussian; an empty `sigma` leaves the term out."""
+
+    mean: Float[Array, "37"]
+    sigma: Float[Array, "D"]  # 37, or 0
+
+
+NO_PREDICTION = Prediction(np.zeros(0), np.zeros(0))
 
 
 @njit(cache=True)
@@ -41,24 +55,23 @@ def cholesky_solve(H, damping, b, L, x):  # H (N,N) lower triangle, b (N,); L (N
 
 
 @njit(cache=True)
-def _energy(model, angles, predicted, scatter, centres, rays, whiten, weights, scale, H, g):
+def _energy(model, angles, prediction, seen, scale, H, g):
     H[:] = 0.0
     g[:] = 0.0
-    energy = detections(model, angles, centres, rays, whiten, weights, scale, H, g)
+    energy = detections(model, angles, seen, scale, H, g)
     energy += priors(model, angles, H, g)
-    if len(scatter) > 0:
-        energy += smoothness(model, angles, predicted, scatter, H, g)
+    if len(prediction.sigma) > 0:
+        energy += smoothness(model, angles, prediction.mean, prediction.sigma, H, g)
     return energy
 
 
 @njit(cache=True)
-def solve_frame(
-    model, start, predicted, scatter, centres, rays, whiten, weights, scale, iterations, tolerance
-):
+def solve_frame(model, start, prediction, seen, scale, iterations, tolerance):
     """Minimise one frame's energy from a start.
 
-    An empty `scatter` leaves the prediction out. Returns angles (37,), energy, converged, steps.
-    Converged: a step lowered the energy by less than `tolerance` of itself, or none can.
+    `prediction` is a `Prediction`, `seen` the `Rays` of the frame. Returns angles (37,), energy,
+    converged, steps. Converged: a step lowered the energy by less than `tolerance` of itself, or
+    none can.
     """
     n = len(start)
     angles, trial = start.copy(), np.empty(n)
@@ -66,20 +79,18 @@ def solve_frame(
     H_new, g_new = np.empty((n, n)), np.empty(n)
     L, step = np.zeros((n, n)), np.empty(n)
     damping = 1e-3
-    energy = _energy(model, angles, predicted, scatter, centres, rays, whiten, weights, scale, H, g)
+    energy = _energy(model, angles, prediction, seen, scale, H, g)
     for iteration in range(iterations):
         while not cholesky_solve(H, damping, -g, L, step):
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e12:
                 return angles, energy, False, iteration
-        # A step of more than a radian leaves the region where the linearisation means anything.
+        # The linearisation does not hold over more than a radian.
         longest = np.abs(step).max()
         shrink = 1.0 if longest < 1.0 else 1.0 / longest
         for d in range(n):
             trial[d] = angles[d] + shrink * step[d]
-        new = _energy(
-            model, trial, predicted, scatter, centres, rays, whiten, weights, scale, H_new, g_new
-        )
+        new = _energy(model, trial, prediction, seen, scale, H_new, g_new)
         if new <= energy:
             gain = energy - new
             angles[:], H[:], g[:] = trial, H_new, g_new

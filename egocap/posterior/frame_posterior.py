@@ -21,8 +21,8 @@ from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap.posterior.log_prob import LogLikelihood, make_log_posterior
 from egocap.posterior.measurement import check_frame
 from egocap.posterior.result import Posterior
-from egocap.track.colour_refinement import learned_term
-from egocap.track.tracker import track
+from egocap.track.colour_refinement import learn_colour_term
+from egocap.track.tracker import Tracker
 
 log = logging.getLogger(__name__)
 
@@ -83,10 +83,10 @@ def learned_likelihood(sequence: Footage, detections: Detections, frame: int) ->
     shape is not the rig's.
     """
     rig, person = sequence.rig, sequence.proportions
-    found = track(detections, rig, person)
+    found = Tracker(rig, person).track(detections)
     assert found.covariance is not None
-    term = learned_term(
-        rig, person, TrackerConfig(follow_light=False), sequence.images,
+    term = learn_colour_term(
+        rig, person, TrackerConfig(adapt_illumination=False), sequence.images,
         found.angles, found.covariance.sum(axis=1),
     )  # fmt: skip
     return colour_likelihood(term, sequence.frame(frame).images, found.angles[frame])
@@ -99,7 +99,7 @@ def _tracked(sequence: Footage, detections: Detections, frame: int) -> Float[Arr
     # The tracker needs a spread; the posterior handles detections that state none.
     part = replace(part, sigma=np.where(part.sigma > 0, part.sigma, 1.0))
     try:
-        angles = track(part, sequence.rig, sequence.proportions).angles
+        angles = Tracker(sequence.rig, sequence.proportions).track(part).angles
     except EgocapError as error:
         log.info("no starting pose from the tracker: %s", error)
         return None

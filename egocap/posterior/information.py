@@ -226,7 +226,7 @@ def smoothed_bound(
     successive frames tell together (`lasting_information`).
     """
     known = information + prior_information(angles, config.lambda_posture)
-    covariance = smoothed_covariance(known, times, config.acceleration, between)
+    covariance = smoothed_covariance(known, times, config.acceleration_sigma, between)
     return rms_mm(joint_covariance(angles, proportions, covariance))
 
 

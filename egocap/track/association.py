@@ -1,65 +1,88 @@
-"""Which of the places that a detector proposes for a joint is the wearer's: the one the body fits.
+"""Association of detections with the wearer's joints: modes of heat maps, and swapped sides.
 
-In a crowd the higher peak may be a stranger's limb, and left may be taken for right. Given a pose
-close to the truth (the prediction, or the whole track), every view's sides are exchanged, and every
-joint's other modes taken, where that lowers the energy by more than it costs.
+In a crowd the highest mode may be another person's limb, and left may be detected as right. Given a
+pose close to the truth (the prediction, or the whole track), the sides of a view are exchanged, and
+other modes of a joint taken, where that lowers the energy by more than its cost.
 
-Source: EgoCap 2016, section 4.3.3, where only the maximum counts; this is the extension of it.
+Source: EgoCap 2016, section 4.3.3, which takes the maximum alone; this extends it.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numba import njit
 from numpy import ndarray as Array
 
 from egocap.body.kinematics import pose_skeleton
-from egocap.body.labels import LABEL_INDEX, LABELS, MIRROR
+from egocap.body.labels import LABEL_INDEX, MIRROR
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model
-from egocap.pose.observations import Observations
-
-_GROUPS = np.array([
-    [LABEL_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in parts]
-    for parts in (("shoulder", "elbow", "wrist", "hand"), ("hip", "knee", "ankle", "foot"))
-])  # fmt: skip
-_MIRROR = np.array(MIRROR)
+from egocap.pose.observations import Modes, Observations
 
 
-def can_choose(observations: Observations, config: TrackerConfig) -> bool:
-    """Whether there is anything to choose."""
-    return config.swaps or observations.modes is not None
+class Sides(NamedTuple):
+    """Labels that are swapped together. An argument, as numba's cache misses changed tables."""
+
+    limbs: Int[Array, "2 8"]  # of both arms, and of both legs
+    mirror: Int[Array, "18"]  # the same label on the other side
 
 
-def choose(
-    angles: Float[Array, "T 37"], proposed: Observations, taken: Observations, model: Model,
-    config: TrackerConfig, first: int = 0,
+_SIDES = Sides(
+    np.array([
+        [LABEL_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in parts]
+        for parts in (("shoulder", "elbow", "wrist", "hand"), ("hip", "knee", "ankle", "foot"))
+    ]),
+    np.array(MIRROR),
+)  # fmt: skip
+
+
+class FrameModes(NamedTuple):
+    """The other modes of one frame, as `Modes` has them."""
+
+    rays: Float[Array, "K V 18 3"]
+    whiten: Float[Array, "K V 18 2 3"]
+    weights: Float[Array, "K V 18"]
+    cost: Float[Array, "K V 18"]
+
+
+def needs_association(observations: Observations, config: TrackerConfig) -> bool:
+    """Whether there is anything to choose between."""
+    return config.fix_swaps or observations.modes is not None
+
+
+def associate(
+    angles: Float[Array, "T 37"], proposed: Observations, chosen: Observations, model: Model,
+    config: TrackerConfig,
 ) -> int:  # fmt: skip
-    """Write into `taken` the places of `proposed` that fit the poses of frames from `first` on.
+    """Write into `chosen` the detections of `proposed` that fit the poses best.
 
-    Returns how many frames end up with other places than were taken before.
+    Returns in how many frames they differ from those chosen before.
     """
-    shape = proposed.weights.shape[1:]
-    modes = proposed.modes
-    changed = 0
-    none = np.zeros((0, *shape, 3)), np.zeros((0, *shape, 2, 3)), np.zeros((0, *shape))
-    for t in range(first, first + len(angles)):
-        others = (*none, none[2]) if modes is None else (
-            modes.rays[t], modes.whiten[t], modes.weights[t], modes.price[t]
-        )  # fmt: skip
-        changed += choose_frame(
-            model, angles[t - first], proposed.centres,
-            proposed.rays[t], proposed.whiten[t], proposed.weights[t], *others, _GROUPS, _MIRROR,
-            float(config.robust_scale), config.swap_price if config.swaps else np.inf,
-            taken.rays[t], taken.whiten[t], taken.weights[t],
-        )  # fmt: skip
-    return changed
+    swap_cost = float(config.swap_cost) if config.fix_swaps else np.inf
+    return sum(
+        associate_frame(
+            model, pose, proposed.frame(t), _modes(proposed.modes, t, proposed.weights.shape[1]),
+            _SIDES, float(config.robust_scale), swap_cost, chosen.frame(t),
+        )
+        for t, pose in enumerate(angles)
+    )  # fmt: skip
+
+
+def _modes(modes: Modes | None, t: int, views: int) -> FrameModes:
+    if modes is not None:
+        return FrameModes(modes.rays[t], modes.whiten[t], modes.weights[t], modes.cost[t])
+    empty = np.zeros((0, views, len(MIRROR)))
+    return FrameModes(
+        np.zeros((*empty.shape, 3)), np.zeros((*empty.shape, 2, 3)), empty, empty
+    )  # fmt: skip
 
 
 @njit(cache=True)
-def _cost(point, centre, ray, whiten, weight, scale2):
-    """Robust energy of one place, half Geman-McClure."""
+def _energy(point, centre, ray, whiten, weight, scale2):
+    """Half the Geman-McClure loss of one detection."""
     if weight <= 0.0:
         return 0.0
     D = point - centre
@@ -72,55 +95,63 @@ def _cost(point, centre, ray, whiten, weight, scale2):
 
 
 @njit(cache=True)
-def choose_frame(
-    model, angles, centres, rays, whiten, weights, mode_rays, mode_whiten, mode_weights, price,
-    groups, mirror, scale, swap_price, out_rays, out_whiten, out_weights,
-):  # fmt: skip
-    """One frame's choice into the `out` arrays (V, 18, ...); whether they changed."""
+def _detection_energy(seen, v, label, point, scale2):
+    return _energy(
+        point, seen.centres[v], seen.rays[v, label], seen.whiten[v, label], seen.weights[v, label],
+        scale2,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _unswap(points, label_points, seen, v, sides, scale2, swap_cost, source):
+    """Into `source` (18,): the label whose detection in view v is taken for each label."""
+    for label in range(len(source)):
+        source[label] = label
+    for g in range(len(sides.limbs)):
+        gain = 0.0
+        for label in sides.limbs[g]:
+            X = points[label_points[label]]
+            gain += _detection_energy(seen, v, label, X, scale2)
+            gain -= _detection_energy(seen, v, sides.mirror[label], X, scale2)
+        if gain > swap_cost:
+            for label in sides.limbs[g]:
+                source[label] = sides.mirror[label]
+
+
+@njit(cache=True)
+def associate_frame(model, angles, seen, modes, sides, scale, swap_cost, chosen):
+    """Choose one frame's detections by its pose; whether the choice changed.
+
+    `seen` are the `Rays` of the frame as detected, `modes` its `FrameModes`; the choice is written
+    into the `Rays` `chosen`.
+    """
     points, _ = pose_skeleton(model, angles)
     scale2 = scale * scale
-    labels = len(model.label_points)
-    source = np.empty(labels, np.int64)
+    source = np.empty(len(model.label_points), np.int64)
     changed = False
-    for v in range(len(centres)):
-        for label in range(labels):
-            source[label] = label
-        for g in range(len(groups)):
-            gain = 0.0
-            for label in groups[g]:
-                X = points[model.label_points[label]]
-                other = mirror[label]
-                gain += _cost(X, centres[v], rays[v, label], whiten[v, label], weights[v, label],
-                              scale2)  # fmt: skip
-                gain -= _cost(X, centres[v], rays[v, other], whiten[v, other], weights[v, other],
-                              scale2)  # fmt: skip
-            if gain > swap_price:
-                for label in groups[g]:
-                    source[label] = mirror[label]
-        for label in range(labels):
+    for v in range(len(seen.centres)):
+        _unswap(points, model.label_points, seen, v, sides, scale2, swap_cost, source)
+        for label in range(len(source)):
             s = source[label]
-            ray, W, weight = rays[v, s], whiten[v, s], weights[v, s]
-            if len(mode_rays) > 0 and weights[v, label] > 0.0:
+            ray, W, weight = seen.rays[v, s], seen.whiten[v, s], seen.weights[v, s]
+            if len(modes.rays) > 0 and seen.weights[v, label] > 0.0:
                 X = points[model.label_points[label]]
-                best = _cost(X, centres[v], ray, W, weight, scale2)
-                for k in range(len(mode_rays)):
-                    if mode_weights[k, v, label] <= 0.0:
+                best = _energy(X, seen.centres[v], ray, W, weight, scale2)
+                for k in range(len(modes.rays)):
+                    if modes.weights[k, v, label] <= 0.0:
                         continue
-                    cost = price[k, v, label] + _cost(
-                        X, centres[v], mode_rays[k, v, label], mode_whiten[k, v, label],
-                        mode_weights[k, v, label], scale2,
+                    energy = modes.cost[k, v, label] + _energy(
+                        X, seen.centres[v], modes.rays[k, v, label], modes.whiten[k, v, label],
+                        modes.weights[k, v, label], scale2,
                     )  # fmt: skip
-                    if cost < best:
-                        best = cost
-                        ray, W = mode_rays[k, v, label], mode_whiten[k, v, label]
-                        weight = mode_weights[k, v, label]
-            if (out_weights[v, label] != weight or out_rays[v, label, 0] != ray[0]
-                    or out_rays[v, label, 1] != ray[1]):  # fmt: skip
+                    if energy < best:
+                        best = energy
+                        ray, W = modes.rays[k, v, label], modes.whiten[k, v, label]
+                        weight = modes.weights[k, v, label]
+            if (chosen.weights[v, label] != weight or chosen.rays[v, label, 0] != ray[0]
+                    or chosen.rays[v, label, 1] != ray[1]):  # fmt: skip
                 changed = True
-                out_rays[v, label] = ray
-                out_whiten[v, label] = W
-                out_weights[v, label] = weight
+                chosen.rays[v, label] = ray
+                chosen.whiten[v, label] = W
+                chosen.weights[v, label] = weight
     return changed
-
-
-assert len(LABELS) == len(_MIRROR)

@@ -1,9 +1,7 @@
-"""Cameras that are not quite where, or when, the rig file says: estimated along with the motion.
+"""Estimation of a constant time lag and a small rotation of every view against the first.
 
-Every view but the first may lag by a constant time and be turned by a constant small rotation. Both
-are found by Gauss-Newton on the energy of a whole window of frames, with the poses eliminated (the
-Schur complement of their banded normal equations), so that what the pose can explain as well counts
-for nothing.
+Gauss-Newton on the energy of a window of frames, with the poses eliminated by the Schur complement
+of their banded normal equations.
 
 Source: Triggs et al. 2000, "Bundle adjustment - a modern synthesis", section 6.1.
 """
@@ -25,30 +23,30 @@ from egocap.pose.observations import Observations
 from egocap.track.smoother import interval_system
 
 WINDOW = 400
-"""Frames that are enough to tell; of a longer motion the middle ones are taken."""
-OFFSET_S, TURN = 0.02, np.deg2rad(1.0)
-"""Scatter of time offsets and rotations that is expected before any is seen."""
+"""Frames used; the middle ones of a longer motion."""
+LAG_SIGMA_S, ROTATION_SIGMA = 0.02, np.deg2rad(1.0)
+"""Prior standard deviations of lags and rotations."""
 _PARAMETERS = 4  # of a view: lag and rotation
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """How the views differ from the rig file."""
+    """Lags and rotations of the views relative to the rig file."""
 
-    lag_s: Float[Array, "V"]  # by which a view's pictures are later than the first view's
-    rotation: Float[Array, "V 3"]  # rad, axis times angle in the head frame: turns its rays right
+    lag_s: Float[Array, "V"]  # of a view's images behind the first view's
+    rotation: Float[Array, "V 3"]  # rad, axis times angle in the head frame: corrects its rays
 
     @classmethod
     def none(cls, views: int) -> Alignment:
-        """Everything as the rig file says."""
+        """No lag and no rotation."""
         return cls(np.zeros(views), np.zeros((views, 3)))
 
     def aligned(self, observations: Observations, joints: Float[Array, "T 18 3"]) -> Observations:
-        """The observations as they would be without lag and rotation, about a track's joints."""
+        """The observations corrected for lag and rotation, about a track's joints."""
         rays, whiten = observations.rays.copy(), observations.whiten.copy()
         _, drift = _directions(observations, joints)
         for v, (lag, turn) in enumerate(zip(self.lag_s, self.rotation, strict=True)):
-            # Rays and what measures across them turn together, the lag's turn after the camera's.
+            # Rays and whiteners turn together, first by the rotation, then by the lag.
             R = axis_angle(unit(turn), float(np.linalg.norm(turn)))
             rays[:, v] = rays[:, v] @ R.T
             back = -lag * np.cross(rays[:, v], drift[:, v])
@@ -75,7 +73,7 @@ def improve(
     S = curvature - cross.T @ _solve_poses(angles, seen, model, config, cross)
     views = len(observations.centres)
     current = np.concatenate([alignment.lag_s[1:, None], alignment.rotation[1:]], 1).ravel()
-    expected = np.tile([OFFSET_S, TURN, TURN, TURN], views - 1) ** -2.0
+    expected = np.tile([LAG_SIGMA_S, *3 * [ROTATION_SIGMA]], views - 1) ** -2.0
     free = np.tile([config.synchronise] + 3 * [config.align_cameras], views - 1)
     S, right = S + np.diag(expected), gradient + expected * current
     step = np.zeros(len(current))
@@ -104,7 +102,7 @@ def _normal_equations(
     seen: Observations, joints: Float[Array, "T 18 3"], J: Float[Array, "T 18 3 37"],
     config: TrackerConfig,
 ) -> tuple[Float[Array, "P"], Float[Array, "P P"], Float[Array, "N P"]]:  # fmt: skip
-    """Gradient and matrix of the views' parameters, and their coupling to all poses."""
+    """Gradient and matrix of the views' parameters, and the block coupling them to the poses."""
     direction, drift = _directions(seen, joints)
     residual = angular_residual(joints[:, None], seen.centres[:, None], seen.rays, seen.whiten)
     scale2 = config.robust_scale**2
@@ -113,7 +111,7 @@ def _normal_equations(
     arms = joints[:, None] - seen.centres[:, None]
     distance = np.maximum(np.linalg.norm(arms, axis=-1), 1e-3)
     views = len(seen.centres)
-    # A later picture shows the joint further on; turning the ray one way turns the joint back.
+    # A later image shows the joint further on; turning the ray one way turns the joint back.
     by_lag = np.einsum("tvjab,tvjb->tvja", seen.whiten, drift)[..., None]
     crossed = np.cross(direction[..., None, :], np.eye(3))  # d x e_k = -(e_k x d)
     by_turn = np.einsum("tvjab,tvjkb->tvjak", seen.whiten, crossed)

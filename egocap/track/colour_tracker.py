@@ -1,7 +1,7 @@
-"""Following the upper body by colour alone, as pictures come: the paper's live test.
+"""Online tracking of the upper body by colour alone: the paper's live test.
 
-The wearer begins in a known pose, in which the first pictures teach the person's colours. No
-detector runs, so that nothing brings back an arm that is lost; legs stay where they began.
+The person's colours are learned from the first images, in a known pose. There is no detector, so
+that a lost arm is not recovered; legs keep their first pose.
 
 Source: EgoCap 2016, section 6.3 ("Live test").
 """
@@ -23,25 +23,25 @@ from egocap.image_model.colour_term import ColourTerm, ColourTermConfig
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import predict
 from egocap.pose.kernel import make_model, priors
-from egocap.track.online import LivePose, carried_on
-from egocap.track.uncertainty import confidences, joint_covariances
+from egocap.track.online import PoseEstimate, require_later
+from egocap.track.uncertainty import confidences, joint_covariances, update_covariance
 
 TERM = ColourTermConfig(size=64, weight=0.03)
-PRIORS = TrackerConfig(smoothing="none", zeta=0.7, speed=8.0)
-"""Colour alone must follow fast hands from frame to frame: a wider prediction than detections'."""
+PRIORS = TrackerConfig(smoothing="none", zeta=0.7, velocity_sigma=8.0)
+"""A wider prediction than with detections, for fast hands."""
 _STEPS = 4  # Gauss-Newton steps a frame
-_USUAL_S = 1.0 / 30.0
-_KNOWN = 0.2
-"""How well the starting pose is known, in everyday spreads."""
-_DRIFT = TrackerConfig().speed
-"""By how many spreads a second angles may have moved, for how sure a pose is."""
+_FRAME_S = 1.0 / 30.0  # before the first frame
+_START_SIGMA = 0.2
+"""Standard deviation of the first pose, in each angle's prior deviation."""
+_DRIFT = TrackerConfig().velocity_sigma
+"""Standard deviation of the motion for the covariance, in prior deviations per second."""
 
 
 class ColourTracker:
-    """Follows a person of known proportions from a known pose. Not to be shared between threads.
+    """Tracks a person of known proportions from a known pose. Not to be shared between threads.
 
-    `start` are the angles of the first picture; those of the legs stay. With `rng`, every frame is
-    solved by the paper's descent over random pixels and Gaussians, else by Gauss-Newton.
+    `start` are the angles of the first frame. With `rng`, every frame is solved by the paper's
+    descent over random pixels and Gaussians, else by Gauss-Newton.
     """
 
     def __init__(
@@ -53,21 +53,19 @@ class ColourTracker:
         self._model = make_model(proportions, PRIORS)
         self._time = -np.inf
         self._last = self._before = self._start
-        self._covariance = np.diag(np.square(_KNOWN * SPREAD))
+        self._covariance = np.diag(np.square(_START_SIGMA * SPREAD))
         self._term: ColourTerm | None = None
         self._solver: ImageSolver | None = None
 
-    def step(self, images: Sequence[UInt8[Array, "H W 3"] | None], time: float) -> LivePose:
-        """The pose in the next pictures (s, later than the last), one a view.
+    def step(self, images: Sequence[UInt8[Array, "H W 3"] | None], time: float) -> PoseEstimate:
+        """The pose in the next images, one a view, at a time in seconds.
 
-        Where a picture is missing the pose stays. Raises InputError for a time that is not later
-        than the last, another number of pictures than of views, and when the very first is missing.
+        The pose stays if an image is missing. Raises InputError for a time that is not later than
+        the last, another number of images than of views, and if one of the first is missing.
         """
-        if not time > self._time:
-            raise InputError(f"a frame of {time:g} s after one of {self._time:g} s",
-                             valid="later ones")  # fmt: skip
+        elapsed = require_later(time, self._time)
         there = [image for image in images if image is not None]
-        elapsed = time - self._time if np.isfinite(self._time) else _USUAL_S
+        elapsed = elapsed if np.isfinite(elapsed) else _FRAME_S
         self._time = time
         if self._term is None or self._solver is None:
             if len(there) < len(images):
@@ -79,10 +77,10 @@ class ColourTracker:
         return self._pose(time, elapsed, self._follow(there, elapsed))
 
     def learn(self, images: Sequence[UInt8[Array, "H W 3"]]) -> None:
-        """Learn the person's colours from pictures of all views in the starting pose.
+        """Learn the person's colours from images of all views in the starting pose.
 
-        Takes a second or more; the first `step` does it where it was not done before. Raises
-        InputError for pictures of another aspect than the rig's.
+        Takes a second or more; the first `step` does it if it was not done before. Raises
+        InputError for images of another aspect than the rig's.
         """
         shown = [(images, self._start)]
         self._term = ColourTerm.learned(self.rig, self.proportions, shown, self._settings)
@@ -96,7 +94,7 @@ class ColourTracker:
         predicted = np.where(
             UPPER_BODY, predict(self._last, self._before, PRIORS.zeta), self._start
         )
-        scatter = np.maximum(PRIORS.speed * elapsed * SPREAD, 1e-3)
+        scatter = np.maximum(PRIORS.velocity_sigma * elapsed * SPREAD, 1e-3)
         if self._rng is None:
             found = self._solver.solve(colours, predicted, predicted, scatter)
         else:
@@ -105,18 +103,18 @@ class ColourTracker:
         self._term.settle(found.angles)
         return found
 
-    def _pose(self, time: float, elapsed: float, found: Solution | None) -> LivePose:
-        """The pose as it is, and how sure the past and, where it was found by them, colours are."""
+    def _pose(self, time: float, elapsed: float, found: Solution | None) -> PoseEstimate:
+        """The current pose, and its confidence by the past and, if it was solved, by colour."""
         H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
         priors(self._model, self._last, H, g)
         H = H + np.tril(H, -1).T
         if found is not None:
             assert self._term is not None
             self._term.add(self._last, H, g, UPPER_BODY, found.colour)
-        self._covariance = carried_on(H, self._covariance, _DRIFT * elapsed)
+        self._covariance = update_covariance(self._covariance, H, _DRIFT * elapsed)
         covariance = joint_covariances(
             self.proportions, self._last[None], self._covariance[None], PRIORS.model_error_m
         )
         joints = forward(self.proportions, self._last)
-        return LivePose(time, self._last, joints, confidences(covariance)[0],
+        return PoseEstimate(time, self._last, joints, confidences(covariance)[0],
                         found is not None and found.converged)  # fmt: skip

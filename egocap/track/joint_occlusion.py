@@ -1,8 +1,7 @@
-"""Why a joint is not seen: out of view, behind the wearer's own body, or something else.
+"""Occlusion of joints by cause: out of view, the wearer's own body, or another.
 
-The detector says whether it sees a joint; the tracked pose and the volumetric body say whether it
-should. A joint that nothing of the body hides and that the detector does not see is behind an
-object, or the detector missed it: no more is known.
+The tracked pose and the volumetric body predict the first two. Another cause is an object or a miss
+of the detector: the two cannot be distinguished.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from egocap.data.detections import Detections
 from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
 from egocap.image_model.occlusion import DEPTH, optical_depths
 
-SURE = 0.5
-"""Confidence from which a detector counts as seeing a joint."""
+DETECTED = 0.5
+"""Confidence from which a joint counts as visible."""
 
 
-def why_hidden(
+def occlusion_causes(
     angles: Float[Array, "T 37"], detections: Detections, rig: Rig, proportions: Proportions
 ) -> UInt8[Array, "T V 18"]:
     """The cause for every joint in every view, in the codes of `egocap.data.track.HIDDEN`."""
@@ -31,7 +30,7 @@ def why_hidden(
     inside = np.moveaxis(rig.project(joints)[1], 0, 1)
     body = GaussianBody.from_proportions(proportions)
     behind = optical_depths(angles, joints, body, rig) >= DEPTH
-    found = detections.valid & (np.nan_to_num(detections.confidence) >= SURE)
+    found = detections.valid & (np.nan_to_num(detections.confidence) >= DETECTED)
     cause = np.where(behind, SELF_OCCLUDED, OCCLUDED)
     cause = np.where(inside, cause, OUT_OF_VIEW)
     return np.where(found, VISIBLE, cause).astype(np.uint8)

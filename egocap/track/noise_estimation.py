@@ -1,14 +1,10 @@
-"""How accurate detections really are, from how they scatter about the track made of them.
+"""Estimation of a detector's noise from the residuals of a track: standard deviation, correlation.
 
-A learned detector states an accuracy that was true of the footage it was trained on, and its errors
-in one frame resemble those in the next. Both are seen in the residuals: their median against that
-of the stated Gaussian, and their correlation from frame to frame. Accuracy is only ever lowered.
-
-The smoother takes the second by half. Errors that last are slow, and the slow part of a motion is
-not what smoothing takes away: with the weight of the few independent frames alone, robust terms
-give whole limbs up and priors lead them astray; with the full weight, more of the detector's
-shaking comes through. How sure a track is goes by the slow part, where a run of frames tells little
-more than one: its covariance takes both.
+The standard deviation of a label is the median of its residuals relative to that of the stated
+Gaussian, and is never lowered. The correlation from frame to frame reduces the number of
+independent frames. The smoother applies half of that reduction (an exponent of 0.5): without any,
+jitter of the detector remains; with all of it, robust terms reject whole limbs and priors dominate.
+Covariances apply all of it.
 """
 
 from __future__ import annotations
@@ -25,87 +21,89 @@ from egocap.pose.observations import Observations
 
 _MEDIAN = 2.0 * np.log(2.0)
 """Median of the squared length of a standard Gaussian in the plane."""
-_ENOUGH = 60
-"""Detections of one joint from which its own accuracy is estimated."""
-_WIDEST = 5.0
-_MEMORY = 0.5
-"""Exponent of the share of independent frames, as a weight of detections while smoothing."""
-_LONGEST = 0.9  # correlation that is believed
-_CLIP = 3.0  # standard deviations; what lies farther says little of everyday errors
+_MIN_SAMPLES = 60
+"""Detections of a label from which its own standard deviation is estimated."""
+_MAX_FACTOR = 5.0
+_SMOOTHER_EXPONENT = 0.5
+"""Exponent of the fraction of independent frames, as the smoother's weight of detections."""
+_MAX_CORRELATION = 0.9
+_CLIP = 3.0  # standard deviations, beyond which a residual is clipped
 
 
 @dataclass(frozen=True, eq=False)
-class Accuracy:
-    """What the residuals say: factors on the stated standard deviations, and correlation."""
+class NoiseEstimate:
+    """Factors on the stated standard deviations, and correlation from frame to frame."""
 
-    widening: Float[Array, "18"]  # at least 1
-    correlation: float  # of one detection's errors in successive frames, 0 to below 1
+    sigma_factor: Float[Array, "18"]  # at least 1
+    correlation: float  # 0 to below 1
 
     @property
-    def share(self) -> float:
-        """Of the frames, how many count as independent."""
+    def independent_fraction(self) -> float:
+        """Fraction of the frames that count as independent."""
         return (1.0 - self.correlation) / (1.0 + self.correlation)
 
     @property
-    def matters(self) -> bool:
-        """Whether it differs from what was stated by enough to solve again."""
-        return bool(self.widening.max() > 1.05 or self.correlation > 0.05)
+    def is_significant(self) -> bool:
+        """Whether it differs enough from the stated noise to solve again."""
+        return bool(self.sigma_factor.max() > 1.05 or self.correlation > 0.05)
 
 
-def measure_accuracy(
+def estimate_noise(
     angles: Float[Array, "T 37"], observations: Observations, proportions: HasOffsets
-) -> Accuracy:
-    """Accuracy of the detections as the poses show it; as stated where there are too few."""
+) -> NoiseEstimate:
+    """The detections' noise given the poses; as stated where there are too few."""
     joints = forward(proportions, angles)[:, None]
     residual = angular_residual(
         joints, observations.centres[:, None], observations.rays, observations.whiten
     )
-    there = observations.weights > 0.0
+    valid = observations.weights > 0.0
     squared = np.sum(residual**2, axis=-1)
-    everywhere = _widening(squared, there)
-    widening = np.array([
-        _widening(squared[..., j], there[..., j]) if there[..., j].sum() >= _ENOUGH else everywhere
+    overall = _sigma_factor(squared, valid)
+    factor = np.array([
+        _sigma_factor(squared[..., j], valid[..., j])
+        if valid[..., j].sum() >= _MIN_SAMPLES else overall
         for j in range(squared.shape[-1])
     ])  # fmt: skip
-    whitened = residual / widening[:, None]
-    return Accuracy(widening, min(lasting(whitened, there), _LONGEST))
+    correlation = autocorrelation(residual / factor[:, None], valid)
+    return NoiseEstimate(factor, min(correlation, _MAX_CORRELATION))
 
 
-def lasting(residual: Float[Array, "T V 18 2"], there: Bool[Array, "T V 18"]) -> float:
-    """Correlation of detections' errors, in standard deviations, from each frame to the next.
+def autocorrelation(residual: Float[Array, "T V 18 2"], valid: Bool[Array, "T V 18"]) -> float:
+    """Correlation of residuals, in standard deviations, from each frame to the next: 0 to 0.99.
 
-    0 to 0.99; 0 where there are too few to tell.
+    0 where there are too few.
     """
-    both = there[1:] & there[:-1]
-    if np.count_nonzero(both) < _ENOUGH:
+    both = valid[1:] & valid[:-1]
+    if np.count_nonzero(both) < _MIN_SAMPLES:
         return 0.0
     now, then = (np.clip(part[both], -_CLIP, _CLIP) for part in (residual[1:], residual[:-1]))
     power = 0.5 * (np.sum(now**2) + np.sum(then**2))
     return float(np.clip(np.sum(now * then) / max(power, 1e-12), 0.0, 0.99))
 
 
-def recalibrated(observations: Observations, accuracy: Accuracy) -> Observations:
-    """The observations with that accuracy, for smoothing."""
-    narrow, say = 1.0 / accuracy.widening[:, None, None], accuracy.share**_MEMORY
+def apply_noise(observations: Observations, noise: NoiseEstimate) -> Observations:
+    """The observations with that noise, for the smoother."""
+    scale = 1.0 / noise.sigma_factor[:, None, None]
+    weight = noise.independent_fraction**_SMOOTHER_EXPONENT
     modes = observations.modes
     if modes is not None:
-        modes = replace(modes, whiten=modes.whiten * narrow, weights=modes.weights * say)
+        modes = replace(modes, whiten=modes.whiten * scale, weights=modes.weights * weight)
     return replace(
-        observations, whiten=observations.whiten * narrow, weights=observations.weights * say,
+        observations, whiten=observations.whiten * scale, weights=observations.weights * weight,
         modes=modes,
     )  # fmt: skip
 
 
-def independent(observations: Observations, accuracy: Accuracy) -> Observations:
-    """What was `recalibrated`, weighed as if no frame told again what the last one did.
+def weight_as_independent(observations: Observations, noise: NoiseEstimate) -> Observations:
+    """Observations of `apply_noise` with the weights of independent frames alone, for covariances.
 
-    For what all frames together tell; modes are left out.
+    Modes are left out.
     """
-    left = accuracy.share ** (1.0 - _MEMORY)
-    return replace(observations, weights=observations.weights * left, modes=None)
+    rest = noise.independent_fraction ** (1.0 - _SMOOTHER_EXPONENT)
+    return replace(observations, weights=observations.weights * rest, modes=None)
 
 
-def _widening(squared: Array, there: Bool[Array, "*same"]) -> float:
-    if np.count_nonzero(there) < _ENOUGH:
+def _sigma_factor(squared: Array, valid: Bool[Array, "*same"]) -> float:
+    if np.count_nonzero(valid) < _MIN_SAMPLES:
         return 1.0
-    return float(np.clip(np.sqrt(np.median(squared[there]) / _MEDIAN), 1.0, _WIDEST))
+    return float(np.clip(np.sqrt(np.median(squared[valid]) / _MEDIAN), 1.0, _MAX_FACTOR))

@@ -1,4 +1,4 @@
-"""The live pass: every frame solved from its past alone, recovering from scratch when lost."""
+"""The online filter: every frame solved given its past, and initialised again when lost."""
 
 from __future__ import annotations
 
@@ -13,173 +13,139 @@ from egocap.pose.energy import acceleration_stencil, predict, pseudo_huber
 from egocap.pose.initial_poses import start_poses
 from egocap.pose.kernel import Model, detections, priors, squared_residuals
 from egocap.pose.observations import Observations
-from egocap.pose.solver import solve_frame
-from egocap.track.association import can_choose, choose
+from egocap.pose.solver import NO_PREDICTION, Prediction, solve_frame
+from egocap.track.association import associate, needs_association
 
-_WIDENING = (10.0, 3.0)
-"""Factors on the robust scale while a pose is sought: far residuals must pull at first."""
-_NO_SCATTER = np.zeros(0)
+_SEARCH_SCALES = (10.0, 3.0)
+"""Factors on the robust scale while a pose is searched: large residuals must count at first."""
 _LIMBS = np.array([
     [LABEL_INDEX[f"{side}_{part}"] for part in parts]
     for side in ("left", "right")
     for parts in (("elbow", "wrist", "hand"), ("knee", "ankle", "foot"))
 ])  # fmt: skip
-_TELLING = 3  # detections of a limb from which its disagreement counts
+_MIN_LIMB_DETECTIONS = 3  # of one limb in all views, to test its inlier ratio
 
 
-def track_causally(
-    observations: Observations, model: Model, config: TrackerConfig
-) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
-    """Angles and convergence of every frame, each from the frames before it."""
-    return follow(observations, model, config)[:2]
-
-
-def follow(
+def filter_sequence(
     observations: Observations, model: Model, config: TrackerConfig
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"], Observations]:
-    """Angles and convergence as `track_causally`, and the places that were taken."""
-    follower, taken = Follower(model, config), observations[:]
+    """Angles and convergence of every frame given its past, and the detections chosen."""
+    online, chosen = OnlineFilter(model, config), observations[:]
     angles = np.zeros((len(observations.times), DOF_COUNT))
     converged = np.zeros(len(angles), bool)
     for t in range(len(angles)):
-        angles[t], converged[t], frame = follower.step(observations[t : t + 1])
-        taken.rays[t], taken.whiten[t] = frame.rays[0], frame.whiten[0]
-        taken.weights[t] = frame.weights[0]
-    return angles, converged, taken
+        angles[t], converged[t], frame = online.step(observations[t : t + 1])
+        chosen.rays[t], chosen.whiten[t] = frame.rays[0], frame.whiten[0]
+        chosen.weights[t] = frame.weights[0]
+    return angles, converged, chosen
 
 
-class Follower:
-    """Follows a person one frame at a time, and searches afresh when the track is lost."""
+class OnlineFilter:
+    """Solves one frame after another."""
 
     def __init__(self, model: Model, config: TrackerConfig) -> None:
         self.model, self.config = model, config
         self._past: list[tuple[float, Float[Array, "37"]]] = []  # the last two times and poses
-        self._retry = -np.inf
+        self._reinit_time = -np.inf
 
     def step(self, proposed: Observations) -> tuple[Float[Array, "37"], bool, Observations]:
-        """Angles of the next frame (T = 1), convergence, and the places that were taken."""
-        time, taken = float(proposed.times[0]), proposed[:]
-        choosing = can_choose(proposed, self.config)
+        """Angles of the next frame (T = 1), convergence, and the detections chosen."""
+        time, chosen = float(proposed.times[0]), proposed[:]
+        choosing = needs_association(proposed, self.config)
         angles, converged = np.zeros(DOF_COUNT), False
-        frame = _Frame(taken, 0, self.model, self.config)
+        frame = _FrameSolver(chosen, self.model, self.config)
         if self._past:
-            predicted, scatter = self._predict(time)
+            prediction = self._predict(time)
             if choosing:
-                choose(predicted[None], proposed, taken, self.model, self.config)
-            angles, converged = frame.solve(predicted, scatter)
-        if time >= self._retry and not (self._past and frame.agrees(angles)):
+                associate(prediction.mean[None], proposed, chosen, self.model, self.config)
+            angles, _, converged, _ = frame.solve(prediction.mean, prediction)
+        if time >= self._reinit_time and not (self._past and frame.fits(angles)):
             cost = jump_cost(self.config) if self._past else -np.inf
             angles, converged = frame.search(angles, cost)
-            if choosing and choose(angles[None], proposed, taken, self.model, self.config):
-                angles, converged = frame.refine(angles)
-            if not frame.agrees(angles):
-                self._retry = time + self.config.retry_s
+            if choosing and associate(angles[None], proposed, chosen, self.model, self.config):
+                angles, _, converged, _ = frame.solve(angles)
+            if not frame.fits(angles):
+                self._reinit_time = time + self.config.reinit_interval_s
         self._past = [*self._past[-1:], (time, angles)]
-        return angles, converged, taken
+        return angles, converged, chosen
 
-    def _predict(self, time: float) -> tuple[Float[Array, "37"], Float[Array, "37"]]:
-        """The pose expected now, and its scatter."""
+    def _predict(self, time: float) -> Prediction:
         (before_time, before), (last_time, last) = self._past[0], self._past[-1]
         step = time - last_time
-        # After a pause (dropped frames) the last velocity says nothing.
-        fresh = len(self._past) < 2 or step > 2.0 * (last_time - before_time)
-        predicted = predict(last, last if fresh else before, self.config.zeta)
-        return predicted, self.config.speed * step * SPREAD
+        # The last velocity does not hold after dropped frames.
+        gap = len(self._past) < 2 or step > 2.0 * (last_time - before_time)
+        predicted = predict(last, last if gap else before, self.config.zeta)
+        return Prediction(predicted, self.config.velocity_sigma * step * SPREAD)
 
 
-class _Frame:
-    """One frame's data beside the model and settings."""
+class _FrameSolver:
+    """Solves one frame of detections."""
 
-    def __init__(
-        self, observations: Observations, t: int, model: Model, config: TrackerConfig
-    ) -> None:
-        self.data = (
-            observations.centres, observations.rays[t], observations.whiten[t],
-            observations.weights[t],
-        )  # fmt: skip
-        self.model, self.config = model, config
+    def __init__(self, observations: Observations, model: Model, config: TrackerConfig) -> None:
+        self.seen, self.model, self.config = observations.frame(0), model, config
 
     def solve(
-        self, predicted: Float[Array, "37"], scatter: Float[Array, "37"]
-    ) -> tuple[Float[Array, "37"], bool]:
-        """Solve with a prediction and its scatter; returns angles and convergence."""
-        angles, _, converged, _ = solve_frame(
-            self.model, predicted, predicted, scatter, *self.data, float(self.config.robust_scale),
-            int(self.config.max_iterations), self.config.tolerance,
+        self, start: Float[Array, "37"], prediction: Prediction = NO_PREDICTION,
+        scale_factor: float = 1.0, iterations: int | None = None,
+    ) -> tuple[Float[Array, "37"], float, bool, int]:  # fmt: skip
+        """Angles, energy, converged, steps."""
+        steps = self.config.max_iterations if iterations is None else iterations
+        return solve_frame(
+            self.model, start, prediction, self.seen,
+            float(scale_factor * self.config.robust_scale), int(steps),
+            float(self.config.tolerance),
         )  # fmt: skip
-        return angles, converged
 
     def search(self, tracked: Float[Array, "37"], cost: float) -> tuple[Float[Array, "37"], bool]:
-        """The lowest energy reached from all starting poses; the tracked pose is `cost` ahead."""
-        found = [self._minimise(tracked, 1.0)]
+        """The best result from all initial poses; leaving the tracked pose costs `cost`."""
+        found = [self.solve(tracked)]
         for start in start_poses():
-            near = start
-            for widening in _WIDENING:
-                near = self._minimise(near, widening)[0]
-            found.append(self._minimise(near, 1.0))
+            pose = start
+            for factor in _SEARCH_SCALES:
+                pose = self.solve(pose, scale_factor=factor)[0]
+            found.append(self.solve(pose))
         angles, energy, converged, _ = min(found, key=lambda result: result[1])
-        _, held, _, _ = self._minimise(tracked, 1.0, iterations=0)
-        return (angles, converged) if energy + cost < held else (tracked, False)
+        _, tracked_energy, _, _ = self.solve(tracked, iterations=0)
+        return (angles, converged) if energy + cost < tracked_energy else (tracked, False)
 
-    def refine(self, angles: Float[Array, "37"]) -> tuple[Float[Array, "37"], bool]:
-        """Solve from a pose, without a prediction."""
-        refined, _, converged, _ = self._minimise(angles, 1.0)
-        return refined, converged
-
-    def agrees(self, angles: Float[Array, "37"]) -> bool:
-        """Whether enough of the frame's detections agree with the pose, and half of every limb's.
-
-        A limb in a wrong pose is few among all detections, and nothing else would set it free.
-        """
-        weights = self.data[3]
+    def fits(self, angles: Float[Array, "37"]) -> bool:
+        """Whether enough of the frame's detections are inliers, and half of every limb's."""
+        weights = self.seen.weights
         squared = np.empty_like(weights)
-        squared_residuals(self.model, angles, *self.data, squared)
-        there, close = weights > 0.0, squared < self.config.agreement**2
-        if np.count_nonzero(close) < self.config.lost_share * np.count_nonzero(there):
+        squared_residuals(self.model, angles, self.seen, squared)
+        valid, inlier = weights > 0.0, squared < self.config.inlier_threshold**2
+        if np.count_nonzero(inlier) < self.config.min_inlier_ratio * np.count_nonzero(valid):
             return False
-        seen, agreeing = there[:, _LIMBS].sum((0, 2)), close[:, _LIMBS].sum((0, 2))
-        return not np.any((seen >= _TELLING) & (2 * agreeing < seen))
-
-    def _minimise(
-        self, start: Float[Array, "37"], widening: float, iterations: int | None = None
-    ) -> tuple[Float[Array, "37"], float, bool, int]:
-        """Solve without a prediction; returns angles, energy, converged, steps."""
-        steps = int(self.config.max_iterations) if iterations is None else iterations
-        return solve_frame(
-            self.model, start, start, _NO_SCATTER, *self.data,
-            widening * self.config.robust_scale, steps, self.config.tolerance,
-        )  # fmt: skip
+        of_limbs, inliers = valid[:, _LIMBS].sum((0, 2)), inlier[:, _LIMBS].sum((0, 2))
+        return not np.any((of_limbs >= _MIN_LIMB_DETECTIONS) & (2 * inliers < of_limbs))
 
 
-def track_both_ways(
+def filter_both_ways(
     observations: Observations, model: Model, config: TrackerConfig
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
-    """The better of a forward and a backward pass in every frame.
-
-    What the forward pass loses until it recovers, the backward pass has from the other side.
-    """
-    forward, forward_done, there = follow(observations, model, config)
-    backward, backward_done, back = follow(observations.reversed, model, config)
-    takes = there, back.reversed
+    """Angles and convergence: in every frame the better of a forward and a backward pass."""
+    forward, forward_done, chosen = filter_sequence(observations, model, config)
+    backward, backward_done, back = filter_sequence(observations.reversed, model, config)
     both = np.stack([forward, backward[::-1]])
     done = np.stack([forward_done, backward_done[::-1]])
     energies = np.stack([
-        frame_energies(a, taken, model, config) for a, taken in zip(both, takes, strict=True)
+        frame_energies(angles, seen, model, config)
+        for angles, seen in zip(both, (chosen, back.reversed), strict=True)
     ])  # fmt: skip
-    choice = cheapest_path(energies, jump_cost(config))
-    frames = np.arange(len(choice))
-    return both[choice, frames], done[choice, frames]
+    path = cheapest_path(energies, jump_cost(config))
+    frames = np.arange(len(path))
+    return both[path, frames], done[path, frames]
 
 
 def jump_cost(config: TrackerConfig) -> float:
-    """Energy that leaving a continuous motion must save: so many wholly wrong detections."""
-    return config.jump_gain * 0.5 * config.lambda_detection * config.robust_scale**2
+    """Energy that leaving a continuous motion must save: that of `reinit_gain` outliers."""
+    return config.reinit_gain * 0.5 * config.lambda_detection * config.robust_scale**2
 
 
 def cheapest_path(costs: Float[Array, "S T"], change: float) -> Int[Array, "T"]:
-    """Choose one of S states in each of T frames at the least sum of costs and of changes.
+    """The states, one of S in each of T frames, of the least sum of costs and of changes.
 
-    Source: Viterbi 1967, with the same price for every change of state.
+    Source: Viterbi 1967, with the same cost for every change of state.
     """
     states, frames = costs.shape
     total, came_from = costs[:, 0].copy(), np.zeros((states, frames), int)
@@ -212,14 +178,12 @@ def term_energies(
     energies = np.zeros((len(angles), 4))
     H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
     for t, pose in enumerate(np.ascontiguousarray(angles)):
-        data = observations.centres, observations.rays[t], observations.whiten[t]
-        energies[t, 0] = detections(
-            model, pose, *data, observations.weights[t], float(config.robust_scale), H, g
-        )
+        seen = observations.frame(t)
+        energies[t, 0] = detections(model, pose, seen, float(config.robust_scale), H, g)
         energies[t, 1] = priors(model, pose, H, g)
     if len(angles) > 2:
         stencil = acceleration_stencil(observations.times)[:-2]
         parts = [stencil[:, k, None] * angles[k : len(angles) - 2 + k] for k in range(3)]
-        pushed = np.sum(parts, 0) / (config.acceleration * AGILITY)
-        energies[2:, 2] = pseudo_huber(pushed).sum(1)
+        accelerations = np.sum(parts, 0) / (config.acceleration_sigma * AGILITY)
+        energies[2:, 2] = pseudo_huber(accelerations).sum(1)
     return energies

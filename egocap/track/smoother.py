@@ -1,9 +1,8 @@
-"""All frames together: fixed-interval smoothing, and the paper's Gaussian low-pass.
+"""Fixed-interval smoother over all frames, and the paper's Gaussian low-pass.
 
 The interval smoother minimises the sum of all frames' energies and of the accelerations between
-them, by damped Gauss-Newton. The unknowns of a frame meet those of the next two only, so the normal
-equations are banded and a step costs a fraction of a millisecond a frame. Where a joint is hidden,
-its motion before and after carries it; where it is seen, neighbouring frames average its noise.
+them, by damped Gauss-Newton. A frame's unknowns are coupled to those of the next two only: the
+normal equations are banded, and a step takes a fraction of a millisecond a frame.
 
 Source: Bell 1994, "The iterated Kalman smoother as a Gauss-Newton method", SIAM J. Optimization;
 Gaussian low-pass: EgoCap 2016, section 4.4.
@@ -19,25 +18,24 @@ from numpy import ndarray as Array
 from egocap.body.skeleton import AGILITY, DOF_COUNT
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
-from egocap.pose.kernel import Model, detections, priors, pulled
-from egocap.pose.motion_prior import NO_GUIDE, Guide
-from egocap.pose.observations import Observations
+from egocap.pose.kernel import Model, detections, motion_term, priors
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
+from egocap.pose.observations import Observations, Rays
 
 WINDOW, MARGIN = 400, 40
-"""Frames solved at once, and frames on either side that only lend them their context."""
+"""Frames solved at once, and frames of context on either side."""
 BAND = 2 * DOF_COUNT
 _SETTLED = 1e-3
-"""A frame whose last step was under so many radians counts as converged, whatever its window."""
+"""Last step of a frame, rad, below which it has converged even if its window has not."""
 
 
 def smooth_interval(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
-    guide: Guide = NO_GUIDE,
+    prediction: MotionPrediction = NO_MOTION_PREDICTION,
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
-    """Refine a causal track with the future. Returns angles and convergence of every frame.
+    """Refine a track with past and future frames. Returns angles and convergence of every frame.
 
-    Long motions are solved in overlapping windows, so that memory stays flat. A guide pulls every
-    frame towards what the motion prior expects, with `lambda_motion`.
+    Long motions are solved in overlapping windows. `prediction` adds the motion prior's term.
     """
     refined, converged = angles.copy(), np.zeros(len(angles), bool)
     for first in range(0, len(angles), WINDOW):
@@ -45,7 +43,7 @@ def smooth_interval(
         low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
         window = slice(low, high)
         solved, done = _solve_window(
-            angles[window], observations[window], model, config, guide[window]
+            angles[window], observations[window], model, config, prediction[window]
         )
         refined[first:last] = solved[first - low : last - low]
         converged[first:last] = done[first - low : last - low]
@@ -54,16 +52,15 @@ def smooth_interval(
 
 def interval_system(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
-    guide: Guide = NO_GUIDE,
+    prediction: MotionPrediction = NO_MOTION_PREDICTION,
 ) -> tuple[float, Float[Array, "75 N"], Float[Array, "N"]]:  # fmt: skip
-    """What `smooth_interval` minimises, its Gauss-Newton matrix as LAPACK's band, its gradient."""
+    """Energy of all frames, its Gauss-Newton matrix as LAPACK's band, and its gradient."""
     size = len(angles) * DOF_COUNT
     bands, gradient = np.zeros((BAND + 1, size), order="F"), np.zeros(size)
     energy = assemble(
-        model, np.ascontiguousarray(angles), observations.centres, observations.rays,
-        observations.whiten, observations.weights, float(config.robust_scale),
-        acceleration_stencil(observations.times), config.acceleration * AGILITY, guide.mean,
-        config.lambda_motion * guide.precision, bands, gradient,
+        model, np.ascontiguousarray(angles), observations.arrays, float(config.robust_scale),
+        acceleration_stencil(observations.times), config.acceleration_sigma * AGILITY,
+        prediction.mean, config.lambda_motion * prediction.precision, bands, gradient,
     )  # fmt: skip
     return float(energy), bands, gradient
 
@@ -84,11 +81,11 @@ def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[
 
 def _solve_window(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
-    guide: Guide,
+    prediction: MotionPrediction,
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
     from scipy.linalg import LinAlgError, solveh_banded
 
-    known = observations, model, config, guide
+    known = observations, model, config, prediction
     energy, bands, gradient = interval_system(angles, *known)
     damping, last_step = 1e-4, np.full(angles.shape, np.inf)
     for _ in range(int(config.max_iterations)):
@@ -114,15 +111,12 @@ def _solve_window(
 
 
 @njit(cache=True)
-def assemble(
-    model, angles, centres, rays, whiten, weights, scale, stencil, density, goal, pull, bands,
-    gradient,
-):  # fmt: skip
+def assemble(model, angles, seen, scale, stencil, density, mean, precision, bands, gradient):
     """Energy of a window; its Gauss-Newton matrix into `bands` (75, T*37), gradient into (T*37,).
 
-    Frames are pulled to `goal` (T, 37) with the precision `pull` (T, 37, 37); both may be empty.
-
-    `bands[k, i]` is element (i + k, i), as LAPACK stores a symmetric band.
+    `seen` are the `Rays` of all frames. `mean` (T, 37) and `precision` (T, 37, 37) are the motion
+    prior's; both may be empty. `bands[k, i]` is element (i + k, i), as LAPACK stores a symmetric
+    band.
     """
     frames, dofs = angles.shape
     H, g = np.empty((dofs, dofs)), np.empty(dofs)
@@ -130,10 +124,11 @@ def assemble(
     for t in range(frames):
         H[:] = 0.0
         g[:] = 0.0
-        energy += detections(model, angles[t], centres, rays[t], whiten[t], weights[t], scale, H, g)
+        frame = Rays(seen.centres, seen.rays[t], seen.whiten[t], seen.weights[t])
+        energy += detections(model, angles[t], frame, scale, H, g)
         energy += priors(model, angles[t], H, g)
-        if len(goal) > 0:
-            energy += pulled(angles[t], goal[t], pull[t], H, g)
+        if len(mean) > 0:
+            energy += motion_term(angles[t], mean[t], precision[t], H, g)
         for c in range(dofs):
             gradient[t * dofs + c] += g[c]
             for r in range(c, dofs):

@@ -1,8 +1,8 @@
-"""How sure a track is: covariance of every joint, and the chance that it is right.
+"""Uncertainty of a track: covariances of angles and joints, and the joints' confidences.
 
-Near its minimum the energy is a negative log-posterior, and the inverse of its Gauss-Newton matrix
-the covariance of the angles: with past and future where all frames were solved together, with the
-past alone where they were solved one by one. What the tracker's skeleton cannot follow is added.
+The inverse of the energy's Gauss-Newton matrix at its minimum is the covariance of the angles:
+given all frames where they were solved together, given the past where they were solved one by one.
+The skeleton's model error is added to the joints' covariances.
 
 Source: Laplace's approximation; blocks of the inverse: Takahashi et al. 1973, as the recursion of
 Rauch, Tung & Striebel 1965 runs it for a chain.
@@ -16,36 +16,36 @@ from numpy import ndarray as Array
 
 from egocap.body.skeleton import DOF_COUNT, SPREAD, HasOffsets, jacobian
 from egocap.pose.config import TrackerConfig
-from egocap.pose.kernel import Model, detections, priors
-from egocap.pose.motion_prior import NO_GUIDE, Guide
+from egocap.pose.kernel import Model, information
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
 from egocap.pose.observations import Observations
 from egocap.track.smoother import BAND, MARGIN, WINDOW, interval_system
 
-RIGHT_M = 0.05
-"""A joint is right when it lies within so many metres of the truth: a few centimetres are flesh."""
+CORRECT_M = 0.05
+"""Distance from the truth, metres, below which a joint counts as correct."""
 
 
 def interval_covariances(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
-    guide: Guide = NO_GUIDE,
+    prediction: MotionPrediction = NO_MOTION_PREDICTION,
 ) -> Float[Array, "T 37 37"]:  # fmt: skip
-    """Covariance [rad^2] of every frame's angles given all frames, and a guide if there is one."""
+    """Covariance [rad^2] of every frame's angles given all frames."""
     covariances = np.empty((len(angles), DOF_COUNT, DOF_COUNT))
     for first in range(0, len(angles), WINDOW):
         last = min(first + WINDOW, len(angles))
         low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
         window = slice(low, high)
         _, bands, _ = interval_system(
-            angles[window], observations[window], model, config, guide[window]
+            angles[window], observations[window], model, config, prediction[window]
         )
         covariances[first:last] = banded_inverse(bands)[first - low : last - low]
     return covariances
 
 
 def banded_inverse(bands: Float[Array, "75 N"]) -> Float[Array, "T 37 37"]:
-    """Diagonal blocks of the inverse of a matrix whose frames meet the next two only.
+    """Diagonal blocks of the inverse of a matrix that couples each frame to the next two.
 
-    Two frames make a block of a block-tridiagonal matrix; an odd last one gets a dummy beside it.
+    Two frames make a block of a block-tridiagonal matrix; an odd last one is padded.
     """
     frames = bands.shape[1] // DOF_COUNT
     blocks = -(-frames // 2)
@@ -93,20 +93,25 @@ def causal_covariances(
 ) -> Float[Array, "T 37 37"]:
     """Covariance [rad^2] of every frame's angles given the frames up to it."""
     covariances = np.empty((len(angles), DOF_COUNT, DOF_COUNT))
+    steps, last = np.diff(observations.times, prepend=observations.times[:1]), None
     for t, pose in enumerate(np.ascontiguousarray(angles)):
-        H, g = np.zeros((DOF_COUNT, DOF_COUNT)), np.zeros(DOF_COUNT)
-        detections(
-            model, pose, observations.centres, observations.rays[t], observations.whiten[t],
-            observations.weights[t], float(config.robust_scale), H, g,
-        )  # fmt: skip
-        priors(model, pose, H, g)
-        information = H + np.tril(H, -1).T
-        if t > 0:
-            step = observations.times[t] - observations.times[t - 1]
-            drift = np.diag(np.square(config.speed * step * SPREAD))
-            information = information + np.linalg.inv(covariances[t - 1] + drift)
-        covariances[t] = np.linalg.inv(information)
+        matrix, _ = information(model, pose, observations.frame(t), config.robust_scale)
+        last = update_covariance(last, matrix, config.velocity_sigma * steps[t])
+        covariances[t] = last
     return covariances
+
+
+def update_covariance(
+    last: Float[Array, "37 37"] | None, matrix: Float[Array, "37 37"], drift: float
+) -> Float[Array, "37 37"]:
+    """Covariance of the angles from that at the last frame, if any, and a frame's information.
+
+    `drift` is the standard deviation of the motion in between, in each angle's prior deviation.
+    """
+    if last is None:
+        return np.linalg.inv(matrix)
+    predicted = last + np.diag(np.square(drift * SPREAD))
+    return np.linalg.inv(matrix + np.linalg.inv(predicted))
 
 
 def joint_covariances(
@@ -121,13 +126,13 @@ def joint_covariances(
 
 
 def confidences(covariances: Float[Array, "T 18 3 3"]) -> Float[Array, "T 18"]:
-    """Chance that each joint lies within `RIGHT_M` of its estimate: 0 to 1.
+    """Probability that each joint lies within `CORRECT_M` of its estimate: 0 to 1.
 
-    The error is taken as equally wide in all directions, its length as Maxwell's distribution.
+    The error is taken as isotropic, so that its length has Maxwell's distribution.
     """
     from scipy.special import erf
 
     deviation = np.sqrt(np.maximum(np.trace(covariances, axis1=-2, axis2=-1) / 3.0, 1e-12))
-    x = RIGHT_M / deviation
+    x = CORRECT_M / deviation
     chance = erf(x / np.sqrt(2.0)) - np.sqrt(2.0 / np.pi) * x * np.exp(-0.5 * x**2)
     return np.clip(chance, 0.0, 1.0)

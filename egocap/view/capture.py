@@ -20,7 +20,7 @@ from egocap.body.proportions import Proportions
 from egocap.data.detections import Detections
 from egocap.data.track import Track
 from egocap.errors import InputError, MachineError
-from egocap.track.online import LivePose, LiveTracker
+from egocap.track.online import OnlineTracker, PoseEstimate
 
 if TYPE_CHECKING:
     import cv2
@@ -29,7 +29,7 @@ _PATIENCE_S = 5.0  # without a picture of some view before it counts as gone
 
 
 class KnowsPerson(Protocol):
-    """What `LiveTracker` and `ColourTracker` have in common here."""
+    """What `OnlineTracker` and `ColourTracker` have in common here."""
 
     proportions: Proportions
 
@@ -143,7 +143,7 @@ def _opened(name: str) -> cv2.VideoCapture:
 class LiveReport:
     """What a live run did."""
 
-    poses: list[LivePose] = field(default_factory=list)
+    poses: list[PoseEstimate] = field(default_factory=list)
     latencies: list[float] = field(default_factory=list)  # s, oldest picture taken -> pose there
     skews: list[float] = field(default_factory=list)  # s, between the pictures of a pose
     skipped: int = 0  # pictures that a newer one replaced
@@ -180,9 +180,9 @@ Images = Sequence[UInt8[Array, "H W 3"] | None]
 
 
 def follow_live(
-    sources: Sequence[Source], detector: DetectsOne, tracker: LiveTracker,
+    sources: Sequence[Source], detector: DetectsOne, tracker: OnlineTracker,
     seconds: float = float("inf"),
-    on_pose: Callable[[LivePose, Images], None] = lambda pose, images: None,
+    on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
 ) -> LiveReport:  # fmt: skip
     """Track by detections from sources until all have ended, or for so many seconds.
 
@@ -194,9 +194,9 @@ def follow_live(
 
 
 def follow_pictures(
-    sources: Sequence[Source], pose_in: Callable[[Images, float], LivePose],
+    sources: Sequence[Source], pose_in: Callable[[Images, float], PoseEstimate],
     seconds: float = float("inf"),
-    on_pose: Callable[[LivePose, Images], None] = lambda pose, images: None,
+    on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
 ) -> LiveReport:  # fmt: skip
     """As `follow_live`, with whatever makes a pose of pictures and their time."""
     report = LiveReport()

@@ -8,7 +8,7 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.track.online import LivePose
+from egocap.track.online import PoseEstimate
 from egocap.view.live_page import PictureStream
 from egocap.view.skeleton import side_by_side
 from egocap.view.video import Film
@@ -23,7 +23,7 @@ class Watcher:
         self.rig, self.stream, self.film = rig, stream, film
         self._start: float | None = None
 
-    def __call__(self, pose: LivePose, images: Sequence[UInt8[Array, "H W 3"] | None]) -> None:
+    def __call__(self, pose: PoseEstimate, images: Sequence[UInt8[Array, "H W 3"] | None]) -> None:
         """Draw the pose and hand the drawing on."""
         if self.stream is None and self.film is None:
             return

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Appearance of a primitive's surface, and its part label."""
+    """How the surface of a primitive looks, and the part label it gets."""
 
     texture: UInt8[Array, "H W 3"]  # sRGB, seamless
     tile: float = 1.0  # metres that one repeat of the texture covers
@@ -45,7 +45,7 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """Meshes that move together under one set of skinning transforms."""
+    """Something drawn: meshes that move together under one set of skinning transforms."""
 
     name: str
     meshes: tuple[Mesh, ...]

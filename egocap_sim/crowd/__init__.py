@@ -1,4 +1,4 @@
-"""The wearer's motion and a table of behaviours in; bystanders that walk, stand and greet out.
+"""A scene's other people in; bystanders that walk, stand and greet as actors out.
 
 Their motion is played back, not simulated.
 """

@@ -1,4 +1,4 @@
-"""Courses of passers-by: from goal to goal near the wearer, avoiding obstacles."""
+"""Where someone walks who passes by: from goal to goal near the wearer, turning aside in time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GOAL_S = 5.0  # a goal not reached by then is given up
 _RATE = 30.0
 
 
-def free_courses(
+def stroll(
     rng: np.random.Generator,
     times: Float[Array, "T"],
     people: Sequence[Float[Array, "T 2"]],
@@ -29,7 +29,7 @@ def free_courses(
     near_m: float,
     scale: float,
 ) -> Iterator[Course]:
-    """Courses that keep clear of people (the first is the wearer) and obstacles; best first.
+    """Ways that keep clear of people (the first is the wearer) and things; best first.
 
     Better are those that are longer within `near_m` of the wearer. Courses are in a figure's
     metres: the world's divided by `scale`. Yields none when the place is too narrow.

@@ -1,4 +1,4 @@
-"""A place: meshes at rest, light, and the colour behind them."""
+"""What a place is: meshes at rest, light, and the colour behind them."""
 
 from __future__ import annotations
 

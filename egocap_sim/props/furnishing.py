@@ -16,7 +16,7 @@ from egocap_sim.assets.mesh import Mesh
 from egocap_sim.assets.primitives import box, cylinder, placed, sheet
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.part_labels import FURNITURE
-from egocap_sim.human.body.limb_distances import limb_points
+from egocap_sim.crowd.bystanders import limb_points
 from egocap_sim.props.performance import Performance
 
 _FLESH = 0.10  # metres of skin and cloth around the points inside limbs

@@ -14,8 +14,9 @@ from egocap.data.sequence import Sequence
 from egocap.data.track import load_track, save_track
 from egocap.errors import InputError
 from egocap.fitting.fit_body import fit_body
+from egocap.paper.tracker import PaperTracker
 from egocap.pose.config import TrackerConfig
-from egocap.track.tracker import track
+from egocap.track.tracker import Tracker
 from tests.egocap.cli.test_cli import complaint, egocap, tracked
 from tests.egocap.conftest import make_motion
 
@@ -95,7 +96,7 @@ def test_one_frame():
     made = make_motion(frames=1)
     found = made.detect("simulated:1")
     for smoothing in ("interval", "gaussian", "none"):
-        one = track(found, made.rig, made.person, TrackerConfig(smoothing=smoothing))
+        one = Tracker(made.rig, made.person, TrackerConfig(smoothing=smoothing)).track(found)
         assert np.median(made.errors(one)) < 0.03 and one.hidden.shape == (1, 2, 18)
     fit = fit_body(found, made.rig)
     assert np.isfinite(fit.std).all() and np.isfinite(fit.proportions.offsets).all()
@@ -104,7 +105,7 @@ def test_one_frame():
 
 def test_one_frame_is_exported(egocap):
     made = make_motion(frames=1)
-    save_track("one.npz", track(made.detect("simulated:1"), made.rig, made.person))
+    save_track("one.npz", Tracker(made.rig, made.person).track(made.detect("simulated:1")))
     for out in ("one.bvh", "arrays.npz"):
         words = ("export", "one.npz", "--out", out, "--format", out[-3:])
         code, said, err = egocap(*words)
@@ -115,11 +116,11 @@ def test_one_black_camera_with_the_solvers_of_the_paper(tiny_sequence, tracked):
     sequence, found = Sequence(tiny_sequence), load_detections(tracked / "det.npz")
     found.valid[:, 1] = False
     black = np.zeros((128, 160, 3), np.uint8)
-    made = track(
-        found, sequence.rig, sequence.proportions, TrackerConfig(solver="stochastic"),
-        lambda t: (sequence.frame(t).images[0], black),
-    )  # fmt: skip
+    made = PaperTracker(sequence.rig, sequence.proportions, "stochastic").track(
+        found, lambda t: (sequence.frame(t).images[0], black)
+    )
     assert np.isfinite(made.joints_head).all()
     with pytest.raises(InputError, match="1 images"):
-        track(found, sequence.rig, sequence.proportions, TrackerConfig(solver="stochastic"),
-              lambda t: (black,))  # fmt: skip
+        PaperTracker(sequence.rig, sequence.proportions, "stochastic").track(
+            found, lambda t: (black,)
+        )

@@ -1,4 +1,4 @@
-"""Ambient occlusion of a body at rest: dark in the armpits and between the legs."""
+"""How open to light each point of a body is at rest: dark in the armpits, between the legs."""
 
 from __future__ import annotations
 

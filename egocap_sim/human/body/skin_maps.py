@@ -1,4 +1,4 @@
-"""Maps of occlusion, redness and nails in the layout of the skin's texture.
+"""Where skin is in the shade, redder or hardened: pictures in the layout of the skin's texture.
 
 Made once, from the undecimated mesh, and kept with the export.
 """

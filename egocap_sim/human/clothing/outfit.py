@@ -1,4 +1,4 @@
-"""Outfits by name: sampled from a seed, changed by the user, validated."""
+"""What a person wears, by name: sampled from a seed, changed by the user, checked."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Genera
 def change_outfit(outfit: Outfit, changes: Mapping[str, str], hatless: bool = False) -> Outfit:
     """Replace parts of an outfit by name; fabrics as 'pattern:color[,color[,color]]'.
 
-    A bottom that is not given is removed under a dress and added without one. A `hatless`
+    Bottoms that were not asked for give way to a dress, and trousers to its absence. A `hatless`
     person wears headgear: no hat. Raises InputError for names and parts that do not exist.
     """
     names = [field.name for field in fields(Outfit)]

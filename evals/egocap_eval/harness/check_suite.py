@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+import egocap
 from egocap.body.labels import LABELS
 from egocap.body.skeleton import LIMITS
 from egocap.cameras.rig import Rig
@@ -28,8 +29,9 @@ from egocap.data.sequence import Sequence as Footage
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import EgocapError
 from egocap.evaluation import evaluate_detections
+from egocap.evaluation.ground_truth import Reference
 from egocap.evaluation.measures import find_measure, measure
-from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
+from egocap.evaluation.pose import beside_truth
 from egocap.pose.config import TrackerConfig
 from egocap_eval.harness.cases import Scores, run_cases
 from egocap_eval.harness.motion_truth import SimulatedMotion, draw_detections, simulate_motion
@@ -156,15 +158,12 @@ def _tracked(
     motion: SimulatedMotion, condition: Condition, pipeline: Pipeline, seed: int
 ) -> dict[str, float]:
     """Each measure of a motion from one draw of its detections."""
-    from egocap.track.tracker import track
 
     found = draw_detections(motion, condition.source, seed)
     found = pipeline.detections(_without(found, condition.blind))
-    tracked = track(found, pipeline.rig(motion.rig), motion.proportions,
-                    pipeline.config(condition.config))  # fmt: skip
-    scored = PoseErrors.between(
-        pipeline.joints(tracked.joints_head), GroundTruth.from_truth(motion.truth)
-    )
+    config = pipeline.config(condition.config)
+    tracked = egocap.Tracker(pipeline.rig(motion.rig), motion.proportions, config).track(found)
+    scored = beside_truth(pipeline.joints(tracked.joints_head), Reference.of(motion.truth))
     values: dict[str, float] = {}
     for name in condition.measures:
         value = measure(scored, name)

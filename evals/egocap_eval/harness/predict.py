@@ -23,8 +23,9 @@ from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.errors import EgocapError, FileError, InputError
 from egocap.evaluation.predictions import Predictions, save_predictions
+from egocap.pose.config import TrackerConfig
 from egocap_eval.harness.result_file import config_hash, git_commit, write_text
-from egocap_eval.harness.score_pose import OWN_TRACKER, find_detections, run_tracker
+from egocap_eval.harness.score_pose import OWN_TRACKER, find_detections
 from egocap_eval.harness.suite import MethodEntry, Suite
 
 log = logging.getLogger(__name__)
@@ -155,22 +156,24 @@ def _short(value: Any) -> str:
 
 def settings(method: MethodEntry) -> dict[str, Any]:
     """The tracker's settings in full, so that a changed default counts as a change."""
-
-    from egocap.pose.config import TrackerConfig
-
     if method.tracker != OWN_TRACKER:
         return {}
-    names = {field.name for field in fields(TrackerConfig)}
+    names = {"solver", *(field.name for field in fields(TrackerConfig))}
     for name in method.config:
         if name not in names:
             raise InputError(f"method '{method.name}': no setting '{name}'", valid=sorted(names))
-    return asdict(TrackerConfig(**method.config))  # type: ignore[arg-type]
+    solver, config = _solver_and_config(method)
+    return {"solver": solver, **asdict(config)}
+
+
+def _solver_and_config(method: MethodEntry) -> tuple[Any, TrackerConfig]:
+    config = dict(method.config)
+    return config.pop("solver", "fast"), TrackerConfig(**config)  # type: ignore[arg-type]
 
 
 def _predicted(job: Job, sequence: Sequence) -> Predictions:
     from egocap.detect.sources import detections_from
-    from egocap.pose.config import TrackerConfig
-    from egocap.track.tracker import track
+    from egocap.paper.tracker import make_tracker
 
     source = job.method.detections
     simulated = source is not None and source.startswith("simulated")
@@ -179,10 +182,9 @@ def _predicted(job: Job, sequence: Sequence) -> Predictions:
         found = (detections_from(sequence, source, job.seed) if simulated
                  else find_detections(sequence, source))  # fmt: skip
     if job.method.tracker == OWN_TRACKER and found is not None:
-        config = TrackerConfig(**job.method.config)  # type: ignore[arg-type]
-        result: Track | Predictions = track(
-            found, sequence.rig, sequence.proportions, config, sequence.images
-        )
+        solver, config = _solver_and_config(job.method)
+        tracker = make_tracker(sequence.rig, sequence.proportions, solver, config)
+        result: Track | Predictions = tracker.track(found, sequence.images)
     else:
         result = run_tracker(job.method.tracker, sequence, found)
     if isinstance(result, Predictions):

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+import egocap
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.body.skeleton import forward
 from egocap.commandline import progress
@@ -131,8 +132,7 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
         lasting_information,
         smoothed_bound,
     )
-    from egocap.track.noise_estimation import lasting
-    from egocap.track.tracker import track
+    from egocap.track.noise_estimation import autocorrelation
     from egocap_eval.priors.learn_pose import fit_angles
 
     truth, rig, person = sequence.truth, sequence.rig, sequence.proportions
@@ -148,11 +148,11 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
         found, made = draws[0], draws[0].valid & truth.in_view
         off = (found.points - truth.joints_2d) / np.where(made, found.sigma, 1.0)[..., None]
         told["claimed"] = round(_rms(off[seen & made]), 3)
-        told["correlation"] = round(lasting(off, seen & made), 3)
+        told["correlation"] = round(autocorrelation(off, seen & made), 3)
         noise = Noise(correlation=told["correlation"])
         information, between = lasting_information(angles, person, rig, made, noise, found.sigma)
     bound = smoothed_bound(angles, person, sequence.times, information, config, between)
-    tracks = [track(found, rig, person, config, sequence.images) for found in draws]
+    tracks = [egocap.Tracker(rig, person, config).track(found, sequence.images) for found in draws]
     errors = np.array([1e3 * np.linalg.norm(t.joints_head - truth.joints_head, axis=-1)
                        for t in tracks])  # fmt: skip
     joints = {}

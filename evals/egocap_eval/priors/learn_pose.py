@@ -43,7 +43,7 @@ FPS, MOST_FRAMES, PEOPLE = 30.0, 400, 6
 ACCURACY = 0.004  # rad
 _EYES = np.array([[0.24, 0.18, 0.16], [0.24, -0.18, 0.16], [0.5, 0.0, -1.0], [-0.5, 0.8, -0.5]])
 # The priors stay weak: the angles are to come from the joints.
-_CONFIG = TrackerConfig(lambda_posture=0.0, lambda_pose=0.02, acceleration=20.0)
+_CONFIG = TrackerConfig(lambda_posture=0.0, lambda_pose=0.02, acceleration_sigma=20.0)
 
 
 def fit_angles(
@@ -55,7 +55,7 @@ def fit_angles(
     times = np.arange(len(rays)) / FPS
     observations = Observations(times, _EYES, rays, whiten, np.ones(rays.shape[:3]))
     model = kernel.make_model(proportions, _CONFIG)
-    angles, _ = online_filter.track_both_ways(observations, model, _CONFIG)
+    angles, _ = online_filter.filter_both_ways(observations, model, _CONFIG)
     return smoother.smooth_interval(angles, observations, model, _CONFIG)[0]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+import egocap
 from egocap.body.labels import EVALUATED
 from egocap.cameras.rig import Rig
 from egocap_eval.rig_design.rig_report import Candidate, Tracked
@@ -63,7 +64,6 @@ def track_errors(rig: Rig, visibility: SuiteVisibility, sigma: float, seed: int)
     from egocap.detect.synthetic import SimulatedSource, simulate_detections
     from egocap.pose.config import TrackerConfig
     from egocap.posterior.information import Noise, fisher_information, smoothed_bound
-    from egocap.track.tracker import track
 
     config, rng = TrackerConfig(), np.random.default_rng(seed)
     noise = Noise(sigma, model_error_m=MODEL_ERROR_M)
@@ -75,7 +75,7 @@ def track_errors(rig: Rig, visibility: SuiteVisibility, sigma: float, seed: int)
         pixels = np.moveaxis(rig.project(motion.joints)[0], 0, 1)
         source = SimulatedSource(sigma)
         found = simulate_detections(pixels, seen, seen, motion.times, SIZE, source, rng)
-        result = track(found, rig, motion.proportions, config)
+        result = egocap.Tracker(rig, motion.proportions, config).track(found)
         errors = _errors(result.joints_head, motion.joints)
         information = fisher_information(motion.angles, motion.proportions, rig, seen, noise)
         bounds = smoothed_bound(

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
+import egocap
 from egocap.body.labels import EVALUATED, LOWER, UPPER
 from egocap.commandline import progress
 from egocap.data.detections import Detections
@@ -27,7 +28,6 @@ from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
-from egocap.track.tracker import track
 from egocap_eval.harness.cases import (
     ScoreLog,
     Scores,
@@ -63,14 +63,15 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     PAST: {"smoothing": "none"},
     "past only, low-pass as the paper's": {"smoothing": "gaussian"},
     SINGLE: {"smoothing": "none", "lambda_smooth": 0.0},
-    "without other modes": {"modes": False},
-    "without undoing swaps": {"swaps": False},
-    "without recalibration": {"recalibrate": False},
-    "without restarts": {"restarts": False},
-    "without looking at the pictures": {"look": False},
+    "without other modes": {"use_modes": False},
+    "without undoing swaps": {"fix_swaps": False},
+    "without recalibration": {"estimate_noise": False},
+    "without restarts": {"multistart": False},
+    "without looking at the pictures": {"appearance_check": False},
     "without any of ours": {
-        "smoothing": "gaussian", "lambda_motion": 0.0, "lambda_posture": 0.0, "modes": False,
-        "swaps": False, "recalibrate": False, "restarts": False, "look": False,
+        "smoothing": "gaussian", "lambda_motion": 0.0, "lambda_posture": 0.0, "use_modes": False,
+        "fix_swaps": False, "estimate_noise": False, "multistart": False,
+        "appearance_check": False,
     },
     BLIND: {},
 }  # fmt: skip
@@ -170,15 +171,15 @@ def measure_variants(
 def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
     """A sequence tracked by a variant from one draw of its detections."""
     from egocap.paper.config import STOCHASTIC
-    from egocap.paper.tracker import track_as_paper
+    from egocap.paper.tracker import PaperTracker
 
     detections = detections_from(footage, source, seed)
     person = footage.rig, footage.proportions
     if variant in PAPERS:
         config = replace(STOCHASTIC, **PAPERS[variant])
-        return track_as_paper(detections[:PAPER_FRAMES], *person, footage.images, config)
+        return PaperTracker(*person, config).track(detections[:PAPER_FRAMES], footage.images)
     found = _blind(detections) if variant == BLIND else detections
-    return track(found, *person, TrackerConfig(**VARIANTS[variant]), footage.images)
+    return egocap.Tracker(*person, TrackerConfig(**VARIANTS[variant])).track(found, footage.images)
 
 
 def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:

@@ -8,19 +8,19 @@ from typing import Annotated, Any
 
 from tyro.conf import arg
 
+import egocap
 from egocap.data.sequence import Sequence as Footage
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import FileError, InputError
-from egocap.evaluation.scoring import evaluate
 from egocap.evaluation.table import Table, number
-from egocap.track.tracker import track
 from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, load_scene
-from egocap_sim.world.world import World
+from egocap_sim.world.stage import frames_of_clip
 
 SCENES = ("validation-walk", "validation-gesture")
 CLIPS = ("bvh/007_05.bvh", "npz/basketball_signal_3.npz")  # never tuned or trained on
@@ -88,14 +88,14 @@ def _scene_of_clip(like: Scene, path: Path) -> Scene:
         raise FileError(path, "no such clip", valid=CLIPS)
     motion = type(like.motion)(file=str(path.resolve()))
     scene = like.model_copy(update={"name": path.stem, "motion": motion})
-    return scene.model_copy(update={"frames": min(World(scene).clip_frames, CLIP_FRAMES)})
+    return scene.model_copy(update={"frames": min(frames_of_clip(scene), CLIP_FRAMES)})
 
 
 def score(source: str, sequence: Footage, seed: int) -> Scores:
     """One sequence tracked from one draw of detections."""
     found = detections_from(sequence, source, seed)
-    tracked = track(found, sequence.rig, sequence.proportions)
-    report = evaluate(tracked, sequence)
+    tracked = egocap.Tracker(sequence.rig, sequence.proportions).track(found)
+    report = score_track(sequence, tracked)
     return {
         "frames": len(sequence), "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
         "lower_mm": report.lower_mm, "p95_mm": report.p95_mm, "seen_mm": report.visible_mm,

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import egocap
 from egocap.body.proportions import Proportions
 from egocap.data.sequence import Sequence
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
-from egocap.evaluation.scoring import evaluate
 from egocap.evaluation.table import Table, number
 from egocap.fitting.body_prior import BodyPrior, proportions_of
 from egocap.fitting.fit_body import BodyFit, fit_body
-from egocap.track.tracker import track
 from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.fit_body import bone_errors, person_height, summary, summary_table
 from egocap_sim.core.resources import builtin_file
@@ -146,8 +146,9 @@ def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) ->
         "average": proportions_of(BodyPrior.of(None).mean),
     }  # fmt: skip
     found = detections_from(sequence, detections, 0)
-    tracked = track(found, sequence.rig, bodies[body], images=sequence.images)
-    report = evaluate(tracked, sequence)
+    report = score_track(
+        sequence, egocap.Tracker(sequence.rig, bodies[body]).track(found, sequence.images)
+    )
     errors = {
         "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
         "lower_mm": report.lower_mm, "seen_mm": report.visible_mm,

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+import egocap
 from egocap.body.labels import EVALUATED
 from egocap.body.skeleton import LIMITS, forward
 from egocap.data.detections import Detections
@@ -68,9 +69,10 @@ def draw_trials(
 
 def by_detections(footage: Footage, detections: Detections, trial: Trial, frames: int) -> float:
     """Error at the end of a trial, mm, of the live tracker once it sees true detections again."""
-    from egocap.track.online import LiveTracker
 
-    tracker = LiveTracker(footage.rig, footage.proportions, TrackerConfig(smoothing="none"))
+    tracker = egocap.OnlineTracker(
+        footage.rig, footage.proportions, TrackerConfig(smoothing="none")
+    )
     start = trial.frame
     before, after = range(start - ASTRAY, start), range(start, start + frames)
     astray = [_shown_at(detections[t : t + 1], footage, trial.angles) for t in before]
@@ -101,7 +103,7 @@ class ColourFollower:
         )
         self._solver = ImageSolver(
             self._term.model, ImageSolverConfig(lambda_colour=COLOUR_WEIGHT),
-            TrackerConfig(zeta=0.7, speed=8.0),
+            TrackerConfig(zeta=0.7, velocity_sigma=8.0),
         )  # fmt: skip
 
     def joints(self, frames: Sequence[int], start: Float[Array, "37"]) -> Float[Array, "T 18 3"]:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
+import egocap
 from egocap.body.labels import EVALUATED
 from egocap.commandline import progress
 from egocap.data.sequence import Sequence as Footage
@@ -82,18 +83,18 @@ def study(
 def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[str, Any]:
     """Frames a second and error of every way to solve, from detections of 2 px."""
     from egocap.paper.config import PAPER_SOLVERS, PaperConfig
-    from egocap.paper.tracker import track_as_paper
-    from egocap.track.tracker import track
 
     found = detections_from(footage, SOURCE, 0)[:frames]
     pictures = [footage.images(t) for t in range(frames)]
 
     def ours(config: TrackerConfig) -> Callable[[], Track]:
-        return lambda: track(found, footage.rig, footage.proportions, config, pictures.__getitem__)
+        return lambda: egocap.Tracker(footage.rig, footage.proportions, config).track(
+            found, pictures.__getitem__
+        )
 
     def papers(config: PaperConfig) -> Callable[[], Track]:
-        return lambda: track_as_paper(
-            found[:few], footage.rig, footage.proportions, pictures.__getitem__, config
+        return lambda: egocap.PaperTracker(footage.rig, footage.proportions, config).track(
+            found[:few], pictures.__getitem__
         )
 
     reference, stochastic = PAPER_SOLVERS["reference"], PAPER_SOLVERS["stochastic"]
@@ -195,21 +196,19 @@ def _of_track(track: Track, footage: Footage) -> dict[str, Any]:
 
 def _batch(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
     from egocap.detect.detector import detect
-    from egocap.track.tracker import track
 
     spent: dict[str, float] = {}
     with _lap(spent, "decode and detect", frames):
         found = detect(footage, detector, frames=frames)
     with _lap(spent, "track", frames):
-        track(found, footage.rig, footage.proportions, images=footage.images)
+        egocap.Tracker(footage.rig, footage.proportions).track(found, footage.images)
     return {"frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent}
 
 
 def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
     from egocap.detect.input_images import recorded_pictures
-    from egocap.track.online import LiveTracker
 
-    tracker = LiveTracker(footage.rig, footage.proportions)
+    tracker = egocap.OnlineTracker(footage.rig, footage.proportions)
     spent: dict[str, float] = {}
     latencies = []
     for t in range(frames):

@@ -19,11 +19,13 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from tyro.conf import arg
 
+import egocap
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
+from egocap.evaluation.ground_truth import Reference
 from egocap.evaluation.measures import measure
-from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
+from egocap.evaluation.pose import beside_truth
 from egocap.evaluation.table import Table
 from egocap.geometry import axis_angle
 from egocap_eval.harness.cases import ScoreLog, Sweep, paired_change, run_sweep, sweep_table
@@ -199,12 +201,11 @@ def study(
 
 def score(level: Level, motion: SimulatedMotion, seed: int) -> dict[str, float | None]:
     """Measures of a motion tracked at a level of a fault, from one draw of its detections."""
-    from egocap.track.tracker import track
 
     motion, rng = level.motion(motion), np.random.default_rng([seed, 7])
     found = level.detections(draw_detections(motion, level.source, seed), rng)
-    tracked = track(found, level.known_rig(motion.rig, rng), motion.proportions)
-    scored = PoseErrors.between(tracked.joints_head, GroundTruth.from_truth(motion.truth))
+    tracked = egocap.Tracker(level.known_rig(motion.rig, rng), motion.proportions).track(found)
+    scored = beside_truth(tracked.joints_head, Reference.of(motion.truth))
     return {name: measure(scored, name) for name in MEASURES}
 
 

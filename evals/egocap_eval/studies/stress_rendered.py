@@ -13,11 +13,11 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
+import egocap
 from egocap.errors import InputError
-from egocap.evaluation.scoring import evaluate, with_detections
 from egocap_eval.harness.cases import ScoreLog, Scores, Sweep, run_sweep, sweep_table
 from egocap_eval.harness.footage import footage_of
-from egocap_eval.harness.score_pose import find_detections
+from egocap_eval.harness.score_pose import find_detections, score_track, with_detections
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import OthersTable, Scene
 from egocap_sim.sensor.config import SensorTable
@@ -115,12 +115,11 @@ def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
 
 def scores_of(scene: Scene, folder: Path, source: str, workers: int) -> Scores:
     """Measures of a scene that is rendered, detected and tracked."""
-    from egocap.track.tracker import track
 
     sequence = footage_of(scene, folder, workers)
     found = find_detections(sequence, source)
-    tracked = track(found, sequence.rig, sequence.proportions, images=sequence.images)
-    report = evaluate(tracked, sequence)
+    tracked = egocap.Tracker(sequence.rig, sequence.proportions).track(found, sequence.images)
+    report = score_track(sequence, tracked)
     report = with_detections(report, sequence, found)
     assert report.detections is not None
     seen = {"pck20": report.detections.pck20_seen, "auc20": report.detections.auc20_seen}

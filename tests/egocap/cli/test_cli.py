@@ -135,7 +135,7 @@ def test_a_track_of_another_sequence_is_not_scored(tracked, tiny_sequence, tmp_p
     assert main(["pose", str(tiny_sequence), *words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 7
     assert main(["pose", str(tmp_path / "other"), *words]) == 2
-    assert "track.npz: the track was made from another sequence" in capsys.readouterr().err
+    assert "track.npz: was made from another sequence" in capsys.readouterr().err
 
 
 def test_a_body_is_fitted_and_told_of(egocap, tracked, tiny_sequence):
@@ -177,7 +177,7 @@ def test_the_solver_of_the_paper_is_a_word(egocap, tracked, tiny_sequence):
     assert code == 0, err
     found = load_track("paper.npz")
     assert found.config["paper"]["iterations"] == 50
-    assert found.config["tracker"]["solver"] == "stochastic"
+    assert found.config["solver"] == "stochastic"
     assert json.loads(out)["frames_per_second"] == pytest.approx(1 / found.seconds_per_frame)
     wrong = egocap(*words, "--solver", "reference", "--lambda-motion", "0.5")
     assert "lambda_motion = 0.5 with solver 'reference'" in complaint(wrong)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egocap.evaluation.detection_scores import (
+from egocap.evaluation.confidence import (
     LEVELS,
     auroc,
     calibration_error,

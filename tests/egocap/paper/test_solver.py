@@ -16,12 +16,11 @@ from egocap.image_model.model import ImageModel
 from egocap.paper.config import REFERENCE, STOCHASTIC, PaperConfig
 from egocap.paper.energy import detection_agreement, pose_prior, smoothness
 from egocap.paper.solver import Frame, PaperSolver
-from egocap.paper.tracker import track_as_paper
+from egocap.paper.tracker import PaperTracker, make_tracker
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import limit_energy, pseudo_huber
 from egocap.pose.kernel import make_model
 from egocap.pose.observations import observe
-from egocap.track.tracker import track
 
 SMALL = replace(REFERENCE, size=(32, 32), iterations=40)
 
@@ -115,8 +114,8 @@ def errors(track_found, sequence):
 @pytest.mark.parametrize("config", [SMALL, replace(STOCHASTIC, size=(32, 32), rays=300)])
 def test_a_rendered_clip_is_tracked(rendered, config):
     sequence, found = rendered
-    made = track_as_paper(
-        found, sequence.rig, sequence.proportions, lambda t: sequence.frame(t).images, config
+    made = PaperTracker(sequence.rig, sequence.proportions, config).track(
+        found, lambda t: sequence.frame(t).images
     )
     assert np.median(errors(made, sequence)) < 0.05
     assert made.energies is not None and (made.energies[:, 0] < -2.0).all()
@@ -128,22 +127,22 @@ def test_the_same_seed_gives_the_same_track(rendered):
     sequence, found = rendered
     config = replace(STOCHASTIC, size=(32, 32), rays=100, iterations=5)
     first, again, other = (
-        track_as_paper(found, sequence.rig, sequence.proportions,
-                       lambda t: sequence.frame(t).images, config, seed=seed).angles
+        PaperTracker(sequence.rig, sequence.proportions, config, seed=seed)
+        .track(found, sequence.images)
+        .angles
         for seed in (0, 0, 1)
-    )  # fmt: skip
+    )
     assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
 def test_what_the_paper_has_not_is_refused(motion):
     found = motion.detect("simulated:2")
     with pytest.raises(InputError, match="without images"):
-        track(found, motion.rig, motion.person, TrackerConfig(solver="reference"))
-    with pytest.raises(InputError, match="modes = False with solver 'stochastic'"):
-        track(found, motion.rig, motion.person, TrackerConfig(solver="stochastic", modes=False),
-              lambda t: ())  # fmt: skip
+        make_tracker(motion.rig, motion.person, "reference").track(found)
+    with pytest.raises(InputError, match="use_modes = False with solver 'stochastic'"):
+        make_tracker(motion.rig, motion.person, "stochastic", TrackerConfig(use_modes=False))
     with pytest.raises(InputError, match="solver 'newton'"):
-        TrackerConfig(solver="newton")
+        make_tracker(motion.rig, motion.person, "newton")
     for wrong in ({"keep": 2.0}, {"iterations": 0}, {"size": (4, 4)}, {"lambda_pose": -1.0}):
         with pytest.raises(InputError):
             PaperConfig(**wrong)

@@ -6,8 +6,8 @@ import pytest
 from egocap.body.skeleton import AGILITY, SPREAD, jacobian, points
 from egocap.pose import energy, kernel
 from egocap.pose.config import TrackerConfig
-from egocap.pose.motion_prior import NO_GUIDE, Guide
-from egocap.pose.observations import observe
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
+from egocap.pose.observations import Rays, observe
 from egocap.track import smoother
 
 CONFIG = TrackerConfig(lambda_pose=0.3, lambda_posture=0.2)
@@ -20,8 +20,7 @@ def frame(motion):
     seen = observe(motion.detect("simulated:2", hidden=0.2), motion.rig, motion.person, CONFIG)
     model = kernel.make_model(motion.person, CONFIG)
     pose = motion.angles[7] + 0.6 * np.random.default_rng(1).normal(size=37)
-    data = seen.centres, seen.rays[7], seen.whiten[7], seen.weights[7]
-    return model, data, pose
+    return model, seen.frame(7), pose
 
 
 def evaluate(term, pose):
@@ -36,10 +35,10 @@ def gradient(function, pose):
 
 def test_detection_term(motion, frame):
     model, data, pose = frame
-    value, H, g = evaluate(lambda p, H, g: kernel.detections(model, p, *data, 4.0, H, g), pose)
+    value, H, g = evaluate(lambda p, H, g: kernel.detections(model, p, data, 4.0, H, g), pose)
 
     def readable(p):
-        return energy.detection_energy(motion.person, p, *data, 4.0)
+        return energy.detection_energy(motion.person, p, data, 4.0)
 
     assert value == pytest.approx(readable(pose), rel=1e-12)
     assert np.allclose(g, gradient(readable, pose), rtol=1e-5, atol=1e-4)
@@ -47,9 +46,9 @@ def test_detection_term(motion, frame):
 
 
 def test_detection_matrix_is_reweighted_gauss_newton(motion, frame):
-    model, (centres, rays, whiten, weights), pose = frame
-    data = centres, rays, whiten, weights
-    _, H, _ = evaluate(lambda p, H, g: kernel.detections(model, p, *data, 4.0, H, g), pose)
+    model, data, pose = frame
+    centres, rays, whiten, weights = data
+    _, H, _ = evaluate(lambda p, H, g: kernel.detections(model, p, data, 4.0, H, g), pose)
     joints, J = jacobian(motion.person, pose)
     expected = np.zeros((37, 37))
     for v in range(len(centres)):
@@ -98,7 +97,7 @@ def test_smoothness(motion, frame):
 def test_squared_residuals(motion, frame):
     model, data, pose = frame
     squared = np.zeros((2, 18))
-    kernel.squared_residuals(model, pose, *data, squared)
+    kernel.squared_residuals(model, pose, data, squared)
     joints = points(motion.person, pose)[model.label_points]
     expected = energy.angular_residual(joints, data[0][:, None], data[1], data[2])
     there = data[3] > 0
@@ -115,10 +114,10 @@ def test_window_of_frames(motion):
     stencil = energy.acceleration_stencil(np.array([0, 0.03, 0.07, 0.1, 0.2]))
     bands, g = np.zeros((75, frames * 37), order="F"), np.zeros(frames * 37)
     halves = np.random.default_rng(3).normal(size=(frames, 37, 37))
-    guide = Guide(motion.angles[:frames], halves @ np.swapaxes(halves, 1, 2))
-    data = seen.centres, seen.rays, seen.whiten, seen.weights, CONFIG.robust_scale
+    guide = MotionPrediction(motion.angles[:frames], halves @ np.swapaxes(halves, 1, 2))
     value = smoother.assemble(
-        model, poses, *data, stencil, AGILITY, guide.mean, guide.precision, bands, g,
+        model, poses, seen.arrays, CONFIG.robust_scale, stencil, AGILITY, guide.mean,
+        guide.precision, bands, g,
     )  # fmt: skip
 
     def readable(flat):
@@ -127,10 +126,7 @@ def test_window_of_frames(motion):
             energy.frame_energy(
                 motion.person,
                 p,
-                seen.centres,
-                seen.rays[t],
-                seen.whiten[t],
-                seen.weights[t],
+                seen.frame(t),
                 CONFIG,
             )
             for t, p in enumerate(sequence)
@@ -156,12 +152,14 @@ def test_bands_hold_the_second_differences():
     model = kernel.make_model(Proportions.from_lengths(1.7), config)
     frames = 6
     stencil = energy.acceleration_stencil(np.arange(frames) / 30)
-    nothing = np.zeros((frames, 1, 18))
+    nothing = Rays(
+        np.zeros((1, 3)), np.zeros((frames, 1, 18, 3)), np.zeros((frames, 1, 18, 2, 3)),
+        np.zeros((frames, 1, 18)),
+    )  # fmt: skip
     bands, g = np.zeros((75, frames * 37), order="F"), np.zeros(frames * 37)
     smoother.assemble(
-        model, np.zeros((frames, 37)), np.zeros((1, 3)), np.zeros((frames, 1, 18, 3)),
-        np.zeros((frames, 1, 18, 2, 3)), nothing, 4.0, stencil, AGILITY,
-        NO_GUIDE.mean, NO_GUIDE.precision, bands, g,
+        model, np.zeros((frames, 37)), nothing, 4.0, stencil, AGILITY,
+        NO_MOTION_PREDICTION.mean, NO_MOTION_PREDICTION.precision, bands, g,
     )  # fmt: skip
     D = np.zeros((frames - 2, frames))
     for t in range(frames - 2):

@@ -11,15 +11,15 @@ from egocap.pose import kernel
 from egocap.pose.config import TrackerConfig
 from egocap.pose.motion_prior import (
     LAGS,
-    Guide,
+    MotionPrediction,
     condition,
-    guide_of,
     learn_motion_prior,
     load_motion_prior,
+    predict_motion,
     save_motion_prior,
 )
 from egocap.pose.observations import observe
-from egocap.track.tracker import track
+from egocap.track.tracker import Tracker
 
 A, B = DOF_INDEX["neck_flexion"], DOF_INDEX["upper_spine_flexion"]  # the same in a mirror
 
@@ -85,7 +85,7 @@ def test_guide_agrees_with_what_is_seen(motion):
     config = TrackerConfig()
     seen = observe(motion.detect("simulated:1"), motion.rig, motion.person, config)
     model = kernel.make_model(motion.person, config)
-    guide = guide_of(motion.angles, seen, model, config)
+    guide = predict_motion(motion.angles, seen, model, config)
     assert guide.mean.shape == (90, 37)
     away = np.einsum("ti,tij,tj->t", guide.mean - motion.angles, guide.precision,
                      guide.mean - motion.angles)  # fmt: skip
@@ -97,14 +97,17 @@ def test_any_frame_rate_and_gaps(motion, step):
     found = motion.detect("simulated:2", hidden=0.3)
     times = step * np.arange(len(found.times))
     times[50:] += 30.0
-    result = track(replace(found, times=times), motion.rig, motion.person)
+    result = Tracker(motion.rig, motion.person).track(replace(found, times=times))
     assert np.isfinite(result.joints_head).all() and np.isfinite(result.covariance).all()
     assert np.median(motion.errors(result)) < 0.03
 
 
 def test_a_guide_takes_another_in_some_frames():
     eye = np.broadcast_to(np.eye(37), (4, 37, 37))
-    one, two = Guide(np.zeros((4, 37)), eye), Guide(np.ones((4, 37)), 2.0 * eye)
+    one, two = (
+        MotionPrediction(np.zeros((4, 37)), eye),
+        MotionPrediction(np.ones((4, 37)), 2.0 * eye),
+    )
     both = one.replaced(two, np.array([False, True, True, False]))
     assert both.mean[:, 0].tolist() == [0, 1, 1, 0]
     assert both.precision[:, 5, 5].tolist() == [1, 2, 2, 1]

@@ -8,17 +8,16 @@ from egocap.body.skeleton import forward
 from egocap.pose import energy, kernel
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
-from egocap.pose.solver import cholesky_solve, solve_frame
+from egocap.pose.solver import NO_PREDICTION, Prediction, cholesky_solve, solve_frame
 
 CONFIG = TrackerConfig()
-ALONE = np.zeros(0)
 
 
 @pytest.fixture(scope="module")
 def frame(motion):
     seen = observe(motion.detect("simulated:2"), motion.rig, motion.person, CONFIG)
     model = kernel.make_model(motion.person, CONFIG)
-    return model, (seen.centres, seen.rays[20], seen.whiten[20], seen.weights[20])
+    return model, seen.frame(20)
 
 
 def test_cholesky_solve_against_numpy():
@@ -41,10 +40,10 @@ def test_minimum_is_that_of_a_general_optimiser(motion, frame):
     model, data = frame
     start = motion.angles[20] + 0.1
     solved, value, converged, _ = solve_frame(
-        model, start, start, ALONE, *data, CONFIG.robust_scale, 50, 1e-9
+        model, start, NO_PREDICTION, data, CONFIG.robust_scale, 50, 1e-9
     )
     readable = minimize(
-        lambda p: energy.frame_energy(motion.person, p, *data, CONFIG), solved, method="L-BFGS-B",
+        lambda p: energy.frame_energy(motion.person, p, data, CONFIG), solved, method="L-BFGS-B",
         options={"maxfun": 3000},
     )  # fmt: skip
     assert converged
@@ -55,7 +54,7 @@ def test_minimum_is_that_of_a_general_optimiser(motion, frame):
 def test_energy_never_rises_with_more_steps(frame):
     model, data = frame
     values = [
-        solve_frame(model, np.zeros(37), np.zeros(37), ALONE, *data, CONFIG.robust_scale, n, 0.0)[1]
+        solve_frame(model, np.zeros(37), NO_PREDICTION, data, CONFIG.robust_scale, n, 0.0)[1]
         for n in range(0, 12, 2)
     ]
     assert (np.diff(values) <= 0).all() and values[-1] < values[0]
@@ -65,16 +64,16 @@ def test_no_steps_do_not_count_as_converged(frame):
     model, data = frame
     start = np.full(37, 0.3)
     solved, _, converged, steps = solve_frame(
-        model, start, start, ALONE, *data, CONFIG.robust_scale, 0, 1e-4
+        model, start, NO_PREDICTION, data, CONFIG.robust_scale, 0, 1e-4
     )
     assert not converged and steps == 0 and np.array_equal(solved, start)
 
 
 def test_prediction_holds_what_is_not_seen(frame):
-    model, (centres, rays, whiten, weights) = frame
+    model, data = frame
     predicted = np.full(37, 0.1)
     solved, *_ = solve_frame(
-        model, np.zeros(37), predicted, np.full(37, 0.01), centres, rays, whiten, 0 * weights,
-        CONFIG.robust_scale, 50, 1e-9,
+        model, np.zeros(37), Prediction(predicted, np.full(37, 0.01)),
+        data._replace(weights=0 * data.weights), CONFIG.robust_scale, 50, 1e-9,
     )  # fmt: skip
     assert np.allclose(solved, predicted, atol=0.01)

@@ -15,7 +15,7 @@ from egocap.posterior.frame_posterior import (
 )
 from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
-from egocap.track.tracker import track
+from egocap.track.tracker import Tracker
 
 
 class Term:
@@ -49,7 +49,7 @@ def test_a_frame_prefers_the_pose_that_it_shows(tiny_sequence):
     footage = open_sequence(tiny_sequence)
     found = detections_from(footage, "simulated:1", 0)
     said = learned_likelihood(footage, found, 1)
-    pose = track(found, footage.rig, footage.proportions).angles[1]
+    pose = Tracker(footage.rig, footage.proportions).track(found).angles[1]
     away = pose + np.random.default_rng(0).normal(0.0, 0.3, (8, 37))
     assert (said(pose[None]) > said(away)).all()
 

@@ -14,8 +14,8 @@ from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.model import ImageModel
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import Modes, observe
-from egocap.track.appearance_check import EVIDENCE, _denied, without
-from egocap.track.tracker import track
+from egocap.track.appearance_check import EVIDENCE, _reject, remove_rejected
+from egocap.track.tracker import Tracker
 from tests.egocap.conftest import make_motion
 
 BLUE, GREY = np.array([0.6, 0.7, 0.6]), np.array([0.6, 0.02, 0.45])
@@ -65,23 +65,26 @@ def wrist_error(motion, tracked):
 
 def test_an_arm_found_before_the_wall_is_not_believed(scene, imagined):
     motion, pictures = scene
-    person = imagined, motion.rig, motion.person
-    blind = track(*person)
-    looking = track(*person, images=pictures.__getitem__)
+    tracker = Tracker(motion.rig, motion.person)
+    blind = tracker.track(imagined)
+    looking = tracker.track(imagined, pictures.__getitem__)
     assert wrist_error(motion, blind) > 0.2
     assert wrist_error(motion, looking) < 0.5 * wrist_error(motion, blind)
-    assert 10 <= estimated(looking)["denied"] <= 2 * 3 * 18
+    assert 10 <= estimated(looking)["rejected"] <= 2 * 3 * 18
     json.dumps(looking.config)
-    told = track(*person, TrackerConfig(look=False), pictures.__getitem__)
+    config = TrackerConfig(appearance_check=False)
+    told = Tracker(motion.rig, motion.person, config).track(imagined, pictures.__getitem__)
     np.testing.assert_array_equal(told.angles, blind.angles)
 
 
 def test_what_is_there_stays(scene):
     motion, pictures = scene
     found = motion.detect("simulated:2")
-    looking = track(found, motion.rig, motion.person, images=pictures.__getitem__)
-    assert estimated(looking)["denied"] == 0
-    np.testing.assert_array_equal(looking.angles, track(found, motion.rig, motion.person).angles)
+    looking = Tracker(motion.rig, motion.person).track(found, pictures.__getitem__)
+    assert estimated(looking)["rejected"] == 0
+    np.testing.assert_array_equal(
+        looking.angles, Tracker(motion.rig, motion.person).track(found).angles
+    )
 
 
 def test_a_black_view_denies_nothing(scene):
@@ -89,15 +92,15 @@ def test_a_black_view_denies_nothing(scene):
     found = motion.detect("simulated:2")
     found = replace(found, valid=found.valid & np.array([True, False])[:, None])
     black = [(image, np.zeros_like(image)) for image, _ in pictures]
-    looking = track(found, motion.rig, motion.person, images=black.__getitem__)
-    assert estimated(looking)["denied"] == 0
+    looking = Tracker(motion.rig, motion.person).track(found, black.__getitem__)
+    assert estimated(looking)["rejected"] == 0
 
 
 def test_only_all_frames_together_look(scene, imagined):
     motion, pictures = scene
     config = TrackerConfig(smoothing="none")
-    causal = track(imagined[:3], motion.rig, motion.person, config, pictures.__getitem__)
-    assert "denied" not in estimated(causal)
+    causal = Tracker(motion.rig, motion.person, config).track(imagined[:3], pictures.__getitem__)
+    assert "rejected" not in estimated(causal)
 
 
 def test_doubt_spreads_in_time_and_outwards():
@@ -109,7 +112,7 @@ def test_doubt_spreads_in_time_and_outwards():
     against[1, wrist] = -2 * EVIDENCE  # there for sure
     expected = np.zeros_like(against, bool)
     expected[1:3, elbow] = expected[2, wrist] = expected[2, hand] = True
-    np.testing.assert_array_equal(_denied(against), expected)
+    np.testing.assert_array_equal(_reject(against), expected)
 
 
 def test_what_led_there_is_dropped_and_what_did_not_stays(imagined, scene):
@@ -117,7 +120,7 @@ def test_what_led_there_is_dropped_and_what_did_not_stays(imagined, scene):
     observations = observe(imagined, motion.rig, motion.person, TrackerConfig())
     labels = np.zeros((60, len(LABELS)), bool)
     labels[25:35, ARM] = True
-    left, dropped = without(observations, labels, motion.joints)
+    left, dropped = remove_rejected(observations, labels, motion.joints)
     there = observations.weights > 0.0
     true = labels & (np.arange(60) < WRONG.start)[:, None]  # found where the joints are
     gone = there & (left.weights == 0.0)
@@ -137,7 +140,7 @@ def test_modes_are_dropped_by_their_own_places(imagined, scene):
     modes = Modes(rays, whiten, weights, np.zeros_like(weights))
     labels = np.zeros((60, len(LABELS)), bool)
     labels[33, ARM] = True
-    left, _ = without(replace(first, modes=modes), labels, motion.joints)
+    left, _ = remove_rejected(replace(first, modes=modes), labels, motion.joints)
     assert left.modes is not None
     assert left.modes.weights[33, 0][:, ARM].sum() == first.weights[33][:, ARM].sum()
     assert left.modes.weights[33, 1][:, ARM].sum() < 0.3 * other.weights[33][:, ARM].sum()

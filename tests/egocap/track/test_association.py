@@ -9,8 +9,8 @@ from egocap.body.labels import LABEL_INDEX, MIRROR
 from egocap.pose import kernel
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
-from egocap.track.association import can_choose, choose
-from egocap.track.tracker import track
+from egocap.track.association import associate, needs_association
+from egocap.track.tracker import Tracker
 
 CONFIG = TrackerConfig()
 LEGS = [LABEL_INDEX[f"{s}_{p}"] for s in ("left", "right")
@@ -30,20 +30,20 @@ def test_exchanged_sides_are_put_back(motion):
     proposed = observe(swapped(exact, LEGS, 7), motion.rig, motion.person, CONFIG)
     straight = observe(exact, motion.rig, motion.person, CONFIG)
     model, taken = kernel.make_model(motion.person, CONFIG), proposed[:]
-    assert choose(motion.angles, proposed, taken, model, CONFIG) == 1
+    assert associate(motion.angles, proposed, taken, model, CONFIG) == 1
     assert np.allclose(taken.rays, straight.rays)
     assert not np.allclose(proposed.rays, straight.rays)  # the proposal itself stays
-    assert choose(motion.angles, proposed, taken, model, CONFIG) == 0
+    assert associate(motion.angles, proposed, taken, model, CONFIG) == 0
 
 
 def test_switched_off_nothing_is_exchanged(motion):
-    config = TrackerConfig(swaps=False)
+    config = TrackerConfig(fix_swaps=False)
     proposed = observe(
         swapped(motion.detect("simulated:1"), LEGS, 7), motion.rig, motion.person, config
     )
-    assert not can_choose(proposed, config)
+    assert not needs_association(proposed, config)
     taken = proposed[:]
-    choose(motion.angles, proposed, taken, kernel.make_model(motion.person, config), config)
+    associate(motion.angles, proposed, taken, kernel.make_model(motion.person, config), config)
     assert np.array_equal(taken.rays, proposed.rays)
 
 
@@ -65,7 +65,7 @@ def test_the_mode_that_the_body_fits_is_taken(motion):
     proposed = observe(found, motion.rig, motion.person, CONFIG)
     straight = observe(exact, motion.rig, motion.person, CONFIG)
     taken = proposed[:]
-    choose(motion.angles, proposed, taken, kernel.make_model(motion.person, CONFIG), CONFIG)
+    associate(motion.angles, proposed, taken, kernel.make_model(motion.person, CONFIG), CONFIG)
     seen = exact.valid[:, 1, knee]
     assert np.allclose(taken.rays[seen, 1, knee], straight.rays[seen, 1, knee])
     others = [j for j in range(18) if j != knee]
@@ -78,12 +78,15 @@ def test_swaps_and_strangers_hardly_harm_the_track(motion, smoothing):
     found = motion.detect(source, hidden=0.2, seed=3)
     off, on = (
         motion.errors(
-            track(found, motion.rig, motion.person,
-                  TrackerConfig(smoothing=smoothing, modes=choosing, swaps=choosing))
+            Tracker(
+                motion.rig, motion.person,
+                TrackerConfig(smoothing=smoothing, use_modes=choosing, fix_swaps=choosing),
+            ).track(found)
         ).mean()
         for choosing in (False, True)
     )  # fmt: skip
     assert on < off
-    clean = track(motion.detect("simulated:2", hidden=0.2, seed=3), motion.rig, motion.person,
-                  TrackerConfig(smoothing=smoothing))  # fmt: skip
+    clean = Tracker(motion.rig, motion.person, TrackerConfig(smoothing=smoothing)).track(
+        motion.detect("simulated:2", hidden=0.2, seed=3)
+    )
     assert on < 1.5 * motion.errors(clean).mean()

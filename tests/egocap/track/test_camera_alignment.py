@@ -10,7 +10,7 @@ from egocap.body.skeleton import forward
 from egocap.detect.synthetic import parse_source, simulate_detections
 from egocap.geometry import axis_angle
 from egocap.pose.config import TrackerConfig
-from egocap.track.tracker import track
+from egocap.track.tracker import Tracker
 
 TURN = np.deg2rad([0.5, -0.4, 0.6])
 
@@ -37,8 +37,8 @@ def detect(motion, *, lag=0.0, turn=None, sigma=1.0, hidden=0.2, seed=0):
 @pytest.mark.parametrize("lag", [0.04, -0.02, 0.0])
 def test_a_lag_is_found(motion, lag):
     found = detect(motion, lag=lag)
-    plain = track(found, motion.rig, motion.person)
-    result = track(found, motion.rig, motion.person, TrackerConfig(synchronise=True))
+    plain = Tracker(motion.rig, motion.person).track(found)
+    result = Tracker(motion.rig, motion.person, TrackerConfig(synchronise=True)).track(found)
     assert result.config["estimated"]["lag_s"][0] == 0.0
     assert result.config["estimated"]["lag_s"][1] == pytest.approx(lag, abs=0.004)
     if abs(lag) > 0.03:
@@ -47,8 +47,8 @@ def test_a_lag_is_found(motion, lag):
 
 def test_a_turned_camera_is_found(motion):
     found = detect(motion, turn=TURN)
-    plain = track(found, motion.rig, motion.person)
-    result = track(found, motion.rig, motion.person, TrackerConfig(align_cameras=True))
+    plain = Tracker(motion.rig, motion.person).track(found)
+    result = Tracker(motion.rig, motion.person, TrackerConfig(align_cameras=True)).track(found)
     rotation = np.deg2rad(result.config["estimated"]["rotation_deg"])
     assert np.allclose(rotation[0], 0)
     assert np.linalg.norm(rotation[1] - TURN) < 0.35 * np.linalg.norm(TURN)
@@ -57,16 +57,16 @@ def test_a_turned_camera_is_found(motion):
 
 def test_both_at_once(motion):
     config = TrackerConfig(synchronise=True, align_cameras=True)
-    result = track(detect(motion, lag=0.03, turn=TURN), motion.rig, motion.person, config)
+    result = Tracker(motion.rig, motion.person, config).track(detect(motion, lag=0.03, turn=TURN))
     assert result.config["estimated"]["lag_s"][1] == pytest.approx(0.03, abs=0.006)
 
 
 def test_nothing_is_estimated_from_nothing(motion):
     config = TrackerConfig(synchronise=True, align_cameras=True)
-    result = track(detect(motion, hidden=1.0), motion.rig, motion.person, config)
+    result = Tracker(motion.rig, motion.person, config).track(detect(motion, hidden=1.0))
     assert np.allclose(result.config["estimated"]["lag_s"], 0, atol=1e-9)
     assert np.isfinite(result.joints_head).all()
     one = detect(motion)
     few = {n: getattr(one, n)[:1] for n in ("times", "points", "sigma", "confidence", "valid")}
-    short = track(replace(one, **few), motion.rig, motion.person, config)
+    short = Tracker(motion.rig, motion.person, config).track(replace(one, **few))
     assert np.isfinite(short.joints_head).all()

@@ -7,7 +7,7 @@ from egocap.data.detections import Detections
 from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE, Sequence
 from egocap.data.track import HIDDEN
 from egocap.pose.inverse_kinematics import nearest_angles
-from egocap.track.joint_occlusion import why_hidden
+from egocap.track.joint_occlusion import occlusion_causes
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def seen(tiny_sequence):
 
 def test_causes_are_those_of_the_renderer(seen):
     sequence, angles, found = seen
-    causes = why_hidden(angles, found, sequence.rig, sequence.proportions)
+    causes = occlusion_causes(angles, found, sequence.rig, sequence.proportions)
     truth = sequence.truth.visibility
     assert causes.shape == truth.shape and causes.dtype == np.uint8
     np.testing.assert_array_equal(causes == VISIBLE, truth == VISIBLE)
@@ -41,11 +41,11 @@ def test_what_nothing_hides_is_unknown(seen):
     sequence, angles, found = seen
     visible = sequence.truth.visibility == VISIBLE
     found.confidence[:] = 0.0
-    causes = why_hidden(angles, found, sequence.rig, sequence.proportions)
+    causes = occlusion_causes(angles, found, sequence.rig, sequence.proportions)
     assert (causes[visible] == OCCLUDED).mean() > 0.6
     assert (causes != VISIBLE).all()
     found.confidence[:], found.valid[:] = 1.0, False
-    again = why_hidden(angles, found, sequence.rig, sequence.proportions)
+    again = occlusion_causes(angles, found, sequence.rig, sequence.proportions)
     np.testing.assert_array_equal(again, causes)
 
 

@@ -8,9 +8,9 @@ from egocap.body.skeleton import DOF_COUNT, DOF_INDEX, forward
 from egocap.pose import kernel
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
-from egocap.track.multistart import LIMBS, moved, restarted, spliced
+from egocap.track.multistart import LIMBS, changed_frames, merge_segments, solve_multistart
 from egocap.track.smoother import interval_system, smooth_interval
-from egocap.track.tracker import track
+from egocap.track.tracker import Tracker
 
 CONFIG = TrackerConfig()
 WRIST = LABEL_INDEX["left_wrist"]
@@ -52,7 +52,7 @@ def wrist_error(motion, angles):
 
 def test_an_arm_gets_out_of_a_wrong_pose(motion, known, stuck):
     assert wrist_error(motion, stuck)[30:].mean() > 0.1
-    found, others = restarted(stuck, *known)
+    found, others = solve_multistart(stuck, *known)
     assert wrist_error(motion, found)[30:].mean() < 0.03
     assert others[60:72].all()
     assert interval_system(found, *known)[0] < interval_system(stuck, *known)[0]
@@ -60,7 +60,7 @@ def test_an_arm_gets_out_of_a_wrong_pose(motion, known, stuck):
 
 def test_what_is_right_stays_as_it_is(motion, known):
     angles, _ = smooth_interval(motion.angles, *known)
-    found, others = restarted(angles, *known)
+    found, others = solve_multistart(angles, *known)
     assert not others.any()
     np.testing.assert_allclose(found, angles, atol=0.01)
 
@@ -70,25 +70,28 @@ def test_only_the_limb_that_is_better_is_taken(motion, known):
     bent, kicked, leg = right.copy(), right.copy(), LIMBS[4]
     bent[5:15, ARM] += 0.5
     kicked[:, leg] += 0.6
-    best = spliced(bent, kicked, *known)
+    best = merge_segments(bent, kicked, *known)
     np.testing.assert_array_equal(best, right)
 
 
 def test_nothing_is_taken_from_a_worse_motion(motion, known):
     right, _ = smooth_interval(motion.angles, *known)
     worse = right + np.random.default_rng(0).normal(0, 0.3, right.shape)
-    np.testing.assert_array_equal(spliced(right, worse, *known), right)
+    np.testing.assert_array_equal(merge_segments(right, worse, *known), right)
 
 
 def test_motions_differ_where_an_angle_does():
     angles = np.zeros((5, DOF_COUNT))
     other = angles.copy()
     other[2, 7], other[4, 3] = 0.1, 1e-4
-    assert moved(angles, other).tolist() == [False, False, True, False, False]
+    assert changed_frames(angles, other).tolist() == [False, False, True, False, False]
 
 
 def test_the_record_says_how_many_frames_were_found_elsewhere(motion):
     found = motion.detect("simulated:2")
-    assert track(found, motion.rig, motion.person).config["estimated"]["restarted_frames"] == 0
-    without = track(found, motion.rig, motion.person, TrackerConfig(restarts=False))
-    assert "restarted_frames" not in without.config["estimated"]
+    assert (
+        Tracker(motion.rig, motion.person).track(found).config["estimated"]["multistart_frames"]
+        == 0
+    )
+    without = Tracker(motion.rig, motion.person, TrackerConfig(multistart=False)).track(found)
+    assert "multistart_frames" not in without.config["estimated"]

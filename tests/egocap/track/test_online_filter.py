@@ -33,15 +33,15 @@ def test_starts_are_possible_poses_and_all_different():
 
 def test_a_frame_depends_on_its_past_alone(motion):
     seen, model = setup(motion, "simulated:2")
-    whole, _ = online_filter.track_causally(seen, model, CONFIG)
+    whole, *_ = online_filter.filter_sequence(seen, model, CONFIG)
     seen.weights[30:] = 0
-    cut, _ = online_filter.track_causally(seen, model, CONFIG)
+    cut, *_ = online_filter.filter_sequence(seen, model, CONFIG)
     assert np.array_equal(whole[:30], cut[:30])
 
 
 def test_tracks_exact_detections(motion):
     seen, model = setup(motion, "simulated:0")
-    angles, converged = online_filter.track_causally(seen, model, CONFIG)
+    angles, converged, _ = online_filter.filter_sequence(seen, model, CONFIG)
     assert converged.mean() > 0.95
     assert np.median(error(motion, angles)) < 0.01
 
@@ -49,7 +49,7 @@ def test_tracks_exact_detections(motion):
 def test_recovers_after_blindness(motion):
     seen, model = setup(motion, "simulated:1")
     seen.weights[20:45] = 0
-    angles, _ = online_filter.track_causally(seen, model, CONFIG)
+    angles, *_ = online_filter.filter_sequence(seen, model, CONFIG)
     assert np.isfinite(angles).all()
     assert np.median(error(motion, angles)[55:]) < 0.03
 
@@ -63,14 +63,14 @@ def test_recovers_from_swapped_sides(motion):
         part = array[30:36].copy()
         part[:, :, left + swap] = array[30:36][:, :, swap + left]
         array[30:36] = part
-    angles, _ = online_filter.track_causally(seen, model, CONFIG)
+    angles, *_ = online_filter.filter_sequence(seen, model, CONFIG)
     assert np.median(error(motion, angles)[45:]) < 0.03
 
 
 def test_two_directions_are_no_worse_than_one(motion):
     seen, model = setup(motion, "simulated:2,outliers=0.3", hidden=0.3)
-    one, _ = online_filter.track_causally(seen, model, CONFIG)
-    both, _ = online_filter.track_both_ways(seen, model, CONFIG)
+    one, *_ = online_filter.filter_sequence(seen, model, CONFIG)
+    both, _ = online_filter.filter_both_ways(seen, model, CONFIG)
     energies = [online_filter.frame_energies(a, seen, model, CONFIG).sum() for a in (one, both)]
     assert energies[1] <= energies[0] + 1e-6
 

@@ -11,12 +11,12 @@ from egocap.data.track import load_track, save_track
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import InputError
 from egocap.pose.config import TrackerConfig
-from egocap.track.tracker import track
+from egocap.track.tracker import Tracker
 from tests.egocap.conftest import make_motion
 
 
 def run(motion, detections, **settings):
-    return track(detections, motion.rig, motion.person, TrackerConfig(**settings))
+    return Tracker(motion.rig, motion.person, TrackerConfig(**settings)).track(detections)
 
 
 def test_exact_detections_give_the_pose(motion):
@@ -134,12 +134,12 @@ def test_bad_input_is_named(motion):
         run(motion, empty)
     one_eyed = replace(motion.rig, mounts=motion.rig.mounts[:1])
     with pytest.raises(InputError, match="views"):
-        track(found, one_eyed, Proportions.from_lengths(1.75))
+        Tracker(one_eyed, Proportions.from_lengths(1.75)).track(found)
 
 
 @pytest.mark.parametrize(
     "settings",
-    [{"smoothing": "kalman"}, {"zeta": -1.0}, {"robust_scale": 0.0}, {"acceleration": np.nan},
+    [{"smoothing": "kalman"}, {"zeta": -1.0}, {"robust_scale": 0.0}, {"acceleration_sigma": np.nan},
      {"lambda_detection": np.inf}, {"max_iterations": 0}],
 )  # fmt: skip
 def test_bad_settings_are_named(settings):

@@ -7,10 +7,10 @@ from egocap.body.skeleton import AGILITY
 from egocap.pose import kernel
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
-from egocap.pose.motion_prior import NO_GUIDE
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION
 from egocap.pose.observations import observe
 from egocap.track import smoother
-from egocap.track.tracker import track
+from egocap.track.tracker import Tracker
 from egocap.track.uncertainty import banded_inverse, confidences
 from tests.egocap.conftest import make_motion
 
@@ -24,8 +24,8 @@ def test_blocks_of_the_inverse_against_the_dense_one(motion, frames):
     size = frames * 37
     bands, g = np.zeros((75, size), order="F"), np.zeros(size)
     smoother.assemble(
-        model, motion.angles[:frames], seen.centres, seen.rays, seen.whiten, seen.weights, 5.0,
-        acceleration_stencil(seen.times), AGILITY, NO_GUIDE.mean, NO_GUIDE.precision, bands, g,
+        model, motion.angles[:frames], seen.arrays, 5.0, acceleration_stencil(seen.times), AGILITY,
+        NO_MOTION_PREDICTION.mean, NO_MOTION_PREDICTION.precision, bands, g,
     )  # fmt: skip
     dense = np.zeros((size, size))
     for k in range(min(75, size)):
@@ -43,7 +43,9 @@ def test_covariance_covers_the_errors(smoothing_kind):
     for seed in range(3):
         made = make_motion(frames=120, seed=seed)
         found = made.detect("simulated:3", hidden=0.4, seed=seed)
-        result = track(found, made.rig, made.person, TrackerConfig(smoothing=smoothing_kind))
+        result = Tracker(made.rig, made.person, TrackerConfig(smoothing=smoothing_kind)).track(
+            found
+        )
         error = (result.joints_head - made.joints)[:, 1:]
         inverse = np.linalg.inv(result.covariance[:, 1:])
         ratios.append(np.einsum("tji,tjik,tjk->tj", error, inverse, error))
@@ -57,7 +59,7 @@ def test_what_is_hidden_is_less_sure(motion):
     valid[30:60, :, 10:] = False
     from dataclasses import replace
 
-    result = track(replace(found, valid=valid), motion.rig, motion.person)
+    result = Tracker(motion.rig, motion.person).track(replace(found, valid=valid))
     legs = result.confidence[:, 11:]
     assert legs[40:50].mean() < legs[:20].mean() - 0.2
     assert result.confidence[:, 1:10].min() > 0.9
@@ -73,13 +75,13 @@ def test_confidence_is_the_chance_of_five_centimetres():
 
 def test_nothing_seen_is_not_believed(motion):
     found = motion.detect("simulated:2", hidden=1.0)
-    result = track(found, motion.rig, motion.person)
+    result = Tracker(motion.rig, motion.person).track(found)
     assert np.isfinite(result.covariance).all()
     assert result.confidence[:, [5, 9, 12, 13, 16, 17]].max() < 0.3
 
 
 def test_it_can_be_left_out(motion):
-    result = track(
-        motion.detect("simulated:2"), motion.rig, motion.person, TrackerConfig(covariance=False)
+    result = Tracker(motion.rig, motion.person, TrackerConfig(covariance=False)).track(
+        motion.detect("simulated:2")
     )
     assert result.covariance is None and result.confidence is None

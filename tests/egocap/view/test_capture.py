@@ -8,8 +8,8 @@ import pytest
 
 from egocap.errors import InputError, MachineError
 from egocap.pose.config import TrackerConfig
-from egocap.track.online import LiveTracker
-from egocap.track.tracker import track
+from egocap.track.online import OnlineTracker
+from egocap.track.tracker import Tracker
 from egocap.view.capture import LiveReport, Source, first_pictures, follow_live
 from tests.egocap.conftest import make_motion
 
@@ -24,8 +24,8 @@ def one(found, t):
 def test_frame_by_frame_is_the_causal_pass():
     made = make_motion(frames=25)
     found = made.detect("simulated:2,swaps=0.1", hidden=0.2)
-    whole = track(found, made.rig, made.person, LIVE)
-    live = LiveTracker(made.rig, made.person, LIVE)
+    whole = Tracker(made.rig, made.person, LIVE).track(found)
+    live = OnlineTracker(made.rig, made.person, LIVE)
     poses = [live.step(one(found, t)) for t in range(25)]
     assert np.allclose([p.angles for p in poses], whole.angles)
     assert np.allclose([p.confidence for p in poses], whole.confidence)
@@ -64,7 +64,7 @@ def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
     made = make_motion(frames=60)
     sources = [Source(video(tmp_path / f"{side}.avi", 30)) for side in ("left", "right")]
     detector = Slow(made, 0.15)
-    report = follow_live(sources, detector, LiveTracker(made.rig, made.person, LIVE))
+    report = follow_live(sources, detector, OnlineTracker(made.rig, made.person, LIVE))
     for source in sources:
         source.close()
     assert 2 <= len(report.poses) < 25
@@ -72,7 +72,7 @@ def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
     fetched = sum(sum(call) for call in detector.calls)
     assert fetched + report.skipped == sum(source.taken for source in sources) == 60
     assert max(report.latencies) < 5.0
-    result = report.track(LiveTracker(made.rig, made.person, LIVE), "test")
+    result = report.track(OnlineTracker(made.rig, made.person, LIVE), "test")
     assert result.times[0] == 0.0 and (np.diff(result.times) > 0).all()
 
 
@@ -81,7 +81,7 @@ def test_every_pose_is_shown_with_its_pictures(tmp_path):
     sources = [Source(video(tmp_path / f"{side}.avi", 5)) for side in ("left", "right")]
     shown = []
     report = follow_live(
-        sources, Slow(made, 0.0), LiveTracker(made.rig, made.person, LIVE),
+        sources, Slow(made, 0.0), OnlineTracker(made.rig, made.person, LIVE),
         on_pose=lambda pose, images: shown.append((pose, [i is not None for i in images])),
     )  # fmt: skip
     assert [pose for pose, _ in shown] == report.poses
@@ -98,16 +98,16 @@ def test_the_first_pictures_are_the_beginning(tmp_path):
 
 def test_settings_that_need_the_future_are_refused():
     made = make_motion(frames=2)
-    for wrong in ({"smoothing": "interval"}, {"solver": "reference"}, {"colour": True}):
+    for wrong in ({"smoothing": "interval"}, {"colour": True}):
         with pytest.raises(InputError, match="live"):
-            LiveTracker(made.rig, made.person, replace(LIVE, **wrong))
+            OnlineTracker(made.rig, made.person, replace(LIVE, **wrong))
 
 
 def test_a_view_that_ends_early_is_missing(tmp_path):
     made = make_motion(frames=60)
     sources = [Source(video(tmp_path / "a.avi", 3)), Source(video(tmp_path / "b.avi", 12, 5.0))]
     detector = Slow(made, 0.02)
-    follow_live(sources, detector, LiveTracker(made.rig, made.person, LIVE))
+    follow_live(sources, detector, OnlineTracker(made.rig, made.person, LIVE))
     assert [False, True] in detector.calls
 
 
@@ -117,4 +117,4 @@ def test_what_is_no_source_is_named(tmp_path):
         Source(str(tmp_path / "x.avi"))
     made = make_motion(frames=2)
     with pytest.raises(MachineError, match="no pictures"):
-        LiveReport().track(LiveTracker(made.rig, made.person, LIVE), "test")
+        LiveReport().track(OnlineTracker(made.rig, made.person, LIVE), "test")

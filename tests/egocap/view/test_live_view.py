@@ -9,7 +9,7 @@ import pytest
 
 from egocap.body.skeleton import forward
 from egocap.errors import InputError, MachineError
-from egocap.track.online import LivePose
+from egocap.track.online import PoseEstimate
 from egocap.view.live_page import PictureStream
 from egocap.view.live_view import Watcher
 from egocap.view.video import Film
@@ -86,7 +86,7 @@ def test_the_watcher_hands_on_pose_and_pictures(tmp_path, stream):
     with Film(tmp_path / "f.mp4", fps=30.0) as film:
         watcher = Watcher(made.rig, stream, film)
         for t in range(3):
-            pose = LivePose(5.0 + t / 30, made.angles[t], forward(made.person, made.angles[t]),
+            pose = PoseEstimate(5.0 + t / 30, made.angles[t], forward(made.person, made.angles[t]),
                             np.ones(18), True)  # fmt: skip
             watcher(pose, [None, np.full((512, 640, 3), 60, np.uint8)])
     found = frames(tmp_path / "f.mp4")

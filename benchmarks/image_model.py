@@ -78,14 +78,14 @@ class Bench:
 
         self.sequence = sequence = Sequence(folder)
         truth = sequence.truth.joints_head
-        self.angles = nearest_angles(sequence.proportions, truth[0])
+        self.angles = nearest_angles(sequence.body, truth[0])
         self.images = sequence.frame(0).images
         rays = image_rays(sequence.rig, *SIZE)
-        plain = GaussianBody.from_proportions(sequence.proportions)
+        plain = GaussianBody.from_proportions(sequence.body)
         self.body = colour_body(plain, rays, self.images, self.angles)
         shown = []
         for t in np.linspace(0, len(sequence) - 1, 5).round().astype(int):
-            angles = nearest_angles(sequence.proportions, truth[t])
+            angles = nearest_angles(sequence.body, truth[t])
             shown.append((sequence.frame(int(t)).images, angles))
         self.palette = learn_palette(self.body, rays, shown)
 
@@ -180,7 +180,7 @@ class Bench:
             rates, busy, poses = [], [], []
             for _ in range(3):
                 rng = None if seed is None else np.random.default_rng(seed)
-                rig, proportions = self.sequence.rig, self.sequence.proportions
+                rig, proportions = self.sequence.rig, self.sequence.body
                 tracker = ColourTracker(rig, proportions, self.angles, rng=rng)
                 tracker.learn(frames[0].images)
                 started, spent = time.perf_counter(), time.process_time()

@@ -22,13 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from egocap.data.detections import Detections
-from egocap.data.plugins import Footage
+from egocap.data.plugins import SequenceView
 from egocap.data.sequence import open_sequence
 from egocap.detect.sources import detections_from
 from egocap.evaluation.predictions import Predictions, save_predictions
 
 
-def track(footage: Footage, detections: Detections | None) -> np.ndarray:
+def track(footage: SequenceView, detections: Detections | None) -> np.ndarray:
     """(T, 18, 3) joints in the head frame, metres; NaN where fewer than two cameras see one."""
     assert detections is not None, "this tracker needs detections in both views"
     starts, rays = [], []  # a view each: where its rays start (3,), their directions (T, 18, 3)
@@ -51,7 +51,7 @@ def track(footage: Footage, detections: Detections | None) -> np.ndarray:
 def main(sequence: str, out: str) -> None:
     """Track a sequence from simulated detections and write a neutral file."""
     opened = open_sequence(sequence)
-    joints = track(Footage(opened), detections_from(opened, "simulated:2.0", seed=0))
+    joints = track(SequenceView(opened), detections_from(opened, "simulated:2.0", seed=0))
     valid = np.isfinite(joints).all(-1)
     save_predictions(
         Path(out),

@@ -65,7 +65,7 @@ def track(
     from egocap.paper.tracker import make_tracker
 
     opened = Sequence(sequence)
-    proportions = opened.proportions if body is None else Proportions.load(body)
+    proportions = opened.body if body is None else Proportions.load(body)
     found = detections_from(opened, detections, seed)
     tracker = make_tracker(opened.rig, proportions, solver, config)
     result = tracker.track(found, opened.images)

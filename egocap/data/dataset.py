@@ -32,7 +32,7 @@ class EpisodeEntry(Strict):
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")  # of its manifest.json
 
 
-class Episodes(Strict):
+class Dataset(Strict):
     """episodes.json."""
 
     kind: Literal["egocap-episodes"] = "egocap-episodes"
@@ -62,14 +62,14 @@ def episode_name(index: int) -> str:
     return f"episode-{index:05d}"
 
 
-def load_episodes(folder: Path) -> Episodes:
+def load_dataset(folder: Path) -> Dataset:
     """Read and check episodes.json, of a complete or an unfinished recording."""
     path = folder / EPISODES
     if not path.exists():
         raise FileError(folder, f"not a recording in episodes: it has no {EPISODES}")
     data = read_json(path)
     refuse_newer(data, SCHEMA, path)
-    recording = checked(Episodes, data, path)
+    recording = checked(Dataset, data, path)
     indices = [entry.index for entry in recording.episodes]
     if len(set(indices)) < len(indices):
         raise FileError(path, "an episode is there twice", key="episodes")

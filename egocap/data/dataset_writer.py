@@ -12,26 +12,26 @@ import os
 import shutil
 from pathlib import Path
 
-from egocap.data.dataset import EPISODES, EpisodeEntry, Episodes, episode_name, load_episodes
+from egocap.data.dataset import EPISODES, Dataset, EpisodeEntry, episode_name, load_dataset
 from egocap.data.sequence import MANIFEST, load_manifest
 from egocap.data.sequence_writer import FolderLock, begun_alike
 from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically
 
 
-class EpisodesWriter:
+class DatasetWriter:
     """Creates a recording, or takes up one of the same configuration.
 
     Use as a context manager: it holds the folder's lock. With `append`, a recording of fewer frames
     is taken up too, and made longer. Raises as `SequenceWriter` does.
     """
 
-    def __init__(self, folder: Path, recording: Episodes, *, append: bool) -> None:
+    def __init__(self, folder: Path, recording: Dataset, *, append: bool) -> None:
         self.folder, self.recording = folder, recording
         self._append = append
         self._lock = FolderLock(folder)
 
-    def __enter__(self) -> EpisodesWriter:
+    def __enter__(self) -> DatasetWriter:
         self._lock.take()
         try:
             if (self.folder / EPISODES).exists():
@@ -65,7 +65,7 @@ class EpisodesWriter:
         self._replace(self.recording.model_copy(update={"episodes": entries}))
 
     def _resume(self) -> None:
-        there, asked = load_episodes(self.folder), self.recording
+        there, asked = load_dataset(self.folder), self.recording
         parts = there.parts
         if asked.frames > there.frames and self._append:
             parts = [*parts, asked.frames - there.frames]
@@ -84,7 +84,7 @@ class EpisodesWriter:
         known = {entry.index: entry for entry in there.episodes}
         for folder in self.folder.glob("episode-*"):
             index = int(folder.name.removeprefix("episode-"))
-            entry = entry_of(folder, index)  # renamed, perhaps, but not entered yet
+            entry = episode_entry(folder, index)  # renamed, perhaps, but not entered yet
             if entry is None or known.get(index, entry) != entry:
                 known.pop(index, None)
             else:
@@ -98,13 +98,13 @@ class EpisodesWriter:
             }
         )
 
-    def _replace(self, recording: Episodes) -> None:
+    def _replace(self, recording: Dataset) -> None:
         text = json.dumps(recording.model_dump(mode="json"), separators=(",", ":"))
         write_atomically(self.folder / EPISODES, text.encode())
         self.recording = recording
 
 
-def entry_of(folder: Path, index: int) -> EpisodeEntry | None:
+def episode_entry(folder: Path, index: int) -> EpisodeEntry | None:
     """The entry of an episode's folder; None unless every file is there in its recorded size."""
     if not (folder / MANIFEST).exists():
         return None

@@ -28,13 +28,13 @@ from egocap.errors import InputError
 DETECTORS, TRACKERS = "egocap.detectors", "egocap.trackers"
 
 
-class Footage:
-    """What a method may know of a sequence: pictures, times, cameras and body proportions."""
+class SequenceView:
+    """The part of a sequence that a method may use: images, times, cameras, body proportions."""
 
     def __init__(self, sequence: Sequence) -> None:
         self._frame = sequence.frame
         self.rig: Rig = sequence.rig
-        self.proportions: Proportions = sequence.proportions
+        self.body: Proportions = sequence.body
         self.times: Float[Array, "T"] = sequence.times
 
     def __len__(self) -> int:
@@ -52,18 +52,18 @@ class Footage:
         return self._frame(index).images
 
 
-class Detector(Protocol):
+class DetectorPlugin(Protocol):
     """Finds the 18 labels in every view of every frame."""
 
-    def __call__(self, footage: Footage) -> Detections: ...
+    def __call__(self, sequence: SequenceView) -> Detections: ...
 
 
-class Tracker(Protocol):
+class TrackerPlugin(Protocol):
     """Finds joints in 3-D, in the head frame: an array (T, 18, 3) in metres, labels in the order of
     `labels.LABELS`, NaN for a joint it does not know; or a `Track`. `detections` are those
     that were asked for with --detections, None when none were."""
 
-    def __call__(self, footage: Footage, detections: Detections | None) -> Any: ...
+    def __call__(self, sequence: SequenceView, detections: Detections | None) -> Any: ...
 
 
 def installed(group: str) -> list[str]:

@@ -186,7 +186,7 @@ class Sequence:
         return SensorTruth.load(self.folder / SENSOR)
 
     @cached_property
-    def proportions(self) -> Proportions:
+    def body(self) -> Proportions:
         """The person's skeleton dimensions, as a tracker may know them."""
         return Proportions.load(self.folder / "body.json")
 

@@ -47,7 +47,7 @@ def draw_model(
     images = sequence.frame(frame).images
     rays = image_rays(sequence.rig, width, height)
     if body is None:
-        body = GaussianBody.from_proportions(sequence.proportions)
+        body = GaussianBody.from_proportions(sequence.body)
         body = colour_body(body, rays, images, angles)
     seen = ImageModel(body, rays).visibility(angles)
     unlike = _dissimilarities(body, rays, images, measure)

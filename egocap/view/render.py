@@ -34,7 +34,7 @@ def view_model(
     if not 0 <= frame < len(sequence):
         raise InputError(f"no frame {frame} in {folder}", valid=f"0 to {len(sequence) - 1}")
     if track is None:
-        angles = nearest_angles(sequence.proportions, sequence.truth.joints_head[frame])
+        angles = nearest_angles(sequence.body, sequence.truth.joints_head[frame])
     else:
         found = load_track(track)
         if len(found.times) != len(sequence):

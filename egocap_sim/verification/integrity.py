@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from egocap.data.dataset import EPISODES, load_episodes
+from egocap.data.dataset import EPISODES, load_dataset
 from egocap.data.sequence import (
     MANIFEST,
     OUT_OF_VIEW,
@@ -73,7 +73,7 @@ def verify(folder: Path, ray_frames: int = 0) -> Verification:
 
 
 def _verify_episodes(folder: Path, ray_frames: int) -> Verification:
-    recording, problems = load_episodes(folder), []
+    recording, problems = load_dataset(folder), []
     frames, shards, size = 0, 0, 0
     for entry in recording.episodes:
         manifest = folder / entry.name / MANIFEST

@@ -96,8 +96,8 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
     """
     sequence = Sequence(folder)
     truth = sequence.truth
-    start = nearest_angles(sequence.proportions, truth.joints_head[0])
-    tracker = ColourTracker(sequence.rig, sequence.proportions, start)
+    start = nearest_angles(sequence.body, truth.joints_head[0])
+    tracker = ColourTracker(sequence.rig, sequence.body, start)
     count = min(frames, len(sequence))
     shown = (sequence.frame(t) for t in range(count))
     poses = [tracker.step(frame.images, frame.time) for frame in shown]
@@ -125,7 +125,7 @@ def _what_colours_prefer(
     Of every tenth frame and arm whose wrist is off by more than `LOST_MM`: the energy of the
     tracked pose with its arm where it truly is, refined from there, less that of the tracked pose.
     """
-    person, rig = sequence.proportions, sequence.rig
+    person, rig = sequence.body, sequence.rig
     term = ColourTerm.learned(rig, person, [(sequence.images(0), angles[0])], TERM)
     config = ImageSolverConfig(lambda_colour=TERM.weight)
     solver = ImageSolver(term.model, config, PRIORS, UPPER_BODY)

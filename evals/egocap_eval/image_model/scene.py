@@ -49,9 +49,9 @@ class Scene:
         truth = sequence.truth
         self.joints = truth.joints_head
         self.seen = (truth.visibility == VISIBLE).any(1)  # (T, 18)
-        self.poses = [nearest_angles(sequence.proportions, joints) for joints in self.joints]
+        self.poses = [nearest_angles(sequence.body, joints) for joints in self.joints]
         rays = image_rays(sequence.rig, 128, 128)
-        body = GaussianBody.from_proportions(sequence.proportions)
+        body = GaussianBody.from_proportions(sequence.body)
         spread = np.linspace(0, len(self.poses) - 1, LEARNED).round().astype(int)
         shown = [(sequence.images(int(t)), self.poses[t]) for t in spread]
         self.palette = learn_palette(body, rays, shown)
@@ -70,7 +70,7 @@ class Scene:
                 np.random.default_rng(0),
             )  # fmt: skip
             self._observations[pixels] = observe(
-                found, self.sequence.rig, self.sequence.proportions, TrackerConfig()
+                found, self.sequence.rig, self.sequence.body, TrackerConfig()
             )
         return self._observations[pixels]
 
@@ -134,5 +134,5 @@ class Scene:
 
     def errors(self, angles: Float[Array, "37"], t: int) -> Float[Array, "18"]:
         """Distance of every joint from the truth, metres."""
-        joints = forward(self.sequence.proportions, angles)
+        joints = forward(self.sequence.body, angles)
         return np.linalg.norm(joints - self.joints[t], axis=-1)

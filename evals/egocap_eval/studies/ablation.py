@@ -174,7 +174,7 @@ def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
     from egocap.paper.tracker import PaperTracker
 
     detections = detections_from(footage, source, seed)
-    person = footage.rig, footage.proportions
+    person = footage.rig, footage.body
     if variant in PAPERS:
         config = replace(STOCHASTIC, **PAPERS[variant])
         return PaperTracker(*person, config).track(detections[:PAPER_FRAMES], footage.images)

@@ -131,11 +131,11 @@ def _workers(parent: int) -> list[int]:
 
 def judge(folder: Path, frames: int, sample: int) -> dict[str, Any]:
     """Verify a recording, and make some of its episodes again to compare."""
-    from egocap.data.dataset import episode_name, load_episodes
+    from egocap.data.dataset import episode_name, load_dataset
     from egocap_sim.verification.integrity import verify
 
     checked = verify(folder)
-    recording = load_episodes(folder)
+    recording = load_dataset(folder)
     chosen = np.random.default_rng(SEED).permutation(len(recording.episodes))[:sample]
     indices = sorted(recording.episodes[int(i)].index for i in chosen)
     different = [episode_name(i) for i in indices if not _same_again(folder, i)]

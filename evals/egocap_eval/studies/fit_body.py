@@ -38,7 +38,7 @@ def study(
         height = person_height(folder) if with_height else None
         observed = detections_from(sequence, detections, 0)
         fit = fit_body(first_seconds(observed, seconds), sequence.rig, height)
-        found[folder.name] = bone_errors(fit, sequence.proportions.bone_lengths)
+        found[folder.name] = bone_errors(fit, sequence.body.bone_lengths)
     result = {"summary": summary(found), "bones": list(POINTS), "sequences": found}
     return Outcome(result, [summary_table(result["summary"])])
 

@@ -151,7 +151,7 @@ def test_a_body_is_fitted_and_told_of(egocap, tracked, tiny_sequence):
 
 
 def test_a_track_is_of_the_body_it_is_given(egocap, tracked, tiny_sequence, tmp_path):
-    own = Sequence(tiny_sequence).proportions
+    own = Sequence(tiny_sequence).body
     dataclasses.replace(own, offsets=1.1 * own.offsets).save(tmp_path / "taller.json")
     for name, body in (("own", tiny_sequence / "body.json"), ("taller", tmp_path / "taller.json")):
         code, _, err = egocap("track", tiny_sequence, "--detections", tracked / "det.npz",

@@ -282,4 +282,4 @@ def test_proportions_and_rig_are_read_where_a_tracker_needs_them(folder):
     Proportions.from_lengths(1.8).save(folder / "body.json")
     sequence = Sequence(folder)
     assert sequence.rig.views == ("left", "right")
-    assert sequence.proportions.offsets.shape == (22, 3)
+    assert sequence.body.offsets.shape == (22, 3)

@@ -20,7 +20,7 @@ class OneFrame:
 
     manifest = SimpleNamespace(name="made up")
     rig = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
-    proportions = Proportions.from_lengths(1.75)
+    body = Proportions.from_lengths(1.75)
 
     def frame(self, _):
         half = np.zeros((40, 48, 3), np.uint8)
@@ -38,14 +38,14 @@ def test_a_picture_is_drawn(tmp_path):
 
 
 def test_a_given_body_keeps_its_colours(tmp_path):
-    body = GaussianBody.from_proportions(OneFrame.proportions)
+    body = GaussianBody.from_proportions(OneFrame.body)
     summary = draw_model(OneFrame(), 0, np.zeros(37), tmp_path / "a.png", body, 16, 16)
     assert np.isfinite(summary["energy"])
 
 
 def test_an_unwritable_place_is_named(tmp_path):
     (tmp_path / "file").write_text("")
-    body = GaussianBody.from_proportions(OneFrame.proportions)
+    body = GaussianBody.from_proportions(OneFrame.body)
     with pytest.raises(MachineError, match="cannot write"):
         draw_model(OneFrame(), 0, np.zeros(37), tmp_path / "file" / "a.png", body, 16, 16)
 

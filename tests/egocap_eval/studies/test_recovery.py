@@ -61,6 +61,6 @@ def test_without_detections_the_tracker_is_led_astray(footage, trials):
 
 def test_colours_alone_follow_from_a_given_pose(footage, trials):
     truth = footage.truth.joints_head
-    angles = np.array([nearest_angles(footage.proportions, joints) for joints in truth])
+    angles = np.array([nearest_angles(footage.body, joints) for joints in truth])
     error = by_colours(footage, ColourFollower(footage, angles), trials[0], 2)
     assert np.isfinite(error)

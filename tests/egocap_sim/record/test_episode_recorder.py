@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.data.dataset import find_sequences, load_episodes
+from egocap.data.dataset import find_sequences, load_dataset
 from egocap.data.sequence import Sequence
 from egocap.errors import FileError, InputError
 from egocap.geometry import matrix_to_quaternion
@@ -51,7 +51,7 @@ def test_a_plan_has_all_frames_and_grows_without_changing():
 
 
 def test_every_episode_is_a_sequence_of_another_person_and_rig(recording):
-    about = load_episodes(recording)
+    about = load_dataset(recording)
     assert about.complete and verify(recording).clean
     sequences = [Sequence(folder) for folder in find_sequences([recording])]
     assert sum(map(len, sequences)) == 7 and len(sequences) == len(about.episodes)
@@ -94,7 +94,7 @@ def test_more_frames_need_append_and_leave_the_others(recording, tmp_path):
     before = files(out)
     assert generate(scene(9), out, append=True).rendered == 2
     after = files(out)
-    assert verify(out).clean and load_episodes(out).parts == [7, 2]
+    assert verify(out).clean and load_dataset(out).parts == [7, 2]
     assert {k: v for k, v in after.items() if k in before and k != "episodes.json"} == {
         k: v for k, v in before.items() if k != "episodes.json"
     }

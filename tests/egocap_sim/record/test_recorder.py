@@ -48,7 +48,7 @@ def test_another_seed_is_another_person_and_motion(folder, tmp_path, tiny_scene)
     scene = tiny_scene.model_copy(update={"seed": 9})
     generate(scene, tmp_path / "other", workers=2)
     other, first = Sequence(tmp_path / "other"), Sequence(folder)
-    assert not np.allclose(other.proportions.offsets, first.proportions.offsets)
+    assert not np.allclose(other.body.offsets, first.body.offsets)
     assert not np.allclose(other.truth.joints_head, first.truth.joints_head)
 
 

@@ -30,7 +30,7 @@ from egocap.body.skeleton import LIMITS, SPREAD, forward  # noqa: E402
 from egocap.cameras.rig import Rig  # noqa: E402
 from egocap.cameras.rig_files import load_rig  # noqa: E402
 from egocap.data.detections import Detections  # noqa: E402
-from egocap.detect.synthetic import parse_source, simulate_detections  # noqa: E402
+from egocap.detect.synthetic import ProjectedJoints, simulate_detections  # noqa: E402
 from egocap.pose.config import TrackerConfig  # noqa: E402
 from egocap.pose.pose_prior import load_posture  # noqa: E402
 
@@ -63,7 +63,9 @@ def make_motion(
     joints = forward(person, angles)
     pixels, seen = (np.moveaxis(a, 0, 1) for a in rig.project(joints))
     visible = seen & (rng.random(seen.shape) >= HIDDEN)
-    found = simulate_detections(pixels, visible, seen, times, (640, 512), parse_source(source), rng)
+    found = simulate_detections(
+        ProjectedJoints(pixels, visible, seen, times, (640, 512)), source, rng
+    )
     return found, rig, person, joints
 
 

@@ -33,6 +33,7 @@ _MODULES = {
     "load_rig": "cameras.rig_files",
     "open_sequence": "data.sequence",
     "sample_posterior": "posterior.frame_posterior",
+    "synthetic_detections": "detect.sources",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]
 

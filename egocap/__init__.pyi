@@ -7,6 +7,7 @@ from egocap.data.detections import Detections as Detections
 from egocap.data.sequence import open_sequence as open_sequence
 from egocap.data.track import Track as Track
 from egocap.detect.detector import Detector as Detector
+from egocap.detect.sources import synthetic_detections as synthetic_detections
 from egocap.errors import EgocapError as EgocapError
 from egocap.fitting.fit_body import fit_body as fit_body
 from egocap.paper.tracker import PaperTracker as PaperTracker

@@ -43,16 +43,15 @@ def detect(
 
     from egocap.commandline import progress
     from egocap.data.detections import save_detections
-    from egocap.data.sequence import Sequence
-    from egocap.detect import detector as learned
-    from egocap.detect.weights import open_weights
+    from egocap.data.sequence import open_sequence
+    from egocap.detect.detector import Detector
     from egocap.files import make_folder
 
-    opened = Sequence(sequence)
-    made = learned.Detector(opened.rig, open_weights(weights), engine, threads)  # type: ignore[arg-type]
+    opened = open_sequence(sequence)
+    detector = Detector(opened.rig, weights, engine, threads)  # type: ignore[arg-type]
     started = time.perf_counter()
     with progress("detect", frames or len(opened)) as advance:
-        found = learned.detect(opened, made, frames=frames, on_frames=advance)
+        found = detector.detect(opened, frames=frames, on_frames=advance)
     seconds = time.perf_counter() - started
     make_folder(out.parent)
     save_detections(out, found)

@@ -113,12 +113,11 @@ def _by_detections(
     stack: ExitStack, request: _Request, weights: Path | None, config: TrackerConfig
 ) -> tuple[LiveReport, KnowsPerson, str]:
     from egocap.detect.detector import Detector
-    from egocap.detect.weights import open_weights
     from egocap.track.online import OnlineTracker
     from egocap.view.capture import follow_live
 
     tracker = OnlineTracker(request.rig, request.person, config)
-    detector = Detector(request.rig, open_weights(weights) if weights else None)
+    detector = Detector(request.rig, weights)
     opened = request.opened(stack)
     report = follow_live(opened, detector, tracker, request.seconds, request.watcher)
     return report, tracker, detector.source

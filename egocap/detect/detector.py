@@ -7,9 +7,10 @@ says is taken back to the cameras' pixels. A missing view leaves the others as t
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from collections.abc import Sequence as Row
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
-from egocap.data.sequence import Frame, Sequence
+from egocap.data.sequence import Sequence
 from egocap.detect.calibration import present
 from egocap.detect.canonical_view import CanonicalView
 from egocap.detect.engine import Engine, EngineName, Outputs, open_engine
@@ -37,20 +38,28 @@ Slots = Int64[Array, "B 2"]  # frame within the batch, and view, of every pictur
 
 
 class Detector:
-    """Weights and an engine, set up for a rig.
+    """A network ready to run on the images of a rig.
 
-    Raises FileError for bad weights, MachineError for an engine that is missing here.
+    Args:
+        rig: the cameras.
+        weights: a file of weights, or opened ones; those shipped with the package when None.
+        engine: what runs the network: one of `engine.EngineName`, or a ready engine.
+        threads: of the network; all cores when None.
+
+    Raises:
+        FileError: the weights are missing or damaged.
+        MachineError: the engine is not installed.
     """
 
     def __init__(
         self,
         rig: Rig,
-        weights: Weights | None = None,
+        weights: Weights | str | Path | None = None,
         engine: EngineName | Engine = "auto",
         threads: int | None = None,
     ) -> None:
         self.rig = rig
-        self.weights = open_weights() if weights is None else weights
+        self.weights = weights if isinstance(weights, Weights) else open_weights(weights)
         ready = isinstance(engine, Engine)
         self.engine = engine if ready else open_engine(self.weights, engine, threads)
         self._views = tuple(CanonicalView(m, self.weights.view) for m in rig.mounts)
@@ -59,28 +68,59 @@ class Detector:
 
     @property
     def source(self) -> str:
-        """What detections name as their source."""
+        """The `source` of its detections."""
         return f"learned:{self.weights.name}"
 
-    def detect(self, images: Row[Array | None], time: float = 0.0) -> Detections:
-        """Detections (T = 1) in the pictures of one instant, one a view, None where one is missing.
-
-        Pictures may be grey or 16 bits deep, and of any size with the aspect of the rig's; points
-        are in pixels of the rig's own size. Raises InputError for other pictures, or their number.
-        """
-        return self.detect_batch([images], np.array([time]))
-
-    def detect_batch(
-        self, pictures: Row[Row[Array | None]], times: Float[Array, "T"]
+    def detect(
+        self,
+        sequence: Sequence,
+        *,
+        frames: int | None = None,
+        batch: int | None = None,
+        on_frames: Callable[[int], None] = lambda count: None,
     ) -> Detections:
-        """The same for T instants at once."""
-        views, slots = self.canonical(pictures)
-        return self.read(self.run(views), slots, times)
+        """Detections in the first `frames` of a sequence (all when None).
 
-    def stream(self, frames: Iterable[Frame]) -> Iterator[Detections]:
-        """Detections of each frame as soon as it is there, looking no frame ahead."""
-        for frame in frames:
-            yield self.detect(frame.images, frame.time)
+        A thread reads and resamples images while the network runs on those before. A view without
+        an image is left out, with a warning that counts them. The sequence's truth is not read.
+
+        Args:
+            sequence: recorded with this rig.
+            frames: how many, from the first.
+            batch: frames that go through the network together; 1, on a GPU 16, when None.
+            on_frames: called with the number of frames just done.
+
+        Raises:
+            FileError: an image is damaged.
+            InputError: an impossible number of frames, or images that do not fit the rig.
+        """
+        count = len(sequence) if frames is None else frames
+        if not 1 <= count <= len(sequence):
+            raise InputError(f"{count} frames of {sequence.folder}", valid=f"1 to {len(sequence)}")
+        batch = batch or (16 if self.engine.name == "cuda" else 1)
+
+        def prepared(rows: range) -> tuple[range, Array, Slots]:
+            return rows, *self.canonical([recorded_pictures(sequence, i) for i in rows])
+
+        parts = []
+        jobs = (range(count)[i : i + batch] for i in range(0, count, batch))
+        for rows, views, slots in ahead(jobs, prepared):
+            parts.append(self.read(self.run(views), slots, sequence.times[list(rows)]))
+            on_frames(len(rows))
+        found = joined(parts)
+        for name, missing in zip(sequence.rig.views, missing_pictures(found), strict=True):
+            if missing:
+                log.warning("view '%s' gave nothing in %d of %d frames", name, missing, count)
+        return found
+
+    def detect_images(self, images: Row[Array | None], time: float = 0.0) -> Detections:
+        """Detections (T = 1) in the images of one instant, one a view, None where one is missing.
+
+        Images may be grey or 16 bits deep, and of any size with the aspect of the rig's; points
+        are in pixels of the rig's own size. Raises InputError for other images, or their number.
+        """
+        views, slots = self.canonical([images])
+        return self.read(self.run(views), slots, np.array([time]))
 
     def canonical(self, pictures: Row[Row[Array | None]]) -> tuple[UInt8[Array, "B H W 3"], Slots]:
         """What the network sees of the pictures of T instants. Raises InputError."""
@@ -160,51 +200,6 @@ class Detector:
             resized = replace(mount, camera=camera.resized(width, height))
             self._resized[key] = CanonicalView(resized, self.weights.view)
         return self._resized[key].image(image)
-
-
-def detect(
-    sequence: Sequence,
-    detector: Detector | None = None,
-    *,
-    frames: int | None = None,
-    batch: int | None = None,
-    on_frames: Callable[[int], None] = lambda count: None,
-) -> Detections:
-    """Detections in the first `frames` of a sequence (all when None).
-
-    Pictures are read and resampled by a thread while the network works on those before. A view
-    without a picture is left out, and a warning says how often. The sequence's truth is not read.
-
-    Args:
-        sequence: where the pictures come from.
-        detector: made for the sequence's rig; the shipped weights when None.
-        frames: how many, from the first.
-        batch: frames that go through the network together; 1, on a GPU 16, when None.
-        on_frames: called with the number of frames just done.
-
-    Raises:
-        FileError: a picture is damaged.
-        InputError: an impossible number of frames, or pictures that do not fit the rig.
-    """
-    detector = detector or Detector(sequence.rig)
-    count = len(sequence) if frames is None else frames
-    if not 1 <= count <= len(sequence):
-        raise InputError(f"{count} frames of {sequence.folder}", valid=f"1 to {len(sequence)}")
-    batch = batch or (16 if detector.engine.name == "cuda" else 1)
-
-    def seen(indices: range) -> tuple[range, Array, Slots]:
-        return indices, *detector.canonical([recorded_pictures(sequence, i) for i in indices])
-
-    parts = []
-    jobs = (range(count)[i : i + batch] for i in range(0, count, batch))
-    for indices, views, slots in ahead(jobs, seen):
-        parts.append(detector.read(detector.run(views), slots, sequence.times[list(indices)]))
-        on_frames(len(indices))
-    found = joined(parts)
-    for name, missing in zip(sequence.rig.views, missing_pictures(found), strict=True):
-        if missing:
-            log.warning("view '%s' gave nothing in %d of %d frames", name, missing, count)
-    return found
 
 
 def missing_pictures(found: Detections) -> list[int]:

@@ -7,6 +7,7 @@ command that detects never waits for torch.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -145,6 +146,9 @@ def _onnxruntime(path: Path, threads: int, spin: bool) -> Callable[[Array], Outp
 
 
 def _openvino(path: Path, threads: int) -> Callable[[Array], Outputs]:
+    # OpenVINO's import sends usage data from a child process; a fork after OpenGL has started can
+    # crash. Without this package it uses its own stub, which sends nothing.
+    sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
     try:
         import openvino  # pyright: ignore[reportMissingImports] (an extra)
     except ImportError:

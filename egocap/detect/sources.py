@@ -1,4 +1,8 @@
-"""Detections of a sequence, by the name of where they come from."""
+"""Detections of a sequence by the name of their source: a file, the network, or the true joints.
+
+This is the only module of the method that reads a sequence's truth; it passes it to the synthetic
+detector alone.
+"""
 
 from __future__ import annotations
 
@@ -12,41 +16,74 @@ if TYPE_CHECKING:
 
 
 def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
-    """Detections of a sequence by the name of their source, or from a file; `seed` is of noise.
+    """Detections of a sequence: `simulated:...`, `learned[:FILE]`, or the name of an npz file.
 
-    Raises InputError or FileError, also for a file made from other frames than the sequence's.
+    Args:
+        sequence: what to detect in.
+        source: `egocap.detect.synthetic.FORM`, `learned` with an optional file of weights, or a
+            file of detections.
+        seed: of simulated noise.
+
+    Raises:
+        InputError: an unknown source, or a negative seed.
+        FileError: a missing or damaged file, or one made from other frames than the sequence's.
     """
-    import numpy as np
-
     from egocap.data.detections import load_detections
     from egocap.data.input_checks import require_same_times
-    from egocap.data.sequence import VISIBLE
-    from egocap.detect.synthetic import FORM, parse_source, simulate_detections
+    from egocap.detect.synthetic import FORM
 
+    kind, _, rest = source.partition(":")
     if source.endswith(".npz"):
         found = load_detections(source)
         require_same_times(found.times, sequence.times, source)
         return found
-    if source.partition(":")[0] == "learned":
-        return _learned(sequence, source.partition(":")[2])
-    if source.partition(":")[0] != "simulated":
-        valid = f"{FORM}; learned[:FILE]; a file of detections, .npz"
-        raise InputError(f"unknown source of detections '{source}'", valid=valid)
+    if kind == "learned":
+        return _learned(sequence, rest)
+    if kind == "simulated":
+        return _simulated(sequence, source, seed)
+    valid = f"{FORM}; learned[:FILE]; a file of detections, .npz"
+    raise InputError(f"unknown source of detections '{source}'", valid=valid)
+
+
+def synthetic_detections(
+    sequence: Sequence, sigma: float = 2.0, seed: int = 0, *, options: str = ""
+) -> Detections:
+    """Detections drawn around the true joints of a simulated sequence.
+
+    They stand in for a detector of known error. Requires a sequence with truth.
+
+    Args:
+        sequence: a simulated sequence.
+        sigma: standard deviation of the error along each image axis, pixels at 640 x 512.
+        seed: of the noise.
+        options: further errors, as in `egocap.detect.synthetic.FORM`: "outliers=0.1,tails=3".
+
+    Raises:
+        InputError: a value out of its range, or an unknown option.
+    """
+    return _simulated(sequence, f"simulated:{sigma}" + (f",{options}" if options else ""), seed)
+
+
+def _simulated(sequence: Sequence, source: str, seed: int) -> Detections:
+    import numpy as np
+
+    from egocap.data.sequence import VISIBLE
+    from egocap.detect.synthetic import ProjectedJoints, simulate_detections
+
     if seed < 0:
         raise InputError(f"seed {seed}", valid="0 or more")
-    camera = sequence.rig.mounts[0].camera
-    truth = sequence.truth  # handed to the simulated detector alone
-    return simulate_detections(
+    camera, truth = sequence.rig.cameras[0], sequence.truth
+    joints = ProjectedJoints(
         truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
-        (camera.width, camera.height), parse_source(source), np.random.default_rng(seed),
+        (camera.width, camera.height),
     )  # fmt: skip
+    return simulate_detections(joints, source, np.random.default_rng(seed))
 
 
 def _learned(sequence: Sequence, weights: str) -> Detections:
     from egocap.commandline import progress
-    from egocap.detect.detector import Detector, detect
-    from egocap.detect.weights import open_weights
+    from egocap.detect.detector import Detector
 
-    detector = Detector(sequence.rig, open_weights(weights or None))
+    detector = Detector(sequence.rig, weights or None)
     with progress("detect", len(sequence)) as advance:
-        return detect(sequence, detector, on_frames=advance)
+        return detector.detect(sequence, on_frames=advance)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -104,14 +104,18 @@ def parse_source(text: str) -> SimulatedSource:
         raise InputError(f"not a number in '{text}'", valid=FORM) from None
 
 
+class ProjectedJoints(NamedTuple):
+    """True joints as the cameras see them."""
+
+    points: Float[Array, "T V 18 2"]  # pixels
+    visible: Bool[Array, "T V 18"]  # not hidden
+    in_view: Bool[Array, "T V 18"]  # within the image, hidden or not
+    times: Float[Array, "T"]  # seconds
+    image_size: tuple[int, int]  # width, height in pixels
+
+
 def simulate_detections(
-    joints_2d: Float[Array, "T V 18 2"],
-    visible: Bool[Array, "T V 18"],
-    in_view: Bool[Array, "T V 18"],
-    times: Float[Array, "T"],
-    image_size: tuple[int, int],
-    source: SimulatedSource,
-    rng: np.random.Generator,
+    joints: ProjectedJoints, source: SimulatedSource | str, rng: np.random.Generator
 ) -> Detections:
     """Draw detections around the true joints of every view.
 
@@ -121,9 +125,11 @@ def simulate_detections(
     low confidence. Any other joint is missed, or, with chance `outliers`, detected at a place drawn
     evenly from the image; such wild detections look like the others: same sigma, same confidence.
     In episodes, sides are swapped and strangers' limbs taken for the wearer's; then the true place
-    may be kept as a second mode. `image_size` is (width, height) in pixels. The same generator
-    state gives the same draws of noise and wild places whatever the source's values.
+    may be kept as a second mode. The same generator state gives the same draws of noise and wild
+    places whatever the source's values. Raises InputError for an invalid source.
     """
+    joints_2d, visible, in_view, times, image_size = joints
+    source = parse_source(source) if isinstance(source, str) else source
     shape = joints_2d.shape[:3]
     width, height = image_size
     assert visible.shape == in_view.shape == shape, (visible.shape, in_view.shape, shape)

@@ -37,7 +37,7 @@ class KnowsPerson(Protocol):
 class DetectsOne(Protocol):
     """What `egocap.detect.detector.Detector` offers for one instant."""
 
-    def detect(self, images: Sequence[Array | None], time: float = 0.0) -> Detections:
+    def detect_images(self, images: Sequence[Array | None], time: float = 0.0) -> Detections:
         """Detections (T = 1) in one picture a view, None where one is missing."""
         ...
 
@@ -189,7 +189,10 @@ def follow_live(
     A view whose picture does not come in time is missing for that frame.
     """
     return follow_pictures(
-        sources, lambda images, time: tracker.step(detector.detect(images, time)), seconds, on_pose
+        sources,
+        lambda images, time: tracker.step(detector.detect_images(images, time)),
+        seconds,
+        on_pose,
     )
 
 

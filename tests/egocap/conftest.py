@@ -10,7 +10,7 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import LIMITS, SPREAD, forward
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
-from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap.pose.pose_prior import load_posture
 
 RIG = Path(__file__).parents[2] / "scenes/rigs/egorig1.toml"
@@ -33,9 +33,8 @@ class Motion:
         visible = seen & (rng.random(seen.shape) >= hidden)
         camera = self.rig.mounts[0].camera
         size = camera.width, camera.height
-        return simulate_detections(
-            pixels, visible, seen, self.times, size, parse_source(source), rng
-        )
+        joints = ProjectedJoints(pixels, visible, seen, self.times, size)
+        return simulate_detections(joints, source, rng)
 
     def errors(self, track):
         """Distance of the 17 evaluated joints from the truth, metres (T, 17)."""

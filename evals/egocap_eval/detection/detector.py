@@ -304,18 +304,16 @@ def _folders(
 
 def _detector(footage: Footage, weights: Path | None, engine: str, threads: int | None) -> Detector:
     from egocap.detect.detector import Detector
-    from egocap.detect.weights import open_weights
 
-    return Detector(footage.rig, open_weights(weights), engine, threads)  # type: ignore[arg-type]
+    return Detector(footage.rig, weights, engine, threads)  # type: ignore[arg-type]
 
 
 def _detect(footage: Footage, detector: Detector, frames: int | None) -> Detections:
     from egocap.commandline import progress
-    from egocap.detect.detector import detect
 
     count = min(frames or len(footage), len(footage))
     with progress(footage.manifest.name, count) as advance:
-        return detect(footage, detector, frames=count, on_frames=advance)
+        return detector.detect(footage, frames=count, on_frames=advance)
 
 
 def _number(value: float) -> float | None:

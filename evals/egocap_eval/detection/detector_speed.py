@@ -16,14 +16,13 @@ def measure_speed(
     footage: Footage, detector: Detector, threads: int | None, frames: int = 60
 ) -> dict[str, Any]:
     """Stereo pairs a second as `detect` runs, and the CPU time of its stages one by one."""
-    from egocap.detect.detector import detect
     from egocap.detect.engine import available_cores
     from egocap.detect.input_images import recorded_pictures
 
     frames = min(frames, len(footage))
-    detect(footage, detector, frames=min(5, frames))
+    detector.detect(footage, frames=min(5, frames))
     start = time.perf_counter()
-    detect(footage, detector, frames=frames)
+    detector.detect(footage, frames=frames)
     rate = frames / (time.perf_counter() - start)
     spent = dict.fromkeys(("decode JPEG", "canonical view", "network", "decode maps"), 0.0)
     for i in range(min(frames, 20)):

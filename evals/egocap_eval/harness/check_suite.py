@@ -238,7 +238,7 @@ def rendered_numbers() -> dict[str, Number]:
 
 def _detector_numbers(sequence: Footage) -> dict[str, Number]:
     """Scores of the shipped detector on the clip; none where its weights are missing."""
-    from egocap.detect.detector import Detector, detect
+    from egocap.detect.detector import Detector
     from egocap.detect.weights import open_weights
 
     try:
@@ -246,7 +246,7 @@ def _detector_numbers(sequence: Footage) -> dict[str, Number]:
     except EgocapError as error:
         log.info("the detector is left out: %s", error)
         return {}
-    found = detect(sequence, Detector(sequence.rig, weights, "onnxruntime"))  # alike everywhere
+    found = Detector(sequence.rig, weights, "onnxruntime").detect(sequence)  # alike everywhere
     truth = sequence.truth
     seen = truth.visibility == VISIBLE
     widths = np.array([mount.camera.width for mount in sequence.rig.mounts], float)

@@ -19,7 +19,7 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.sequence import SELF_OCCLUDED, VISIBLE, Truth
-from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap_sim.scene.config import MotionTable, PlaceTable, RigTable, Scene
 
 HIDDEN_SHARE: Mapping[str, float] = {
@@ -110,10 +110,10 @@ def with_bursts(motion: SimulatedMotion, rng: np.random.Generator) -> SimulatedM
 def draw_detections(motion: SimulatedMotion, source: str, seed: int) -> Detections:
     """Simulated detections of a motion by the name of their source (`egocap.detect.synthetic`)."""
     truth, camera = motion.truth, motion.rig.mounts[0].camera
-    return simulate_detections(
-        truth.joints_2d, motion.seen, truth.in_view, truth.time,
-        (camera.width, camera.height), parse_source(source), np.random.default_rng(seed),
-    )  # fmt: skip
+    joints = ProjectedJoints(
+        truth.joints_2d, motion.seen, truth.in_view, truth.time, (camera.width, camera.height)
+    )
+    return simulate_detections(joints, source, np.random.default_rng(seed))
 
 
 def _bursts(

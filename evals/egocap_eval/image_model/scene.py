@@ -13,7 +13,7 @@ from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import EVALUATED, UPPER
 from egocap.body.skeleton import DOF_COUNT, forward
 from egocap.data.sequence import VISIBLE, Sequence
-from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.detect.sources import synthetic_detections
 from egocap.image_model.colour_measure import PAPER, ColourMeasure
 from egocap.image_model.colour_solver import ImageSolver, ImageSolverConfig
 from egocap.image_model.colour_term import ColourTerm, ColourTermConfig
@@ -63,12 +63,7 @@ class Scene:
     def observations(self, pixels: float) -> Observations:
         """Simulated detections of an accuracy."""
         if pixels not in self._observations:
-            truth, camera = self.sequence.truth, self.sequence.rig.mounts[0].camera
-            found = simulate_detections(
-                truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
-                (camera.width, camera.height), parse_source(f"simulated:{pixels}"),
-                np.random.default_rng(0),
-            )  # fmt: skip
+            found = synthetic_detections(self.sequence, pixels)
             self._observations[pixels] = observe(
                 found, self.sequence.rig, self.sequence.body, TrackerConfig()
             )

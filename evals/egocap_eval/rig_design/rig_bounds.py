@@ -61,7 +61,7 @@ def bound(
 def track_errors(rig: Rig, visibility: SuiteVisibility, sigma: float, seed: int) -> Tracked:
     """Root mean squares [mm] over the suite: the bound given the whole motion, what a Laplace
     posterior of a frame expects, its mode's error, and the tracker's."""
-    from egocap.detect.synthetic import SimulatedSource, simulate_detections
+    from egocap.detect.synthetic import ProjectedJoints, SimulatedSource, simulate_detections
     from egocap.pose.config import TrackerConfig
     from egocap.posterior.information import Noise, fisher_information, smoothed_bound
 
@@ -73,8 +73,8 @@ def track_errors(rig: Rig, visibility: SuiteVisibility, sigma: float, seed: int)
     for i, motion in enumerate(visibility.motions):
         seen = visibility.seen(rig, i)
         pixels = np.moveaxis(rig.project(motion.joints)[0], 0, 1)
-        source = SimulatedSource(sigma)
-        found = simulate_detections(pixels, seen, seen, motion.times, SIZE, source, rng)
+        joints = ProjectedJoints(pixels, seen, seen, motion.times, SIZE)
+        found = simulate_detections(joints, SimulatedSource(sigma), rng)
         result = egocap.Tracker(rig, motion.proportions, config).track(found)
         errors = _errors(result.joints_head, motion.joints)
         information = fisher_information(motion.angles, motion.proportions, rig, seen, noise)

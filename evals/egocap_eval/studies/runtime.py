@@ -195,11 +195,10 @@ def _of_track(track: Track, footage: Footage) -> dict[str, Any]:
 
 
 def _batch(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
-    from egocap.detect.detector import detect
 
     spent: dict[str, float] = {}
     with _lap(spent, "decode and detect", frames):
-        found = detect(footage, detector, frames=frames)
+        found = detector.detect(footage, frames=frames)
     with _lap(spent, "track", frames):
         egocap.Tracker(footage.rig, footage.proportions).track(found, footage.images)
     return {"frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent}
@@ -216,7 +215,7 @@ def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
         with _lap(spent, "decode", frames):
             pictures = recorded_pictures(footage, t)
         with _lap(spent, "detect", frames):
-            found = detector.detect(pictures, float(footage.times[t]))
+            found = detector.detect_images(pictures, float(footage.times[t]))
         with _lap(spent, "track", frames):
             tracker.step(found)
         latencies.append(1e3 * (time.perf_counter() - started))

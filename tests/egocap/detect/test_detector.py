@@ -14,10 +14,10 @@ from egocap.body.labels import MIRROR
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.data.detections import load_detections, save_detections
-from egocap.data.sequence import Frame, Sequence
+from egocap.data.sequence import Sequence
 from egocap.detect.calibration import Calibration
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
-from egocap.detect.detector import MODES, Detector, detect, joined, missing_pictures
+from egocap.detect.detector import MODES, Detector, joined, missing_pictures
 from egocap.detect.engine import Engine
 from egocap.detect.weights import Weights, open_weights
 from egocap.errors import FileError, InputError
@@ -89,7 +89,7 @@ def painted(rig, size=(640, 512), seed=0):
 
 def test_points_lie_where_the_dots_are_in_both_views(detector, rig):
     pictures, places = painted(rig)
-    found = detector.detect(pictures, 2.5)
+    found = detector.detect_images(pictures, 2.5)
     assert found.times.tolist() == [2.5]
     assert np.array_equal(np.argwhere(~found.valid[0]), [[0, ABSENT], [1, MIRROR[ABSENT]]])
     off = np.linalg.norm(found.points[0] - places, axis=-1)[found.valid[0]]
@@ -98,7 +98,7 @@ def test_points_lie_where_the_dots_are_in_both_views(detector, rig):
 
 
 def test_labels_change_sides_in_the_mirrored_view(detector, rig):
-    found = detector.detect(painted(rig)[0])
+    found = detector.detect_images(painted(rig)[0])
     assert [CanonicalView(m, SPEC).mirrored for m in rig.mounts] == [False, True]
     assert not found.valid[0, 0, ABSENT] and found.valid[0, 0, MIRROR[ABSENT]]
     assert not found.valid[0, 1, MIRROR[ABSENT]] and found.valid[0, 1, ABSENT]
@@ -106,7 +106,7 @@ def test_labels_change_sides_in_the_mirrored_view(detector, rig):
 
 @pytest.mark.parametrize("size", [(320, 256), (1280, 1024), (641, 513)])
 def test_other_sizes_of_the_same_aspect(detector, rig, size):
-    found = detector.detect(painted(rig, size)[0])
+    found = detector.detect_images(painted(rig, size)[0])
     off = np.linalg.norm(found.points[0] - painted(rig)[1], axis=-1)[found.valid[0]]
     assert found.valid.sum() == 34
     assert off.max() < 2.0 and off.mean() < 0.8
@@ -115,36 +115,34 @@ def test_other_sizes_of_the_same_aspect(detector, rig, size):
 def test_other_aspects_and_numbers_are_refused(detector, rig):
     black = np.zeros((480, 640, 3), np.uint8)
     with pytest.raises(InputError, match=r"640 x 480 for the view 'left'.*aspect of 640 x 512"):
-        detector.detect([black, black])
+        detector.detect_images([black, black])
     with pytest.raises(InputError, match="3 pictures of a rig of 2 views"):
-        detector.detect([None] * 3)
+        detector.detect_images([None] * 3)
 
 
 def test_a_missing_view_leaves_the_other_as_it_is(detector, rig):
     pictures, _ = painted(rig)
-    both, one = detector.detect(pictures), detector.detect([None, pictures[1]])
+    both, one = detector.detect_images(pictures), detector.detect_images([None, pictures[1]])
     assert not one.valid[0, 0].any() and (one.confidence[0, 0] == 0).all()
     assert np.array_equal(one.points[0, 1], both.points[0, 1], equal_nan=True)
     assert missing_pictures(one) == [1, 0]
-    none = detector.detect([None, None])
+    none = detector.detect_images([None, None])
     assert not none.valid.any()
 
 
-def test_batches_and_streams_say_what_single_frames_say(detector, rig):
-    frames = [Frame(i, 0.1 * i, tuple(painted(rig, seed=i)[0])) for i in range(2)]
-    singles = joined([detector.detect(f.images, f.time) for f in frames])
-    batch = detector.detect_batch([f.images for f in frames], np.array([f.time for f in frames]))
-    taken = []
-    stream = detector.stream(taken.append(f.index) or f for f in frames)
-    for i, one in enumerate(stream):
-        assert taken == list(range(i + 1))  # no frame is waited for before its turn
-        for found in (singles, batch):
-            assert np.allclose(found.points[i], one.points[0], equal_nan=True)
-            assert np.allclose(found.mode_weights[i], one.mode_weights[0])
+def test_a_batch_equals_single_frames(detector, rig):
+    pictures, times = [painted(rig, seed=i)[0] for i in range(2)], 0.1 * np.arange(2)
+    views, slots = detector.canonical(pictures)
+    batch = detector.read(detector.run(views), slots, times)
+    for i, images in enumerate(pictures):
+        one = detector.detect_images(images, times[i])
+        assert one.times[0] == batch.times[i]
+        assert np.allclose(batch.points[i], one.points[0], equal_nan=True)
+        assert np.allclose(batch.mode_weights[i], one.mode_weights[0])
 
 
 def test_spread_follows_the_lens(detector, rig):
-    found = detector.detect(painted(rig)[0])
+    found = detector.detect_images(painted(rig)[0])
     for v, mount in enumerate(rig.mounts):
         view = CanonicalView(mount, SPEC)
         points, _ = view.to_view(found.points[0, v])
@@ -158,14 +156,14 @@ def test_spread_follows_the_lens(detector, rig):
 def test_modes_are_kept_and_survive_the_disk(detector, rig, tmp_path):
     pictures, _ = painted(rig)
     left = CanonicalView(rig.mounts[0], SPEC)
-    second = detector.detect(pictures)
+    second = detector.detect_images(pictures)
 
     def two_places(images):
         heat, info = read_colours(images)
         return np.logaddexp(heat, np.roll(heat, 12, axis=-1) - 0.7), info
 
     engine = Engine("two", two_places)
-    found = Detector(rig, detector.weights, engine).detect(pictures)
+    found = Detector(rig, detector.weights, engine).detect_images(pictures)
     assert found.modes.shape == (1, 2, 18, MODES, 2)
     assert np.allclose(found.modes[..., 0, :], found.points, equal_nan=True)
     weights = found.mode_weights[0, 0][found.valid[0, 0]]
@@ -183,16 +181,16 @@ def test_sequences_are_detected_frame_by_frame(tiny_sequence, tiny_file, caplog)
     sequence = Sequence(tiny_sequence)
     detector = Detector(sequence.rig, open_weights(tiny_file), threads=1)
     advanced = []
-    found = detect(sequence, detector, batch=3, on_frames=advanced.append)
+    found = detector.detect(sequence, batch=3, on_frames=advanced.append)
     assert advanced == [3, 3, 1]
     assert np.array_equal(found.times, sequence.times)
     assert found.source == f"learned:{detector.weights.name}"
-    single = joined(list(detector.stream(iter(sequence))))
+    single = joined([detector.detect_images(f.images, f.time) for f in sequence])
     assert np.array_equal(found.valid, single.valid)
     assert np.allclose(found.points, single.points, atol=0.05, equal_nan=True)
-    assert len(detect(sequence, detector, frames=2).times) == 2
+    assert len(detector.detect(sequence, frames=2).times) == 2
     with pytest.raises(InputError, match=r"8 frames.*1 to 7"):
-        detect(sequence, detector, frames=8)
+        detector.detect(sequence, frames=8)
 
 
 def test_frames_without_a_view_are_counted(tiny_sequence, tiny_file, tmp_path, caplog):
@@ -204,9 +202,9 @@ def test_frames_without_a_view_are_counted(tiny_sequence, tiny_file, tmp_path, c
     whole, half = Sequence(tiny_sequence), Sequence(folder)
     weights = open_weights(tiny_file)
     with caplog.at_level(logging.WARNING):
-        found = detect(half, Detector(half.rig, weights, threads=1))
+        found = Detector(half.rig, weights, threads=1).detect(half)
     assert "view 'left' gave nothing in 1 of 7 frames" in caplog.text
-    expected = detect(whole, Detector(whole.rig, weights, threads=1))
+    expected = Detector(whole.rig, weights, threads=1).detect(whole)
     assert not found.valid[2, 0].any()
     assert np.array_equal(found.valid[2, 1], expected.valid[2, 1])
     assert np.array_equal(found.valid[3:], expected.valid[3:])
@@ -219,11 +217,11 @@ def test_a_damaged_picture_is_a_file_error(tiny_sequence, tiny_file, monkeypatch
     monkeypatch.setattr(Sequence, "read", broken)
     detector = Detector(sequence.rig, open_weights(tiny_file), threads=1)
     with pytest.raises(FileError, match="frame 4"):
-        detect(sequence, detector)
+        detector.detect(sequence)
 
 
 def test_one_camera_is_enough(detector, rig):
     alone = Detector(replace(rig, mounts=rig.mounts[1:]), detector.weights, detector.engine)
     pictures, _ = painted(rig)
-    found, both = alone.detect(pictures[1:]), detector.detect(pictures)
+    found, both = alone.detect_images(pictures[1:]), detector.detect_images(pictures)
     assert np.array_equal(found.points[0, 0], both.points[0, 1], equal_nan=True)

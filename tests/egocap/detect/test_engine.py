@@ -1,6 +1,8 @@
 """Every engine says what torch says."""
 
 import importlib.util
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -42,6 +44,22 @@ def test_openvino_is_close_to_torch(weights):
     said = open_engine(weights, "openvino", threads=1).run(images(2))
     for a, b in zip(said, open_engine(weights, "torch", threads=1).run(images(2)), strict=True):
         assert np.abs(a - b).max() < 0.03 * max(1.0, np.abs(b).max())  # bfloat16
+
+
+@pytest.mark.skipif(importlib.util.find_spec("openvino") is None, reason="openvino is an extra")
+def test_openvino_sends_no_usage_data(tiny_file):
+    """In a fresh process, since the package reports when it is imported."""
+    code = f"""
+import os, sys
+os.fork = lambda: sys.exit("forked")
+from egocap.detect.engine import open_engine
+from egocap.detect.weights import open_weights
+open_engine(open_weights({str(tiny_file)!r}), "openvino", threads=1)
+assert "openvino" in sys.modules and sys.modules["openvino_telemetry"] is None
+assert "openvino.tools.ovc.telemetry_stub" in sys.modules
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(

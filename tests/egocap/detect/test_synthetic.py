@@ -8,11 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from egocap.body.labels import LABEL_INDEX
+from egocap.data.sequence import Sequence
+from egocap.detect.sources import detections_from, synthetic_detections
 from egocap.detect.synthetic import (
     EPISODE_S,
     GUESS,
     GUESS_CONFIDENCE,
     LEARNED_LIKE,
+    ProjectedJoints,
     SimulatedSource,
     parse_source,
     simulate_detections,
@@ -33,7 +36,7 @@ def draw(source, seed=0, **kwargs):
     joints, visible, view = scene(**kwargs)
     times = np.arange(len(joints)) / 30
     rng = np.random.default_rng(seed)
-    found = simulate_detections(joints, visible, view, times, SIZE, parse_source(source), rng)
+    found = simulate_detections(ProjectedJoints(joints, visible, view, times, SIZE), source, rng)
     return found, joints, visible, view
 
 
@@ -117,7 +120,9 @@ def test_noise_out_of_the_image_is_a_miss():
     joints = np.full((500, 1, 18, 2), 1.0)
     seen = np.ones((500, 1, 18), bool)
     source, rng = SimulatedSource(2.0), np.random.default_rng(0)
-    found = simulate_detections(joints, seen, seen, np.arange(500.0), SIZE, source, rng)
+    found = simulate_detections(
+        ProjectedJoints(joints, seen, seen, np.arange(500.0), SIZE), source, rng
+    )
     assert 0.3 < found.valid.mean() < 0.6
     assert (found.points[found.valid] >= -0.5).all()
 
@@ -135,7 +140,7 @@ def still(source, frames=4000, hidden=False, seed=0):
     view = np.ones(joints.shape[:3], bool)
     times, rng = np.arange(frames) / 30, np.random.default_rng(seed)
     visible = view & (not hidden)
-    found = simulate_detections(joints, visible, view, times, SIZE, parse_source(source), rng)
+    found = simulate_detections(ProjectedJoints(joints, visible, view, times, SIZE), source, rng)
     return found, joints
 
 
@@ -215,3 +220,16 @@ def test_strangers_limbs_move_as_one_and_may_leave_the_true_mode():
     assert (weights[stray, 0, knee, 1] > 0).all()
     assert np.array_equal(places[stray, 0, knee, 1], joints[stray, 0, knee])
     assert (weights[both & ~stray, 0, knee, 1] == 0).all()
+
+
+def test_a_sequence_is_drawn_alike_by_either_name(tiny_sequence):
+    sequence = Sequence(tiny_sequence)
+    drawn = synthetic_detections(sequence, 2.0, seed=3, options="outliers=0.1,tails=3")
+    named = detections_from(sequence, "simulated:2.0,outliers=0.1,tails=3", 3)
+    assert drawn.source == named.source == "simulated:2.0,outliers=0.1,tails=3"
+    assert np.array_equal(drawn.points, named.points, equal_nan=True)
+    other = synthetic_detections(sequence, 2.0, seed=4)
+    assert not np.array_equal(drawn.points, other.points, equal_nan=True)
+    for bad in ({"sigma": -1.0}, {"seed": -1}, {"options": "nonsense=1"}):
+        with pytest.raises(InputError):
+            synthetic_detections(sequence, **bad)

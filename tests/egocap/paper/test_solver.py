@@ -7,8 +7,8 @@ import pytest
 
 from egocap.body.gaussians import GaussianBody
 from egocap.body.skeleton import LIMITS, SPREAD, forward
-from egocap.data.sequence import VISIBLE, Sequence
-from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.data.sequence import Sequence
+from egocap.detect.sources import synthetic_detections
 from egocap.errors import InputError
 from egocap.image_model.colour_measure import PAPER
 from egocap.image_model.image_rays import image_rays
@@ -98,13 +98,8 @@ def test_a_term_of_weight_nothing_is_left_out(problem):
 
 @pytest.fixture(scope="module")
 def rendered(tiny_sequence):
-    sequence, truth = Sequence(tiny_sequence), Sequence(tiny_sequence).truth
-    camera = sequence.rig.mounts[0].camera
-    found = simulate_detections(
-        truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
-        (camera.width, camera.height), parse_source("simulated:1"), np.random.default_rng(0),
-    )  # fmt: skip
-    return sequence, found
+    sequence = Sequence(tiny_sequence)
+    return sequence, synthetic_detections(sequence, 1.0)
 
 
 def errors(track_found, sequence):

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from egocap.body.skeleton import forward
-from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap.geometry import axis_angle
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import Tracker
@@ -30,8 +30,10 @@ def detect(motion, *, lag=0.0, turn=None, sigma=1.0, hidden=0.2, seed=0):
     pixels, seen = np.stack([first, second], 1), np.stack([seen_first, seen_second], 1)
     rng = np.random.default_rng(seed)
     visible = seen & (rng.random(seen.shape) >= hidden)
-    source = parse_source(f"simulated:{sigma}")
-    return simulate_detections(pixels, visible, seen, motion.times, (640, 512), source, rng)
+    source = f"simulated:{sigma}"
+    return simulate_detections(
+        ProjectedJoints(pixels, visible, seen, motion.times, (640, 512)), source, rng
+    )
 
 
 @pytest.mark.parametrize("lag", [0.04, -0.02, 0.0])

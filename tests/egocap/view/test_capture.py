@@ -54,7 +54,7 @@ class Slow:
     def __init__(self, made, seconds):
         self.found, self.seconds, self.calls = made.detect("simulated:2"), seconds, []
 
-    def detect(self, images, when=0.0):
+    def detect_images(self, images, when=0.0):
         time.sleep(self.seconds)
         self.calls.append([image is not None for image in images])
         return replace(one(self.found, len(self.calls) - 1), times=np.array([when]))

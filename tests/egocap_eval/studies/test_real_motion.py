@@ -8,8 +8,10 @@ import pytest
 
 from egocap.body.skeleton import forward
 from egocap.cameras.rig_files import load_rig
-from egocap.detect.synthetic import parse_source, simulate_detections
+from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap.track.tracker import Tracker
+from egocap.detect.synthetic import ProjectedJoints, simulate_detections
+from egocap.track.tracker import track
 from egocap_eval.priors.learn_pose import FPS, fit_angles, joints_of
 from egocap_sim.human.clothing.wardrobe import make_person
 from egocap_sim.truth.proportions import proportions_of
@@ -41,8 +43,8 @@ def errors(clip, source, hidden):
     runs = rng.random((-(-len(truth) // 10), *seen.shape[1:])) >= hidden
     visible = seen & np.repeat(runs, 10, axis=0)[: len(truth)]
     times = np.arange(len(truth)) / FPS
-    found = simulate_detections(pixels, visible, seen, times, (640, 512), parse_source(source), rng)
-    result = Tracker(rig, proportions_of(person())).track(found)
+    joints = ProjectedJoints(pixels, visible, seen, times, (640, 512))
+    result = Tracker(rig, proportions_of(person())).track(simulate_detections(joints, source, rng))
     return np.linalg.norm(result.joints_head - truth, axis=-1)[:, 1:].mean()
 
 

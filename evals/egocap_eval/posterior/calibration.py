@@ -216,7 +216,7 @@ def _sequence_jobs(folder: Path, source: str, frames: int, config: PosteriorConf
     chosen = np.unique(np.linspace(0, len(sequence) - 1, min(frames, len(sequence))).astype(int))
     truth = sequence.truth.joints_head
     return [
-        Job(found[i : i + 1], truth[i], None, sequence.rig, sequence.proportions, config, int(i))
+        Job(found[i : i + 1], truth[i], None, sequence.rig, sequence.body, config, int(i))
         for i in chosen
     ]
 

@@ -135,7 +135,7 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
     from egocap.track.noise_estimation import autocorrelation
     from egocap_eval.priors.learn_pose import fit_angles
 
-    truth, rig, person = sequence.truth, sequence.rig, sequence.proportions
+    truth, rig, person = sequence.truth, sequence.rig, sequence.body
     angles, config = fit_angles(truth.joints_head, person), TrackerConfig()
     nearest = 1e3 * np.linalg.norm(forward(person, angles) - truth.joints_head, axis=-1)
     seen = (truth.visibility == VISIBLE) & truth.in_view
@@ -184,9 +184,7 @@ def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[st
     with progress("sampling", count) as advance:
         for frame in np.linspace(0, len(sequence) - 1, count).astype(int):
             cpu = time.process_time()
-            density = make_log_posterior(
-                found, int(frame), sequence.rig, sequence.proportions, config
-            )
+            density = make_log_posterior(found, int(frame), sequence.rig, sequence.body, config)
             result = sample(density, SamplerConfig(effective=LEAST_EFFECTIVE), frame=int(frame))
             rows.append({
                 "frame": int(frame), "mixed": result.mixed, "outcome": result.outcome,

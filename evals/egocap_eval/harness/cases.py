@@ -16,9 +16,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from egocap.commandline import progress
-from egocap.data.sequence_writer import disk_errors
 from egocap.errors import FileError
 from egocap.evaluation.table import Table
+from egocap.files import disk_errors
 from egocap_eval.harness.intervals import mean_and_interval, shown
 from egocap_eval.harness.result_file import config_hash, git_commit
 

@@ -20,6 +20,8 @@ from egocap.data.detections import Detections, load_detections
 from egocap.data.input_checks import require_same_times
 from egocap.data.plugins import DETECTORS, TRACKERS, Footage, find_plugin
 from egocap.data.sequence import VISIBLE, Sequence, Truth, open_sequence
+from egocap.data.plugins import DETECTORS, TRACKERS, SequenceView, find_plugin
+from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.track import Track, load_track
 from egocap.errors import FileError, InputError
 from egocap.evaluation import (

@@ -80,7 +80,7 @@ def study(
         sequence = _recorded(case.calibration, folder, workers)
         stature = person_height(folder / case.calibration.name) if height else None
         fit = fit_body(detections_from(sequence, detections, 0), sequence.rig, stature)
-        bones[case.name] = bone_errors(fit, sequence.proportions.bone_lengths)
+        bones[case.name] = bone_errors(fit, sequence.body.bone_lengths)
         clips |= {clip.name: (_recorded(clip, folder, workers), fit) for clip in case.clips}
 
     def score(body: str, clip: tuple[Sequence, BodyFit], _: int) -> Scores:
@@ -142,7 +142,7 @@ def _recorded(scene: Scene, folder: Path, workers: int) -> Sequence:
 def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) -> Scores:
     """Errors of a clip that is tracked with one of `BODIES`, mm."""
     bodies: dict[str, Proportions] = {
-        "fitted": fit.proportions, "true": sequence.proportions,
+        "fitted": fit.proportions, "true": sequence.body,
         "average": proportions_of(BodyPrior.of(None).mean),
     }  # fmt: skip
     found = detections_from(sequence, detections, 0)

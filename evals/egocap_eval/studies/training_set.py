@@ -66,7 +66,7 @@ def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
 
 def people_of(folders: Sequence[Path]) -> list[int]:
     """A number for each sequence that says who is in it: the same for the same person."""
-    who = [open_sequence(folder).proportions.rest_joints.tobytes() for folder in folders]
+    who = [open_sequence(folder).body.rest_joints.tobytes() for folder in folders]
     first = list(dict.fromkeys(who))
     return [first.index(person) for person in who]
 

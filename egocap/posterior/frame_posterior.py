@@ -50,7 +50,7 @@ def sample_posterior(
     sampling.walkers_for(37)  # refuse early
     images = learned_likelihood(sequence, detections, frame) if colour else None
     density = make_log_posterior(
-        detections, frame, sequence.rig, sequence.proportions, config, images
+        detections, frame, sequence.rig, sequence.body, config, images
     )
     return sampler.sample(
         density, sampling, frame=frame, time_s=float(detections.times[frame]),
@@ -82,7 +82,7 @@ def learned_likelihood(sequence: Footage, detections: Detections, frame: int) ->
     Image size and weight are those of the tracker's colour term. Raises InputError for images whose
     shape is not the rig's.
     """
-    rig, person = sequence.rig, sequence.proportions
+    rig, person = sequence.rig, sequence.body
     found = Tracker(rig, person).track(detections)
     assert found.covariance is not None
     term = learn_colour_term(
@@ -99,7 +99,7 @@ def _tracked(sequence: Footage, detections: Detections, frame: int) -> Float[Arr
     # The tracker needs a spread; the posterior handles detections that state none.
     part = replace(part, sigma=np.where(part.sigma > 0, part.sigma, 1.0))
     try:
-        angles = Tracker(sequence.rig, sequence.proportions).track(part).angles
+        angles = Tracker(sequence.rig, sequence.body).track(part).angles
     except EgocapError as error:
         log.info("no starting pose from the tracker: %s", error)
         return None

@@ -17,12 +17,12 @@ from typing import Any
 from egocap.data.dataset import (
     EPISODES,
     SCHEMA,
+    Dataset,
     EpisodeEntry,
-    Episodes,
     episode_name,
-    load_episodes,
+    load_dataset,
 )
-from egocap.data.dataset_writer import EpisodesWriter, entry_of, put_in_place
+from egocap.data.dataset_writer import DatasetWriter, episode_entry, put_in_place
 from egocap.data.sequence_writer import digest
 from egocap.errors import InputError
 from egocap.files import write_atomically
@@ -58,7 +58,7 @@ def record_episodes(
     append: bool,
     strict: bool,
     on_frames: Callable[[int], None],
-) -> tuple[Episodes, int]:
+) -> tuple[Dataset, int]:
     """Make, or complete, a recording; the recording and the frames made now."""
     check_place(scene)
     check_things(scene)
@@ -68,11 +68,11 @@ def record_episodes(
         raise SceneError(scene, "episodes.motions", str(error)) from None
     clips = _clips(scene, out, strict)
     config = _config(scene, clips)
-    asked = Episodes(
+    asked = Dataset(
         schema_version=SCHEMA, name=scene.name, frames=scene.frames, parts=[scene.frames],
         seed=scene.seed, config=config, config_sha256=digest(config), code_version=code_version(),
     )  # fmt: skip
-    with EpisodesWriter(out, asked, append=append) as writer:
+    with DatasetWriter(out, asked, append=append) as writer:
         on_frames(sum(entry.frames for entry in writer.recording.episodes))
         writer.begin()
         done = writer.done()
@@ -132,7 +132,7 @@ def _record(index: int, episode: Episode) -> EpisodeEntry:
 
 
 def _placed(made: Path, out: Path, index: int) -> EpisodeEntry:
-    entry = entry_of(made, index)
+    entry = episode_entry(made, index)
     assert entry is not None, f"{made} is not whole"
     put_in_place(made, out / episode_name(index))
     return entry
@@ -168,7 +168,7 @@ def _clips(scene: Scene, out: Path, strict: bool) -> tuple[Recorded, ...]:
         return ()
     folder = Path(scene.episodes.clips)
     if not strict and (out / EPISODES).exists():
-        known = load_episodes(out).config["episodes"].get("clips") or {}
+        known = load_dataset(out).config["episodes"].get("clips") or {}
         files = {str(p.relative_to(folder)): p for p in clip_files(folder)}
         found = tuple(Recorded(str(files[name].absolute()), about["seconds"], about["sha256"])
                       for name, about in known.items() if name in files)  # fmt: skip

@@ -116,11 +116,11 @@ def test_one_black_camera_with_the_solvers_of_the_paper(tiny_sequence, tracked):
     sequence, found = Sequence(tiny_sequence), load_detections(tracked / "det.npz")
     found.valid[:, 1] = False
     black = np.zeros((128, 160, 3), np.uint8)
-    made = PaperTracker(sequence.rig, sequence.proportions, "stochastic").track(
+    made = PaperTracker(sequence.rig, sequence.body, "stochastic").track(
         found, lambda t: (sequence.frame(t).images[0], black)
     )
     assert np.isfinite(made.joints_head).all()
     with pytest.raises(InputError, match="1 images"):
-        PaperTracker(sequence.rig, sequence.proportions, "stochastic").track(
+        PaperTracker(sequence.rig, sequence.body, "stochastic").track(
             found, lambda t: (black,)
         )

@@ -183,7 +183,7 @@ def _predicted(job: Job, sequence: Sequence) -> Predictions:
                  else find_detections(sequence, source))  # fmt: skip
     if job.method.tracker == OWN_TRACKER and found is not None:
         solver, config = _solver_and_config(job.method)
-        tracker = make_tracker(sequence.rig, sequence.proportions, solver, config)
+        tracker = make_tracker(sequence.rig, sequence.body, solver, config)
         result: Track | Predictions = tracker.track(found, sequence.images)
     else:
         result = run_tracker(job.method.tracker, sequence, found)

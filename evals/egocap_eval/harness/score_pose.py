@@ -18,10 +18,8 @@ from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections, load_detections
 from egocap.data.input_checks import require_same_times
-from egocap.data.plugins import DETECTORS, TRACKERS, Footage, find_plugin
-from egocap.data.sequence import VISIBLE, Sequence, Truth, open_sequence
 from egocap.data.plugins import DETECTORS, TRACKERS, SequenceView, find_plugin
-from egocap.data.sequence import Sequence, open_sequence
+from egocap.data.sequence import VISIBLE, Sequence, Truth, open_sequence
 from egocap.data.track import Track, load_track
 from egocap.errors import FileError, InputError
 from egocap.evaluation import (
@@ -190,7 +188,7 @@ def find_detections(sequence: Sequence, source: str) -> Detections:
     kind, _, name = source.partition(":")
     if kind != "detector":
         return detections_from(sequence, source, 0)
-    found = find_plugin(DETECTORS, name)(Footage(sequence))
+    found = find_plugin(DETECTORS, name)(SequenceView(sequence))
     if not isinstance(found, Detections):
         raise InputError(f"detector '{name}' handed back a {type(found).__name__}",
                          valid="egocap.data.detections.Detections")  # fmt: skip
@@ -209,7 +207,7 @@ def run_tracker(
     import time
 
     method = _own_tracker if name == OWN_TRACKER else find_plugin(TRACKERS, name)
-    footage = Footage(sequence)
+    footage = SequenceView(sequence)
     started = time.perf_counter()
     result = method(footage, detections)
     seconds = (time.perf_counter() - started) / len(footage)
@@ -226,11 +224,11 @@ def run_tracker(
     return Predictions(joints, valid, "head", "m", frames, None, name, seconds)
 
 
-def _own_tracker(footage: Footage, detections: Detections | None) -> Track:
+def _own_tracker(footage: SequenceView, detections: Detections | None) -> Track:
 
     if detections is None:
         raise InputError("--tracker egocap needs --detections", valid="e.g. simulated:2.0")
-    return egocap.Tracker(footage.rig, footage.proportions).track(detections, footage.images)
+    return egocap.Tracker(footage.rig, footage.body).track(detections, footage.images)
 
 
 def score_track(sequence: Sequence, track: Track, *, protocol: str = "egocap-17") -> Report:

@@ -94,7 +94,7 @@ def _scene_of_clip(like: Scene, path: Path) -> Scene:
 def score(source: str, sequence: Footage, seed: int) -> Scores:
     """One sequence tracked from one draw of detections."""
     found = detections_from(sequence, source, seed)
-    tracked = egocap.Tracker(sequence.rig, sequence.proportions).track(found)
+    tracked = egocap.Tracker(sequence.rig, sequence.body).track(found)
     report = score_track(sequence, tracked)
     return {
         "frames": len(sequence), "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,

@@ -61,7 +61,7 @@ def draw_trials(
         while True:
             drawn = posture.mean + spread @ rng.normal(size=len(spread))
             angles = np.clip(drawn, *LIMITS.T)
-            error = _error_mm(forward(footage.proportions, angles), true)
+            error = _error_mm(forward(footage.body, angles), true)
             if LOST_MM <= error <= WORST_MM:
                 break
         yield Trial(int(frame), angles, error)
@@ -71,7 +71,7 @@ def by_detections(footage: Footage, detections: Detections, trial: Trial, frames
     """Error at the end of a trial, mm, of the live tracker once it sees true detections again."""
 
     tracker = egocap.OnlineTracker(
-        footage.rig, footage.proportions, TrackerConfig(smoothing="none")
+        footage.rig, footage.body, TrackerConfig(smoothing="none")
     )
     start = trial.frame
     before, after = range(start - ASTRAY, start), range(start, start + frames)
@@ -99,7 +99,7 @@ class ColourFollower:
         frames = [(footage.images(t), angles[t]) for t in chosen]
         config = ColourTermConfig(COLOUR_SIZE, weight=COLOUR_WEIGHT)
         self._term = ColourTerm.learned(
-            footage.rig, footage.proportions, frames, config, follow_light=False
+            footage.rig, footage.body, frames, config, follow_light=False
         )
         self._solver = ImageSolver(
             self._term.model, ImageSolverConfig(lambda_colour=COLOUR_WEIGHT),
@@ -115,12 +115,12 @@ class ColourFollower:
                 for t in frames)  # fmt: skip
         fps = self._footage.manifest.fps
         found = track_colours(self._solver, seen, start, fps)
-        return forward(self._footage.proportions, np.array([s.angles for s in found]))
+        return forward(self._footage.body, np.array([s.angles for s in found]))
 
 
 def _shown_at(found: Detections, footage: Footage, angles: Float[Array, "37"]) -> Detections:
     """One frame's detections that say, surely, where the joints of a pose would be."""
-    pixels, valid = footage.rig.project(forward(footage.proportions, angles))  # (V, 18, 2)
+    pixels, valid = footage.rig.project(forward(footage.body, angles))  # (V, 18, 2)
     certain = np.ones(found.valid.shape)
     return replace(found, points=pixels[None], valid=valid[None], confidence=certain,
                    sigma=2.0 * certain, modes=None, mode_weights=None)  # fmt: skip

@@ -88,12 +88,12 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
     pictures = [footage.images(t) for t in range(frames)]
 
     def ours(config: TrackerConfig) -> Callable[[], Track]:
-        return lambda: egocap.Tracker(footage.rig, footage.proportions, config).track(
+        return lambda: egocap.Tracker(footage.rig, footage.body, config).track(
             found, pictures.__getitem__
         )
 
     def papers(config: PaperConfig) -> Callable[[], Track]:
-        return lambda: egocap.PaperTracker(footage.rig, footage.proportions, config).track(
+        return lambda: egocap.PaperTracker(footage.rig, footage.body, config).track(
             found[:few], pictures.__getitem__
         )
 
@@ -200,14 +200,14 @@ def _batch(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
     with _lap(spent, "decode and detect", frames):
         found = detector.detect(footage, frames=frames)
     with _lap(spent, "track", frames):
-        egocap.Tracker(footage.rig, footage.proportions).track(found, footage.images)
+        egocap.Tracker(footage.rig, footage.body).track(found, footage.images)
     return {"frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent}
 
 
 def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
     from egocap.detect.input_images import recorded_pictures
 
-    tracker = egocap.OnlineTracker(footage.rig, footage.proportions)
+    tracker = egocap.OnlineTracker(footage.rig, footage.body)
     spent: dict[str, float] = {}
     latencies = []
     for t in range(frames):

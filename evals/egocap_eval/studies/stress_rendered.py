@@ -118,7 +118,7 @@ def scores_of(scene: Scene, folder: Path, source: str, workers: int) -> Scores:
 
     sequence = footage_of(scene, folder, workers)
     found = find_detections(sequence, source)
-    tracked = egocap.Tracker(sequence.rig, sequence.proportions).track(found, sequence.images)
+    tracked = egocap.Tracker(sequence.rig, sequence.body).track(found, sequence.images)
     report = score_track(sequence, tracked)
     report = with_detections(report, sequence, found)
     assert report.detections is not None

@@ -109,7 +109,7 @@ def errors(track_found, sequence):
 @pytest.mark.parametrize("config", [SMALL, replace(STOCHASTIC, size=(32, 32), rays=300)])
 def test_a_rendered_clip_is_tracked(rendered, config):
     sequence, found = rendered
-    made = PaperTracker(sequence.rig, sequence.proportions, config).track(
+    made = PaperTracker(sequence.rig, sequence.body, config).track(
         found, lambda t: sequence.frame(t).images
     )
     assert np.median(errors(made, sequence)) < 0.05
@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same_track(rendered):
     sequence, found = rendered
     config = replace(STOCHASTIC, size=(32, 32), rays=100, iterations=5)
     first, again, other = (
-        PaperTracker(sequence.rig, sequence.proportions, config, seed=seed)
+        PaperTracker(sequence.rig, sequence.body, config, seed=seed)
         .track(found, sequence.images)
         .angles
         for seed in (0, 0, 1)

@@ -14,7 +14,7 @@ from egocap.track.joint_occlusion import occlusion_causes
 def seen(tiny_sequence):
     """A sequence, poses near its truth, and a detector that sees exactly what is visible."""
     sequence = Sequence(tiny_sequence)
-    truth, person = sequence.truth, sequence.proportions
+    truth, person = sequence.truth, sequence.body
     angles = np.stack([nearest_angles(person, joints) for joints in truth.joints_head])
     visible = truth.visibility == VISIBLE
     found = Detections(
@@ -26,7 +26,7 @@ def seen(tiny_sequence):
 
 def test_causes_are_those_of_the_renderer(seen):
     sequence, angles, found = seen
-    causes = occlusion_causes(angles, found, sequence.rig, sequence.proportions)
+    causes = occlusion_causes(angles, found, sequence.rig, sequence.body)
     truth = sequence.truth.visibility
     assert causes.shape == truth.shape and causes.dtype == np.uint8
     np.testing.assert_array_equal(causes == VISIBLE, truth == VISIBLE)
@@ -41,11 +41,11 @@ def test_what_nothing_hides_is_unknown(seen):
     sequence, angles, found = seen
     visible = sequence.truth.visibility == VISIBLE
     found.confidence[:] = 0.0
-    causes = occlusion_causes(angles, found, sequence.rig, sequence.proportions)
+    causes = occlusion_causes(angles, found, sequence.rig, sequence.body)
     assert (causes[visible] == OCCLUDED).mean() > 0.6
     assert (causes != VISIBLE).all()
     found.confidence[:], found.valid[:] = 1.0, False
-    again = occlusion_causes(angles, found, sequence.rig, sequence.proportions)
+    again = occlusion_causes(angles, found, sequence.rig, sequence.body)
     np.testing.assert_array_equal(again, causes)
 
 

@@ -311,7 +311,7 @@ def test_our_own_tracker_is_given_the_pictures_as_in_egocap_track(tiny_sequence,
     assert main(["pose", str(tiny_sequence), *words]) == 0
     sequence = open_sequence(tiny_sequence)
     found = detections_from(sequence, "simulated:2", 0)
-    tracked = Tracker(sequence.rig, sequence.proportions).track(found, sequence.images)
+    tracked = Tracker(sequence.rig, sequence.body).track(found, sequence.images)
     expected = score_track(sequence, tracked).mpjpe_mm
     assert json.loads(capsys.readouterr().out)["mpjpe_mm"] == pytest.approx(expected)
 

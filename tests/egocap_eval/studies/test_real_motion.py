@@ -10,8 +10,6 @@ from egocap.body.skeleton import forward
 from egocap.cameras.rig_files import load_rig
 from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap.track.tracker import Tracker
-from egocap.detect.synthetic import ProjectedJoints, simulate_detections
-from egocap.track.tracker import track
 from egocap_eval.priors.learn_pose import FPS, fit_angles, joints_of
 from egocap_sim.human.clothing.wardrobe import make_person
 from egocap_sim.truth.proportions import proportions_of
@@ -43,8 +41,10 @@ def errors(clip, source, hidden):
     runs = rng.random((-(-len(truth) // 10), *seen.shape[1:])) >= hidden
     visible = seen & np.repeat(runs, 10, axis=0)[: len(truth)]
     times = np.arange(len(truth)) / FPS
-    joints = ProjectedJoints(pixels, visible, seen, times, (640, 512))
-    result = Tracker(rig, proportions_of(person())).track(simulate_detections(joints, source, rng))
+    projected = ProjectedJoints(pixels, visible, seen, times, (640, 512))
+    result = Tracker(rig, proportions_of(person())).track(
+        simulate_detections(projected, source, rng)
+    )
     return np.linalg.norm(result.joints_head - truth, axis=-1)[:, 1:].mean()
 
 

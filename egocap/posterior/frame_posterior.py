@@ -49,9 +49,7 @@ def sample_posterior(
     check_frame(detections, frame, sequence.rig)
     sampling.walkers_for(37)  # refuse early
     images = learned_likelihood(sequence, detections, frame) if colour else None
-    density = make_log_posterior(
-        detections, frame, sequence.rig, sequence.body, config, images
-    )
+    density = make_log_posterior(detections, frame, sequence.rig, sequence.body, config, images)
     return sampler.sample(
         density, sampling, frame=frame, time_s=float(detections.times[frame]),
         source=detections.source, starts=_tracked(sequence, detections, frame),

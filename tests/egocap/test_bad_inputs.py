@@ -121,6 +121,4 @@ def test_one_black_camera_with_the_solvers_of_the_paper(tiny_sequence, tracked):
     )
     assert np.isfinite(made.joints_head).all()
     with pytest.raises(InputError, match="1 images"):
-        PaperTracker(sequence.rig, sequence.body, "stochastic").track(
-            found, lambda t: (black,)
-        )
+        PaperTracker(sequence.rig, sequence.body, "stochastic").track(found, lambda t: (black,))

@@ -70,9 +70,7 @@ def draw_trials(
 def by_detections(footage: Footage, detections: Detections, trial: Trial, frames: int) -> float:
     """Error at the end of a trial, mm, of the live tracker once it sees true detections again."""
 
-    tracker = egocap.OnlineTracker(
-        footage.rig, footage.body, TrackerConfig(smoothing="none")
-    )
+    tracker = egocap.OnlineTracker(footage.rig, footage.body, TrackerConfig(smoothing="none"))
     start = trial.frame
     before, after = range(start - ASTRAY, start), range(start, start + frames)
     astray = [_shown_at(detections[t : t + 1], footage, trial.angles) for t in before]

@@ -42,7 +42,9 @@ def live(
     view: bool = False,
     port: int = 8642,
     record: Path | None = None,
-    config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = LIVE,
+    settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = LIVE,
+    config: Path | None = None,
+    advanced: bool = False,
     json: bool = False,
 ) -> int:
     """Track from cameras or video files as they run, one a view, in the rig's order.
@@ -63,7 +65,9 @@ def live(
         view: show views, pose and a three-dimensional view on a page for a browser of this machine.
         port: of that page; 0 takes any that is free.
         record: film of the same to write, mp4.
-        config: the tracker's settings; past frames alone count.
+        settings: the tracker's settings; past frames alone count.
+        config: TOML file of the tracker's settings; flags override it.
+        advanced: take all settings of the tracker as flags; --advanced --help lists them.
         json: print the summary as JSON.
     """
     from egocap.body.proportions import Proportions
@@ -73,7 +77,7 @@ def live(
     loaded = load_rig(rig)
     if len(sources) != len(loaded.mounts):
         raise InputError(f"{len(sources)} sources", valid=f"{len(loaded.mounts)}, one a view")
-    if colour_only and (weights is not None or config != LIVE):
+    if colour_only and (weights is not None or settings != LIVE):
         raise InputError("--colour-only with weights or settings of the tracker", valid="neither")
     if not colour_only and start != "rest":
         raise InputError(f"--start '{start}' without --colour-only", valid="both or none")
@@ -83,7 +87,7 @@ def live(
         if colour_only:
             report, tracker, made_by = _by_colour(stack, request, start)
         else:
-            report, tracker, made_by = _by_detections(stack, request, weights, config)
+            report, tracker, made_by = _by_detections(stack, request, weights, settings)
     if out is not None:
         save_track(out, report.track(tracker, made_by))
     _print_live(report, json)

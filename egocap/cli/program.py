@@ -2,9 +2,13 @@
 
 from egocap.cli import detecting, live, showing, tracking  # noqa: F401 (each adds its commands)
 from egocap.cli.registry import app
+from egocap.cli.settings import registry
 from egocap.commandline import run
 
 
 def main() -> int:
     """Run `egocap` and return its exit code."""
-    return run(app, prog="egocap", description="Full-body motion from head-worn fisheye cameras.")
+    with registry:
+        return run(
+            app, prog="egocap", description="Full-body motion from head-worn fisheye cameras."
+        )

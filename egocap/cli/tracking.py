@@ -28,7 +28,9 @@ def track(
     out: Path,
     detections: str = "learned",
     solver: SolverName = "fast",
-    config: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
+    settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
+    config: Path | None = None,
+    advanced: bool = False,
     seed: int = 0,
     body: Path | None = None,
     save_detections: Path | None = None,
@@ -48,7 +50,9 @@ def track(
         solver: fast: second order, all settings; reference: the paper's 200 gradient steps over
             all pixels; stochastic: its 50 steps over random pixels. Of the settings, the paper's
             solvers have the smoothing alone.
-        config: the tracker's settings.
+        settings: the tracker's settings.
+        config: TOML file of the tracker's settings; flags override it.
+        advanced: take all settings of the tracker as flags; --advanced --help lists them.
         seed: seed of simulated detections.
         body: the person's proportions, as fit-body writes them; by default the sequence's own.
         save_detections: also write the detections used, npz.
@@ -67,7 +71,7 @@ def track(
     opened = Sequence(sequence)
     proportions = opened.body if body is None else Proportions.load(body)
     found = detections_from(opened, detections, seed)
-    tracker = make_tracker(opened.rig, proportions, solver, config)
+    tracker = make_tracker(opened.rig, proportions, solver, settings)
     result = tracker.track(found, opened.images)
     of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
     result = replace(result, config=result.config | of_sequence)

@@ -179,7 +179,7 @@ def test_the_solver_of_the_paper_is_a_word(egocap, tracked, tiny_sequence):
     assert found.config["paper"]["iterations"] == 50
     assert found.config["solver"] == "stochastic"
     assert json.loads(out)["frames_per_second"] == pytest.approx(1 / found.seconds_per_frame)
-    wrong = egocap(*words, "--solver", "reference", "--lambda-motion", "0.5")
+    wrong = egocap(*words, "--solver", "reference", "--advanced", "--lambda-motion", "0.5")
     assert "lambda_motion = 0.5 with solver 'reference'" in complaint(wrong)
 
 

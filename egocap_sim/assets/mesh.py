@@ -1,16 +1,18 @@
-"""Triangle meshes as the renderer takes them."""
+"""Triangle meshes, and the actors that carry them through a recording."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
+import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """How the surface of a primitive looks, and the part label it gets."""
+    """Appearance of a primitive's surface, and its part label."""
 
     texture: UInt8[Array, "H W 3"]  # sRGB, seamless
     tile: float = 1.0  # metres that one repeat of the texture covers
@@ -45,7 +47,7 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """Something drawn: meshes that move together under one set of skinning transforms."""
+    """Meshes that move together under one set of skinning transforms."""
 
     name: str
     meshes: tuple[Mesh, ...]
@@ -62,3 +64,22 @@ class AnimatedActor:
     actor: Actor
     skinning: Float[Array, "T B 4 4"]
     joints: Float[Array, "T 18 3"] | None = None
+
+
+def moving(
+    name: str, parts: Iterable[tuple[int, Mesh]], transforms: Float[Array, "T B 4 4"]
+) -> AnimatedActor:
+    """An actor of rigid meshes, each with the number of the transform it follows."""
+    return AnimatedActor(Actor(name, tuple(_bound(mesh, k) for k, mesh in parts)), transforms)
+
+
+def resting(name: str, meshes: Iterable[Mesh], frames: int) -> AnimatedActor:
+    """Meshes that stay where they are."""
+    return moving(name, [(0, m) for m in meshes], np.tile(np.eye(4), (frames, 1, 1, 1)))
+
+
+def _bound(mesh: Mesh, k: int) -> Mesh:
+    count = len(mesh.vertices)
+    return replace(
+        mesh, bones=np.full((count, 4), k), weights=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    )

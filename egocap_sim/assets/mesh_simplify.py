@@ -1,4 +1,4 @@
-"""Coarser copies of meshes, for things that are seen from afar.
+"""Coarser copies of meshes, for what is seen from afar.
 
 Source: J. Rossignac and P. Borrel, Multi-resolution 3D approximations for rendering complex scenes
 (1993): vertices in one cell of a grid become one.

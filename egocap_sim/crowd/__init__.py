@@ -1,4 +1,4 @@
-"""A scene's other people in; bystanders that walk, stand and greet as actors out.
+"""The wearer's motion and a table of behaviours in; bystanders that walk, stand and greet out.
 
 Their motion is played back, not simulated.
 """

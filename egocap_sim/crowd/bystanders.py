@@ -1,7 +1,7 @@
-"""Other people: who they are, what they do, and where, so that nobody walks into anybody.
+"""Bystanders: their appearance, motions and places, free of collisions.
 
-They are played back without forces. Each is made and placed after the ones before it; a place is
-taken when, at every moment, all limbs keep clear of the wearer's, of the others' and of things.
+Their motions are played back without forces. Each is made and placed after the ones before it; a
+place is accepted if, at every moment, all limbs keep clear of the wearer, the others and props.
 """
 
 from __future__ import annotations
@@ -10,17 +10,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.errors import InputError
 from egocap.geometry import UP, axis_angle, rigid
 from egocap_sim.assets.mesh import AnimatedActor
 from egocap_sim.assets.mesh_simplify import simplify
-from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
-from egocap_sim.crowd.greeting import Offer, greeting, meet, offer_of, place_of_greeter
-from egocap_sim.crowd.wandering import stroll
+from egocap_sim.core.bodies import INDEX
+from egocap_sim.crowd.handshaking import (
+    Handshake,
+    find_handshake,
+    handshake_clip,
+    partner_pose,
+    reach_palm,
+)
+from egocap_sim.crowd.wandering import free_courses
+from egocap_sim.human.body.limb_distances import RIGHT_ARM, apart, limb_points
 from egocap_sim.human.body.person import Person
+from egocap_sim.human.clothing.wardrobe import make_person
 from egocap_sim.motion.clips.concatenation import concatenate
 from egocap_sim.motion.generators.course import straight_course
 from egocap_sim.motion.generators.gestures import GESTURES
@@ -35,12 +43,14 @@ from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.scene.config import OthersTable
 from egocap_sim.truth.truth import label_positions
 
-CELL_M = 0.025  # of the coarser meshes others are drawn with
+CELL_M = 0.025  # of the coarser meshes they are drawn with
 GAP_M = 0.25  # least distance between points inside two people's limbs
 CAMERA_GAP_M = 0.38  # and from them to the cameras: a chest reaches 0.2 m from its middle
 TRIES = 60  # placements tried for one person
 _RATE = 60.0  # frames a second of made motions
 _CHECK_S = 0.1  # spacing of the moments at which distances are checked
+
+_LEG = [INDEX["l_thigh"], INDEX["l_calf"], INDEX["l_foot"]]
 
 Rng = np.random.Generator
 Bodies = Float[Array, "T 21 4 4"]
@@ -56,7 +66,7 @@ def make_bystanders(
     blocked: Sequence[tuple[Float[Array, "2"], float]] = (),
     person: Person | None = None,
 ) -> list[AnimatedActor]:
-    """The other people of a scene, posed at the frame times [s].
+    """The bystanders of a scene, posed at the frame times [s].
 
     They keep away from the `cameras`, which stick out from the wearer's head, stay within
     `bounds_m` of the origin and out of `blocked`, circles (centre, radius) on the floor.
@@ -65,7 +75,7 @@ def make_bystanders(
     """
     crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, blocked)
     if person is not None:
-        crowd.offer, crowd.wearer = offer_of(person, wearer), person
+        crowd.handshake = find_handshake(person, wearer)
     return [crowd.add(i) for i in range(table.count)]
 
 
@@ -75,8 +85,7 @@ class _Crowd:
     def __init__(self, table, rng, times, wearer, bounds_m, cameras, blocked) -> None:
         self.table, self.rng, self.times, self.bounds_m = table, rng, times, bounds_m
         self.blocked = blocked
-        self.offer: Offer | None = None
-        self.wearer: Person | None = None
+        self.handshake: Handshake | None = None
         step = max(1, round(_CHECK_S * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))
         self.checked = np.arange(0, len(times), step)
         self.cameras = cameras[self.checked]
@@ -86,13 +95,11 @@ class _Crowd:
 
     def add(self, i: int) -> AnimatedActor:
         """Find the next person's motion and place."""
-        from egocap_sim.human.clothing.wardrobe import make_person
-
         name = f"other-{i + 1}"
         person = make_person(int(self.rng.integers(2**31)), bystander=True, name=name)
         behaviour = self.table.behaviours[i % len(self.table.behaviours)]
         bodies = None
-        for act in dict.fromkeys((behaviour, "gesture", "stand")):  # who cannot walk by, stands
+        for act in dict.fromkeys((behaviour, "gesture", "stand")):  # without room to walk by, stand
             bodies = BEHAVIOURS[act](self, person)
             if bodies is not None:
                 break
@@ -109,7 +116,7 @@ class _Crowd:
         return AnimatedActor(actor, skinning, label_positions(person, bodies))
 
     def is_free(self, bodies: Bodies, greets: bool = False) -> bool:
-        """Whether someone may move like this: in bounds, clear of everyone and of things.
+        """Whether someone may move like this: in bounds, clear of everyone and of props.
 
         Who `greets` may touch the wearer with the right arm.
         """
@@ -130,10 +137,10 @@ class _Crowd:
         )
 
     def place(self, local: Bodies, arrival: int = 0) -> Bodies | None:
-        """Put a motion near the wearer, facing it in frame `arrival`; None when there is no room.
+        """Place a motion near the wearer, facing it in frame `arrival`; None without room.
 
-        `local` starts at the origin. Nearer places are likelier; where there is none as near as was
-        asked, farther ones are tried.
+        `local` starts at the origin. Nearer places are likelier; farther ones than
+        requested are tried if none is free.
         """
         at, facing = local[arrival, 0, :2, 3], local[arrival, INDEX["chest"], :2, 0]
         heading = np.arctan2(facing[1], facing[0])
@@ -186,7 +193,7 @@ def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
     """Come up to the wearer and talk."""
     rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.2))
     length = float(min(rng.uniform(0.8, 2.5), max(0.5, 0.5 * speed * crowd.seconds)))
-    scale = leg_length(person) / leg_length_of_figure()
+    scale = _leg_scale(person)
     course, seconds = straight_course(length / scale, speed / scale)
     t = np.arange(round(seconds * _RATE) + 1) / _RATE
     params = WalkParams(speed=speed / scale)
@@ -201,9 +208,9 @@ def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
 def _walk_by(crowd: _Crowd, person: Person) -> Bodies | None:
     """Walk about and past the wearer, turning aside in time."""
     rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.3))
-    scale = leg_length(person) / leg_length_of_figure()
+    scale = _leg_scale(person)
     params = WalkParams(speed=speed / scale)
-    for course in stroll(
+    for course in free_courses(
         rng, crowd.times, crowd.pelvises, crowd.blocked, speed, crowd.bounds_m - 0.35,
         crowd.table.farthest_m, scale,
     ):  # fmt: skip
@@ -217,13 +224,12 @@ def _walk_by(crowd: _Crowd, person: Person) -> Bodies | None:
 
 def _shake_hands(crowd: _Crowd, person: Person) -> Bodies | None:
     """Stand opposite the wearer and shake the hand that is held out."""
-    offer, wearer = crowd.offer, crowd.wearer
-    if offer is None or wearer is None:
+    if crowd.handshake is None:
         return None
-    clip = greeting(offer, crowd.times, crowd.rng, _RATE)
-    there = place_of_greeter(offer, wearer, person) @ crowd.played(clip, person)
+    clip = handshake_clip(crowd.handshake, crowd.times, crowd.rng, _RATE)
+    there = partner_pose(crowd.handshake, person) @ crowd.played(clip, person)
     fps = (len(crowd.times) - 1) / crowd.seconds
-    bodies = meet(offer, person, there, fps)
+    bodies = reach_palm(crowd.handshake, person, there, fps)
     return bodies if crowd.is_free(bodies, greets=True) else None
 
 
@@ -233,51 +239,10 @@ BEHAVIOURS: dict[str, Callable[[_Crowd, Person], Bodies | None]] = {
 }  # fmt: skip
 
 
-def limb_points(bodies: Bodies) -> Float[Array, "T P 3"]:
-    """Points inside a body at which distances are checked: joints, middles of bones, hands."""
-    p = bodies[..., :3, 3]
-    parents = np.array(PARENTS[1:])
-    middles = (p[:, 1:] + p[:, parents]) / 2
-    hands = [
-        2.0 * p[:, INDEX[s + "hand"]] - p[:, INDEX[s + "forearm"]] for s in ("l_", "r_")
-    ]  # as far again would be a forearm's length: half of it is where fingers end
-    tips = [
-        (h + p[:, INDEX[s + "hand"]]) / 2 for h, s in zip(hands, ("l_", "r_"), strict=True)
-    ]  # fmt: skip
-    return np.concatenate([p, middles, np.stack(tips, 1)], 1)
-
-
-RIGHT_ARM = tuple(
-    i
-    for i, body in enumerate([*BODIES, *BODIES[1:], "l_hand", "r_hand"])
-    if body in ("r_forearm", "r_hand")
-)
-"""Columns of `limb_points` beyond the right elbow."""
-
-
-def apart(a: Float[Array, "T P 3"], b: Float[Array, "T P 3"], gap: float) -> Bool[Array, "T"]:
-    """At which moments all points of one keep a distance [m] from all of the other."""
-    far = np.linalg.norm(a[:, 0] - b[:, 0], axis=-1) > 2.4  # two people's reach
-    result = np.ones(len(a), bool)
-    for k in np.flatnonzero(~far):
-        d = a[k, :, None] - b[k, None]
-        result[k] = np.einsum("pqi,pqi->pq", d, d).min() >= gap * gap
-    return result
-
-
-def leg_length(person: Person) -> float:
-    """Hip to knee to ankle at rest, metres."""
-    return _leg(person.joints)
-
-
-def leg_length_of_figure() -> float:
-    """The same of the figure that procedural motions are made on."""
-    return _leg(figure.REST)
-
-
-def _leg(joints: Float[Array, "21 3"]) -> float:
-    chain = joints[[INDEX["l_thigh"], INDEX["l_calf"], INDEX["l_foot"]]]
-    return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
-
-
-assert len(PARENTS) == len(BODIES)
+def _leg_scale(person: Person) -> float:
+    """Length of a person's leg over that of the figure which procedural motions are made on."""
+    own, figures = (
+        np.linalg.norm(np.diff(joints[_LEG], axis=0), axis=1).sum()
+        for joints in (person.joints, figure.REST)
+    )
+    return float(own) / float(figures)

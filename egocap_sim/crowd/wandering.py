@@ -1,4 +1,4 @@
-"""Where someone walks who passes by: from goal to goal near the wearer, turning aside in time."""
+"""Courses of passers-by: from goal to goal near the wearer, avoiding obstacles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GOAL_S = 5.0  # a goal not reached by then is given up
 _RATE = 30.0
 
 
-def stroll(
+def free_courses(
     rng: np.random.Generator,
     times: Float[Array, "T"],
     people: Sequence[Float[Array, "T 2"]],
@@ -29,7 +29,7 @@ def stroll(
     near_m: float,
     scale: float,
 ) -> Iterator[Course]:
-    """Ways that keep clear of people (the first is the wearer) and things; best first.
+    """Courses that keep clear of people (the first is the wearer) and obstacles; best first.
 
     Better are those that are longer within `near_m` of the wearer. Courses are in a figure's
     metres: the world's divided by `scale`. Yields none when the place is too narrow.

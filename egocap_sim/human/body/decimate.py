@@ -53,7 +53,7 @@ def decimate(
 
 
 class _Mesh:
-    """Triangles under collapse: who touches whom, and the error quadric of every vertex."""
+    """Triangles under collapse: adjacency, and the error quadric of every vertex."""
 
     def __init__(self, vertices: Array, faces: Array, face_uv: Array) -> None:
         self.points = [np.append(p, 1.0) for p in vertices]

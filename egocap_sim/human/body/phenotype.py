@@ -1,4 +1,4 @@
-"""What an adult looks like in a few numbers, and how those numbers weigh the blend shapes."""
+"""Shape parameters of an adult, and the blend-shape weights that they give."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def age_from_years(years: float) -> float:
 
 
 def corner_weights(p: Phenotype) -> dict[str, float]:
-    """How near a phenotype is to each corner (named as MakeHuman does) of the space of shapes."""
+    """Weight of each corner of the shape space, by MakeHuman's name."""
     races = np.array([p.african, p.asian, p.caucasian])
     african, asian, caucasian = races / races.sum()
     return {

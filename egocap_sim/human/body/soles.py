@@ -1,4 +1,4 @@
-"""Where a person's feet touch the ground: one flat box under each foot body."""
+"""Soles of a person's feet: one flat box under each foot body."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def sole_points(
 def sole_corners(
     boxes: Sequence[Sole], positions: Float[Array, "T B 3"], rotations: Float[Array, "T B 3 3"]
 ) -> Float[Array, "T S 4 3"]:
-    """The same of soles that are known."""
+    """World positions of the bottom corners of given soles."""
     points = [
         sole.corners @ np.swapaxes(rotations[:, INDEX[sole.body]], -1, -2)
         + positions[:, None, INDEX[sole.body]]

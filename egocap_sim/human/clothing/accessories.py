@@ -19,9 +19,8 @@ from egocap_sim.human.body.skinning import Worn, rigid_mesh
 from egocap_sim.human.body.triangles import ring_faces
 from egocap_sim.human.clothing.fabric import PALETTE, TILE_M, fabric_texture, one_color
 from egocap_sim.human.clothing.headwear import beanie, cap, sun_hat
-from egocap_sim.human.clothing.sewing import sew
 from egocap_sim.human.clothing.shell import ELSEWHERE, Pattern, make_shell
-from egocap_sim.human.clothing.tailoring import Cloth
+from egocap_sim.human.clothing.tailoring import Cloth, sew
 
 Fit = Callable[[BodyChart, np.random.Generator], Worn]
 

@@ -1,4 +1,4 @@
-"""What tailors add to cloth: seams, hems, cuffs, plackets with buttons, zips, pockets, belts."""
+"""Details painted on cloth: seams, hems, cuffs, plackets with buttons, zips, pockets, belts."""
 
 from __future__ import annotations
 

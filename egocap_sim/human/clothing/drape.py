@@ -1,4 +1,4 @@
-"""How loose cloth falls: from the chest and the hips straight down, spanning hollows and legs."""
+"""Drape of loose cloth: straight down from chest and hips, spanning hollows and legs."""
 
 from __future__ import annotations
 

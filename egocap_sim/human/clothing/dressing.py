@@ -30,11 +30,10 @@ from egocap_sim.human.clothing.garments import (
 )
 from egocap_sim.human.clothing.hair import HAIR_COLORS, HAIRCUTS, make_hair
 from egocap_sim.human.clothing.outfit import BAREFOOT, NO_SOCKS, Outfit
-from egocap_sim.human.clothing.sewing import sew
 from egocap_sim.human.clothing.shell import Shell
 from egocap_sim.human.clothing.shoes import SHOES, make_shoes, shoe_texture
 from egocap_sim.human.clothing.skirts import Skirt, make_skirt
-from egocap_sim.human.clothing.tailoring import Cloth
+from egocap_sim.human.clothing.tailoring import Cloth, sew
 
 UNDER_TROUSERS = 1.9  # length of trousers (`Bottom.leg`) from which shoes are worn under them
 Rng = np.random.Generator

@@ -158,11 +158,6 @@ def denim(colors: Colors, rng: np.random.Generator) -> Image:
     return colors[0] * (1 + twill + streaks)[..., None] + 0.05
 
 
-def gradient(colors: Colors, rng: np.random.Generator) -> Image:
-    """The first colour, which garments let run into the second (`details.gradient`)."""
-    return plain(colors, rng)
-
-
 def marl(colors: Colors, rng: np.random.Generator) -> Image:
     """Melange yarn: short flecks of a second colour."""
     share = np.clip(0.35 + 0.5 * smooth_noise(SIZE, (128, 50), rng), 0, 1)[..., None]
@@ -178,7 +173,8 @@ def knit(colors: Colors, rng: np.random.Generator) -> Image:
 PATTERNS: dict[str, Callable[[Colors, np.random.Generator], Image]] = {
     "plain": plain, "stripes": stripes, "pinstripes": pinstripes, "checks": checks,
     "gingham": gingham, "dots": dots, "shapes": shapes, "camouflage": camouflage,
-    "denim": denim, "marl": marl, "knit": knit, "gradient": gradient,
+    "denim": denim, "marl": marl, "knit": knit,
+    "gradient": plain,  # garments let it run into the second colour: `details.gradient`
 }  # fmt: skip
 
 

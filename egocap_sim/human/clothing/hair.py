@@ -18,9 +18,8 @@ from egocap_sim.human.body.noise import smooth_noise
 from egocap_sim.human.body.skinning import Worn, skinned_mesh
 from egocap_sim.human.body.triangles import ring_faces
 from egocap_sim.human.clothing.fabric import TILE_M
-from egocap_sim.human.clothing.sewing import sew
 from egocap_sim.human.clothing.shell import Pattern, Shell, make_shell
-from egocap_sim.human.clothing.tailoring import Cloth
+from egocap_sim.human.clothing.tailoring import Cloth, sew
 
 
 @dataclass(frozen=True)

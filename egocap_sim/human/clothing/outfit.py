@@ -1,8 +1,8 @@
-"""What a person wears, by name: sampled from a seed, changed by the user, checked."""
+"""Outfits by name: sampled from a seed, changed by the user, validated."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
@@ -29,6 +29,11 @@ BOTTOM_COLORS = (
 SHOE_COLORS = ("white", "black", "charcoal", "brown", "navy", "red", "grey", "sand", "green")
 SOCK_COLORS = ("white", "white", "black", "charcoal", "grey", "navy", "red", "mustard", "green")
 SOLE_COLORS = ("white", "black", "cream", "brown")
+VALID: dict[str, Collection[str]] = {
+    "top": TOPS, "bottom": BOTTOMS, "shoes": (*SHOES, BAREFOOT), "socks": (*SOCKS, NO_SOCKS),
+    "sock_color": PALETTE, "hair": HAIRCUTS, "hair_color": HAIR_COLORS, "shoe_color": PALETTE,
+    "sole_color": PALETTE, **{kind: ("none", *fits) for kind, fits in ACCESSORIES.items()},
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -55,20 +60,9 @@ class Outfit:
     hat: str = "none"
 
     def __post_init__(self) -> None:
-        for kind, name, valid in (
-            ("top", self.top, TOPS),
-            ("bottom", self.bottom, BOTTOMS),
-            ("shoes", self.shoes, (*SHOES, BAREFOOT)),
-            ("socks", self.socks, (*SOCKS, NO_SOCKS)),
-            ("sock_color", self.sock_color, PALETTE),
-            ("hair", self.hair, HAIRCUTS),
-            ("hair_color", self.hair_color, HAIR_COLORS),
-            ("shoe_color", self.shoe_color, PALETTE),
-            ("sole_color", self.sole_color, PALETTE),
-            *((k, getattr(self, k), ("none", *fits)) for k, fits in ACCESSORIES.items()),
-        ):
-            if name not in valid:
-                raise InputError(f"unknown {kind} '{name}'", valid=valid)
+        for kind, names in VALID.items():
+            if (name := getattr(self, kind)) not in names:
+                raise InputError(f"unknown {kind} '{name}'", valid=names)
         if TOPS[self.top].skirt is not None and self.bottom not in UNDER_DRESSES:
             raise InputError(f"'{self.bottom}' under a {self.top}", valid=UNDER_DRESSES)
         if TOPS[self.top].skirt is None and BOTTOMS[self.bottom] is None:
@@ -115,7 +109,7 @@ def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Genera
 def change_outfit(outfit: Outfit, changes: Mapping[str, str], hatless: bool = False) -> Outfit:
     """Replace parts of an outfit by name; fabrics as 'pattern:color[,color[,color]]'.
 
-    Bottoms that were not asked for give way to a dress, and trousers to its absence. A `hatless`
+    A bottom that is not given is removed under a dress and added without one. A `hatless`
     person wears headgear: no hat. Raises InputError for names and parts that do not exist.
     """
     names = [field.name for field in fields(Outfit)]

@@ -21,7 +21,7 @@ from egocap_sim.human.clothing.fabric import PALETTE
 from egocap_sim.human.clothing.headwear import HEADGEAR
 from egocap_sim.human.clothing.outfit import change_outfit, sample_outfit
 
-HEIGHTS_M = (1.40, 2.10)  # what may be asked for
+HEIGHTS_M = (1.40, 2.10)  # valid
 SAMPLED_HEIGHTS_M = (1.50, 2.00)
 SAMPLED_BMI = (18.0, 35.0)  # kg/m^2
 SEXES = ("female", "male")
@@ -42,7 +42,7 @@ def make_person(
     bystander: bool = False,
     name: str = "person",
 ) -> Person:
-    """Make the person of a seed; every seed is another one, and always the same one.
+    """Make the person of a seed; a seed always gives the same one.
 
     What is not given is drawn from the seed. `sex` is 'female' or 'male'; `skin_tone` 0 (light)
     to 1 (dark); `phenotype` fixes values of `Phenotype` other than age and height (weight, muscle,
@@ -74,29 +74,22 @@ def make_person(
         meshes.append(HEADGEAR[headgear](chart.skull, rgb(PALETTE[color])))
     if bystander:
         meshes = [replace(m, parts=np.full_like(m.parts, OTHER_PERSON)) for m in meshes]
-    mass = _mass(body)
-    return Person(
-        name=name,
-        height_m=body.height_m,
-        mass_kg=mass,
-        joints=body.joints,
-        landmarks=landmarks(body),
-        body_vertices=body.vertices,
-        body_owner=anatomy().owner,
-        actor=Actor(name, tuple(meshes)),
-        description={
-            "seed": int(seed),
-            "sex": sampled_sex,
-            "age_years": round(years, 1),
-            "height_m": round(body.height_m, 4),
-            "mass_kg": round(mass, 2),
-            "phenotype": {k: round(v, 6) for k, v in asdict(body.phenotype).items()},
-            "scale": round(body.scale, 6),
-            "skin_tone": round(tone, 4),
-            "outfit": clothes.describe(),
-            "headgear": headgear,
-        },
-    )
+    actor = Actor(name, tuple(meshes))
+    mass, owner = _mass(body), anatomy().owner
+    described = {
+        "seed": int(seed),
+        "sex": sampled_sex,
+        "age_years": round(years, 1),
+        "height_m": round(body.height_m, 4),
+        "mass_kg": round(mass, 2),
+        "phenotype": {k: round(v, 6) for k, v in asdict(body.phenotype).items()},
+        "scale": round(body.scale, 6),
+        "skin_tone": round(tone, 4),
+        "outfit": clothes.describe(),
+        "headgear": headgear,
+    }
+    joints, skin = body.joints, body.vertices
+    return Person(name, body.height_m, mass, joints, landmarks(body), skin, owner, actor, described)
 
 
 def _stream(seed: int, purpose: int) -> np.random.Generator:

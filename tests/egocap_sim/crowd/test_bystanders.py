@@ -12,9 +12,10 @@ from egocap.errors import InputError
 from egocap.geometry import inverse, rigid
 from egocap_sim.assets.mesh import Actor
 from egocap_sim.core.bodies import FEET, INDEX
-from egocap_sim.crowd.bystanders import BEHAVIOURS, apart, limb_points, make_bystanders
+from egocap_sim.crowd import bystanders
+from egocap_sim.crowd.bystanders import BEHAVIOURS, make_bystanders
+from egocap_sim.human.body.limb_distances import apart, limb_points
 from egocap_sim.human.body.soles import sole_points
-from egocap_sim.human.clothing import wardrobe
 from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.motion.retarget.kinematic_playback import sample_reference
 from egocap_sim.motion.retarget.retarget import retarget
@@ -37,7 +38,7 @@ def cast(monkeypatch, stand_in):
         assert bystander
         return SimpleNamespace(**vars(stand_in) | {"name": name, "actor": Actor(name, ())})
 
-    monkeypatch.setattr(wardrobe, "make_person", make)
+    monkeypatch.setattr(bystanders, "make_person", make)
 
 
 def others(wearer, seed=3, blocked=(), bounds=4.0, **table):

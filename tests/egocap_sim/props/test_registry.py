@@ -9,7 +9,7 @@ from egocap.errors import InputError
 from egocap.geometry import transform
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.rng import stream
-from egocap_sim.crowd.bystanders import limb_points
+from egocap_sim.human.body.limb_distances import limb_points
 from egocap_sim.motion.generators.ball_handling import FLIGHT_S, plan_cascade, plan_touches
 from egocap_sim.motion.generators.cycling import Ride, leg_scale
 from egocap_sim.motion.generators.registry import MOTIONS, make_motion, motion_parameters

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from egocap_sim.human.body.ambient_occlusion import openness
 from egocap_sim.human.body.decimate import decimate
+from egocap_sim.human.body.skin_maps import openness
 
 
 def sphere(n=24):

@@ -10,9 +10,10 @@ import pytest
 from egocap.geometry import inverse, rigid, transform
 from egocap_sim.assets.mesh import Actor
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.crowd.bystanders import limb_points, make_bystanders
-from egocap_sim.crowd.greeting import greeting, meet, offer_of, place_of_greeter
-from egocap_sim.human.clothing import wardrobe
+from egocap_sim.crowd import bystanders
+from egocap_sim.crowd.bystanders import make_bystanders
+from egocap_sim.crowd.handshaking import find_handshake, handshake_clip, partner_pose, reach_palm
+from egocap_sim.human.body.limb_distances import limb_points
 from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.motion.retarget.kinematic_playback import sample_reference
 from egocap_sim.motion.retarget.palms import palm_of
@@ -33,17 +34,17 @@ def wearer(stand_in) -> np.ndarray:
 
 
 def test_both_right_palms_meet_while_the_hand_is_out(stand_in, wearer):
-    offer = offer_of(stand_in, wearer)
-    assert offer is not None and 0.1 < (offer.share > 0.95).mean() < 0.9
-    clip = greeting(offer, TIMES, np.random.default_rng(0), 60.0)
+    handshake = find_handshake(stand_in, wearer)
+    assert handshake is not None and 0.1 < (handshake.share > 0.95).mean() < 0.9
+    clip = handshake_clip(handshake, TIMES, np.random.default_rng(0), 60.0)
     local = sample_reference(stand_in, retarget(clip, stand_in), TIMES)
-    other = meet(offer, stand_in, place_of_greeter(offer, stand_in, stand_in) @ local, 30.0)
+    other = reach_palm(handshake, stand_in, partner_pose(handshake, stand_in) @ local, 30.0)
     palm = palm_of(stand_in, "r")
     theirs = transform(other[:, palm.body], palm.centre[None])[:, 0]
-    gap = np.linalg.norm(theirs - offer.palm, axis=1)
-    out = offer.share > 0.99
+    gap = np.linalg.norm(theirs - handshake.palm, axis=1)
+    out = handshake.share > 0.99
     assert np.median(gap[out]) < 0.01 and np.percentile(gap[out], 90) < 0.06
-    assert gap[offer.share < 0.01].mean() > 0.15  # and part again
+    assert gap[handshake.share < 0.01].mean() > 0.15  # and part again
     # Face to face, at arm's length, the palms towards each other.
     assert 0.7 < np.linalg.norm(other[:, 0, :2, 3] - wearer[:, 0, :2, 3], axis=1).mean() < 1.5
     chests = [b[out][:, INDEX["chest"], :2, 0] for b in (wearer, other)]
@@ -53,15 +54,15 @@ def test_both_right_palms_meet_while_the_hand_is_out(stand_in, wearer):
 
 
 def test_nobody_shakes_a_hand_that_is_not_held_out(stand_in):
-    assert offer_of(stand_in, played(stand_in, "idle")) is None
-    assert offer_of(stand_in, played(stand_in, "wave")) is None
+    assert find_handshake(stand_in, played(stand_in, "idle")) is None
+    assert find_handshake(stand_in, played(stand_in, "wave")) is None
 
 
 def test_a_crowd_has_one_who_shakes_hands(stand_in, wearer, monkeypatch):
     def make(seed, *, bystander, name):  # in place of a dressed person, who takes long
         return SimpleNamespace(**vars(stand_in) | {"name": name, "actor": Actor(name, ())})
 
-    monkeypatch.setattr(wardrobe, "make_person", make)
+    monkeypatch.setattr(bystanders, "make_person", make)
     table = OthersTable(count=2, behaviours=("shake_hands", "gesture"), farthest_m=2.5)
     eyes = wearer[:, None, INDEX["head"], :3, 3] + [[0.2, 0.15, 0.2], [0.2, -0.15, 0.2]]
     rng = np.random.default_rng(5)

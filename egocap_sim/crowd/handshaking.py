@@ -1,8 +1,8 @@
-"""Somebody who shakes the wearer's hand whenever it is held out: where they stand, their arm."""
+"""Handshakes with the wearer: when and where the hand is held out, and the partner's motion."""
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -23,22 +23,23 @@ from egocap_sim.motion.retarget.palms import palm_of
 
 Bodies = Float[Array, "T 21 4 4"]
 _OUT_M = (0.26, 0.40)  # of the palm before the shoulder: the hand begins to be, and is, held out
-_STILL_M = 0.20  # a hand held out in places farther apart is not met by somebody who stands
+_STILL_M = 0.20  # a hand held out in places farther apart cannot be met by someone who stands
 _NEARER = 0.88  # of the wearer's distance from the hands: the wearer leans forward, too
-_LEAD_S = 0.55  # before the wearer's hand is out the other's sets off
+_LEAD_S = 0.55  # by which the partner's hand starts before the wearer's is out
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Offer:
-    """A hand held out: how far at each moment (0 to 1), and where its palm is."""
+@dataclass(frozen=True, eq=False)
+class Handshake:
+    """The wearer's hand held out: how far at each moment (0 to 1), and where its palm is."""
 
     share: Float[Array, "T"]
     palm: Float[Array, "T 3"]
     stands: Float[Array, "2"]  # of the wearer, while the hand is out
     place: Float[Array, "2"]  # of the hand, on the floor
+    arm: float  # length of the wearer's arm
 
 
-def offer_of(wearer: Person, bodies: Bodies) -> Offer | None:
+def find_handshake(wearer: Person, bodies: Bodies) -> Handshake | None:
     """When and where the wearer holds the right hand out; None where it never does so in one
     place."""
     palm = palm_of(wearer, "r")
@@ -52,31 +53,29 @@ def offer_of(wearer: Person, bodies: Bodies) -> Offer | None:
     held = share > 0.95
     if held.sum() < 5 or np.linalg.norm(at[held] - at[held].mean(0), axis=1).max() > _STILL_M:
         return None
-    return Offer(share, at, bodies[held, 0, :2, 3].mean(0), at[held].mean(0)[:2])
+    stands, place = bodies[held, 0, :2, 3].mean(0), at[held].mean(0)[:2]
+    return Handshake(share, at, stands, place, _arm(wearer))
 
 
-def place_of_greeter(offer: Offer, wearer: Person, person: Person) -> Float[Array, "4 4"]:
+def partner_pose(handshake: Handshake, person: Person) -> Float[Array, "4 4"]:
     """Opposite the wearer, the hand between them: where a motion from the origin along x goes."""
-    away = offer.place - offer.stands
-    reach = _arm(person) / _arm(wearer)
-    at = offer.place + _NEARER * min(max(reach, 0.8), 1.1) * away
+    away = handshake.place - handshake.stands
+    reach = _arm(person) / handshake.arm
+    at = handshake.place + _NEARER * min(max(reach, 0.8), 1.1) * away
     # Both right hands are to the side of the line between the bodies: turned half way around.
-    side = np.arctan2(-offered_side(), 1.0)
+    x, y, _ = OFFERED.wrist
+    side = np.arctan2((0.19 + y) / (x + 0.09), 1.0)  # the shoulder is 0.19 m to the right
     yaw = np.arctan2(-away[1], -away[0]) - side
     return rigid(axis_angle(UP, float(yaw)), np.array([*at, 0.0]))
 
 
-def offered_side() -> float:
-    """Tangent of the angle at which a held out right hand lies to the left of straight ahead."""
-    x, y, _ = OFFERED.wrist
-    return float(-(0.19 + y) / (x + 0.09))  # the shoulder is 0.19 m to the right
-
-
-def greeting(offer: Offer, times: Float[Array, "T"], rng: np.random.Generator, fps: float) -> Clip:
-    """The other's motion: the hand goes out as the wearer's does."""
+def handshake_clip(
+    handshake: Handshake, times: Float[Array, "T"], rng: np.random.Generator, fps: float
+) -> Clip:
+    """The partner's motion: the hand goes out as the wearer's does."""
     keys = Keyframes(draw_style(rng), rng)
     keys.gaze(0.0, 0.05)
-    out = offer.share > 0.5
+    out = handshake.share > 0.5
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]]))).reshape(-1, 2)
     for first, end in edges:
         start, stop = times[first] - times[0], times[min(end, len(times) - 1)] - times[0]
@@ -85,16 +84,20 @@ def greeting(offer: Offer, times: Float[Array, "T"], rng: np.random.Generator, f
         keys.clock = max(stop - 0.1, keys.clock + 0.35)
         keys.clock = keys.hand(RIGHT, DOWN, 0.8)
     t = np.arange(round((float(times[-1] - times[0]) + 0.5) * fps) + 1) / fps
-    return keys.clip("greeting", t, fps)
+    return keys.clip("handshake_clip", t, fps)
 
 
-def meet(offer: Offer, person: Person, bodies: Bodies, fps: float) -> Bodies:
-    """Bend the other's right arm so that the palms meet while the hand is held out."""
+def reach_palm(handshake: Handshake, person: Person, bodies: Bodies, fps: float) -> Bodies:
+    """Bend the partner's right arm so that the palms reach_palm while the hand is held out."""
     palm = palm_of(person, "r")
     at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
-    smooth = gaussian_filter1d(offer.share, 0.06 * fps, mode="nearest")
+    smooth = gaussian_filter1d(handshake.share, 0.06 * fps, mode="nearest")
     R = bend_limb(
-        bodies[..., :3, 3], bodies[..., :3, :3], "r", smooth[:, None] * (offer.palm - at), arm=True
+        bodies[..., :3, 3],
+        bodies[..., :3, :3],
+        "r",
+        smooth[:, None] * (handshake.palm - at),
+        arm=True,
     )
     return rigid(R, joint_positions(person.joints, bodies[:, 0, :3, 3], R))
 

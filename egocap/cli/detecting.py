@@ -11,11 +11,12 @@ from tyro.conf import Positional
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
-from egocap.detect.train.config import TrainingConfig
+from egocap.detect.train.config import FOR_A_RIG, RunConfig, TrainingConfig
 from egocap.errors import InputError
 
 if TYPE_CHECKING:
     from egocap.data.detections import Detections
+    from egocap.detect.train.trainer import Outcome
 
 
 @app.command
@@ -92,85 +93,42 @@ def calibrate_detector(
 
 @app.command
 def train(
-    data: Positional[tuple[Path, ...]],
-    /,
-    out: Path,
-    config: str = "default",
+    run: Annotated[RunConfig, tyro.conf.OmitArgPrefixes],
     training: Annotated[TrainingConfig, tyro.conf.OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
     rig: Path | None = None,
-    resume: bool = False,
-    start: Path | None = None,
-    scratch: bool = False,
-    held_out: float = 0.08,
-    store: Path | None = None,
-    backgrounds: tuple[Path, ...] = (),
-    shares: tuple[float, ...] = (),
     json: bool = False,
 ) -> int:
-    """Train a detector, from footage with annotations or from nothing but a rig.
+    """Train a detector on footage with annotations.
 
     Writes detector.safetensors, curves.png, log.csv and validation.csv into the folder of the run.
     SIGTERM and Ctrl-C stop it at the next step, to go on with --resume.
 
     Args:
-        data: sequences, or folders of sequences.
-        out: folder of the run.
-        config: network to train: default, small, paper (ResNet-101) or tiny.
+        run: what to train.
         training: how to train.
-        rig: simulate footage for this rig for a third of the minutes, and train on it too.
-        resume: go on with the run in --out, if there is one.
-        start: weights to begin from: detector weights, or the folder of a run. With a rig and the
-            default network, those that are shipped.
-        scratch: begin from random weights, also with a rig.
-        held_out: share of the sequences to validate on and never train on.
-        store: folder of the canonical views made from the data; by default in --out.
-        backgrounds: sequences whose images replace backgrounds; by default those of the data.
-        shares: how much of the training is on each DATA; by default as many views as it has.
+        rig: not available here; `egocap-eval train` simulates footage for a rig and trains on it.
         json: print the summary as JSON.
     """
     import subprocess
     import sys
 
-    from egocap.detect.train.run import (
-        Request,
-        command_for_devices,
-        join_processes,
-        train_detector,
-        weights_path,
-    )
-    from egocap.detect.weights import SHIPPED, shipped_file
+    from egocap.detect.train import run as runs
 
-    if scratch and start is not None:
-        raise InputError("--scratch and --start exclude each other", valid="one of them")
-    if start is None and rig is not None and config == SHIPPED and not scratch:
-        start = shipped_file()
-    request = Request(out, tuple(data), rig, config, held_out, start, resume, store, backgrounds,
-                      shares)  # fmt: skip
-    command = command_for_devices(sys.argv[1:])
+    if rig is not None:
+        raise InputError(f"egocap train does not simulate footage{FOR_A_RIG}")
+    command = runs.command_for_devices(sys.argv[1:])
     if command is not None:
         return subprocess.call(command)
-    join_processes()
-    outcome = train_detector(request, training)
-    summary = {
-        "finished": outcome.finished, "steps": outcome.state.step, "views": outcome.state.views,
-        "seconds": round(outcome.state.seconds, 1),
-        "weights": str(weights_path(out)) if outcome.weights else None,
-        "scores": None if outcome.scores is None else outcome.scores.to_dict(),
-    }  # fmt: skip
-    _print_training(out, summary, json)
+    runs.join_processes()
+    outcome = runs.train_detector(run, training)
+    _print_run(run, outcome, json)
     return DONE if outcome.finished else INTERRUPTED
 
 
-def _print_training(out: Path, summary: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(summary, indent=1))
-        return
-    if not summary["finished"]:
-        print(f"{out}: interrupted after {summary['steps']} steps; go on with --resume")
-        return
-    print(f"{summary['weights']}: {summary['steps']} steps, {summary['views']} views")
-    if summary["scores"]:
-        print(", ".join(f"{name} {value:.2f}" for name, value in summary["scores"].items()))
+def _print_run(run: RunConfig, outcome: Outcome, as_json: bool) -> None:
+    from egocap.detect.train.run import summary, summary_text
+
+    print(json.dumps(summary(run, outcome), indent=1) if as_json else summary_text(run, outcome))
 
 
 def _print_detections(

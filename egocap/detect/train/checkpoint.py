@@ -20,6 +20,15 @@ if TYPE_CHECKING:
 CHECKPOINT, FINAL = "checkpoint.pt", "final.safetensors"
 
 
+@dataclass
+class RunState:
+    """Progress of a run, kept in its checkpoint."""
+
+    step: int = 0
+    seconds: float = 0.0  # spent in training steps, over all sessions
+    views: int = 0  # seen, over all processes
+
+
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
     """State dictionaries of a run that can go on."""

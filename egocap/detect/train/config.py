@@ -1,8 +1,11 @@
-"""How to train: every setting, with what the command line says of it. Nothing heavy is imported."""
+"""Settings of a training run; field comments are the command line's help. Imports nothing heavy."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
+
+from tyro.conf import Positional
 
 from egocap.errors import InputError
 
@@ -72,3 +75,33 @@ class TrainingConfig:
         ):
             if not good:
                 raise InputError(f"{name} {getattr(self, name)}", valid=valid)
+
+
+FOR_A_RIG = ("; for a rig without footage, run egocap-eval train --rig RIG, "
+             "or egocap-sim generate train-varied --rig RIG")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """What to train, on what, where. Raises InputError for values that contradict each other."""
+
+    out: Path  # folder of the run
+    data: Positional[tuple[Path, ...]] = ()  # sequences, or folders of sequences
+    config: str = "default"  # network to train: default, small, paper (ResNet-101) or tiny
+    held_out: float = 0.08  # share of the sequences to validate on and never train on
+    start: Path | None = None  # weights to begin from: detector weights, or the folder of a run
+    resume: bool = False  # go on with the run in --out, if there is one
+    store: Path | None = None  # folder of the canonical views of the data; by default in --out
+    backgrounds: tuple[Path, ...] = ()  # sequences whose images replace backgrounds; or the data's
+    shares: tuple[float, ...] = ()  # how much of the training is on each DATA; or by its views
+
+    def __post_init__(self) -> None:
+        if not self.data:
+            raise InputError(f"no footage to train on{FOR_A_RIG}", valid="folders of sequences")
+        if not 0.0 <= self.held_out <= 0.5:
+            raise InputError(f"held-out share {self.held_out}", valid="0 to 0.5")
+        if self.shares and (len(self.shares) != len(self.data) or min(self.shares) <= 0):
+            raise InputError(
+                f"shares {', '.join(map(str, self.shares))} for {len(self.data)} folders of data",
+                valid="one above 0 for each",
+            )

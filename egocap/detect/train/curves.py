@@ -13,8 +13,8 @@ import numpy as np
 from egocap.files import replacing
 
 if TYPE_CHECKING:
+    from egocap.detect.train.checkpoint import RunState
     from egocap.detect.train.loss import Losses
-    from egocap.detect.train.trainer import RunState
     from egocap.detect.train.validation import Scores
 
 log = logging.getLogger(__name__)

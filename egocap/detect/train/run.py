@@ -1,4 +1,4 @@
-"""One training run from its command: data found or simulated, split, trained on, exported."""
+"""One training run: find the data, split it, train, and export the weights."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import logging
 import os
 import shlex
 import sys
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 from egocap.data.dataset import find_sequences
 from egocap.detect.network import NetworkConfig, config_named
 from egocap.detect.train.checkpoint import CHECKPOINT, FINAL, load_run_weights
+from egocap.detect.train.config import RunConfig, TrainingConfig
 from egocap.detect.train.examples import ViewStore, build_store, mixed
-from egocap.detect.train.simulation import simulate_for_rig
-from egocap.detect.train.trainer import Outcome, Trainer, TrainingConfig
+from egocap.detect.train.trainer import Outcome, Trainer
 from egocap.detect.weights import open_weights, save_weights
 from egocap.errors import FileError, InputError, MachineError
 
@@ -27,53 +28,18 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 RUN = "run.json"
-SIMULATION_SHARE = 0.35  # of the minutes of a run that starts from a rig
 
 
-@dataclass(frozen=True)
-class Request:
-    """What to train, on what, where. Raises InputError for what contradicts itself."""
-
-    out: Path
-    data: tuple[Path, ...] = ()
-    rig: Path | None = None
-    config: str = "default"
-    held_out: float = 0.08  # share of the sequences kept for validation
-    start: Path | None = None  # weights to begin from
-    resume: bool = False
-    store: Path | None = None
-    backgrounds: tuple[Path, ...] = ()  # whose images may replace backgrounds; the data's if none
-    shares: tuple[float, ...] = ()  # of each of `data` in the training; if none: by its views
-
-    def __post_init__(self) -> None:
-        if not self.data and self.rig is None:
-            raise InputError("nothing to train on", valid="folders of sequences, or --rig FILE")
-        if not 0.0 <= self.held_out <= 0.5:
-            raise InputError(f"held-out share {self.held_out}", valid="0 to 0.5")
-        if self.shares and (len(self.shares) != len(self.data) or min(self.shares) <= 0):
-            raise InputError(
-                f"shares {', '.join(map(str, self.shares))} for {len(self.data)} folders of data",
-                valid="one above 0 for each",
-            )
-        if self.shares and self.rig is not None:
-            raise InputError("shares do not cover what is simulated for a rig", valid="one of both")
-
-
-def train_detector(request: Request, training: TrainingConfig) -> Outcome:
+def train_detector(
+    request: RunConfig, training: TrainingConfig, command: Sequence[str] | None = None
+) -> Outcome:
     """Train a detector; the weights come out as `out`/detector.safetensors.
 
-    Raises InputError or FileError for data, weights or a run folder that do not fit.
+    `command` is recorded with the weights: the process's own arguments when None. Raises InputError
+    or FileError for data, weights or a run folder that do not fit.
     """
     network = config_named(request.config)
-    start = _start(request, network)
-    _prepare(request, training, network)
-    if request.rig is not None:
-        share = 0.0 if (request.out / CHECKPOINT).exists() else SIMULATION_SHARE
-        data = simulate_for_rig(
-            request.rig, request.out / "simulated", 60.0 * share * training.minutes, training.seed
-        )
-        training = _shortened(training, 1.0 - SIMULATION_SHARE)
-        request = _with_data(request, data)
+    start = prepare_run(request, training)
     kept, held_out = _stores(request, network)
     log.info("%d views to train on, %d held out", len(kept), len(held_out) if held_out else 0)
     trainer = Trainer(
@@ -83,11 +49,44 @@ def train_detector(request: Request, training: TrainingConfig) -> Outcome:
         log.info("going on from step %d", trainer.state.step)
     outcome = trainer.run()
     if outcome.weights is not None:
-        save_weights(
-            weights_path(request.out), trainer.average,
-            _account(request, training, kept, outcome),
-        )  # fmt: skip
+        words = ["egocap", *sys.argv[1:]] if command is None else command
+        account = _account(request, training, kept, outcome)
+        account["command"] = shlex.join(map(_without_folder, words))
+        save_weights(weights_path(request.out), trainer.average, account)
     return outcome
+
+
+def prepare_run(request: RunConfig, training: TrainingConfig) -> dict[str, torch.Tensor] | None:
+    """Make the folder of a run, or check the one there; the weights to begin from, if any.
+
+    Raises InputError or FileError where the folder holds another run, or the weights do not fit.
+    """
+    network = config_named(request.config)
+    start = _start(request, network)
+    _prepare(request, training, network)
+    return start
+
+
+def summary(request: RunConfig, outcome: Outcome) -> dict[str, Any]:
+    """How a run ended, JSON-ready."""
+    return {
+        "finished": outcome.finished, "steps": outcome.state.step, "views": outcome.state.views,
+        "seconds": round(outcome.state.seconds, 1),
+        "weights": str(weights_path(request.out)) if outcome.weights else None,
+        "scores": None if outcome.scores is None else outcome.scores.to_dict(),
+    }  # fmt: skip
+
+
+def summary_text(request: RunConfig, outcome: Outcome) -> str:
+    """How a run ended, in one or two lines."""
+    state = outcome.state
+    if not outcome.finished:
+        return f"{request.out}: interrupted after {state.step} steps; go on with --resume"
+    text = f"{weights_path(request.out)}: {state.step} steps, {state.views} views"
+    if outcome.scores is not None:
+        scores = outcome.scores.to_dict()
+        text += "\n" + ", ".join(f"{name} {value:.2f}" for name, value in scores.items())
+    return text
 
 
 def weights_path(out: Path) -> Path:
@@ -118,18 +117,18 @@ def join_processes() -> None:
     torch.distributed.init_process_group("nccl" if cuda else "gloo")
 
 
-def command_for_devices(words: list[str]) -> list[str] | None:
-    """The command that runs `words` of egocap on all GPUs; None where there are not several."""
+def command_for_devices(words: Sequence[str], module: str = "egocap") -> list[str] | None:
+    """The command that runs `words` of a program on all GPUs; None where there are not several."""
     import torch
 
     if "WORLD_SIZE" in os.environ or torch.cuda.device_count() < 2:
         return None
     count = str(torch.cuda.device_count())
     launcher = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", count]
-    return [sys.executable, *launcher, "-m", "egocap", *words]
+    return [sys.executable, *launcher, "-m", module, *words]
 
 
-def _prepare(request: Request, training: TrainingConfig, network: NetworkConfig) -> None:
+def _prepare(request: RunConfig, training: TrainingConfig, network: NetworkConfig) -> None:
     """Make the run's folder, or check that the one there is this run's."""
     what = {"network": network.to_dict(), "seed": training.seed, "batch": training.batch}
     path = request.out / RUN
@@ -155,7 +154,7 @@ def _prepare(request: Request, training: TrainingConfig, network: NetworkConfig)
         raise MachineError(f"cannot write {request.out}: {error.strerror}") from None
 
 
-def _start(request: Request, network: NetworkConfig) -> dict[str, torch.Tensor] | None:
+def _start(request: RunConfig, network: NetworkConfig) -> dict[str, torch.Tensor] | None:
     """Weights to begin from. Raises FileError when they are of another network."""
     if request.start is None:
         return None
@@ -174,7 +173,7 @@ def _start(request: Request, network: NetworkConfig) -> dict[str, torch.Tensor] 
     return state
 
 
-def _stores(request: Request, network: NetworkConfig) -> tuple[ViewStore, ViewStore | None]:
+def _stores(request: RunConfig, network: NetworkConfig) -> tuple[ViewStore, ViewStore | None]:
     import torch
 
     store = request.store or request.out / "views"
@@ -196,7 +195,7 @@ def _stores(request: Request, network: NetworkConfig) -> tuple[ViewStore, ViewSt
     return stores
 
 
-def _backgrounds(request: Request, network: NetworkConfig) -> ViewStore | None:
+def _backgrounds(request: RunConfig, network: NetworkConfig) -> ViewStore | None:
     if not request.backgrounds:
         return None
     store = request.store or request.out / "views"
@@ -204,11 +203,10 @@ def _backgrounds(request: Request, network: NetworkConfig) -> ViewStore | None:
 
 
 def _account(
-    request: Request, training: TrainingConfig, kept: ViewStore, outcome: Outcome
+    request: RunConfig, training: TrainingConfig, kept: ViewStore, outcome: Outcome
 ) -> dict[str, Any]:
     """How the weights were made, for their file."""
     return {
-        "command": shlex.join(["egocap", *map(_without_folder, sys.argv[1:])]),
         "data": [path.name for path in request.data],
         "shares": list(request.shares),
         "start": _origin(request.start),
@@ -234,15 +232,3 @@ def _origin(start: Path | None) -> dict[str, Any] | None:
     weights = open_weights(start)
     training = {k: v for k, v in weights.training.items() if k != "scores"}
     return {"name": weights.name, "sha256": weights.sha256, "training": training}
-
-
-def _shortened(training: TrainingConfig, share: float) -> TrainingConfig:
-    from dataclasses import replace
-
-    return replace(training, minutes=training.minutes * share)
-
-
-def _with_data(request: Request, data: Path) -> Request:
-    from dataclasses import replace
-
-    return replace(request, data=(*request.data, data))

@@ -25,7 +25,12 @@ from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from egocap.detect.network import DetectorNetwork, NetworkConfig, build_network
 from egocap.detect.train.augmentation import augment
-from egocap.detect.train.checkpoint import load_checkpoint, save_checkpoint, save_run_weights
+from egocap.detect.train.checkpoint import (
+    RunState,
+    load_checkpoint,
+    save_checkpoint,
+    save_run_weights,
+)
 from egocap.detect.train.config import TrainingConfig
 from egocap.detect.train.curves import RunLog
 from egocap.detect.train.examples import Example, Views, ViewStore
@@ -34,15 +39,6 @@ from egocap.detect.train.loss import Losses, losses
 from egocap.detect.train.validation import Scores, predict, score, sigma_bias
 
 log = logging.getLogger(__name__)
-
-
-@dataclass
-class RunState:
-    """What a checkpoint holds besides weights: where the run stands."""
-
-    step: int = 0
-    seconds: float = 0.0  # spent in training steps, over all sessions
-    views: int = 0  # seen, over all processes
 
 
 @dataclass(frozen=True)

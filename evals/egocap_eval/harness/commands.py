@@ -46,6 +46,12 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     words = sys.argv[1:] if args is None else list(args)
     app = SubcommandApp()
+    summary = "Simulate footage for a rig and train a detector on it."
+    app.command(name="train", help=summary)(
+        import_module("egocap_eval.detection.train_for_rig").train
+        if words[:1] == ["train"]
+        else _not_called
+    )
     for name, (module, summary) in STUDIES.items():
         if words[:1] == [name]:
             study = import_module(f"egocap_eval.{module}").study

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from egocap.cli import main
-from egocap.detect.train.run import Request, split
+from egocap.detect.train.config import RunConfig
+from egocap.detect.train.run import split
 from egocap.detect.weights import load_weights, open_weights
 from egocap.errors import InputError
 
@@ -54,16 +55,16 @@ def test_start_of_another_network_is_refused(
 
 
 def test_nothing_to_train_on():
-    with pytest.raises(InputError, match="--rig FILE"):
-        Request(Path("out"))
+    with pytest.raises(InputError, match="no footage"):
+        RunConfig(Path("out"))
     with pytest.raises(InputError, match=r"0 to 0\.5"):
-        Request(Path("out"), (Path("data"),), held_out=0.9)
+        RunConfig(Path("out"), (Path("data"),), held_out=0.9)
 
 
 @pytest.mark.parametrize("shares", [(1.0,), (1.0, 0.0), (1.0, 2.0, 3.0)])
 def test_a_share_above_zero_for_each_folder(shares):
     with pytest.raises(InputError, match="one above 0 for each"):
-        Request(Path("out"), (Path("a"), Path("b")), shares=shares)
+        RunConfig(Path("out"), (Path("a"), Path("b")), shares=shares)
 
 
 def test_split_shares_no_sequence():
@@ -74,15 +75,12 @@ def test_split_shares_no_sequence():
     assert split(folders, 0.0) == (folders, [])
 
 
-def test_missing_simulator_is_said(tmp_path, monkeypatch, capsys):
-    from egocap.detect.train import simulation
-    from egocap_sim.core.resources import builtin_file
-
-    monkeypatch.setattr(simulation.importlib.util, "find_spec", lambda name: None)
-    rig = builtin_file("rig", "egorig1")
-    words = ["train", "--rig", rig, "--scratch", "--out", tmp_path / "run", "--config", "tiny"]
-    assert egocap(*words, monkeypatch=monkeypatch) == 1
-    assert "egocap-sim is not installed" in capsys.readouterr().err
+def test_a_rig_alone_is_referred_to_the_simulator(tiny_sequence, tmp_path, monkeypatch, capsys):
+    rig = Path(__file__).parents[4] / "scenes/rigs/egorig1.toml"
+    words = ["train", "--rig", rig, "--out", tmp_path / "run"]
+    for footage in ([], [tiny_sequence]):
+        assert egocap(*words, *footage, monkeypatch=monkeypatch) == 2
+        assert "egocap-eval train --rig" in capsys.readouterr().err
 
 
 def test_two_processes_train_one_network(tiny_sequence, tmp_path):

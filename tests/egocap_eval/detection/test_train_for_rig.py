@@ -5,9 +5,9 @@ import subprocess
 import pytest
 
 from egocap.cameras.rig_files import load_rig
-from egocap.detect.train import simulation
-from egocap.detect.train.simulation import simulate_for_rig
 from egocap.errors import MachineError
+from egocap_eval.detection import train_for_rig as simulation
+from egocap_eval.detection.train_for_rig import simulate_for_rig
 from egocap_sim.core.resources import builtin_file
 
 

@@ -22,8 +22,8 @@ from egocap.body.labels import without_side
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
-from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import ImageRays, image_rays, ray_colours
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import Background, Palette, colour_bins, colour_body, learn_palette
 

@@ -70,7 +70,7 @@ class BodyPrior:
     individual: Float[Array, "K K"]  # what of the covariance is left when the stature is known
 
     @classmethod
-    def of(cls, height: float | None = None) -> BodyPrior:
+    def for_height(cls, height: float | None = None) -> BodyPrior:
         """Of any adult, or of one of a stated height in metres.
 
         Raises InputError for a height that no adult has.
@@ -87,17 +87,17 @@ class BodyPrior:
         return cls(share * stature, common + individual, individual)
 
 
-def offsets_of(components: Float[Array, "K"]) -> Float[Array, "22 3"]:
+def rest_offsets(components: Float[Array, "K"]) -> Float[Array, "22 3"]:
     """Rest offsets of a symmetric person."""
     return np.einsum("kij,k->ij", BASIS, components)
 
 
-def proportions_of(components: Float[Array, "K"]) -> Proportions:
+def to_proportions(components: Float[Array, "K"]) -> Proportions:
     """The person; InputError where the components make none."""
-    return Proportions(offsets_of(components))
+    return Proportions(rest_offsets(components))
 
 
-def components_of(proportions: Proportions) -> Float[Array, "K"]:
+def to_components(proportions: Proportions) -> Float[Array, "K"]:
     """Components of the symmetric person nearest to some proportions."""
     flat = BASIS.reshape(len(BASIS), -1)
     return np.linalg.lstsq(flat.T, np.asarray(proportions.offsets).ravel(), rcond=None)[0]
@@ -107,7 +107,7 @@ def length_spread(
     components: Float[Array, "K"], covariance: Float[Array, "K K"]
 ) -> Float[Array, "22"]:
     """Standard deviation of the length of the bone to each point, metres."""
-    offsets = offsets_of(components)
+    offsets = rest_offsets(components)
     lengths = np.linalg.norm(offsets, axis=1)
     along = np.einsum("kij,ij->ik", BASIS, offsets) / np.maximum(lengths, 1e-9)[:, None]
     return np.sqrt(np.einsum("ik,kl,il->i", along, covariance, along).clip(0.0))

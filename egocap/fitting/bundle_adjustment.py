@@ -30,7 +30,7 @@ from egocap.body.skeleton import (
     POINT_PARENTS,
     SPREAD,
 )
-from egocap.fitting.body_prior import BASIS, BodyPrior, offsets_of
+from egocap.fitting.body_prior import BASIS, BodyPrior, rest_offsets
 from egocap.fitting.config import FitConfig
 from egocap.geometry import axis_angle
 from egocap.pose.config import TrackerConfig
@@ -71,7 +71,7 @@ class FitSystem:
     squared: Float[Array, "T V 18"]  # residuals, in variances
 
 
-def observations_at(observations: Observations, frames: Int[Array, "F"]) -> Observations:
+def select_frames(observations: Observations, frames: Int[Array, "F"]) -> Observations:
     times, rays, whiten, weights = (
         getattr(observations, n)[frames] for n in ("times", "rays", "whiten", "weights")
     )
@@ -229,7 +229,7 @@ def joint_derivatives(
 ) -> tuple[Float[Array, "T 18 3"], Float[Array, "T 18 3 37"], Float[Array, "T 18 3 K"]]:
     """Labelled joints in the head frame, their derivatives by the angles and by the components."""
     T, labels = len(angles), list(LABEL_POINTS)
-    offsets = offsets_of(components)
+    offsets = rest_offsets(components)
     where, by_body = np.zeros((T, POINT_COUNT, 3)), np.zeros((T, POINT_COUNT, 3, len(components)))
     axes, rotations = np.zeros((T, DOF_COUNT, 3)), []
     for i, parent in enumerate(POINT_PARENTS):

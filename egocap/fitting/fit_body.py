@@ -20,12 +20,12 @@ from egocap.body.skeleton import POINTS, SPREAD
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
-from egocap.fitting.body_prior import BodyPrior, length_spread, proportions_of
+from egocap.fitting.body_prior import BodyPrior, length_spread, to_proportions
 from egocap.fitting.bundle_adjustment import (
     FitProblem,
     information,
     linearised,
-    observations_at,
+    select_frames,
     solve,
     without_bias,
 )
@@ -112,15 +112,15 @@ def fit_body(
     """
     from egocap.track.tracker import Tracker
 
-    prior = BodyPrior.of(height)
-    average = proportions_of(prior.mean)
+    prior = BodyPrior.for_height(height)
+    average = to_proportions(prior.mean)
     followed = Tracker(rig, average, tracker).track(detections)
     observations = observe(detections, rig, average, tracker)
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():
         raise InputError("no detection to fit a body to")
     frames = _chosen(followed.angles, used, config.frames)
-    of_frames = observations_at(observations, frames)
+    of_frames = select_frames(observations, frames)
     problem = FitProblem(of_frames, prior, tracker)
     poses, components, converged = solve(problem, followed.angles[frames], prior.mean, config)
     poses, unbiased = without_bias(problem, poses, components)
@@ -171,7 +171,7 @@ def _finished(
     prior_std = length_spread(components, problem.prior.covariance)
     std = np.minimum(np.hypot(length_spread(components, covariance), SYSTEMATIC_M), prior_std)
     return BodyFit(
-        proportions=proportions_of(components),
+        proportions=to_proportions(components),
         std=std,
         prior_std=prior_std,
         usual_std=length_spread(components, problem.prior.individual),

@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 from egocap.body.skeleton import DOF_COUNT, DOFS, SPREAD
 from egocap.errors import InputError
 from egocap.image_model.colour_term import felt_angles
-from egocap.image_model.image_kernel import Palettes
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
 from egocap.image_model.stochastic import PixelSampler
 from egocap.pose.config import TrackerConfig

@@ -25,8 +25,8 @@ from egocap.body.skeleton import LABEL_POINTS, MOVES
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
 from egocap.image_model.illumination import Illumination, learn_in_light
-from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import image_rays, ray_colours, require_pictures
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
 from egocap.image_model.palette import Background, Palette, colour_bins, learn_palette
 

@@ -13,27 +13,20 @@ J J^T / (2 (1 + e)), held finite where a ray already fits.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 from numba import njit, prange
-from numpy import ndarray as Array
 
-from egocap.body.skeleton import DOF_COUNT, JOINTS
 from egocap.image_model.body_kernel import add_force, angle_derivatives, pose
+from egocap.image_model.kernel_arrays import Posed, Thread, thread_scratch
 from egocap.image_model.ray_kernel import (
-    CACHE_LINE,
     FAST,
     RAY_CODE,
-    Scratch,
     compare_colours,
     find_near,
     look_up_colours,
     ray_energy,
     ray_step,
     ray_visibility,
-    thread_scratch,
 )
 
 BLOCK = 32
@@ -44,91 +37,6 @@ FIT_FLOOR = 0.05
 """Least 1 + e that the Gauss-Newton matrix divides by."""
 PARALLEL = {"cache": True, "parallel": True, "fastmath": FAST, "error_model": "numpy"}
 SERIAL = {"cache": True, "fastmath": FAST, "error_model": "numpy", "_nrt": False}
-
-
-class RayArrays(NamedTuple):
-    """`image_rays.ImageRays` in the kernel's precision."""
-
-    origins: Float[Array, "V 3"]
-    camera: Int32[Array, "P"]  # the view, under a name that numba does not take for a method
-    direction: Float32[Array, "P 3"]
-    tile: Int32[Array, "P"]
-    tile_view: Int32[Array, "N"]
-    tile_axis: Float32[Array, "N 3"]
-    tile_cos: Float32[Array, "N"]
-    tile_sin: Float32[Array, "N"]
-
-
-class Posed(NamedTuple):
-    """The body in a pose, as the views see it."""
-
-    origins: Float[Array, "17 3"]  # of joints
-    axes: Float[Array, "37 3"]
-    centres: Float[Array, "G 3"]
-    arms: Float32[Array, "V G 3"]  # from the camera to the centre
-    cones: Float32[Array, "V 5 G"]  # direction, cos and sin of the angle
-
-
-class Palettes(NamedTuple):
-    """Colours by bins: which bin every ray is in, and how unlike each Gaussian every bin is."""
-
-    bins: Int32[Array, "P"]
-    unlike: Float32[Array, "G K"]
-
-
-class RayColours(NamedTuple):
-    """Colours along the rays: as features, or in the bins of `Palettes`."""
-
-    features: Float32[Array, "P 3"]
-    bins: Int32[Array, "P"]  # empty: features are compared
-    unlike: Float32[Array, "G K"]
-
-
-class Request(NamedTuple):
-    """What to evaluate: see `ImageModel.evaluate`."""
-
-    selected: Int32[Array, "S"]  # empty: all rays
-    weights: Float32[Array, "S"]
-    keep: np.float32
-    seed: np.uint64
-    curvature: bool
-
-
-class Memory(NamedTuple):
-    """Working memory and results. C threads have a row each, a cache line apart."""
-
-    lists: Int16[Array, "N G"]  # Gaussians of every tile
-    counts: Int32[Array, "N"]
-    lanes: Float32[Array, "E"]  # 0, 1, 2, ...
-    pixels: Float32[Array, "3 P"]  # energy, length of its derivative, opacity
-    energy: Float[Array, "C"]
-    by_centre: Float[Array, "C G 3"]  # derivative by the Gaussians' centres
-    curvature: Float[Array, "C 37 37"]  # lower triangle
-    wrench: Float[Array, "C 17 6"]  # zero between rays, as is `loaded`
-    loaded: Bool[Array, "C 17"]
-    row: Float[Array, "C 37"]
-    which: Int[Array, "C 37"]
-
-
-def make_memory(threads: int, rays: int, tiles: int, gaussians: int, lanes: int) -> Memory:
-    """Working memory for so many threads, rays, tiles and Gaussians."""
-    joints, dofs, apart = len(JOINTS), DOF_COUNT, CACHE_LINE
-    return Memory(
-        np.zeros((tiles, gaussians), np.int16), np.zeros(tiles, np.int32),
-        np.arange(lanes, dtype=np.float32), np.zeros((3, rays), np.float32), np.zeros(threads),
-        np.zeros((threads, gaussians + apart, 3)), np.zeros((threads, dofs + 1, dofs)),
-        np.zeros((threads, joints + apart, 6)), np.zeros((threads, joints + 4 * apart), bool),
-        np.zeros((threads, dofs + apart)), np.zeros((threads, dofs + apart), np.int64),
-    )  # fmt: skip
-
-
-class Thread(NamedTuple):
-    """One thread's part of the working memory."""
-
-    scratch: Scratch
-    by_centre: Float[Array, "G 3"]
-    wrench: Float[Array, "17 6"]
-    loaded: Bool[Array, "17"]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")

@@ -16,21 +16,21 @@ from numpy import ndarray as Array
 from egocap.body.gaussians import GaussianBody
 from egocap.errors import InputError
 from egocap.image_model.body_kernel import make_chain
-from egocap.image_model.colour_measure import ColourMeasure, blend_weights
-from egocap.image_model.image_kernel import (
+from egocap.image_model.colour_measure import ColourMeasure
+from egocap.image_model.image_kernel import image_energy, image_visibility
+from egocap.image_model.image_rays import ImageRays, ray_colours
+from egocap.image_model.kernel_arrays import (
+    MAX_EDGES,
     Palettes,
-    RayArrays,
     RayColours,
     Request,
-    image_energy,
-    image_visibility,
+    Settings,
+    gaussian_arrays,
     make_memory,
+    make_scratch,
+    ray_arrays,
 )
-from egocap.image_model.image_rays import ImageRays, ray_colours
-from egocap.image_model.ray_kernel import LANES, MAX_EDGES, GaussianArrays, Settings, make_scratch
 
-WINDOW = 6.5
-"""Length of the row of cells of a Gaussian in sigmas. The tails beyond go into the end cells."""
 _ALL = np.zeros(0, np.int32)
 _NO_FEATURES, _NO_TABLE = np.zeros((1, 3), np.float32), np.zeros((1, 1), np.float32)
 _NO_BINS = np.zeros(0, np.int32)
@@ -80,8 +80,8 @@ class ImageModel:
         scale = 1.0 / measure.reach**2 if in_cone else 2.0 / measure.reach
         self._settings = Settings(np.float32(cell), cells, in_cone, np.float32(scale))
         self._threads = threads or numba.get_num_threads()
-        self._body = make_chain(body), _gaussian_arrays(body, cell, cutoff, measure)
-        self._rays = _ray_arrays(rays)
+        self._body = make_chain(body), gaussian_arrays(body, cell, cutoff, measure)
+        self._rays = ray_arrays(rays)
         self._scratch = make_scratch(self._threads, count, cells)
         self._memory = make_memory(self._threads, len(rays), len(rays.tile_view), count, MAX_EDGES)
 
@@ -143,38 +143,3 @@ class ImageModel:
     def opacity(self) -> Float32[Array, "P"]:
         """Share of every ray that the body absorbed at the pose evaluated last."""
         return self._memory.pixels[2].copy()
-
-
-def _gaussian_arrays(
-    body: GaussianBody, cell: float, cutoff: float, measure: ColourMeasure
-) -> GaussianArrays:
-    sigma = np.array(body.sigma)
-    depth = body.density * sigma * np.sqrt(2.0 * np.pi)
-    radius2 = 2.0 * sigma**2 * np.log(np.maximum(depth / cutoff, 1.0))
-    edges = LANES * np.ceil((WINDOW * sigma / cell + 1.0) / LANES)
-    if edges.max() > MAX_EDGES:
-        least = WINDOW * sigma.max() / (MAX_EDGES - 1)
-        raise InputError(
-            f"a Gaussian of sigma {sigma.max():.3f} m over cells of {cell} m",
-            valid=f"cells of at least {least:.4f} m",
-        )
-    blend = np.stack(blend_weights(np.array(body.colour)), -1)
-    return GaussianArrays(
-        radius2=radius2.astype(np.float32),
-        reach=np.sqrt(radius2).astype(np.float32),
-        inv_2s2=(-0.5 / sigma**2).astype(np.float32),
-        inv_s=(1.0 / (np.sqrt(2.0) * sigma)).astype(np.float32),
-        inv_s2=(1.0 / sigma**2).astype(np.float32),
-        half_depth=(depth / 2.0).astype(np.float32),
-        edges=edges.astype(np.int32),
-        colours=measure.features(np.array(body.colour)).astype(np.float32),
-        blend=blend.astype(np.float32),
-    )
-
-
-def _ray_arrays(rays: ImageRays) -> RayArrays:
-    return RayArrays(
-        rays.origins, rays.view, rays.direction.astype(np.float32), rays.tile, rays.tile_view,
-        rays.tile_axis.astype(np.float32), np.cos(rays.tile_angle).astype(np.float32),
-        np.sin(rays.tile_angle).astype(np.float32),
-    )  # fmt: skip

@@ -32,8 +32,8 @@ from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import without_side
 from egocap.errors import InputError
 from egocap.image_model.colour_measure import hsv_to_rgb, rgb_to_hsv
-from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import ImageRays, ray_colours
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 
 VALUES, CHROMAS = 10, 12

@@ -14,18 +14,11 @@ a cell serve all Gaussians, and the cost stays linear in their number.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float32, Int32, UInt64
 from numba import njit
-from numpy import ndarray as Array
 
-LANES = 16
-"""Edges of a Gaussian's cells come in multiples of this."""
-MAX_EDGES = 64
-CACHE_LINE = 32
-"""Numbers of single precision that fill two cache lines, which processors fetch together."""
+from egocap.image_model.kernel_arrays import LANES
+
 DARK = np.float32(1e-5)
 """Transmittance behind which a ray is not followed."""
 
@@ -53,71 +46,6 @@ _SERIES = _f(0.25)
 _G2, _G3, _G4, _G5 = _f(1 / 6), _f(-1 / 24), _f(1 / 120), _f(-1 / 720)
 _H1, _H2, _H3, _H4, _H5 = _f(1 / 3), _f(-1 / 8), _f(1 / 30), _f(-1 / 144), _f(1 / 840)
 _THIRTY_SECOND = _f(-1 / 32)
-
-
-class GaussianArrays(NamedTuple):
-    """What rays need of the Gaussians, single precision."""
-
-    radius2: Float32[Array, "G"]  # squared distance from a ray beyond which it is left out
-    reach: Float32[Array, "G"]  # its root
-    inv_2s2: Float32[Array, "G"]  # -1 / (2 sigma^2)
-    inv_s: Float32[Array, "G"]  # 1 / (sqrt(2) sigma)
-    inv_s2: Float32[Array, "G"]  # 1 / sigma^2
-    half_depth: Float32[Array, "G"]  # half of the optical depth through the centre
-    edges: Int32[Array, "G"]
-    colours: Float32[Array, "G 3"]
-    blend: Float32[Array, "G 3"]
-
-
-class Settings(NamedTuple):
-    """Cells along the rays, and how colours are compared."""
-
-    cell: np.float32  # metres
-    cells: int
-    in_cone: bool
-    colour_scale: np.float32  # 2 / reach for the paper's hues, 1 / reach^2 in the cone
-
-
-class Scratch(NamedTuple):
-    """Working memory of one thread, single precision."""
-
-    near: UInt64[Array, "G"]  # the Gaussians near the ray
-    first: UInt64[Array, "G"]  # first cell of each
-    middle: Float32[Array, "G"]  # m, metres
-    half: Float32[Array, "G"]  # half of the optical depth
-    like: Float32[Array, "G"]  # dissimilarity to the ray's colour
-    across: Float32[Array, "G 3"]  # from the ray to the centre, metres
-    step: Float32[Array, "G 3"]  # derivative of the energy by the centre
-    erf: Float32[Array, "G E"]
-    bell: Float32[Array, "G E"]
-    depth: Float32[Array, "K"]
-    coloured: Float32[Array, "K"]
-    share: Float32[Array, "K"]  # U
-    rest: Float32[Array, "K"]  # V
-    sums: Float32[Array, "16"]
-    moments: Float32[Array, "16"]
-
-
-def make_scratch(threads: int, gaussians: int, cells: int) -> Scratch:
-    """Working memory of several threads, stacked, for so many Gaussians and cells along a ray."""
-    longest = cells + MAX_EDGES + LANES
-    # A cache line apart from the next thread's, or the threads would fight for the line.
-    row = gaussians + CACHE_LINE
-    shapes = [(row,)] * 3 + [(row, 3)] * 2 + [(row, MAX_EDGES + 1)] * 2
-    shapes += [(longest + CACHE_LINE,)] * 4 + [(LANES + CACHE_LINE,)] * 2
-    ints = (np.zeros((threads, row), np.uint64) for _ in range(2))
-    return Scratch(*ints, *(np.zeros((threads, *shape), np.float32) for shape in shapes))
-
-
-@njit(cache=True, inline="always")
-def thread_scratch(all_, thread):
-    """One thread's part of the stacked working memory."""
-    return Scratch(
-        all_.near[thread], all_.first[thread], all_.middle[thread], all_.half[thread],
-        all_.like[thread], all_.across[thread], all_.step[thread], all_.erf[thread],
-        all_.bell[thread], all_.depth[thread], all_.coloured[thread], all_.share[thread],
-        all_.rest[thread], all_.sums[thread], all_.moments[thread],
-    )  # fmt: skip
 
 
 @njit(**RAY_CODE)

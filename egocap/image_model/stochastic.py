@@ -17,7 +17,7 @@ from jaxtyping import Float, Float32, Int32
 from numba import njit
 from numpy import ndarray as Array
 
-from egocap.image_model.image_kernel import Palettes
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
 
 FLOOR = 0.3

@@ -31,8 +31,9 @@ from torch import Tensor
 from egocap.body.gaussians import GaussianBody
 from egocap.errors import InputError, MachineError
 from egocap.image_model.colour_measure import PAPER, ColourMeasure
-from egocap.image_model.image_kernel import FIT_FLOOR, Palettes
+from egocap.image_model.image_kernel import FIT_FLOOR
 from egocap.image_model.image_rays import ImageRays
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation
 from egocap.image_model.torch_visibility import (
     RayGaussians,
@@ -81,7 +82,7 @@ class RayBatch:
     colours: Float[Tensor, "*batch P C"]
 
     @classmethod
-    def of(
+    def from_rays(
         cls,
         rays: ImageRays,
         colours: Any,
@@ -131,7 +132,7 @@ def palette_batch(
 ) -> tuple[RayBatch, PaletteMeasure]:
     """Rays whose colours are bins, and the measure that compares these; of `Background.against`."""
     unlike = torch.as_tensor(palettes.unlike.T.copy(), dtype=dtype, device=device)
-    return RayBatch.of(rays, palettes.bins[:, None], dtype, device), PaletteMeasure(unlike)
+    return RayBatch.from_rays(rays, palettes.bins[:, None], dtype, device), PaletteMeasure(unlike)
 
 
 def pixel_energy(
@@ -223,7 +224,7 @@ class ReferenceModel:
         """The rays with their colours on the device, and what compares these."""
         if isinstance(colours, Palettes):
             return palette_batch(self.rays, colours, self.dtype, self.device)
-        return RayBatch.of(self.rays, colours, self.dtype, self.device), self.measure
+        return RayBatch.from_rays(self.rays, colours, self.dtype, self.device), self.measure
 
     def evaluate(
         self,

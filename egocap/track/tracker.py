@@ -20,8 +20,8 @@ from egocap.data.detections import Detections
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.geometry import unit
-from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import image_rays
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import make_model

@@ -73,7 +73,7 @@ def gradient_study(body: GaussianBody, rig: Rig, rng: np.random.Generator) -> di
     model = ImageModel(body, rays, cutoff=1e-5)
     hsv = rng.uniform(size=(len(rays), 3))
     colours = np.ascontiguousarray(model.measure.features(hsv), np.float32)
-    batch = RayBatch.of(rays, colours.astype(float))
+    batch = RayBatch.from_rays(rays, colours.astype(float))
     _, gradient = colour_gradient(body, batch, torch.as_tensor(angles), model.measure)
     exact = gradient.numpy()
     h = 1e-5

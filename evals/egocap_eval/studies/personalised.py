@@ -18,7 +18,7 @@ from egocap.data.sequence import Sequence
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
-from egocap.fitting.body_prior import BodyPrior, proportions_of
+from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.fit_body import BodyFit, fit_body
 from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import footage_of
@@ -143,7 +143,7 @@ def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) ->
     """Errors of a clip that is tracked with one of `BODIES`, mm."""
     bodies: dict[str, Proportions] = {
         "fitted": fit.proportions, "true": sequence.body,
-        "average": proportions_of(BodyPrior.of(None).mean),
+        "average": to_proportions(BodyPrior.for_height(None).mean),
     }  # fmt: skip
     found = detections_from(sequence, detections, 0)
     report = score_track(

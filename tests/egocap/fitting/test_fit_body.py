@@ -12,10 +12,10 @@ from egocap.errors import InputError
 from egocap.fitting.body_prior import (
     BASIS,
     BodyPrior,
-    components_of,
     length_spread,
-    offsets_of,
-    proportions_of,
+    rest_offsets,
+    to_components,
+    to_proportions,
 )
 from egocap.fitting.bundle_adjustment import joint_derivatives
 from egocap.fitting.config import FitConfig
@@ -27,8 +27,8 @@ LIMBS = ("left_elbow", "left_wrist", "left_knee", "left_ankle")
 
 def person():
     """Somebody whom the prior does not expect: long arms, short thighs."""
-    prior = BodyPrior.of()
-    mean = proportions_of(prior.mean).offsets.copy()
+    prior = BodyPrior.for_height()
+    mean = to_proportions(prior.mean).offsets.copy()
     for name, factor in {"elbow": 1.08, "wrist": 1.06, "knee": 0.92, "ankle": 1.05}.items():
         for side in ("left_", "right_"):
             mean[POINT_INDEX[side + name]] *= factor
@@ -86,29 +86,30 @@ def test_a_limb_without_detections_stays_at_the_prior(seen):
     assert fit.report()["left_ankle"]["determined"] == "prior"
     assert fit.report()["left_elbow"]["determined"] == "well"
     assert not fit.seen[legs].any()
-    shank = np.linalg.norm(offsets_of(BodyPrior.of().mean)[POINT_INDEX["left_ankle"]])
+    shank = np.linalg.norm(rest_offsets(BodyPrior.for_height().mean)[POINT_INDEX["left_ankle"]])
     assert fit.proportions.bone_lengths["left_ankle"] == pytest.approx(shank, rel=0.1)
     assert np.isfinite(fit.std).all()
 
 
 def test_a_stated_height_is_a_strong_prior(seen):
-    tall, unknown = BodyPrior.of(1.95), BodyPrior.of()
+    tall, unknown = BodyPrior.for_height(1.95), BodyPrior.for_height()
     spread = [
         length_spread(p.mean, p.covariance)[POINT_INDEX["left_knee"]] for p in (tall, unknown)
     ]
     assert spread[0] < 0.75 * spread[1]
-    ratio = offsets_of(tall.mean) / np.where(offsets_of(unknown.mean), offsets_of(unknown.mean), 1)
-    np.testing.assert_allclose(ratio[offsets_of(unknown.mean) != 0], 1.95 / 1.71)
+    usual = rest_offsets(unknown.mean)
+    ratio = rest_offsets(tall.mean) / np.where(usual, usual, 1)
+    np.testing.assert_allclose(ratio[usual != 0], 1.95 / 1.71)
     with pytest.raises(InputError, match="height"):
         fit_body(seen[0].detect("simulated:1.0"), seen[0].rig, height=17.8)
 
 
 def test_derivatives_are_those_of_differences():
     rng = np.random.default_rng(0)
-    c = BodyPrior.of().mean * rng.uniform(0.9, 1.1, len(BASIS))
+    c = BodyPrior.for_height().mean * rng.uniform(0.9, 1.1, len(BASIS))
     angles = rng.normal(0.0, 0.3, (2, 37))
     joints, by_angle, by_body = joint_derivatives(c, angles)
-    np.testing.assert_allclose(joints, forward(proportions_of(c), angles), atol=1e-12)
+    np.testing.assert_allclose(joints, forward(to_proportions(c), angles), atol=1e-12)
     h = 1e-6
     for k in range(len(c)):
         up, down = (joint_derivatives(c + s * h * np.eye(len(c))[k], angles)[0] for s in (1, -1))
@@ -119,9 +120,9 @@ def test_derivatives_are_those_of_differences():
 
 
 def test_components_are_those_of_a_symmetric_person():
-    body = proportions_of(BodyPrior.of(1.8).mean)
+    body = to_proportions(BodyPrior.for_height(1.8).mean)
     np.testing.assert_allclose(body.mirrored.offsets, body.offsets)
-    np.testing.assert_allclose(components_of(body), BodyPrior.of(1.8).mean, atol=1e-12)
+    np.testing.assert_allclose(to_components(body), BodyPrior.for_height(1.8).mean, atol=1e-12)
 
 
 def test_nothing_to_fit_is_refused(seen):

@@ -13,10 +13,10 @@ from egocap.body.skeleton import LIMITS, SPREAD
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
 from egocap.image_model.colour_measure import PAPER, ColourMeasure
-from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import image_rays
+from egocap.image_model.kernel_arrays import MAX_EDGES, Palettes
 from egocap.image_model.model import ImageModel
-from egocap.image_model.ray_kernel import ERF_ERROR, MAX_EDGES, edge_values
+from egocap.image_model.ray_kernel import ERF_ERROR, edge_values
 from egocap.image_model.stochastic import PixelSampler, gradient_scatter, systematic
 from egocap.image_model.torch_energy import (
     RayBatch,
@@ -43,7 +43,7 @@ MEASURES = [PAPER, ColourMeasure("paper", 0.3), ColourMeasure()]
 def prepared(measure=MEASURES[2], **settings):
     model = ImageModel(BODY, RAYS, measure=measure, **settings)
     colours = np.ascontiguousarray(measure.features(HSV), np.float32)
-    return model, colours, RayBatch.of(RAYS, colours.astype(float))
+    return model, colours, RayBatch.from_rays(RAYS, colours.astype(float))
 
 
 def hit_rays(model, colours, count):
@@ -212,7 +212,7 @@ def test_a_camera_inside_the_body_still_gives_finite_numbers():
     model = ImageModel(near, RAYS, cell=0.02, cutoff=1e-5)
     colours = np.ascontiguousarray(model.measure.features(HSV), np.float32)
     found = model.evaluate(POSE, colours, curvature=True)
-    batch = RayBatch.of(RAYS, colours.astype(float))
+    batch = RayBatch.from_rays(RAYS, colours.astype(float))
     energy, gradient = colour_gradient(near, batch, torch.tensor(POSE), model.measure)
     assert found.energy == pytest.approx(energy.item(), abs=0.05)
     scale = gradient.abs().max().item()

@@ -15,8 +15,8 @@ from egocap.errors import InputError
 from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.colour_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
 from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, felt_angles
-from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import image_rays, ray_image
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import BINS, Background, Palette, colour_bins, learn_palette
 from egocap.image_model.torch_visibility import along_rays, cell_visibility, pose_gaussians

@@ -11,8 +11,8 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError, MachineError
 from egocap.image_model.colour_measure import PAPER, ColourMeasure
-from egocap.image_model.image_kernel import Palettes
 from egocap.image_model.image_rays import image_rays
+from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.torch_energy import (
     RayBatch,
     colour_energy,
@@ -62,7 +62,7 @@ def test_nothing_is_made_on_another_device_than_the_tensors(measure):
     if measure is None:
         batch, measure = palette_batch(RAYS, PALETTES, torch.float32, "meta")
     else:
-        batch = RayBatch.of(RAYS, measure.features(HSV), torch.float32, "meta")
+        batch = RayBatch.from_rays(RAYS, measure.features(HSV), torch.float32, "meta")
     poses = torch.zeros(3, 37, device="meta")
     energy, gradient = colour_gradient(BODY, batch, poses, measure)
     assert energy.shape == (3,) and gradient.shape == (3, 37)

@@ -67,6 +67,14 @@ class Proportions:
         offsets.flags.writeable = False
         object.__setattr__(self, "offsets", offsets)
 
+    def __repr__(self) -> str:
+        lengths = self.bone_lengths
+        arm = sum(lengths[f"left_{part}"] for part in ("elbow", "wrist"))
+        leg = sum(lengths[f"left_{part}"] for part in ("knee", "ankle"))
+        return (
+            f"Proportions(arm {arm:.2f} m, leg {leg:.2f} m, trunk {lengths['lower_spine']:.2f} m)"
+        )
+
     @property
     def bone_lengths(self) -> dict[str, float]:
         """Length in metres of the offset to each point."""

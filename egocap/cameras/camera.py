@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import isfinite, pi
+from math import degrees, isfinite, pi
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,10 @@ class Camera:
         lens = MODELS[self.model](self.parameters, self.max_angle, self._image_radius())
         object.__setattr__(self, "max_angle", lens.limit)
         self.__dict__["radial"] = lens
+
+    def __repr__(self) -> str:
+        cone = 2.0 * degrees(self.max_angle)
+        return f"Camera({self.model}, {self.width} x {self.height}, {cone:.0f} degrees)"
 
     @cached_property
     def radial(self) -> Radial:

@@ -66,6 +66,10 @@ class Rig:
             raise InputError(f"rig '{self.name}' has the views {list(self.views)}",
                              valid="one or more, each with its own name")  # fmt: skip
 
+    def __repr__(self) -> str:
+        mounts = ", ".join(f"{m.name}: {m.camera}" for m in self.mounts)
+        return f"Rig('{self.name}', {self.frame_rate:g} Hz, {mounts})"
+
     @property
     def views(self) -> tuple[str, ...]:
         """Names of the views, e.g. ('left', 'right')."""

@@ -30,6 +30,11 @@ class Detections:
     modes: Float[Array, "T V 18 K 2"] | None = None  # pixels, where else it may be; likeliest first
     mode_weights: Float[Array, "T V 18 K"] | None = None  # of each mode, 0 for none; sum up to 1
 
+    def __repr__(self) -> str:
+        frames, views = self.valid.shape[:2]
+        return (f"Detections({frames} frames, {views} views, "
+                f"{self.valid.sum() / max(frames, 1):.1f} per frame, {self.source})")  # fmt: skip
+
     def __getitem__(self, rows: slice) -> Detections:
         """Detections of some of the frames; arrays are views of these."""
         arrays = {name: a[rows] for name, a in vars(self).items() if isinstance(a, np.ndarray)}

@@ -161,6 +161,13 @@ class Sequence:
                 "run the same generate command again to complete it",
             )
 
+    def __repr__(self) -> str:
+        m = self.manifest
+        truth = "" if "truth.npz" in m.files else ", no truth"
+        return (
+            f"Sequence('{m.name}', {m.frames} frames at {m.fps:g} Hz, {len(m.views)} views{truth})"
+        )
+
     def __len__(self) -> int:
         return self.manifest.frames
 

@@ -42,6 +42,12 @@ class Track:
     joints_world: Float[Array, "T 18 3"] | None = None  # metres, where the head pose is known
     hidden: UInt8[Array, "T V 18"] | None = None  # why a view does not see a joint, `HIDDEN`
 
+    def __repr__(self) -> str:
+        frames, seconds = len(self.times), float(np.ptp(self.times)) if len(self.times) else 0.0
+        frame = "head" if self.joints_world is None else "head and world"
+        return (f"Track({frames} frames, {seconds:.1f} s, {int(self.converged.sum())} converged, "
+                f"{frame} frame)")  # fmt: skip
+
 
 def save_track(path: str | Path, track: Track) -> None:
     """Write a track as npz, whole or not at all."""

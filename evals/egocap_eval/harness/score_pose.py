@@ -122,7 +122,7 @@ def _score_plugin(
     sequence: Sequence, tracker: str, detections: str | None, protocol: str
 ) -> Report:
     found = None if detections is None else find_detections(sequence, detections)
-    result = egocap.Tracker(sequence, found).track(tracker)
+    result = run_tracker(tracker, sequence, found)
     if isinstance(result, Track):
         report = score_track(sequence, result, protocol=protocol)
     else:

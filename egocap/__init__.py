@@ -28,6 +28,7 @@ _MODULES = {
     "Track": "data.track",
     "Tracker": "track.tracker",
     "TrackerConfig": "pose.config",
+    "evaluate": "evaluation.scoring",
     "fit_body": "fitting.fit_body",
     "load_camera": "cameras.camera_files",
     "load_rig": "cameras.rig_files",

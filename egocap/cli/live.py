@@ -24,9 +24,30 @@ if TYPE_CHECKING:
     from egocap.body.proportions import Proportions
     from egocap.cameras.rig import Rig
     from egocap.view.capture import KnowsPerson, LiveReport, Source
-    from egocap.view.live_view import Watcher
+    from egocap.view.live_view import PoseDisplay
 
 LIVE = TrackerConfig(smoothing="none")
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How long to track, by what, and what to show."""
+
+    weights: Path | None = None
+    """Weights of the learned detector; the shipped ones by default."""
+    seconds: float = float("inf")
+    """Stop after this time."""
+    colour_only: bool = False
+    """Track the upper body by colour, without a detector, from the pose --start."""
+    start: str = "rest"
+    """Initial pose for --colour-only: a name (rest, arms forward, arms bent, sitting, ...) or a
+    track, whose first frame is used."""
+    view: bool = False
+    """Show the views, the pose and a 3-D view on a web page served on this machine."""
+    port: int = 8642
+    """Port of that page; 0 picks a free one."""
+    record: Path | None = None
+    """Video of the same to write, mp4."""
 
 
 @app.command
@@ -35,40 +56,27 @@ def live(
     rig: Path,
     body: Path,
     out: Path | None = None,
-    weights: Path | None = None,
-    seconds: float = float("inf"),
-    colour_only: bool = False,
-    start: str = "rest",
-    view: bool = False,
-    port: int = 8642,
-    record: Path | None = None,
+    run: Annotated[LiveOptions, tyro.conf.OmitArgPrefixes] = LiveOptions(),
     settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = LIVE,
     config: Path | None = None,
     advanced: bool = False,
     json: bool = False,
 ) -> int:
-    """Track from cameras or video files as they run, one a view, in the rig's order.
+    """Track live from cameras or video files, one per view, in the order of the rig.
 
-    The newest pictures are taken and older ones skipped, so that the tracker never falls behind. A
-    video file runs at its own rate.
+    Each pose uses the newest pictures; older ones are skipped, so that the tracker does not fall
+    behind. A video file plays at its own frame rate.
 
     Args:
-        sources: cameras' numbers or video files, one a view.
-        rig: rig file of the cameras.
-        body: body file of the wearer.
-        out: track to write when all is over, npz.
-        weights: weights of the learned detector; the shipped ones by default.
-        seconds: stop after so long.
-        colour_only: follow the upper body by colour, without a detector, from the pose --start.
-        start: pose of the first pictures for --colour-only: a name (rest, arms forward, arms bent,
-            sitting, ...) or a track, whose first frame is taken.
-        view: show views, pose and a three-dimensional view on a page for a browser of this machine.
-        port: of that page; 0 takes any that is free.
-        record: film of the same to write, mp4.
-        settings: the tracker's settings; past frames alone count.
+        sources: Camera numbers or video files, one per view.
+        rig: Rig file of the cameras.
+        body: Body file of the wearer.
+        out: Track to write at the end, npz.
+        run: How long to track, by what, and what to show.
+        settings: Settings of the tracker, which uses past frames only.
         config: TOML file of the tracker's settings; flags override it.
-        advanced: take all settings of the tracker as flags; --advanced --help lists them.
-        json: print the summary as JSON.
+        advanced: Accept all settings of the tracker as flags; --advanced --help lists them.
+        json: Print the summary as JSON.
     """
     from egocap.body.proportions import Proportions
     from egocap.cameras.rig_files import load_rig
@@ -76,83 +84,79 @@ def live(
 
     loaded = load_rig(rig)
     if len(sources) != len(loaded.mounts):
-        raise InputError(f"{len(sources)} sources", valid=f"{len(loaded.mounts)}, one a view")
-    if colour_only and (weights is not None or settings != LIVE):
-        raise InputError("--colour-only with weights or settings of the tracker", valid="neither")
-    if not colour_only and start != "rest":
-        raise InputError(f"--start '{start}' without --colour-only", valid="both or none")
+        raise InputError(f"{len(sources)} sources", valid=f"{len(loaded.mounts)}, one per view")
+    if run.colour_only and (run.weights is not None or settings != LIVE):
+        raise InputError("--colour-only uses neither --weights nor tracker settings")
+    if not run.colour_only and run.start != "rest":
+        raise InputError(f"--start '{run.start}' requires --colour-only")
+    person = Proportions.load(body)
     with ExitStack() as stack:
-        watcher = _watcher(stack, loaded, view, port, record)
-        request = _Request(sources, loaded, Proportions.load(body), seconds, watcher)
-        if colour_only:
-            report, tracker, made_by = _by_colour(stack, request, start)
+        display = _open_display(stack, loaded, run)
+        if run.colour_only:
+            report, tracker, method = _track_by_colour(stack, sources, loaded, person, run, display)
         else:
-            report, tracker, made_by = _by_detections(stack, request, weights, settings)
+            report, tracker, method = _track_by_detections(
+                stack, sources, loaded, person, run, display, settings
+            )
     if out is not None:
-        save_track(out, report.track(tracker, made_by))
+        save_track(out, report.track(tracker, method))
     _print_live(report, json)
     return DONE
 
 
-@dataclass(frozen=True)
-class _Request:
-    sources: tuple[str, ...]
-    rig: Rig
-    person: Proportions
-    seconds: float
-    watcher: Watcher
-
-    def opened(self, stack: ExitStack) -> list[Source]:
-        """Sources that begin to run now and are closed with the stack."""
-        from egocap.view.capture import Source
-
-        found = []
-        for name in self.sources:
-            found.append(Source(name))
-            stack.callback(found[-1].close)
-        return found
-
-
-def _by_detections(
-    stack: ExitStack, request: _Request, weights: Path | None, config: TrackerConfig
-) -> tuple[LiveReport, KnowsPerson, str]:
+def _track_by_detections(
+    stack: ExitStack, sources: tuple[str, ...], rig: Rig, person: Proportions,
+    options: LiveOptions, display: PoseDisplay, config: TrackerConfig,
+) -> tuple[LiveReport, KnowsPerson, str]:  # fmt: skip
     from egocap.detect.detector import Detector
     from egocap.track.online import OnlineTracker
     from egocap.view.capture import follow_live
 
-    tracker = OnlineTracker(request.rig, request.person, config)
-    detector = Detector(request.rig, weights)
-    opened = request.opened(stack)
-    report = follow_live(opened, detector, tracker, request.seconds, request.watcher)
+    tracker = OnlineTracker(rig, person, config)
+    detector = Detector(rig, options.weights)
+    opened = _open_sources(stack, sources)
+    report = follow_live(opened, detector, tracker, options.seconds, display)
     return report, tracker, detector.source
 
 
-def _by_colour(
-    stack: ExitStack, request: _Request, start: str
-) -> tuple[LiveReport, KnowsPerson, str]:
+def _track_by_colour(
+    stack: ExitStack, sources: tuple[str, ...], rig: Rig, person: Proportions,
+    options: LiveOptions, display: PoseDisplay,
+) -> tuple[LiveReport, KnowsPerson, str]:  # fmt: skip
     from egocap.track.colour_tracker import ColourTracker
     from egocap.view.capture import first_pictures, follow_pictures
 
-    tracker = ColourTracker(request.rig, request.person, _start_pose(start))
-    tracker.learn(first_pictures(request.sources))
-    opened = request.opened(stack)
-    report = follow_pictures(opened, tracker.step, request.seconds, request.watcher)
-    return report, tracker, f"colour only from '{start}'"
+    tracker = ColourTracker(rig, person, _start_pose(options.start))
+    tracker.learn(first_pictures(sources))
+    opened = _open_sources(stack, sources)
+    report = follow_pictures(opened, tracker.step, options.seconds, display)
+    return report, tracker, f"colour only from '{options.start}'"
 
 
-def _watcher(stack: ExitStack, rig: Rig, view: bool, port: int, record: Path | None) -> Watcher:
-    """Who is shown the poses; what it opens is closed with the stack."""
+def _open_sources(stack: ExitStack, names: tuple[str, ...]) -> list[Source]:
+    """Sources that start to run now and are closed with the stack."""
+    from egocap.view.capture import Source
+
+    found = []
+    for name in names:
+        found.append(Source(name))
+        stack.callback(found[-1].close)
+    return found
+
+
+def _open_display(stack: ExitStack, rig: Rig, options: LiveOptions) -> PoseDisplay:
+    """The display of poses; its page and video are closed with the stack."""
     from egocap.view.live_page import PictureStream
-    from egocap.view.live_view import Watcher
-    from egocap.view.video import Film
+    from egocap.view.live_view import PoseDisplay
+    from egocap.view.video import VideoFile
 
-    film = None if record is None else stack.enter_context(Film(record))
+    video = None if options.record is None else stack.enter_context(VideoFile(options.record))
     stream = None
-    if view:
-        stream = PictureStream(port)
+    if options.view:
+        stream = PictureStream(options.port)
         stack.callback(stream.close)
         print(f"see {stream.url}", file=sys.stderr, flush=True)
-    return Watcher(rig, stream, film)
+    return PoseDisplay(rig, stream, video)
 
 
 def _start_pose(start: str) -> Float[Array, "37"]:
@@ -162,7 +166,7 @@ def _start_pose(start: str) -> Float[Array, "37"]:
     if start in STARTS:
         return start_poses()[list(STARTS).index(start)]
     if not start.endswith(".npz"):
-        raise InputError(f"no starting pose '{start}'", valid=(*STARTS, "a track, .npz"))
+        raise InputError(f"no initial pose '{start}'", valid=(*STARTS, "a track, .npz"))
     return load_track(start).angles[0]
 
 

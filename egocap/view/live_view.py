@@ -1,4 +1,4 @@
-"""What a live run looks like: handed to a browser's page, to a film, or both."""
+"""The display of a live run: on a web page, in a video, or both."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from egocap.cameras.rig import Rig
 from egocap.track.online import PoseEstimate
 from egocap.view.live_page import PictureStream
 from egocap.view.skeleton import side_by_side
-from egocap.view.video import Film
+from egocap.view.video import VideoFile
 
 
-class Watcher:
-    """Called with every pose and the pictures that it was found in."""
+class PoseDisplay:
+    """Draws every pose over its pictures, for a web page and a video file."""
 
     def __init__(
-        self, rig: Rig, stream: PictureStream | None = None, film: Film | None = None
+        self, rig: Rig, stream: PictureStream | None = None, video: VideoFile | None = None
     ) -> None:
-        self.rig, self.stream, self.film = rig, stream, film
+        self.rig, self.stream, self.video = rig, stream, video
         self._start: float | None = None
 
     def __call__(self, pose: PoseEstimate, images: Sequence[UInt8[Array, "H W 3"] | None]) -> None:
-        """Draw the pose and hand the drawing on."""
-        if self.stream is None and self.film is None:
+        """Draw one pose."""
+        if self.stream is None and self.video is None:
             return
         picture = side_by_side(images, pose.joints_head, pose.confidence, self.rig)
         if self._start is None:
             self._start = pose.time
         if self.stream is not None:
             self.stream.show(picture)
-        if self.film is not None:
-            self.film.add(picture, pose.time - self._start)
+        if self.video is not None:
+            self.video.add(picture, pose.time - self._start)

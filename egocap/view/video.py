@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from egocap.errors import InputError, MachineError
 
 
-class Film:
+class VideoFile:
     """An MPEG-4 file that grows frame by frame and gets its name when it is closed without error.
 
     Raises InputError for another suffix, MachineError where no film can be written.
@@ -26,7 +26,7 @@ class Film:
         self._part = out.with_name(f".{out.stem}.part.mp4")
         self._writer = None
 
-    def __enter__(self) -> Film:
+    def __enter__(self) -> VideoFile:
         return self
 
     def __exit__(

@@ -211,8 +211,8 @@ def test_live_by_colour_writes_a_track_and_a_film(egocap, films, tracked, tiny_s
     assert json.loads(out)["poses"] == len(found.times) >= 1
     assert Path("live.mp4").stat().st_size > 5_000
     for wrong, says in (
-        (("--start", "upside down"), "no starting pose 'upside down' (valid: rest"),
-        (("--weights", "w.safetensors"), "--colour-only with weights"),
+        (("--start", "upside down"), "no initial pose 'upside down' (valid: rest"),
+        (("--weights", "w.safetensors"), "--colour-only uses neither --weights"),
         (("--record", "live.gif"), "ends in .mp4"),
     ):
         assert says in complaint(egocap(*words, *wrong))

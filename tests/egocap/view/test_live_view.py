@@ -11,8 +11,8 @@ from egocap.body.skeleton import forward
 from egocap.errors import InputError, MachineError
 from egocap.track.online import PoseEstimate
 from egocap.view.live_page import PictureStream
-from egocap.view.live_view import Watcher
-from egocap.view.video import Film
+from egocap.view.live_view import PoseDisplay
+from egocap.view.video import VideoFile
 from tests.egocap.conftest import make_motion
 
 
@@ -29,7 +29,7 @@ def frames(path):
 
 
 def test_a_film_keeps_time(tmp_path):
-    with Film(tmp_path / "deep" / "f.mp4", fps=10.0) as film:
+    with VideoFile(tmp_path / "deep" / "f.mp4", fps=10.0) as film:
         for at, value in ((0.0, 40), (0.02, 250), (0.5, 200), (0.61, 90)):
             film.add(grey(value), at)
     values = [int(f.mean()) for f in frames(tmp_path / "deep" / "f.mp4")]
@@ -37,18 +37,18 @@ def test_a_film_keeps_time(tmp_path):
 
 
 def test_a_film_that_fails_is_not_there(tmp_path):
-    with pytest.raises(ZeroDivisionError), Film(tmp_path / "f.mp4") as film:
+    with pytest.raises(ZeroDivisionError), VideoFile(tmp_path / "f.mp4") as film:
         film.add(grey(1))
         raise ZeroDivisionError
     assert not list(tmp_path.iterdir())
-    with Film(tmp_path / "empty.mp4"):
+    with VideoFile(tmp_path / "empty.mp4"):
         pass
     assert not list(tmp_path.iterdir())
     with pytest.raises(InputError, match=r"ends in \.mp4"):
-        Film(tmp_path / "f.avi")
+        VideoFile(tmp_path / "f.avi")
     with pytest.raises(InputError, match="is a folder"):
         (tmp_path / "d.mp4").mkdir()
-        Film(tmp_path / "d.mp4")
+        VideoFile(tmp_path / "d.mp4")
 
 
 @pytest.fixture
@@ -83,8 +83,8 @@ def test_a_taken_port_is_named(stream):
 
 def test_the_watcher_hands_on_pose_and_pictures(tmp_path, stream):
     made = make_motion(frames=3)
-    with Film(tmp_path / "f.mp4", fps=30.0) as film:
-        watcher = Watcher(made.rig, stream, film)
+    with VideoFile(tmp_path / "f.mp4", fps=30.0) as film:
+        watcher = PoseDisplay(made.rig, stream, film)
         for t in range(3):
             pose = PoseEstimate(5.0 + t / 30, made.angles[t], forward(made.person, made.angles[t]),
                             np.ones(18), True)  # fmt: skip
@@ -92,4 +92,4 @@ def test_the_watcher_hands_on_pose_and_pictures(tmp_path, stream):
     found = frames(tmp_path / "f.mp4")
     assert len(found) == 3 and found[0].shape == (360, 900 + 360, 3)
     assert found[0][:, 460:880].mean() > 40 > found[0][:, 20:440].mean()
-    Watcher(made.rig)(pose, [None, None])
+    PoseDisplay(made.rig)(pose, [None, None])

@@ -52,17 +52,18 @@ def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[st
 
 
 def _preparation(scene: Any) -> dict[str, float]:
-    """What is not drawing and writing, as a share of the time and in seconds an episode."""
-    from egocap_sim.record import recorder
-    from egocap_sim.record.episode_plan import catalogue, plan
-    from egocap_sim.record.episode_recorder import make_episode
+    """Time outside drawing and writing, as a share and in seconds an episode."""
+    from egocap_sim.record import sequence_recorder
+    from egocap_sim.record.episode_plan import find_clips, plan_episodes
+    from egocap_sim.record.episode_recorder import EpisodeTask
+    from egocap_sim.world import world
 
     folder = scene.episodes.clips
-    clips = () if folder is None else catalogue(Path(folder), strict=False)
-    spent = {"write_shard": 0.0, "_staged": 0.0}  # seconds in functions of `record`
+    clips = () if folder is None else find_clips(Path(folder), strict=False)
+    spent = {"write_shard": 0.0, "simulate_take": 0.0}  # seconds
 
-    def timed(name: str) -> Any:
-        function = getattr(recorder, name)
+    def timed(module: Any, name: str) -> Any:
+        function = getattr(module, name)
 
         def call(*args: Any) -> Any:
             start = time.perf_counter()
@@ -71,21 +72,22 @@ def _preparation(scene: Any) -> dict[str, float]:
             finally:
                 spent[name] += time.perf_counter() - start
 
-        return mock.patch.object(recorder, name, call)
+        return mock.patch.object(module, name, call)
 
-    start, episodes = 0.0, plan(scene, [scene.frames])
-    with tempfile.TemporaryDirectory() as made, timed("write_shard"), timed("_staged"):
-        for episode in episodes:
-            if episode.index == 1:
+    start, jobs, task = 0.0, plan_episodes(scene, [scene.frames]), EpisodeTask(scene, clips)
+    written, simulated = timed(sequence_recorder, "write_shard"), timed(world, "simulate_take")
+    with tempfile.TemporaryDirectory() as made, written, simulated:
+        for job in jobs:
+            if job.index == 1:
                 start = time.perf_counter()
                 spent.update(dict.fromkeys(spent, 0.0))
-            make_episode(scene, episode, clips, Path(made) / str(episode.index))
+            task.make(job, Path(made) / str(job.index))
     seconds = time.perf_counter() - start
     preparing = seconds - spent["write_shard"]
     return {
         "preparation": round(preparing / seconds, 4),
-        "preparation_s": round(preparing / (len(episodes) - 1), 3),
-        "renewal": round((preparing - spent["_staged"]) / seconds, 4),
+        "preparation_s": round(preparing / (len(jobs) - 1), 3),
+        "renewal": round((preparing - spent["simulate_take"]) / seconds, 4),
     }
 
 

@@ -8,6 +8,9 @@ from importlib import import_module
 from typing import Any
 
 _MODULES = {
+    "generate": "api",
+    "generate_episodes": "api",
+    "preview": "api",
     "verify": "verification.integrity",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -1,4 +1,4 @@
-"""The command `egocap-sim`: generate sequences, look at them, check them."""
+"""The command `egocap-sim`: generate sequences, preview, check, export and summarise them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
 from egocap.commandline import DONE, USAGE, progress, run
-from egocap_sim.world.overrides import UNCHANGED, Overrides, as_long_as_its_clip, overridden, shown
+from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene, shown
 
 if TYPE_CHECKING:
-    from egocap_sim.record.recorder import Summary
+    from egocap_sim.record.sequence_recorder import Summary
     from egocap_sim.scene.config import Scene
 
 app = SubcommandApp()
@@ -32,17 +32,19 @@ def generate(
     strict: bool = False,
     json: bool = False,
 ) -> int:
-    """Simulate scenes and render them into sequences; run again to continue after a kill.
+    """Simulate scenes and render them into sequences.
+
+    The same command continues a run that was interrupted or killed.
 
     Args:
-        scenes: built-in scene names or scene files.
-        out: folder of the sequence; with several scenes, one folder in it for each.
-        overrides: what to change in the scenes.
-        workers: rendering processes.
-        cluster: Dask scheduler whose workers render instead, e.g. tcp://host:8786.
-        append: continue a finished sequence of fewer frames up to --frames.
-        strict: a file in --motions that cannot be read is an error; else it is left out.
-        json: print the summary as JSON; with several scenes, a list of them.
+        scenes: names of built-in scenes, or scene files.
+        out: folder of the sequence; of several scenes, the folder that holds theirs.
+        overrides: changes of the scenes.
+        workers: number of rendering processes.
+        cluster: render on the workers of this Dask scheduler, e.g. tcp://host:8786.
+        append: extend a finished sequence of fewer frames up to --frames.
+        strict: stop at a file in --motions that cannot be read, instead of leaving it out.
+        json: print the summary as JSON; of several scenes, a list.
     """
     from egocap.errors import InputError
     from egocap_sim.core.resources import find_file
@@ -53,8 +55,7 @@ def generate(
     if workers < 1:
         raise InputError(f"{workers} workers", valid="1 or more")
     files = [find_file("scene", name) for name in scenes]
-    loaded = [overridden(load_scene(file), overrides) for file in files]
-    loaded = [as_long_as_its_clip(scene, overrides) for scene in loaded]
+    loaded = [override_scene(load_scene(file), overrides) for file in files]
     names = [scene.name for scene in loaded]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"two scenes are called '{twice[0]}'", valid="a folder for each name")
@@ -74,30 +75,29 @@ def generate(
 
 @app.command
 def preview(sequence: Positional[Path], out: Path, rows: int = 6, width: int = 480) -> int:
-    """Draw a contact sheet: left, right, joints over the image, part labels.
+    """Write a contact sheet: every view, joints over the image, part labels.
 
     Args:
-        sequence: folder of a sequence.
+        sequence: folder of a sequence, or a folder of sequences.
         out: PNG or JPEG file to write.
         rows: frames to show, spread over the sequence.
         width: width of one picture in pixels.
     """
-    from egocap.data.dataset import find_sequences
-    from egocap_sim.export.preview import save_contact_sheet
+    from egocap_sim import api
 
-    save_contact_sheet(find_sequences([sequence]), out, rows=rows, tile_width=width)
+    api.preview(sequence, out, rows=rows, width=width)
     print(out)
     return DONE
 
 
 @app.command
 def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int:
-    """Check that a sequence is whole, undamaged and consistent with itself.
+    """Check that a sequence is complete, undamaged and consistent.
 
     Args:
-        sequence: folder of a sequence.
+        sequence: folder of a sequence, or of a recording in episodes.
         json: print the result as JSON.
-        rays: judge the visibility of joints anew in this many frames, by rays cast in MuJoCo.
+        rays: also recompute the visibility of joints in this many frames, by rays cast in MuJoCo.
     """
     from dataclasses import asdict
 
@@ -126,13 +126,13 @@ def export(
     out: Path,
     format: Annotated[str, shown("coco|unrealego|mp4")],
 ) -> int:
-    """Write a sequence, truth and all, in a form that others' code reads.
+    """Export a sequence with its truth to a format of other tools.
 
     Args:
-        sequence: folder of a sequence.
-        out: new folder, or the .mp4 file; of episodes, a folder of those.
-        format: coco (keypoints JSON and images), unrealego (JSON a frame, in cm) or mp4 (to look
-            at, joints drawn).
+        sequence: folder of a sequence, or a folder of sequences.
+        out: new folder, or the .mp4 file; of several sequences, the folder that holds theirs.
+        format: coco (keypoints JSON and images), unrealego (a JSON file a frame, in cm) or mp4 (a
+            video with the joints drawn).
     """
     from egocap.data.dataset import find_sequences
     from egocap.data.sequence import Sequence
@@ -153,11 +153,11 @@ def export(
 def stats(
     folders: Positional[tuple[Path, ...]], out: Path | None = None, json: bool = False
 ) -> int:
-    """Draw what sequences contain: people, poses, visibility, image positions, contacts.
+    """Summarise sequences: people, poses, visibility, image positions, contacts.
 
     Args:
-        folders: sequences, or folders that hold sequences.
-        out: HTML file to write; it needs nothing beside itself.
+        folders: sequences, or folders of sequences.
+        out: HTML page to write, a single file.
         json: print the numbers as JSON.
     """
     from egocap.data.dataset import find_sequences
@@ -167,7 +167,7 @@ def stats(
     from egocap_sim.stats.page import render_page, summary
 
     if not folders:
-        raise InputError("no folder given", valid="sequences, or folders that hold sequences")
+        raise InputError("no folder given", valid="sequences, or folders of sequences")
     if out is not None and out.suffix.lower() != ".html":
         raise InputError(f"cannot write '{out.name}'", valid="a name that ends in .html")
     found = find_sequences(folders)
@@ -195,7 +195,7 @@ def stats(
 
 @app.command(name="list")
 def list_() -> int:
-    """Name the built-in scenes, rigs, motions and sensors."""
+    """List the built-in scenes, rigs, motions and sensors."""
     from egocap_sim.core.resources import builtin_names, rig_names
     from egocap_sim.motion.generators.registry import MOTIONS
     from egocap_sim.sensor.config import PRESETS
@@ -209,7 +209,11 @@ def list_() -> int:
 
 def main() -> int:
     """Run `egocap-sim` and return its exit code."""
-    return run(app, prog="egocap-sim", description="Simulate egocentric stereo fisheye footage.")
+    return run(
+        app,
+        prog="egocap-sim",
+        description="Simulate egocentric stereo fisheye footage with ground truth.",
+    )
 
 
 def _generate(
@@ -223,7 +227,7 @@ def _generate(
 ) -> Summary:
     from egocap.errors import FileError
     from egocap_sim.record.recorder import generate as generate_sequence
-    from egocap_sim.world.stage import SceneError
+    from egocap_sim.scene.scene_error import SceneError
 
     try:
         with progress(scene.name, scene.frames) as advance:

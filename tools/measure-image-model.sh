@@ -13,7 +13,7 @@ mkdir -p "$work"
 film() { # NAME SCENE OPTION...
     name=$1
     shift
-    "$bin/egocap-sim" generate "$@" --size 640 512 --masks True --sensor clean --out "$work/$name"
+    "$bin/egocap-sim" generate "$@" --size 640 512 --masks --sensor clean --out "$work/$name"
 }
 
 film walk validation-walk --motion walk --seed 400001 --frames 60

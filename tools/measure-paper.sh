@@ -23,7 +23,7 @@ measure stress-rendered --people 3 --frames 30 --work "$work/stress" \
 measure run quick --motions "$motions" --work "$work/quick" --out $results/quick.json
 
 for n in 1 2 3 4 5 6; do
-    "$bin/egocap-sim" generate train-chroma --episodes False --frames 150 --seed 30080$n \
+    "$bin/egocap-sim" generate train-chroma --no-episodes --frames 150 --seed 30080$n \
         --size 640 512 --out "$work/chroma/person-$n"
 done
 "$bin/egocap-sim" generate train-varied --frames 200 --seed 300820 --out "$work/backgrounds"

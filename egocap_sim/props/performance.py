@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.interpolate import CubicSpline
 
-from egocap_sim.core.rng import stream
+from egocap_sim.core.rng import make_rng
 from egocap_sim.human.body.person import Person
 from egocap_sim.motion.generators.registry import motion_parameters
 from egocap_sim.motion.retarget.palms import Palm, palm_of
@@ -42,7 +42,7 @@ class Performance:
     @property
     def rng(self) -> np.random.Generator:
         """The generator the motion was made with, as it was at the beginning."""
-        return stream(self.seed, "motion")
+        return make_rng(self.seed, "motion")
 
     @cached_property
     def palms(self) -> tuple[Palm, Palm]:

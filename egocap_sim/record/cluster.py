@@ -1,125 +1,70 @@
-"""Rendering on a Dask cluster: the drafts travel to the workers, finished shards back.
+"""An executor of the workers of a Dask cluster; what they make comes back as bytes.
 
-No folder need be shared; every machine needs this program in the same version, the files that the
-scene names, and, for the same bytes as here, the same GL driver. Dask gives the shards of a worker
-that dies to another. Needs the extra `egocap[cluster]`.
+No folder need be shared. Every machine needs this program in the same version, the files that the
+scene names and, for the same bytes, the same GL driver. Dask gives the jobs of a worker that dies
+to another. Needs the extra `egocap[cluster]`.
 """
 
 from __future__ import annotations
 
-import hashlib
+import os
+import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from uuid import uuid4
 
-from egocap.data.dataset import EpisodeEntry
-from egocap.data.sequence import ShardEntry
-from egocap.data.sequence_writer import write_shard
+from egocap.data.dataset_writer import put_in_place
 from egocap.errors import MachineError
 from egocap.files import write_atomically
 from egocap_sim.core.version import code_version
-from egocap_sim.record.workers import DRAFT, make_frames
-from egocap_sim.scene.config import Scene
-from egocap_sim.sensor.plan import DRAFTS
-
-if TYPE_CHECKING:
-    from egocap_sim.record.episode_plan import Episode, Recorded
-    from egocap_sim.record.frame_writer import FrameMaker
+from egocap_sim.record.jobs import E, Enter, Entry, Job, Task
 
 _PATIENCE_S = 10  # for the scheduler to answer
 _ATTEMPTS = 8
-"""At what the cluster loses: what goes along with jobs is lost with the last worker that has it."""
+"""To do jobs whose task the cluster lost: it goes with the last worker that holds it."""
 
-Drafts = dict[str, bytes]
-
-
-def render_on_cluster(
-    address: str,
-    scene: Scene,
-    out: Path,
-    pending: list[tuple[int, range]],
-    enter: Callable[[ShardEntry], None],
-) -> None:
-    """Render shards on the cluster of a scheduler, and enter each as it arrives.
-
-    Raises MachineError where there is no such scheduler, Dask is not installed, or a shard's
-    workers keep dying.
-    """
-    drafts = {name: (out / name).read_bytes() for name in (DRAFT, *DRAFTS)
-              if (out / name).exists()}  # fmt: skip
-    task = hashlib.sha256(repr(scene).encode() + b"".join(drafts.values())).hexdigest()
-
-    left = {frames.start: (index, frames) for index, frames in pending}
-
-    def submit(client: Any, attempt: int) -> list[Any]:
-        sent = client.scatter(drafts, broadcast=True, hash=False)
-        return [
-            client.submit(
-                render_remotely, task, code_version(), scene, sent, index, frames,
-                key=f"egocap-{task[:16]}-{index}-{attempt}", pure=False,
-            )
-            for index, frames in left.values()
-        ]  # fmt: skip
-
-    def place(result: tuple[ShardEntry, bytes]) -> None:
-        entry, content = result
-        write_atomically(out / entry.name, content)
-        enter(entry)
-        del left[entry.first]
-
-    _work_through(address, left, submit, place)
+Files = bytes | dict[str, bytes]
+"""Content of the file, or of each file in the folder, that a job made."""
 
 
-def record_on_cluster(
-    address: str,
-    scene: Scene,
-    out: Path,
-    left: Mapping[int, Episode],
-    clips: tuple[Recorded, ...],
-    enter: Callable[[EpisodeEntry], None],
-) -> None:
-    """Make episodes on the cluster of a scheduler, and enter each as it arrives.
+class DaskCluster:
+    """Runs jobs on the workers of the Dask scheduler at an address."""
 
-    Raises MachineError as `render_on_cluster`.
-    """
-    from egocap_sim.record.episode_recorder import place_files
+    separate = True
 
-    task = hashlib.sha256(repr((scene, clips)).encode()).hexdigest()
-    left = dict(left)
+    def __init__(self, address: str) -> None:
+        self.address = address
 
-    def submit(client: Any, attempt: int) -> list[Any]:
-        return [
-            client.submit(
-                record_remotely, code_version(), scene, episode, clips,
-                key=f"egocap-{task[:16]}-episode-{index}-{attempt}", pure=False,
-            )
-            for index, episode in left.items()
-        ]  # fmt: skip
+    def run(self, task: Task[E], jobs: Sequence[Job], out: Path, enter: Enter[E]) -> None:
+        """Do the jobs. Raises MachineError where there is no such scheduler, Dask is not
+        installed, or the workers of a job keep dying."""
+        portable, name = task.portable(), uuid4().hex[:16]
+        left = {job.index: job for job in jobs}
 
-    def place(result: tuple[int, dict[str, bytes]]) -> None:
-        index, files = result
-        enter(place_files(files, out, index))
-        del left[index]
+        def place(result: tuple[int, E, Files]) -> None:
+            index, entry, files = result
+            _write(files, out / entry.name)
+            enter(entry)
+            del left[index]
 
-    _work_through(address, left, submit, place)
-
-
-def _work_through(
-    address: str,
-    left: Mapping[int, Any],
-    submit: Callable[[Any, int], list[Any]],
-    place: Callable[[Any], None],
-) -> None:
-    """Submit the jobs that are left until `place`, which takes them away, has had each result."""
-    with _client(address) as client:
-        for attempt in range(_ATTEMPTS):
-            if not left:
-                return
-            _gather(client, submit(client, attempt), place)
-    if left:
-        raise MachineError(f"the cluster lost what {len(left)} jobs need, {_ATTEMPTS} times")
+        with _client(self.address) as client:
+            for attempt in range(_ATTEMPTS):
+                if not left:
+                    return
+                sent = client.scatter(portable, broadcast=True, hash=False)
+                futures = [
+                    client.submit(
+                        do_remotely, name, code_version(), sent, job,
+                        key=f"egocap-{name}-{index}-{attempt}", pure=False,
+                    )
+                    for index, job in left.items()
+                ]  # fmt: skip
+                _gather(client, futures, place)
+        if left:
+            raise MachineError(f"the cluster lost the input of {len(left)} jobs {_ATTEMPTS} times")
 
 
 def _client(address: str) -> Any:
@@ -137,7 +82,7 @@ def _client(address: str) -> Any:
 
 
 def _gather(client: Any, futures: list[Any], place: Callable[[Any], None]) -> None:
-    """Place the results of futures as they arrive; those whose input the cluster lost have none."""
+    """Place results as they arrive; futures whose input the cluster lost are cancelled."""
     from distributed import KilledWorker, as_completed
 
     try:
@@ -151,43 +96,39 @@ def _gather(client: Any, futures: list[Any], place: Callable[[Any], None]) -> No
         client.cancel(futures)
 
 
-def record_remotely(
-    version: str, scene: Scene, episode: Episode, clips: tuple[Recorded, ...]
-) -> tuple[int, dict[str, bytes]]:
-    """One episode's files, in a worker. Raises MachineError in one of another version."""
-    from egocap_sim.record.episode_recorder import episode_files
-
-    if version != code_version():
-        raise MachineError(f"a worker runs version {code_version()}, not {version}")
-    return episode.index, _thread.submit(episode_files, scene, episode, clips).result()
+def _write(files: Files, path: Path) -> None:
+    """Put the file or folder that a job made in place."""
+    if isinstance(files, bytes):
+        write_atomically(path, files)
+        return
+    made = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    shutil.rmtree(made, ignore_errors=True)
+    made.mkdir()
+    for name, content in files.items():
+        write_atomically(made / name, content)
+    put_in_place(made, path)
 
 
 _thread = ThreadPoolExecutor(1)  # a GL context belongs to one thread; Dask has several
-_held: tuple[str, FrameMaker] | None = None  # this worker's renderer, and the task it is for
+_held: tuple[str, Task[Any]] | None = None  # the task that this worker does, and its name
 
 
-def render_remotely(
-    task: str, version: str, scene: Scene, drafts: Drafts, index: int, frames: range
-) -> tuple[ShardEntry, bytes]:
-    """One shard and its entry, in a worker. Raises MachineError in one of another version."""
+def do_remotely(name: str, version: str, task: Task[Any], job: Job) -> tuple[int, Entry, Files]:
+    """Do a job in a Dask worker. Raises MachineError if the worker runs another version."""
     if version != code_version():
         raise MachineError(f"a worker runs version {code_version()}, not {version}")
-    return _thread.submit(_render, task, scene, drafts, index, frames).result()
+    return _thread.submit(_do, name, task, job).result()
 
 
-def _render(
-    task: str, scene: Scene, drafts: Drafts, index: int, frames: range
-) -> tuple[ShardEntry, bytes]:
+def _do(name: str, task: Task[Any], job: Job) -> tuple[int, Entry, Files]:
     global _held
-    if _held is None or _held[0] != task:
+    if _held is None or _held[0] != name:
         if _held is not None:
             _held[1].close()
-            _held = None
-        with tempfile.TemporaryDirectory(prefix="egocap-") as folder:
-            for name, content in drafts.items():
-                (Path(folder) / name).write_bytes(content)
-            _held = task, make_frames(scene, Path(folder))
-    maker = _held[1]
+        _held = name, task.portable()
     with tempfile.TemporaryDirectory(prefix="egocap-") as folder:
-        entry = write_shard(Path(folder), index, frames.start, (maker.files(i) for i in frames))
-        return entry, (Path(folder) / entry.name).read_bytes()
+        entry = _held[1].do(job, Path(folder))
+        made = Path(folder) / entry.name
+        if made.is_dir():
+            return job.index, entry, {p.name: p.read_bytes() for p in sorted(made.iterdir())}
+        return job.index, entry, made.read_bytes()

@@ -1,6 +1,6 @@
-"""What each episode of a recording is: its frames, seed, motion, light and company.
+"""The draw of each episode of a recording: frames, seed, motion, light and bystanders.
 
-All of it follows from the scene's seed and the episode's number alone.
+It depends on the seed of the scene and the number of the episode alone.
 """
 
 from __future__ import annotations
@@ -15,29 +15,21 @@ from typing import Any
 import numpy as np
 
 from egocap.errors import EgocapError, FileError, InputError
-from egocap_sim.core.rng import stream
+from egocap_sim.core.rng import make_rng
+from egocap_sim.record.jobs import Job
 from egocap_sim.scene.config import EpisodesTable, MotionTable, Scene
 
 KINDS = (".bvh", ".npz")
 SPEEDS = (0.8, 1.25)
 _STARTS_S = (0.5, 6.0)  # where in a procedural motion an episode begins
 _SPARE_S = 0.5  # of motion beyond the last frame: for late cameras and for the smoothing
-_BLENDED = 0.25  # share of the clips that pass into another
+_BLENDED = 0.25  # share of the clips that are joined with another
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Episode:
-    """One episode: its place in the recording, how long it is, and what it is drawn from."""
-
-    index: int
-    frames: int
-    seed: int
-
-
-@dataclass(frozen=True)
-class Recorded:
+class ClipFile:
     """A motion file that can be used."""
 
     path: str
@@ -45,31 +37,30 @@ class Recorded:
     sha256: str
 
 
-def plan(scene: Scene, parts: Sequence[int]) -> list[Episode]:
-    """The episodes of a recording of so many frames, and as many more as it was continued by."""
+def plan_episodes(scene: Scene, parts: Sequence[int]) -> list[Job]:
+    """The episodes of a recording of `parts[0]` frames that was extended by each further part."""
     assert scene.episodes is not None
     least, most = scene.episodes.frames
-    episodes: list[Episode] = []
+    jobs: list[Job] = []
     for frames in parts:
         left = frames
         while left:
-            index = len(episodes)
-            rng = stream(scene.seed, f"episode {index}")
+            rng = make_rng(scene.seed, f"episode {len(jobs)}")
             count = min(int(rng.integers(least, most + 1)), left)
-            episodes.append(Episode(index, count, int(rng.integers(2**53))))
+            jobs.append(Job(len(jobs), range(count), int(rng.integers(2**53))))
             left -= count
-    return episodes
+    return jobs
 
 
-def scene_of(scene: Scene, episode: Episode, clips: Sequence[Recorded], attempt: int = 0) -> Scene:
-    """The scene of one episode. Another `attempt` draws anew, for what turned out impossible."""
+def draw_episode(scene: Scene, job: Job, clips: Sequence[ClipFile], attempt: int = 0) -> Scene:
+    """Draw the scene of one episode; another `attempt` replaces a draw that is impossible."""
     table = scene.episodes
     assert table is not None
-    seed = episode.seed + attempt
-    rng = stream(seed, "episode")
+    seed = job.seed + attempt
+    rng = make_rng(seed, "episode")
     data = scene.model_dump(exclude_none=True, exclude={"episodes"})
-    data |= {"seed": seed, "frames": episode.frames}
-    data["motion"] = _motion(scene, table, episode.frames / scene.fps, clips, rng)
+    data |= {"seed": seed, "frames": len(job.frames)}
+    data["motion"] = _motion(scene, table, len(job.frames) / scene.fps, clips, rng)
     if rng.random() < table.dusk:
         data["place"]["light"] = "dusk"
     data["others"]["count"] = int(rng.integers(scene.others.count + 1))
@@ -80,21 +71,14 @@ def _motion(
     scene: Scene,
     table: EpisodesTable,
     seconds: float,
-    clips: Sequence[Recorded],
+    clips: Sequence[ClipFile],
     rng: np.random.Generator,
 ) -> dict[str, Any]:
+    """Draw the motion table of an episode: a clip or a procedural motion."""
     length = seconds + _SPARE_S
     usable = [clip for clip in clips if clip.seconds > SPEEDS[1] * length + 0.1]
     if usable and rng.random() < table.clip_share:
-        speed = float(np.round(rng.uniform(*SPEEDS), 3))
-        first, second = (usable[int(i)] for i in rng.integers(len(usable), size=2))
-        starts = [float(np.round(rng.uniform(0, clip.seconds - speed * length - 0.05), 3))
-                  for clip in (first, second)]  # fmt: skip
-        motion = {"file": first.path, "start_s": starts[0], "length_s": length, "speed": speed,
-                  "mirrored": bool(rng.random() < 0.5)}  # fmt: skip
-        if rng.random() < _BLENDED:
-            motion |= {"then": second.path, "then_start_s": starts[1]}
-        return motion
+        return _clip_motion(usable, length, rng)
     motion = scene.motion.model_dump(exclude_none=True)
     if table.motions:
         motion = {"name": table.motions[int(rng.integers(len(table.motions)))]}
@@ -104,16 +88,33 @@ def _motion(
     return motion
 
 
-def catalogue(folder: Path, *, strict: bool) -> tuple[Recorded, ...]:
-    """The motion files in a folder and the folders within it.
+def _clip_motion(
+    usable: Sequence[ClipFile], length: float, rng: np.random.Generator
+) -> dict[str, Any]:
+    speed = float(np.round(rng.uniform(*SPEEDS), 3))
+    first, second = (usable[int(i)] for i in rng.integers(len(usable), size=2))
+    starts = [
+        float(np.round(rng.uniform(0, clip.seconds - speed * length - 0.05), 3))
+        for clip in (first, second)
+    ]
+    mirrored = bool(rng.random() < 0.5)
+    motion = {"file": first.path, "start_s": starts[0], "length_s": length, "speed": speed}
+    motion["mirrored"] = mirrored
+    if rng.random() < _BLENDED:
+        motion |= {"then": second.path, "then_start_s": starts[1]}
+    return motion
 
-    Raises FileError where there are none; a file that cannot be read is left out with a warning or,
-    where `strict`, an error.
+
+def find_clips(folder: Path, *, strict: bool) -> tuple[ClipFile, ...]:
+    """The motion files in a folder and its subfolders, read once.
+
+    A file that cannot be read is left out with a warning or, if `strict`, raises. Raises FileError
+    where there is none.
     """
     from egocap_sim.motion.clips.clip_store import stored_clip
 
     files = clip_files(folder)
-    found: list[Recorded] = []
+    found: list[ClipFile] = []
     for path in files:
         try:
             clip = stored_clip(path)
@@ -123,7 +124,7 @@ def catalogue(folder: Path, *, strict: bool) -> tuple[Recorded, ...]:
             log.warning("left out: %s", error)
             continue
         seconds = (len(clip.positions) - 1) / clip.fps
-        found.append(Recorded(str(path.absolute()), seconds, checksum(path)))
+        found.append(ClipFile(str(path.absolute()), seconds, checksum(path)))
     if not found:
         raise FileError(folder, "none of its motion files can be used")
     minutes = sum(clip.seconds for clip in found) / 60

@@ -10,56 +10,41 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.cameras.rig import Rig
-from egocap.data.sequence import Truth
 from egocap.geometry import rigid
-from egocap_sim.assets.mesh import AnimatedActor
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.pose_sampling import between_frames
-from egocap_sim.environment.place import Place
-from egocap_sim.human.body.person import Person
 from egocap_sim.render.renderer import FisheyeRenderer
 from egocap_sim.render.views import Views
-from egocap_sim.scene.config import RecordTable
 from egocap_sim.sensor.capture import CapturedFrame, JointTest, SensorSimulator
-from egocap_sim.sensor.plan import SensorPlan
 from egocap_sim.truth.visibility import JointVisibility
+from egocap_sim.world.world import World
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 _FLAT = [*_PNG, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]  # labels, three times as fast
 
 
-class FrameMaker:
-    """Renders the frames of one scene. Holds a GL context: one a process, kept to its thread."""
+class FrameWriter:
+    """Renders the frames of a world. Holds a GL context: use one in a process, in one thread."""
 
-    def __init__(
-        self,
-        rig: Rig,
-        person: Person,
-        place: Place,
-        truth: Truth,
-        record: RecordTable,
-        extras: Sequence[AnimatedActor] = (),
-        sensor_plan: SensorPlan | None = None,
-    ) -> None:
-        """`sensor_plan` is what the sensor does to the frames; None: pictures are perfect."""
-        self.rig, self.person, self.truth, self.record = rig, person, truth, record
-        self.extras, self._sensor_plan = extras, sensor_plan
+    def __init__(self, world: World) -> None:
+        record, plan = world.scene.record, world.take.sensor_plan
+        self.rig, self.person, self.record = world.rig, world.person, record
+        self.truth, self._sensor_plan, self.actors = world.take.truth, plan, world.actors
         self.renderer = FisheyeRenderer(
-            rig,
-            [person.actor, *(extra.actor for extra in extras)],
-            place,
+            self.rig,
+            [self.person.actor, *(actor.actor for actor in self.actors)],
+            world.place,
             samples=record.samples,
             face_size=record.face_size,
-            coarse=sensor_plan.sensor.subframe_sharpness if sensor_plan else 1.0,
+            coarse=plan.sensor.subframe_sharpness if plan else 1.0,
         )
-        self._visibility = JointVisibility(person, rig)
-        self._numbers = np.arange(len(truth.time))
-        self._T_body_rest = rigid(np.eye(3), -person.joints)
+        self._visibility = JointVisibility(self.person, self.rig)
+        self._numbers = np.arange(len(self.truth.time))
+        self._T_body_rest = rigid(np.eye(3), -self.person.joints)
         self._sensor = None
-        if sensor_plan is not None:
+        if plan is not None:
             planes = {"parts": record.masks, "depth": record.depth}
-            self._sensor = SensorSimulator(rig, sensor_plan, self._draw, **planes)
+            self._sensor = SensorSimulator(self.rig, plan, self._draw, **planes)
 
     def close(self) -> None:
         """Give the GL context back."""
@@ -99,11 +84,11 @@ class FrameMaker:
         truth, poses = self.truth, self._sensor_plan.poses if self._sensor_plan else None
         T_world_body = truth.T_world_body[index] if poses is None else poses.at(time)
         skinning = {self.person.actor.name: T_world_body @ self._T_body_rest}
-        for extra in self.extras:
-            moved = extra.skinning[index]
+        for actor in self.actors:
+            moved = actor.skinning[index]
             if poses is not None:
-                moved = between_frames(extra.skinning, np.interp(time, truth.time, self._numbers))
-            skinning[extra.actor.name] = moved
+                moved = between_frames(actor.skinning, np.interp(time, truth.time, self._numbers))
+            skinning[actor.actor.name] = moved
         views = self.renderer.render(T_world_body[INDEX["head"]], skinning, rows, still_m, coarsely)
 
         def find_visible(wanted: Collection[int]) -> UInt8[Array, "V 18"]:
@@ -134,7 +119,7 @@ class FrameMaker:
             "visibility": dict(zip(self.rig.views, visibility.tolist(), strict=True)),
             "contact": truth.contact[index].tolist(),
         }
-        people = [e.joints[index] for e in self.extras if e.joints is not None]
+        people = [e.joints[index] for e in self.actors if e.joints is not None]
         if people:
             content["others"] = np.round(people, 5).tolist()  # joints in the world
         return json.dumps(content, separators=(",", ":")).encode()

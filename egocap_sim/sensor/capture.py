@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
 from egocap.data.sequence import BLACK
-from egocap_sim.core.rng import stream
+from egocap_sim.core.rng import make_rng
 from egocap_sim.render.views import Views
 from egocap_sim.sensor import sensor_kernel
 from egocap_sim.sensor.light import DECODING, compress, lamp_phase, lamp_rows, vignette
@@ -128,10 +128,10 @@ class SensorSimulator:
         """The image that the sensor makes of the light."""
         sensor = self._plan.sensor
         if sensor.flicker:  # the mean of its rows is in the exposure
-            phase = lamp_phase(stream(self._plan.seed, "sensor.flicker"))
+            phase = lamp_phase(make_rng(self._plan.seed, "sensor.flicker"))
             rows = lamp_rows(self._plan.applied.time[index, v], len(light), sensor, phase)
             light = light * (rows / max(rows.mean(), 1e-3)).astype(np.float32)[:, None, None]
-        rng = stream(self._plan.seed, f"sensor.noise.{self._rig.views[v]}.{index}")
+        rng = make_rng(self._plan.seed, f"sensor.noise.{self._rig.views[v]}.{index}")
         height, width, _ = light.shape
         start = rng.integers(0, sensor_kernel.NOISE_SAMPLES - 3 * width, height)
         image = sensor_kernel.develop(

@@ -18,7 +18,7 @@ from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, SensorTruth, Truth
 from egocap.geometry import inverse
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
 from egocap_sim.core.pose_sampling import SampledPoses
-from egocap_sim.core.rng import stream
+from egocap_sim.core.rng import make_rng
 from egocap_sim.human.body.person import Person
 from egocap_sim.sensor.config import SensorTable
 from egocap_sim.sensor.faults import draw_sources, wander
@@ -76,9 +76,9 @@ def plan_sensor(
     frames, views = len(truth.time), len(rig.views)
     middle = np.repeat(truth.time[:, None], views, 1)
     middle[:, 1:] += sensor.time_offset_s
-    drift = [wander(truth.time, sensor.exposure_drift_ev, stream(seed, f"sensor.exposure.{v}"))
+    drift = [wander(truth.time, sensor.exposure_drift_ev, make_rng(seed, f"sensor.exposure.{v}"))
              for v in rig.views]  # fmt: skip
-    shown = [draw_sources(frames, sensor.drop_rate, sensor.drop, stream(seed, f"sensor.drop.{v}"))
+    shown = [draw_sources(frames, sensor.drop_rate, sensor.drop, make_rng(seed, f"sensor.drop.{v}"))
              for v in rig.views]  # fmt: skip
     joint_time = np.repeat(middle[..., None], len(LABELS), -1)
     subframes = np.ones(frames, int)
@@ -104,7 +104,7 @@ def _lamps_ev(
     """Stops by which flickering lamps brighten each picture: the mean of its rows."""
     if not sensor.flicker:
         return np.zeros_like(middle)
-    phase = lamp_phase(stream(seed, "sensor.flicker"))
+    phase = lamp_phase(make_rng(seed, "sensor.flicker"))
     heights = [camera.height for camera in rig.cameras]
     light = [[lamp_rows(t, h, sensor, phase).mean() for t, h in zip(row, heights, strict=True)]
              for row in middle]  # fmt: skip

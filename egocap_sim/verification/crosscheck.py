@@ -147,12 +147,11 @@ def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
     The scene is put together again from scene.toml. Raises InputError for a sensor whose pictures
     are not of one instant: the poses between frames are not kept.
     """
-    from egocap.geometry import rigid
     from egocap_sim.scene.config import load_scene
     from egocap_sim.truth.raycast import BORDER, RayWitness, Surfaces
     from egocap_sim.truth.visibility import SHARE
-    from egocap_sim.world.stage import person_of, rig_of
-    from egocap_sim.world.surroundings import extras_of, place_of
+    from egocap_sim.world.take import Take
+    from egocap_sim.world.world import World
 
     truth, scene = sequence.truth, load_scene(sequence.folder / "scene.toml")
     if scene.sensor is not None and scene.sensor.timed:
@@ -160,18 +159,14 @@ def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
             f"{sequence.folder}: rays cannot be compared with pictures that take time",
             valid="a sequence without shutter_s, readout_s and time_offset_s",
         )
-    person, extras = person_of(scene), extras_of(scene, truth)
-    surfaces = Surfaces([person.actor, *(e.actor for e in extras)], place_of(scene, truth).meshes)
-    witness = RayWitness(person, rig_of(scene.rig, scene.seed), surfaces)
-    rest = rigid(np.eye(3), -person.joints)
+    world = World(scene, Take(truth, None))
+    actors = [world.person.actor, *(a.actor for a in world.actors)]
+    witness = RayWitness(world.person, world.rig, Surfaces(actors, world.place.meshes))
     joints = agree = same = borderline = 0
     left: dict[str, int] = {}
     for index in _spread(len(sequence), frames):
-        bodies = truth.T_world_body[index]
-        skinning = {person.actor.name: bodies @ rest}
-        skinning |= {e.actor.name: e.skinning[index] for e in extras}
         in_view, said = truth.in_view[index], truth.visibility[index]
-        sight = witness.look(bodies, skinning, in_view)
+        sight = witness.look(truth.T_world_body[index], world.skinning(index), in_view)
         alike = (sight.visibility == VISIBLE) == (said == VISIBLE)
         joints, agree = joints + int(in_view.sum()), agree + int((alike & in_view).sum())
         same += int((in_view & (sight.visibility == said)).sum())

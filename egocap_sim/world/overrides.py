@@ -1,4 +1,4 @@
-"""What the command line changes in a scene file."""
+"""Changes of a scene by the command line or a Python call."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from egocap.errors import InputError
+
 if TYPE_CHECKING:
     from egocap_sim.scene.config import Scene
 
 
 def shown(metavar: str) -> Any:
-    """How an option that may be left out looks in the help: no 'None', no default."""
+    """Show an optional option in the help by this word, without type and default."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
 @dataclass(frozen=True)
 class Overrides:
-    """What the command line changes in a scene file. Paths are relative to where you are."""
+    """Changes of a scene. Paths are relative to the working folder."""
 
     frames: Annotated[int | None, shown("N")] = None
     """Number of stereo frames; with a motion file, all it has when not given."""
@@ -33,7 +35,7 @@ class Overrides:
     motion: Annotated[str | None, shown("NAME|FILE")] = None
     """A procedural motion's name, or a BVH or npz clip."""
     start: Annotated[float | None, shown("SECONDS")] = None
-    """Where in the motion to begin."""
+    """Time in the motion of the first frame."""
     up: Annotated[str | None, shown("y|z")] = None
     """Up axis of a BVH file; recognised when not given."""
     unit: Annotated[str | None, shown("m|cm|mm|inch|foot|cmu")] = None
@@ -42,16 +44,22 @@ class Overrides:
     """TOML file that maps body names to a BVH file's joint names."""
     motions: Annotated[Path | None, shown("DIR")] = None
     """A folder of BVH and npz clips to mix in, in a scene of episodes."""
-    episodes: Annotated[bool | None, shown("True|False")] = None
-    """False: one sequence of a scene of episodes."""
+    episodes: bool = False
+    """Record in episodes a scene that is one sequence."""
+    no_episodes: bool = False
+    """Record one sequence of a scene of episodes."""
     textures: Annotated[Path | None, shown("DIR")] = None
     """A folder of pictures to put on floors and walls."""
     samples: Annotated[int | None, shown("0|2|4|8")] = None
     """Multisample anti-aliasing."""
-    masks: Annotated[bool | None, shown("True|False")] = None
-    """Record part labels."""
-    depth: Annotated[bool | None, shown("True|False")] = None
-    """Record depth."""
+    masks: bool = False
+    """Record part labels, also where the scene does not."""
+    no_masks: bool = False
+    """Do not record part labels."""
+    depth: bool = False
+    """Record depth, also where the scene does not."""
+    no_depth: bool = False
+    """Do not record depth."""
     image_format: Annotated[str | None, shown("jpg|png")] = None
     """JPEG (quality 95, 4:4:4) or PNG."""
     sensor: Annotated[str | None, shown("clean|webcam|action-camera|harsh")] = None
@@ -61,68 +69,97 @@ class Overrides:
 UNCHANGED = Overrides()
 
 
-def overridden(scene: Scene, asked: Overrides) -> Scene:
-    """The scene with the command line's changes, checked like the file itself."""
-    from egocap.errors import InputError
+def override_scene(scene: Scene, changes: Overrides) -> Scene:
+    """Apply the changes to a scene and check it like a file.
+
+    A scene whose motion is replaced by a file gets all the frames of it, unless `frames` is given.
+    Raises InputError or FileError for a change that is not valid.
+    """
     from egocap.schema import checked
-    from egocap_sim.core.resources import rig_names
-    from egocap_sim.motion.generators.registry import MOTIONS
     from egocap_sim.scene.config import Scene
 
     data = scene.model_dump(exclude_none=True)
-    for key in ("frames", "seed"):
-        _set(data, key, getattr(asked, key))
-    for key in ("samples", "masks", "depth", "image_format"):
-        _set(data["record"], key, getattr(asked, key))
-    if asked.rig is not None:
-        data["rig"] = {k: v for k, v in data["rig"].items() if k not in ("name", "file")}
-        data["rig"] |= _source("rig", asked.rig, rig_names())
-    _set(data["rig"], "size", asked.size)
-    if asked.motion is not None:
-        data["motion"] = _source("motion", asked.motion, MOTIONS)
-    for key, value in (("start_s", asked.start), ("up", asked.up), ("unit", asked.unit)):
+    _set(data, "frames", changes.frames)
+    _set(data, "seed", changes.seed)
+    _change_record(data["record"], changes)
+    _change_rig(data, changes)
+    _change_motion(data, changes)
+    _change_episodes(data, changes, scene.name)
+    if changes.textures is not None:
+        data["place"]["textures"] = str(changes.textures.resolve())
+    if changes.sensor is not None:
+        data["sensor"] = {"preset": changes.sensor}
+    changed = checked(Scene, data, "command line")
+    if changes.motion is None or changed.motion.file is None or changes.frames is not None:
+        return changed
+    from egocap_sim.world.world import World
+
+    return changed.model_copy(update={"frames": World(changed).clip_frames})
+
+
+def _change_record(record: dict[str, Any], changes: Overrides) -> None:
+    _set(record, "samples", changes.samples)
+    _set(record, "image_format", changes.image_format)
+    _set(record, "masks", _switch("masks", changes.masks, changes.no_masks))
+    _set(record, "depth", _switch("depth", changes.depth, changes.no_depth))
+
+
+def _change_rig(data: dict[str, Any], changes: Overrides) -> None:
+    from egocap_sim.core.resources import rig_names
+
+    if changes.rig is not None:
+        kept = {k: v for k, v in data["rig"].items() if k not in ("name", "file")}
+        data["rig"] = kept | _source("rig", changes.rig, rig_names())
+    _set(data["rig"], "size", changes.size)
+
+
+def _change_motion(data: dict[str, Any], changes: Overrides) -> None:
+    from egocap_sim.motion.generators.registry import MOTIONS
+
+    if changes.motion is not None:
+        data["motion"] = _source("motion", changes.motion, MOTIONS)
+    names = changes.joint_names
+    for key, value in (
+        ("start_s", changes.start),
+        ("up", changes.up),
+        ("unit", changes.unit),
+        ("joint_names", None if names is None else str(names.resolve())),
+    ):
         _set(data["motion"], key, value)
-    if asked.joint_names is not None:
-        data["motion"]["joint_names"] = str(asked.joint_names.resolve())
-    if asked.textures is not None:
-        data["place"]["textures"] = str(asked.textures.resolve())
-    if asked.episodes is False:
+
+
+def _change_episodes(data: dict[str, Any], changes: Overrides, scene: str) -> None:
+    wanted = _switch("episodes", changes.episodes, changes.no_episodes)
+    if wanted is False:
         data.pop("episodes", None)
-    elif asked.episodes and scene.episodes is None:
-        data["episodes"] = {}
-    if asked.motions is not None:
+    elif wanted:
+        data.setdefault("episodes", {})
+    if changes.motions is not None:
         if "episodes" not in data:
             raise InputError(
-                f"--motions is for episodes, and scene '{scene.name}' has none",
+                f"--motions is for episodes, and scene '{scene}' has none",
                 valid="a scene with [episodes], such as train-varied; or --motion FILE",
             )
-        data["episodes"]["clips"] = str(asked.motions.resolve())
-    if asked.sensor is not None:
-        data["sensor"] = {"preset": asked.sensor}
-    return checked(Scene, data, "command line")
+        data["episodes"]["clips"] = str(changes.motions.resolve())
 
 
-def as_long_as_its_clip(scene: Scene, asked: Overrides) -> Scene:
-    """Where a file replaces the motion and no frames are asked for, the scene with all it has."""
-    from egocap_sim.world.stage import frames_of_clip
-
-    if asked.motion is None or scene.motion.file is None or asked.frames is not None:
-        return scene
-    return scene.model_copy(update={"frames": frames_of_clip(scene)})
-
-
-def _source(what: str, asked: str, names: Collection[str]) -> dict[str, str]:
-    """A name where there is one of that name, or else the file of that path."""
-    from egocap.errors import InputError
-
-    path = Path(asked)
-    if asked in names:
-        return {"name": asked}
+def _source(what: str, name_or_file: str, names: Collection[str]) -> dict[str, str]:
+    """The table entry of a built-in name if there is one, or else of a file."""
+    path = Path(name_or_file)
+    if name_or_file in names:
+        return {"name": name_or_file}
     if path.suffix or len(path.parts) > 1 or path.exists():
         return {"file": str(path.resolve())}
-    raise InputError(f"no built-in {what} or file '{asked}'", valid=names)
+    raise InputError(f"no built-in {what} or file '{name_or_file}'", valid=names)
 
 
-def _set(table: dict, key: str, value: object) -> None:
+def _switch(name: str, on: bool, off: bool) -> bool | None:
+    """The value of a pair of flags; None if neither is given."""
+    if on and off:
+        raise InputError(f"both --{name} and --no-{name}", valid="one of them")
+    return on if on or off else None
+
+
+def _set(table: dict[str, Any], key: str, value: object) -> None:
     if value is not None:
         table[key] = value

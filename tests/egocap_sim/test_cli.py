@@ -18,7 +18,7 @@ from egocap_sim import cli
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, to_toml
 from egocap_sim.verification.integrity import verify
-from egocap_sim.world.overrides import Overrides, as_long_as_its_clip, overridden
+from egocap_sim.world.overrides import Overrides, override_scene
 
 GOOD = 'name = "x"\nframes = 2\n[motion]\nname = "idle"\n[rig]\nsize = [96, 64]\n'
 
@@ -46,7 +46,7 @@ def complaint(result: tuple[int, str, str], code: int = 2) -> str:
 
 
 def changed(**asked) -> Scene:
-    return overridden(Scene.model_validate(tomllib.loads(GOOD)), Overrides(**asked))
+    return override_scene(Scene.model_validate(tomllib.loads(GOOD)), Overrides(**asked))
 
 
 def test_generate_verify_and_preview(sim, tiny_scene, tiny_sequence):
@@ -104,14 +104,14 @@ def test_verify_tells_what_is_missing_of_an_unfinished_sequence(sim, tiny_sequen
 
 
 def test_what_the_command_line_asks_for_wins():
-    scene = changed(frames=9, seed=7, size=(320, 256), rig="egorig2", samples=4, masks=False,
+    scene = changed(frames=9, seed=7, size=(320, 256), rig="egorig2", samples=4, no_masks=True,
                        depth=True, image_format="png")  # fmt: skip
     assert (scene.frames, scene.seed, scene.rig.size) == (9, 7, (320, 256))
     assert (scene.rig.name, scene.rig.file) == ("egorig2", None)
     assert scene.record.model_dump(include={"samples", "masks", "depth", "image_format"}) == {
         "samples": 4, "masks": False, "depth": True, "image_format": "png"}  # fmt: skip
     assert changed(motion="sit").motion.name == "sit"
-    motion = changed(motion="clip.bvh", up="z", unit="cm", start=1.5).motion
+    motion = changed(frames=2, motion="clip.bvh", up="z", unit="cm", start=1.5).motion
     assert (motion.name, motion.file) == (None, str(Path("clip.bvh").resolve()))
     assert (motion.up, motion.unit, motion.start_s) == ("z", "cm", 1.5)
     rig = changed(rig="mine/rig.toml").rig
@@ -269,4 +269,4 @@ def test_a_motion_file_decides_how_long_a_sequence_is(monkeypatch):
         (Overrides(motion="clip.bvh", frames=10), 10),
         (Overrides(), 750),
     ):
-        assert as_long_as_its_clip(overridden(scene, asked), asked).frames == frames
+        assert override_scene(scene, asked).frames == frames

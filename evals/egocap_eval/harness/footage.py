@@ -43,12 +43,11 @@ def footage_of(scene: Scene, folder: Path, workers: int = 1) -> Sequence:
     this process, which is quickest for short sequences. Raises InputError for a folder of another
     scene.
     """
-    from egocap_sim.record.recorder import generate, record_here
+    from egocap_sim.record.recorder import generate
 
     if not (folder / MANIFEST).is_file() and workers == 1:
         with progress(scene.name, scene.frames) as advance:
-            record_here(scene, folder)
-            advance(scene.frames)
+            generate(scene, folder, workers=0, on_frames=advance)
         return open_sequence(folder)
     if (found := _finished(scene, folder)) is not None:
         return found
@@ -59,14 +58,14 @@ def footage_of(scene: Scene, folder: Path, workers: int = 1) -> Sequence:
 
 def _finished(scene: Scene, folder: Path) -> Sequence | None:
     from egocap.data.sequence_writer import digest
-    from egocap_sim.world.stage import config_of
+    from egocap_sim.world.world import World
 
     try:
         found = open_sequence(folder)
     except FileError:
         return None
     manifest = found.manifest
-    if not manifest.complete or manifest.config_sha256 != digest(config_of(scene)):
+    if not manifest.complete or manifest.config_sha256 != digest(World(scene).config):
         return None
     return found
 
@@ -74,7 +73,7 @@ def _finished(scene: Scene, folder: Path) -> Sequence | None:
 def _scene(entry: SequenceEntry, beside: Path, motions: Path | None) -> Scene:
     from egocap_sim.core.resources import builtin_file
     from egocap_sim.scene.config import load_scene
-    from egocap_sim.world.stage import frames_of_clip
+    from egocap_sim.world.world import World
 
     assert entry.scene is not None
     own = entry.scene.endswith(".toml")
@@ -85,7 +84,7 @@ def _scene(entry: SequenceEntry, beside: Path, motions: Path | None) -> Scene:
         if not path.is_file():
             raise FileError(path, "no such clip", valid="the file under --motions")
         scene = scene.model_copy(update={"motion": type(scene.motion)(file=str(path.resolve()))})
-        most = frames_of_clip(scene)
+        most = World(scene).clip_frames
         scene = scene.model_copy(update={"frames": min(entry.frames or most, most)})
     elif entry.frames is not None:
         scene = scene.model_copy(update={"frames": entry.frames})

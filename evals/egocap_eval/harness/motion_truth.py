@@ -63,7 +63,7 @@ def simulate_motion(
     """
     from egocap_sim.truth.proportions import proportions_of
     from egocap_sim.truth.truth import truth_before_rendering
-    from egocap_sim.world.stage import perform, person_of, rig_of
+    from egocap_sim.world.world import World
 
     table = RigTable(name=rig if isinstance(rig, str) else "egorig1", size=size)
     scene = Scene(
@@ -71,9 +71,9 @@ def simulate_motion(
         motion=MotionTable(name=motion, parameters=dict(parameters or {})),
         place=PlaceTable(name="room", clear_radius=2.5),
     )  # fmt: skip
-    person = person_of(scene)
-    trajectory = perform(scene, person)
-    made = rig_of(scene.rig, scene.seed) if isinstance(rig, str) else rig.resized(*size)
+    world = World(scene)
+    person, trajectory = world.person, world.trajectory
+    made = world.rig if isinstance(rig, str) else rig.resized(*size)
     simulated = SimulatedMotion(
         name=motion,
         rig=made,

@@ -68,13 +68,13 @@ def check_visibility(folders: Sequence[Path]) -> dict[str, float]:
     from egocap_eval.rig_design.ray_visibility import RayVisibility
     from egocap_sim.core.bodies import INDEX
     from egocap_sim.scene.config import load_scene
-    from egocap_sim.world.stage import person_of
+    from egocap_sim.world.world import World
 
     hits: dict[str, list[Array]] = {}
     for folder in folders:
         sequence = open_sequence(folder)
         truth = sequence.truth
-        rays = RayVisibility(person_of(load_scene(sequence.folder / "scene.toml")))
+        rays = RayVisibility(World(load_scene(sequence.folder / "scene.toml")).person)
         bodies = inverse(truth.T_world_body[:, INDEX["head"]])[:, None] @ truth.T_world_body
         shown = rays.shown(bodies, sequence.true_rig.T_head_camera[:, :3, 3])
         counts = truth.in_view & (truth.visibility != OCCLUDED)

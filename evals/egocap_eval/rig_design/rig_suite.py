@@ -105,18 +105,18 @@ def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
     from egocap_sim.scene.config import load_scene
     from egocap_sim.truth.proportions import proportions_of
     from egocap_sim.truth.truth import label_positions
-    from egocap_sim.world.stage import perform, person_of
+    from egocap_sim.world.world import World
 
     motions = []
     for name in names:
         scene = load_scene(builtin_file("scene", name)).model_copy(update={"frames": frames})
-        person = person_of(scene)
-        world = perform(scene, person).T_world_body
-        T_head_world = inverse(world[:, INDEX["head"]])
-        joints = transform(T_head_world, label_positions(person, world))
+        world = World(scene)
+        person, T_world_body = world.person, world.trajectory.T_world_body
+        T_head_world = inverse(T_world_body[:, INDEX["head"]])
+        joints = transform(T_head_world, label_positions(person, T_world_body))
         proportions = proportions_of(person)
         motions.append(
             Motion(name, joints, fit_angles(joints, proportions), proportions,
-                   T_head_world[:, None] @ world, RayVisibility(person))
+                   T_head_world[:, None] @ T_world_body, RayVisibility(person))
         )  # fmt: skip
     return motions

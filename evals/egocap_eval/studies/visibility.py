@@ -77,7 +77,7 @@ def look(
     from egocap_sim.scene.config import MotionTable, RigTable, Scene
     from egocap_sim.truth.truth import truth_before_rendering
     from egocap_sim.truth.visibility import JointVisibility
-    from egocap_sim.world.stage import perform, person_of, rig_of
+    from egocap_sim.world.world import World
 
     scene = Scene(
         name="visibility", frames=frames, fps=rate, seed=seed, rig=RigTable(name=rig),
@@ -89,10 +89,10 @@ def look(
         "equidistant", _PIXELS, _PIXELS, (middle, middle), ((focal, 0.0), (0.0, focal)),
         max_angle=half,
     )  # fmt: skip
-    given = rig_of(scene.rig, seed)
+    world = World(scene)
+    given, person = world.rig, world.person
     wide = replace(given, mounts=(replace(given.mounts[0], camera=lens),))
-    person = person_of(scene)
-    truth = truth_before_rendering(person, perform(scene, person), wide)
+    truth = truth_before_rendering(person, world.trajectory, wide)
     grey = np.full(3, 0.5)
     light = Light(np.array([0.0, 0.0, -1.0]), grey, grey, grey, np.array([0.0, 0.0, 1.0]))
     rest = rigid(np.eye(3), -person.joints)

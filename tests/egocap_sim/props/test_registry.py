@@ -8,7 +8,7 @@ import pytest
 from egocap.errors import InputError
 from egocap.geometry import transform
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.core.rng import stream
+from egocap_sim.core.rng import make_rng
 from egocap_sim.human.body.limb_distances import limb_points
 from egocap_sim.motion.generators.ball_handling import FLIGHT_S, plan_cascade, plan_touches
 from egocap_sim.motion.generators.cycling import Ride, leg_scale
@@ -27,11 +27,11 @@ FPS, SEED = 120.0, 4
 def perform(person, name: str, seconds: float = 4.0, start_s: float = 0.0) -> Performance:
     """A motion as it is meant, without forces, at many frames a second."""
     mounted = MOTIONS[name].mounted is not None
-    clip = make_motion(name, 6.0, stream(SEED, "motion"))
+    clip = make_motion(name, 6.0, make_rng(SEED, "motion"))
     reference = retarget(clip, person, from_origin=not mounted, grounded=not mounted)
     if mounted:
         reference = MOTIONS[name].mounted(
-            reference, person, stream(SEED, "motion"), motion_parameters(name, {})
+            reference, person, make_rng(SEED, "motion"), motion_parameters(name, {})
         )
     times = np.arange(round(seconds * FPS)) / FPS
     bodies = sample_reference(person, reference, times + start_s)
@@ -54,7 +54,7 @@ def test_a_dribbled_ball_touches_the_palm_and_bounces_off_the_floor(stand_in, st
     performance = perform(stand_in, "dribble", start_s=start_s)
     (path,) = paths("ball", performance)
     touching = np.abs(to_palm(performance, path, balls.BASKETBALL_R)) < 1e-3
-    plan = plan_touches(stream(SEED, "motion"), performance.parameters, 6.0)
+    plan = plan_touches(make_rng(SEED, "motion"), performance.parameters, 6.0)
     for touch in plan:
         t = performance.times + start_s
         held = (t >= touch.caught) & (t < touch.pushed)
@@ -81,7 +81,7 @@ def test_a_bounce_starts_and_ends_where_the_hands_are():
 
 def test_juggled_balls_fly_freely_between_the_palms(stand_in):
     performance = perform(stand_in, "juggle")
-    timing = plan_cascade(stream(SEED, "motion"), performance.parameters)
+    timing = plan_cascade(make_rng(SEED, "motion"), performance.parameters)
     flown = paths("juggling_balls", performance)
     assert len(flown) == 3
     gaps = [to_palm(performance, path, balls.JUGGLING_R) for path in flown]

@@ -14,7 +14,7 @@ from egocap.errors import FileError, InputError
 from egocap.geometry import matrix_to_quaternion
 from egocap_sim.core.bodies import BODIES
 from egocap_sim.motion.generators.registry import make_motion
-from egocap_sim.record.episode_plan import catalogue, plan, scene_of
+from egocap_sim.record.episode_plan import draw_episode, find_clips, plan_episodes
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene
 from egocap_sim.verification.integrity import verify
@@ -43,10 +43,10 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def test_a_plan_has_all_frames_and_grows_without_changing():
     many = scene(50, episodes={"frames": (2, 4)})
-    once, longer = plan(many, [50]), plan(many, [50, 30])
-    assert sum(e.frames for e in once) == 50 and sum(e.frames for e in longer) == 80
+    once, longer = plan_episodes(many, [50]), plan_episodes(many, [50, 30])
+    assert sum(len(e.frames) for e in once) == 50 and sum(len(e.frames) for e in longer) == 80
     assert longer[: len(once)] == once
-    assert all(2 <= e.frames <= 4 for e in once[:-1])
+    assert all(2 <= len(e.frames) <= 4 for e in once[:-1])
     assert len({e.seed for e in longer}) == len(longer)
 
 
@@ -65,7 +65,7 @@ def test_every_episode_is_a_sequence_of_another_person_and_rig(recording):
 
 @pytest.mark.parametrize("workers", [1, 4])
 def test_any_number_of_workers_makes_the_same_bytes(recording, tmp_path, workers):
-    assert len(plan(scene(), [7])) == 4
+    assert len(plan_episodes(scene(), [7])) == 4
     generate(scene(), tmp_path / "r", workers=workers)
     assert files(tmp_path / "r") == files(recording)
 
@@ -81,7 +81,7 @@ def test_what_is_lost_or_damaged_is_made_again(recording, tmp_path):
     assert any("episode-00000" in p for p in verify(out).problems)
     added: list[int] = []
     summary = generate(scene(), out, workers=1, on_frames=added.append)
-    first = plan(scene(), [7])[0].frames
+    first = len(plan_episodes(scene(), [7])[0].frames)
     assert summary.rendered == first and added == [7 - first, first]
     assert files(out) == files(recording)
 
@@ -109,12 +109,12 @@ def test_clips_are_mixed_in_and_a_bad_one_is_left_out(tmp_path, caplog):
              quat=matrix_to_quaternion(clip.rotations), fps=clip.fps)  # fmt: skip
     (tmp_path / "bad.bvh").write_text("HIERARCHY\nnothing\n")
     with pytest.raises(FileError, match=r"bad\.bvh"):
-        catalogue(tmp_path, strict=True)
+        find_clips(tmp_path, strict=True)
     with caplog.at_level(logging.WARNING):
-        clips = catalogue(tmp_path, strict=False)
+        clips = find_clips(tmp_path, strict=False)
     assert "bad.bvh" in caplog.text and len(clips) == 1
     mixed = scene(60, episodes={"frames": (2, 4), "clips": str(tmp_path)})
-    motions = [scene_of(mixed, e, clips).motion for e in plan(mixed, [60])]
+    motions = [draw_episode(mixed, e, clips).motion for e in plan_episodes(mixed, [60])]
     share = sum(m.file is not None for m in motions) / len(motions)
     assert 0.2 < share < 0.8
     assert any(m.mirrored for m in motions) and any(m.then for m in motions)

@@ -8,17 +8,11 @@ import pytest
 
 from egocap.errors import FileError
 from egocap_sim.core.resources import builtin_file
+from egocap_sim.core.rng import make_rng
 from egocap_sim.scene.config import Scene, load_scene
-from egocap_sim.world.stage import (
-    SceneError,
-    clip_of,
-    config_of,
-    perform,
-    person_of,
-    rig_of,
-    stream,
-)
-from egocap_sim.world.surroundings import check_place
+from egocap_sim.scene.scene_error import SceneError
+from egocap_sim.world.take import Take
+from egocap_sim.world.world import World, build_world
 
 
 def scene(**tables) -> Scene:
@@ -38,18 +32,18 @@ def test_the_configuration_does_not_depend_on_where_files_lie(tmp_path):
         scene_ = write_scene(folder)
         shutil.copy(builtin_file("rig", "egorig2"), folder / "rig.toml")
         (folder / "clip.bvh").write_text("the content, whatever it is, is what counts")
-        configs.append(config_of(scene_))
+        configs.append(World(scene_).config)
     assert configs[0] == configs[1]
     assert str(tmp_path) not in repr(configs)
     (tmp_path / "there" / "clip.bvh").write_text("other content")
-    assert config_of(scene_) != configs[1]
+    assert World(scene_).config != configs[1]
 
 
 def test_a_built_in_rig_is_the_same_by_name_and_by_file():
     named = scene(rig={"name": "egorig2"})
     by_file = scene(rig={"file": str(builtin_file("rig", "egorig2"))})
-    assert config_of(named) == config_of(by_file)
-    assert config_of(scene())["rig"] == config_of(scene(rig={"name": "egorig1"}))["rig"]
+    assert World(named).config == World(by_file).config
+    assert World(scene()).config["rig"] == World(scene(rig={"name": "egorig1"})).config["rig"]
 
 
 @pytest.mark.parametrize("key", ["file", "joint_names"])
@@ -57,21 +51,21 @@ def test_a_missing_file_is_named(tmp_path, key):
     (tmp_path / "clip.bvh").write_text("")
     motion = {"file": str(tmp_path / "clip.bvh")} | {key: str(tmp_path / "none")}
     with pytest.raises(FileError, match="none: cannot be read: No such file"):
-        config_of(scene(motion=motion))
+        _ = World(scene(motion=motion)).config
 
 
 def test_the_rig_is_scaled_to_the_size_asked_for():
-    rig = rig_of(scene(rig={"size": (320, 256)}).rig)
+    rig = World(scene(rig={"size": (320, 256)})).rig
     assert {(c.width, c.height) for c in rig.cameras} == {(320, 256)}
 
 
 def test_purposes_and_seeds_have_their_own_streams():
-    draws = {stream(seed, what).random() for seed in (1, 2) for what in ("place", "motion")}
-    assert len(draws) == 4 and stream(1, "place").random() in draws
+    draws = {make_rng(seed, what).random() for seed in (1, 2) for what in ("place", "motion")}
+    assert len(draws) == 4 and make_rng(1, "place").random() in draws
 
 
 def test_a_longer_sequence_begins_like_a_shorter_one():
-    short, long = (clip_of(scene(frames=n, motion={"name": "walk"})) for n in (20, 600))
+    short, long = (World(scene(frames=n, motion={"name": "walk"})).motion.clip() for n in (20, 600))
     assert np.array_equal(short.positions, long.positions[: len(short.positions)])
 
 
@@ -89,27 +83,29 @@ def test_a_longer_sequence_begins_like_a_shorter_one():
 def test_what_cannot_be_made_names_the_table(tables, key, says):
     wrong = scene(**tables)
     with pytest.raises(SceneError, match=f"scene 'x', key '{key}': .*{says}") as caught:
-        perform(wrong, person_of(wrong))
+        _ = build_world(wrong).trajectory
     assert caught.value.key == key
 
 
 def test_an_unknown_place_is_refused_before_it_is_made():
     with pytest.raises(SceneError, match=r"'place\.name': unknown place 'moon' \(valid: room"):
-        check_place(scene(place={"name": "moon"}))
-    check_place(scene())
+        build_world(scene(place={"name": "moon"}))
+    build_world(scene())
 
 
 def test_a_place_is_as_large_as_a_recorded_motion():
     """Furniture and walls keep clear of where a clip goes; a scene's own radius is the least."""
-    from egocap_sim.world.surroundings import clear_radius_of
 
     class Way:
         T_world_body = np.tile(np.eye(4), (3, 21, 1, 1))
 
+    def radius(scene):
+        return World(scene, Take(Way, None)).clear_radius
+
     scene = load_scene(builtin_file("scene", "validation-walk"))
     clip = scene.model_copy(update={"motion": type(scene.motion)(file="clip.bvh")})
     Way.T_world_body[2, 0, 0, 3] = 4.0
-    assert clear_radius_of(clip, Way) == pytest.approx(4.3)
-    assert clear_radius_of(scene, Way) == scene.place.clear_radius
+    assert radius(clip) == pytest.approx(4.3)
+    assert radius(scene) == scene.place.clear_radius
     Way.T_world_body[2, 0, 0, 3] = 0.5
-    assert clear_radius_of(clip, Way) == scene.place.clear_radius
+    assert radius(clip) == scene.place.clear_radius

@@ -1,0 +1,95 @@
+"""The simulator's Python functions: what `egocap-sim generate` and `preview` do, as calls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from egocap.data.dataset import find_sequences
+from egocap.data.sequence import Sequence, open_sequence
+from egocap.errors import InputError
+from egocap_sim.core.resources import find_file
+from egocap_sim.export.preview import save_contact_sheet
+from egocap_sim.record.recorder import generate as record
+from egocap_sim.scene.config import Scene, load_scene
+from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene
+
+
+def generate(
+    scene: str | Path | Scene,
+    out: str | Path,
+    *,
+    rig: str | Path | None = None,
+    frames: int | None = None,
+    seed: int | None = None,
+    size: tuple[int, int] | None = None,
+    motion: str | Path | None = None,
+    workers: int = 0,
+    append: bool = False,
+    overrides: Overrides = UNCHANGED,
+) -> Sequence:
+    """Simulate a scene, render it into the folder `out` and open the result.
+
+    An unfinished run of the same scene is completed; a finished one is only opened.
+
+    Args:
+        scene: name of a built-in scene, a scene file, or a scene.
+        out: folder of the sequence.
+        rig: name of a built-in rig, a rig file, or 'sampled': drawn from the seed.
+        frames: number of stereo frames; with a motion file, by default all it has.
+        seed: seed of everything random: person, clothes, place, style of motion.
+        size: image width and height in pixels; the rig is scaled to it.
+        motion: name of a procedural motion, or a BVH or npz file.
+        workers: processes that render; 0: this one. Scripts that start processes need
+            `if __name__ == "__main__":`, as with any use of multiprocessing.
+        append: extend a finished sequence of fewer frames.
+        overrides: all other changes of the scene.
+
+    Raises InputError or FileError for bad input and for a scene of episodes, MachineError when GL
+    is missing, the disk is full or workers keep dying.
+    """
+    given = {"rig": rig, "frames": frames, "seed": seed, "size": size, "motion": motion}
+    named = {
+        key: str(value) if isinstance(value, Path) else value
+        for key, value in given.items()
+        if value is not None
+    }
+    found = scene if isinstance(scene, Scene) else load_scene(find_file("scene", scene))
+    found = override_scene(found, replace(overrides, **named))
+    if found.episodes is not None:
+        raise InputError(
+            f"scene '{found.name}' is recorded in episodes, not as one sequence",
+            valid="Overrides(no_episodes=True), or egocap_sim.generate_episodes",
+        )
+    record(found, Path(out), workers=workers, append=append)
+    return open_sequence(out)
+
+
+def generate_episodes(
+    scene: str | Path | Scene,
+    out: str | Path,
+    *,
+    workers: int = 0,
+    append: bool = False,
+    overrides: Overrides = UNCHANGED,
+) -> list[Sequence]:
+    """Record a scene in episodes, as `generate` records one sequence, and open them all."""
+    found = scene if isinstance(scene, Scene) else load_scene(find_file("scene", scene))
+    found = override_scene(found, replace(overrides, episodes=not overrides.no_episodes))
+    record(found, Path(out), workers=workers, append=append)
+    return [open_sequence(folder) for folder in find_sequences([Path(out)])]
+
+
+def preview(
+    sequence: Sequence | str | Path, out: str | Path, *, rows: int = 6, width: int = 480
+) -> None:
+    """Write a contact sheet: every view, joints over the image, part labels.
+
+    Args:
+        sequence: a sequence, its folder, or a folder of sequences.
+        out: PNG or JPEG file to write.
+        rows: frames to show, spread over the sequence.
+        width: width of one picture in pixels.
+    """
+    folder = sequence.folder if isinstance(sequence, Sequence) else Path(sequence)
+    save_contact_sheet(find_sequences([folder]), Path(out), rows=rows, tile_width=width)

@@ -1,0 +1,206 @@
+"""Record one sequence: the motion is simulated once, then its shards are rendered as jobs.
+
+One process owns the manifest. The bytes are the same for any executor and number of workers.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from egocap.cameras.rig import Rig
+from egocap.data.sequence import (
+    OTHERS,
+    SCHEMA,
+    SENSOR,
+    TRUE_RIG,
+    Manifest,
+    Sequence,
+    ShardEntry,
+    Truth,
+)
+from egocap.data.sequence_writer import SequenceWriter, digest, write_shard
+from egocap.errors import InputError
+from egocap_sim.core.trajectory import PhysicsStats
+from egocap_sim.core.version import code_version
+from egocap_sim.record.jobs import Executor, Job
+from egocap_sim.record.process_pool import count_frames
+from egocap_sim.scene.config import Scene, to_toml
+from egocap_sim.truth.proportions import proportions_of
+from egocap_sim.truth.truth import others_truth
+from egocap_sim.world.take import Take, read_drafts, remove_drafts
+from egocap_sim.world.world import World, load_world
+
+if TYPE_CHECKING:
+    from egocap_sim.record.frame_writer import FrameWriter
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What one run recorded."""
+
+    folder: Path
+    frames: int  # of the whole sequence
+    rendered: int  # in this run
+    seconds: float  # rendering wall time of this run
+    bytes: int
+    physics: PhysicsStats | None  # None when nothing was left to do, and of episodes
+    episodes: int = 0  # 0: a single sequence
+
+    @property
+    def people(self) -> int:
+        """Number of wearers: every episode has another."""
+        return self.episodes or 1
+
+    @property
+    def frames_per_second(self) -> float:
+        """Stereo frames rendered and written a second in this run; nan when none were."""
+        return self.rendered / self.seconds if self.rendered else float("nan")
+
+
+class ShardTask:
+    """Renders shards of a sequence; a worker makes its renderer for the first of them."""
+
+    def __init__(
+        self, scene: Scene, drafts: Path | Mapping[str, bytes], world: World | None = None
+    ) -> None:
+        """`drafts`: where the take was saved, or its files. `world`: given in its own process."""
+        self._scene, self._drafts, self._world = scene, drafts, world
+        self._writer: FrameWriter | None = None
+
+    def do(self, job: Job, folder: Path) -> ShardEntry:
+        """Render the frames of a shard and write it."""
+        if self._writer is None:
+            from egocap_sim.record.frame_writer import FrameWriter
+
+            self._writer = FrameWriter(self._world or load_world(self._scene, self._drafts))
+        files = count_frames(map(self._writer.files, job.frames))
+        return write_shard(folder, job.index, job.frames.start, files)
+
+    def portable(self) -> ShardTask:
+        """The same task with the content of the drafts in place of their folder."""
+        drafts = self._drafts
+        return ShardTask(self._scene, read_drafts(drafts) if isinstance(drafts, Path) else drafts)
+
+    def close(self) -> None:
+        """Release the GL context."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+
+def record_sequence(
+    world: World,
+    out: Path,
+    executor: Executor,
+    *,
+    append: bool = False,
+    on_frames: Callable[[int], None] = lambda frames: None,
+) -> Summary:
+    """Make, or complete, the sequence of a world in the folder `out`; see `recorder.generate`."""
+    scene = world.scene
+    with SequenceWriter(out, _manifest(world), _side_files(world), append=append) as writer:
+        on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
+        if writer.manifest.complete:
+            return Summary(out, scene.frames, 0, 0.0, _size(out), None)
+        take = world.take
+        if writer.old_truth is not None:
+            _check_start(world, writer.old_truth)
+        writer.begin()
+        if executor.separate:
+            take.save(out)
+        jobs = [Job(i, writer.frames_of(i), scene.seed) for i in writer.pending()]
+        start = time.perf_counter()
+
+        def enter(entry: ShardEntry) -> None:
+            writer.enter_shard(entry)
+            on_frames(len(entry.frames))
+
+        if jobs:
+            task = ShardTask(scene, out, None if executor.separate else world)
+            executor.run(task, jobs, out, enter)
+        seconds = time.perf_counter() - start
+        _finish(writer, take)
+    rendered = sum(len(job.frames) for job in jobs)
+    stats = world.trajectory.stats
+    return Summary(out, scene.frames, rendered, seconds, _size(out), stats)
+
+
+def _manifest(world: World) -> Manifest:
+    scene = world.scene
+    return Manifest(
+        schema_version=SCHEMA,
+        name=scene.name,
+        fps=scene.fps,
+        frames=scene.frames,
+        shard_frames=scene.record.shard_frames,
+        views=world.rig.views,
+        seed=scene.seed,
+        config=world.config,
+        config_sha256=digest(world.config),
+        code_version=code_version(),
+    )
+
+
+def _check_start(world: World, old: Truth) -> None:
+    """Raise InputError unless a longer sequence begins like the shorter one that is there."""
+    frames = len(old.time)
+    alike = np.array_equal(old.T_world_body, world.take.truth.T_world_body[:frames])
+    if not alike or World(world.scene, Take(old, None)).clear_radius != world.clear_radius:
+        raise InputError(
+            "the sequence cannot be made longer: with more frames its beginning would differ",
+            valid="another --out",
+        )
+
+
+def _side_files(world: World) -> dict[str, bytes]:
+    rig, calibrated = world.rig, world.calibrated_rig
+    true_rig = {} if calibrated == rig else {TRUE_RIG: _rig_file(rig)}
+    return true_rig | {
+        "rig.json": _rig_file(calibrated),
+        "scene.toml": to_toml(world.scene).encode(),
+        "body.json": _json_file(proportions_of(world.person).to_dict()),
+        "person.json": _json_file(dict(world.person.description)),
+    }
+
+
+def _rig_file(rig: Rig) -> bytes:
+    return _json_file(rig.to_dict())
+
+
+def _json_file(content: object) -> bytes:
+    return (json.dumps(content, indent=1) + "\n").encode()
+
+
+def _finish(writer: SequenceWriter, take: Take) -> None:
+    """Add the visibility that rendering found to the truth, and record the truth last of all."""
+    shards = _Shards(writer)
+    annotations = [shards.annotation(i) for i in range(writer.manifest.frames)]
+    views = writer.manifest.views
+    visibility = [[a["visibility"][view] for view in views] for a in annotations]
+    truth = replace(take.truth, visibility=np.array(visibility, np.uint8))
+    if take.sensor_plan is not None:
+        writer.write_file(SENSOR, take.sensor_plan.applied.content())
+    if all("others" in a for a in annotations):
+        joints = np.array([a["others"] for a in annotations])
+        others = others_truth(joints, truth.T_world_head, shards.true_rig)
+        writer.write_file(OTHERS, others.content())
+    writer.write_file("truth.npz", truth.content())
+    remove_drafts(writer.folder)
+
+
+class _Shards(Sequence):
+    """The frames of a sequence whose shards are all there but whose truth is not yet."""
+
+    def __init__(self, writer: SequenceWriter) -> None:
+        self.folder, self.manifest = writer.folder, writer.manifest
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.iterdir() if path.is_file())

@@ -1,0 +1,31 @@
+"""A scene's rig table in; the rig, and what it is worn on, out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig
+from egocap_sim.core.resources import SAMPLED, rig_file
+from egocap_sim.core.rng import make_rng
+from egocap_sim.scene.config import RigTable
+from egocap_sim.scene.rig_sampler import headgear_for, sample_rig
+
+DEFAULT_RIG = "egorig1"
+_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # that the built-in rigs are mounted on
+
+
+def resolve_rig(table: RigTable, seed: int) -> Rig:
+    """The rig at the recorded image size; a sampled one is drawn from the scene's seed."""
+    if table.name == SAMPLED:
+        rig = sample_rig(make_rng(seed, "rig"))
+    else:
+        rig = load_rig(Path(table.file) if table.file else rig_file(table.name or DEFAULT_RIG))
+    return rig.resized(*table.size) if table.size else rig
+
+
+def resolve_headgear(table: RigTable, rig: Rig, seed: int) -> str:
+    """What carries the rig: 'helmet', 'headset' or 'none'; drawn from the seed if it is sampled."""
+    if table.name == SAMPLED:
+        return headgear_for(rig, make_rng(seed, "headgear"))
+    return _HEADGEAR.get(rig.name, "helmet")

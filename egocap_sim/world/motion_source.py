@@ -1,0 +1,160 @@
+"""A scene's motion table in; the reference clip, and its trajectory under physics, out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from egocap.errors import InputError
+from egocap_sim.core.rng import make_rng
+from egocap_sim.scene.config import MotionTable
+
+if TYPE_CHECKING:
+    from egocap_sim.core.pose_sampling import SampledPoses
+    from egocap_sim.core.trajectory import Trajectory
+    from egocap_sim.human.body.person import Person
+    from egocap_sim.motion.kinematics.clip import Clip
+    from egocap_sim.motion.retarget.retarget import Reference
+
+_RESAMPLING_S = 0.02  # retargeting may shorten a clip by this much
+_LEAD_S = 0.5  # of an episode's motion before its first frame: for smoothing and standing feet
+_BLOCK_S = 30.0
+"""Procedural motions are made in multiples of this, so that a longer one begins like a shorter."""
+
+
+@dataclass(frozen=True)
+class MotionSource:
+    """The motion of a scene: procedural or from a clip file, recorded at `fps` for `frames`."""
+
+    table: MotionTable
+    fps: float
+    frames: int
+    seed: int
+
+    def clip(self) -> Clip:
+        """Make or read the reference clip."""
+        table = self.table
+        if table.file is not None:
+            from egocap_sim.motion.clips.clip_store import stored_clip
+
+            names = Path(table.joint_names) if table.joint_names else None
+            clip = stored_clip(Path(table.file), up=table.up, unit=table.unit, names=names)
+            return self._variant(clip)
+        from egocap_sim.motion.clips.variants import shortened
+        from egocap_sim.motion.generators.registry import make_motion
+
+        assert table.name is not None
+        needed = table.start_s + (self.frames + 1) / self.fps
+        duration = table.length_s or math.ceil(needed / _BLOCK_S) * _BLOCK_S
+        clip = make_motion(table.name, duration, self._rng(), **table.parameters)
+        return shortened(clip, self._skipped_s, duration) if self._skipped_s else clip
+
+    def available_frames(self, clip: Clip) -> int:
+        """Frames that the clip lasts from where the recording begins. Raises InputError for 0."""
+        start = self._start_s
+        seconds = (len(clip.positions) - 1) / clip.fps - start - _RESAMPLING_S
+        if seconds <= 0:
+            raise InputError(
+                f"start_s = {start:g} is beyond the end of {clip.name}",
+                valid=f"less than {seconds + start:.2f} s",
+            )
+        return int(seconds * self.fps) + 1
+
+    def simulate(
+        self, person: Person, tail_s: float | None = None
+    ) -> tuple[Trajectory, SampledPoses | None]:
+        """Retarget the motion to a person and play it under physics.
+
+        Returns the trajectory at the cameras' frame times. With `tail_s`, also the poses at every
+        physics step until so long after the last frame; the trajectory is the same to the bit,
+        since the frames are among these steps.
+        """
+        from egocap_sim.core.pose_sampling import SampledPoses
+        from egocap_sim.physics.simulation import steps_per_frame
+
+        if tail_s is None:
+            return self._simulate(person, 1, self.frames), None
+        steps = steps_per_frame(self.fps)
+        frames = self.frames + math.ceil(tail_s * self.fps)
+        fine = self._simulate(person, steps, (frames - 1) * steps + 1)
+        rows = slice(0, (self.frames - 1) * steps + 1, steps)
+        trajectory = replace(
+            fine,
+            fps=self.fps,
+            T_world_body=fine.T_world_body[rows],
+            contact=fine.contact[rows],
+            ground_force=fine.ground_force[rows],
+            root_wrench=fine.root_wrench[rows],
+        )
+        return trajectory, SampledPoses.of(fine.T_world_body, fine.fps)
+
+    def _simulate(self, person: Person, per_frame: int, samples: int) -> Trajectory:
+        from egocap_sim.physics.simulation import simulate
+
+        clip = self.clip()
+        if self.table.file and self.frames > (most := self.available_frames(clip)):
+            raise InputError(
+                f"{self.frames} frames are more than the clip has", valid=f"1 to {most}"
+            )
+        return simulate(
+            person,
+            self._reference(clip, person),
+            fps=self.fps * per_frame,
+            n_frames=samples,
+            start_s=self._start_s,
+            force_every=per_frame,
+        )
+
+    def _reference(self, clip: Clip, person: Person) -> Reference:
+        """The clip on the person's bones, on the floor or on what carries the person."""
+        from egocap_sim.motion.generators.registry import MOTIONS, motion_parameters
+        from egocap_sim.motion.retarget.retarget import retarget
+
+        name = self.table.name
+        mounted = None if name is None else MOTIONS[name].mounted
+        if name is None or mounted is None:
+            return retarget(clip, person, from_origin=not self._skipped_s)
+        reference = retarget(clip, person, from_origin=False, grounded=False)
+        parameters = motion_parameters(name, self.table.parameters)
+        return mounted(reference, person, self._rng(), parameters)
+
+    def _variant(self, clip: Clip) -> Clip:
+        """The clip cut, joined with the next, mirrored and changed in speed as the scene asks."""
+        from egocap_sim.motion.clips.clip_store import stored_clip
+        from egocap_sim.motion.clips.variants import hurried, joined, mirrored, shortened
+
+        table = self.table
+        if table.then is not None:
+            assert table.length_s is not None
+            half = 0.5 * table.length_s * table.speed
+            following = shortened(stored_clip(Path(table.then)), table.then_start_s, half)
+            clip = joined(shortened(clip, table.start_s, half), following)
+        elif table.length_s is not None:
+            clip = shortened(clip, table.start_s, table.length_s * table.speed)
+        if table.mirrored:
+            clip = mirrored(clip)
+        return hurried(clip, table.speed) if table.speed != 1.0 else clip
+
+    @property
+    def _start_s(self) -> float:
+        """Time in the clip of the first frame."""
+        if self.table.file is not None and self.table.length_s is not None:
+            return 0.0
+        return self.table.start_s - self._skipped_s
+
+    @property
+    def _skipped_s(self) -> float:
+        """Length at the start of an episode's procedural motion that is not simulated."""
+        from egocap_sim.motion.generators.registry import MOTIONS
+
+        name = self.table.name
+        if name is None or self.table.length_s is None or MOTIONS[name].mounted:
+            return 0.0
+        return max(0.0, self.table.start_s - _LEAD_S)
+
+    def _rng(self) -> np.random.Generator:
+        return make_rng(self.seed, "motion")

@@ -136,7 +136,7 @@ def export(
     """
     from egocap.data.dataset import find_sequences
     from egocap.data.sequence import Sequence
-    from egocap_sim.export import export as export_sequence
+    from egocap_sim.export.formats import export as export_sequence
 
     found = find_sequences([sequence])
     opened = [Sequence(folder) for folder in found]

@@ -13,7 +13,7 @@ THICKNESS = 0.04  # metres
 
 
 @dataclass(frozen=True)
-class Slab:
+class GroundBox:
     """A rectangle along the world's axes whose top can be stood on; metres."""
 
     low: tuple[float, float]  # x, y
@@ -33,12 +33,12 @@ class Slab:
 
 
 def ground_height(
-    slabs: Sequence[Slab], xy: Float[Array, "*n 2"], margin_m: float = 0.0
+    ground_boxes: Sequence[GroundBox], xy: Float[Array, "*n 2"], margin_m: float = 0.0
 ) -> Float[Array, "*n"]:
-    """Height of the ground at points: the highest slab there, widened by a margin, or the floor."""
+    """Height of the ground at points: the highest box there, widened by a margin, or the floor."""
     height = np.zeros(xy.shape[:-1])
-    for slab in slabs:
-        low, high = np.array(slab.low) - margin_m, np.array(slab.high) + margin_m
+    for box in ground_boxes:
+        low, high = np.array(box.low) - margin_m, np.array(box.high) + margin_m
         over = ((xy >= low) & (xy <= high)).all(-1)
-        height = np.where(over, np.maximum(height, slab.top), height)
+        height = np.where(over, np.maximum(height, box.top), height)
     return height

@@ -20,7 +20,7 @@ from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence, image_suffix
 from egocap.files import disk_errors, write_atomically
 from egocap_sim.core.part_labels import WEARER_FIRST, WEARER_LAST
-from egocap_sim.export import new_folder
+from egocap_sim.export.folders import new_folder
 
 _CATEGORY = {
     "id": 1,

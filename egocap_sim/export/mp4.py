@@ -1,4 +1,4 @@
-"""A film of a sequence to look at: the views beside each other, the true joints over them."""
+"""A video of a sequence: the views side by side with the true joints drawn over them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WIDTH = 640  # pixels of each view, at most
 
 
 def write_mp4(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) -> None:
-    """Write an MPEG-4 film at the sequence's frame rate. Raises InputError for another suffix."""
+    """Write an MPEG-4 video at the sequence's frame rate. Raises InputError for another suffix."""
     if out.suffix.lower() != ".mp4":
         raise InputError(f"cannot write '{out.name}'", valid="a name that ends in .mp4")
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -26,14 +26,14 @@ def write_mp4(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) -
     scale = min(1.0, WIDTH / max(c.width for c in cameras))
     # MPEG-4 wants even sides.
     sizes = [(round(c.width * scale / 2) * 2, round(c.height * scale / 2) * 2) for c in cameras]
-    film = sum(w for w, _ in sizes), max(h for _, h in sizes)
+    shape = sum(w for w, _ in sizes), max(h for _, h in sizes)
     fourcc = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(temporary), fourcc, sequence.manifest.fps, film)
+    writer = cv2.VideoWriter(str(temporary), fourcc, sequence.manifest.fps, shape)
     if not writer.isOpened():
         raise MachineError(f"OpenCV cannot write {out}", remedy="is the folder writable?")
     try:
         for frame in sequence:
-            writer.write(_picture(sequence, frame.index, frame.images, sizes, film))
+            writer.write(_picture(sequence, frame.index, frame.images, sizes, shape))
             on_frames(1)
         writer.release()
         temporary.rename(out)
@@ -47,11 +47,11 @@ def _picture(
     index: int,
     images: tuple[np.ndarray, ...],
     sizes: list[tuple[int, int]],
-    film: tuple[int, int],
+    shape: tuple[int, int],
 ) -> np.ndarray:
-    """One picture of the film, BGR."""
+    """One picture of the video, BGR."""
     truth = sequence.truth
-    picture, left = np.zeros((film[1], film[0], 3), np.uint8), 0
+    picture, left = np.zeros((shape[1], shape[0], 3), np.uint8), 0
     for v, (image, (width, height)) in enumerate(zip(images, sizes, strict=True)):
         visibility = truth.visibility[index, v]
         drawn = overlay(image, truth.joints_2d[index, v], visibility != OUT_OF_VIEW, visibility)

@@ -1,4 +1,4 @@
-"""A contact sheet of a sequence: what the cameras saw, with the truth drawn on it."""
+"""A contact sheet of a sequence: camera images with the truth drawn over them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def contact_sheet(
 ) -> UInt8[Array, "H W 3"]:
     """Draw evenly spaced frames, one a row: left, right, joints over the left view, part labels.
 
-    Joints have white rings where seen, red where the wearer hides them, violet where others do. The
-    last column is left out of sequences recorded without part labels.
+    Rings around joints: white if visible, red if self-occluded, violet if occluded by others.
+    Sequences without part labels lack the last column.
     """
     if not 1 <= rows <= 100 or not 64 <= tile_width <= 4096:
         raise InputError(

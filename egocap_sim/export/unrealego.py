@@ -20,7 +20,7 @@ from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically
 from egocap.geometry import inverse, matrix_to_quaternion, transform
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
-from egocap_sim.export import new_folder
+from egocap_sim.export.folders import new_folder
 from egocap_sim.export.ocam import ocam_calibration
 
 _SIDES = {"l": "left", "r": "right"}

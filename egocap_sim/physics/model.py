@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 from egocap.errors import InputError
 from egocap.geometry import GRAVITY
 from egocap_sim.core.bodies import BODIES, FEET, INDEX, PARENT
-from egocap_sim.core.ground_boxes import Slab
+from egocap_sim.core.ground_boxes import GroundBox
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import Sole, soles
 
@@ -53,8 +53,10 @@ def segment_masses(person: Person) -> Float[Array, "21"]:
     return person.mass_kg * share / share.sum()
 
 
-def build_model(person: Person, timestep_s: float, slabs: Sequence[Slab] = ()) -> mujoco.MjModel:
-    """Compile the person's model, on a floor with slabs.
+def build_model(
+    person: Person, timestep_s: float, ground_boxes: Sequence[GroundBox] = ()
+) -> mujoco.MjModel:
+    """Compile the person's model, on a floor with boxes to stand on.
 
     Raises InputError for a person that cannot be built.
     """
@@ -62,15 +64,15 @@ def build_model(person: Person, timestep_s: float, slabs: Sequence[Slab] = ()) -
         raise InputError(f"person '{person.name}' weighs {person.mass_kg:g} kg", valid="20 to 250")
     if not (np.isfinite(person.joints).all() and np.isfinite(person.body_vertices).all()):
         raise InputError(f"person '{person.name}' has joints or skin that are not finite numbers")
-    return mujoco.MjModel.from_xml_string(mjcf(person, timestep_s, slabs))
+    return mujoco.MjModel.from_xml_string(mjcf(person, timestep_s, ground_boxes))
 
 
-def mjcf(person: Person, timestep_s: float, slabs: Sequence[Slab] = ()) -> str:
+def mjcf(person: Person, timestep_s: float, ground_boxes: Sequence[GroundBox] = ()) -> str:
     """The model as MJCF text."""
     geoms = _geoms(person)
     raised = "".join(
-        f'<geom type="box" pos="{_text(slab.centre)}" size="{_text(slab.size / 2)}" {_GROUND}/>'
-        for slab in slabs
+        f'<geom type="box" pos="{_text(box.centre)}" size="{_text(box.size / 2)}" {_GROUND}/>'
+        for box in ground_boxes
     )
     return f"""<mujoco model="person">
   <compiler angle="radian"/>

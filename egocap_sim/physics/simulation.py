@@ -50,9 +50,9 @@ def simulate(
     """
     n_frames = _check(reference, fps, n_frames, start_s)
     substeps = steps_per_frame(fps)
-    model = build_model(person, 1.0 / (fps * substeps), reference.slabs)
+    model = build_model(person, 1.0 / (fps * substeps), reference.ground_boxes)
     run = _Run(model, Controller(model, control or ControlConfig()), n_frames)
-    witness = Witness(person, model, reference.slabs)
+    witness = Witness(person, model, reference.ground_boxes)
     motion = TargetMotion(reference)
     steps = (n_frames - 1) * substeps + 1
     started = time.process_time()

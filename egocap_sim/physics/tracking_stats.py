@@ -11,7 +11,7 @@ import numpy as np
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.geometry import GRAVITY
 from egocap_sim.core.bodies import FEET, INDEX, LABEL_BODY
-from egocap_sim.core.ground_boxes import Slab, ground_height
+from egocap_sim.core.ground_boxes import GroundBox, ground_height
 from egocap_sim.core.trajectory import PhysicsStats
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import soles
@@ -29,8 +29,10 @@ class Witness:
     holds it low and slow; its speed and depth are the simulated ones.
     """
 
-    def __init__(self, person: Person, model: mujoco.MjModel, slabs: Sequence[Slab] = ()) -> None:
-        self._slabs = slabs
+    def __init__(
+        self, person: Person, model: mujoco.MjModel, ground_boxes: Sequence[GroundBox] = ()
+    ) -> None:
+        self._ground_boxes = ground_boxes
         self._model, self._reference = model, mujoco.MjData(model)
         self._every = max(1, round(_EVERY_S / model.opt.timestep))
         self._interval = self._every * model.opt.timestep
@@ -72,7 +74,7 @@ class Witness:
         j = self._joints
         error = 100 * np.linalg.norm(simulated[:, :j] - wanted[:, :j], axis=-1)
         for points in (simulated, wanted):  # heights over the ground below
-            points[:, j:, 2] -= ground_height(self._slabs, points[:, j:, :2])
+            points[:, j:, 2] -= ground_height(self._ground_boxes, points[:, j:, :2])
         residual = np.linalg.norm(self._residual, axis=1)
         depth = 100 * np.maximum(0.0, -simulated[:, j:, 2].min(1))
         return PhysicsStats(

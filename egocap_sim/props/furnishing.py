@@ -17,11 +17,11 @@ from egocap_sim.assets.furniture import legs
 from egocap_sim.assets.mesh import Material, Mesh
 from egocap_sim.assets.primitives import box, cylinder, placed, sheet
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.core.ground_boxes import Slab
+from egocap_sim.core.ground_boxes import GroundBox
 from egocap_sim.core.part_labels import FURNITURE, ROOM
 from egocap_sim.human.body.limb_distances import limb_points
 from egocap_sim.motion.generators.cycling import leg_scale
-from egocap_sim.motion.generators.stairs import slabs
+from egocap_sim.motion.generators.stairs import stair_boxes
 from egocap_sim.props.performance import Performance
 
 _FLESH = 0.10  # metres of skin and cloth around the points inside limbs
@@ -166,10 +166,10 @@ def stairs(performance: Performance, rng: Rng) -> list[Mesh]:
     make = (textures.concrete, textures.wood, textures.planks)[int(rng.integers(3))]
     stone, edge = replace(make(rng), part=ROOM), textures.lacquer(rng)
     edge = replace(edge, part=ROOM, casts_shadow=False)
-    steps = slabs(performance.parameters, leg_scale(performance.person))
+    steps = stair_boxes(performance.parameters, leg_scale(performance.person))
     meshes: list[Mesh] = []
-    for slab in steps:
-        (x0, y0), (x1, y1), top = slab.low, slab.high, slab.top
+    for tread in steps:
+        (x0, y0), (x1, y1), top = tread.low, tread.high, tread.top
         x, y, deep, wide = (x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0
         meshes += [
             box("step", (x, y, top / 2 - 0.02), (deep, wide, top - 0.04), stone),
@@ -179,11 +179,11 @@ def stairs(performance: Performance, rng: Rng) -> list[Mesh]:
     return meshes + _rails(steps, rng)
 
 
-def _rails(steps: Sequence[Slab], rng: Rng) -> list[Mesh]:
+def _rails(steps: Sequence[GroundBox], rng: Rng) -> list[Mesh]:
     """Posts and a handrail from post to post, on both sides."""
     steel, bar = textures.even(rng.uniform(0.15, 0.5)), textures.wood(rng)
     last = steps[-1]
-    at = [(slab.low[0] + 0.05, slab.top) for slab in steps] + [(last.high[0] - 0.05, last.top)]
+    at = [(tread.low[0] + 0.05, tread.top) for tread in steps] + [(last.high[0] - 0.05, last.top)]
     meshes: list[Mesh] = []
     for y in (last.low[1] + 0.03, last.high[1] - 0.03):
         for x, z in at:

@@ -32,7 +32,7 @@ from egocap_sim.core.version import code_version
 from egocap_sim.record.jobs import Executor, Job
 from egocap_sim.record.process_pool import count_frames
 from egocap_sim.scene.config import Scene, to_toml
-from egocap_sim.truth.proportions import proportions_of
+from egocap_sim.truth.proportions import measure_proportions
 from egocap_sim.truth.truth import others_truth
 from egocap_sim.world.take import Take, read_drafts, remove_drafts
 from egocap_sim.world.world import World, load_world
@@ -165,7 +165,7 @@ def _side_files(world: World) -> dict[str, bytes]:
     return true_rig | {
         "rig.json": _rig_file(calibrated),
         "scene.toml": to_toml(world.scene).encode(),
-        "body.json": _json_file(proportions_of(world.person).to_dict()),
+        "body.json": _json_file(measure_proportions(world.person).to_dict()),
         "person.json": _json_file(dict(world.person.description)),
     }
 

@@ -19,7 +19,7 @@ _SIDE_JOINTS = {
 }  # fmt: skip
 
 
-def proportions_of(person: Person) -> Proportions:
+def measure_proportions(person: Person) -> Proportions:
     """Measure a person at rest; the head frame's origin is the simulated head joint.
 
     Raises InputError when the person has bones that no person has.

@@ -1,8 +1,8 @@
-"""Which joints the cameras see, by rays cast in MuJoCo: a second opinion on the renderer's.
+"""Joint visibility by rays cast in MuJoCo: an independent check of the renderer's.
 
-The drawn surfaces are posed here anew, without the renderer's code, and met by `mju_raySkin`. The
-rule is that of `truth.visibility`, but over five times as many points of skin, so that the two
-differ where a joint is half hidden, and nowhere else.
+The surfaces are posed here without the renderer's code and intersected by `mju_raySkin`. The rule
+is that of `truth.visibility` over five times as many points of skin, so that the two differ only
+where a joint is partly hidden.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from egocap_sim.core.part_labels import BACKGROUND, RIG, WEARER_FIRST, WEARER_LA
 from egocap_sim.human.body.person import Person
 from egocap_sim.truth.visibility import CLOTH_M, PATCH, SHARE, parts_around, patch_around
 
-EVERY = 2  # of a patch's vertices, one in so many is looked at
-BORDER = 0.12  # a share of points seen this near to the rule's is a matter of sampling
+EVERY = 2  # one in so many vertices of a patch is tested
+BORDER = 0.12  # a share of visible points this near to the threshold depends on the sampling
 
 
 class Surfaces:
-    """Everything drawn, as one triangle soup that rays are cast at."""
+    """All drawn triangles, for ray casting."""
 
     def __init__(self, actors: Sequence[Actor], still: Sequence[Mesh] = ()) -> None:
         self._actors = actors
@@ -54,7 +54,7 @@ class Surfaces:
     def hit(
         self, origin: Float[Array, "3"], rays: Float[Array, "N 3"]
     ) -> tuple[Float[Array, "N"], Int[Array, "N"]]:
-        """Distance (m, infinite for none) and part of what each unit ray meets first."""
+        """Distance (m, infinite for none) and part label of the first surface on each unit ray."""
         from mujoco import mju_raySkin  # pyright: ignore[reportAttributeAccessIssue]
 
         faces, vertices = self._faces.ravel(), self._vertices.ravel()
@@ -70,15 +70,15 @@ class Surfaces:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """What rays say of one frame's joints."""
+class RayResult:
+    """Visibility of the joints in one frame, by rays."""
 
     visibility: UInt8[Array, "V 18"]
-    share: Float[Array, "V 18"]  # of the points around each joint that are seen
+    share: Float[Array, "V 18"]  # of the points around each joint that are visible
 
 
-class RayWitness:
-    """Judges the joints of one person by rays."""
+class RayVisibility:
+    """Computes the visibility of one person's joints by rays."""
 
     def __init__(self, person: Person, rig: Rig, surfaces: Surfaces) -> None:
         self._rig, self._surfaces = rig, surfaces
@@ -86,16 +86,16 @@ class RayWitness:
         self._body = person.body_owner[chosen].astype(int)  # (18, S)
         self._offset = person.body_vertices[chosen] - person.joints[self._body]
 
-    def look(
+    def at(
         self,
         T_world_body: Float[Array, "21 4 4"],
         skinning: Mapping[str, Float[Array, "B 4 4"]],
         in_view: Bool[Array, "V 18"],
-    ) -> Sight:
-        """The joints at one instant; `in_view` says which are inside lens and image."""
+    ) -> RayResult:
+        """Visibility at one instant; `in_view`: joints inside lens and image."""
         self._surfaces.pose(skinning)
         skin = transform(T_world_body[self._body], self._offset[..., None, :])[..., 0, :]
-        verdict = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
+        visibility = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
         share = np.zeros(in_view.shape)
         for v, mount in enumerate(self._rig.mounts):
             T_world_camera = T_world_body[INDEX["head"]] @ mount.T_head_camera
@@ -111,7 +111,7 @@ class RayWitness:
                 by_others = (hidden & ~mine).sum() > (hidden & mine).sum()
                 share[v, j] = shows.mean()
                 if share[v, j] >= SHARE:
-                    verdict[v, j] = VISIBLE
+                    visibility[v, j] = VISIBLE
                 else:
-                    verdict[v, j] = OCCLUDED if by_others else SELF_OCCLUDED
-        return Sight(verdict, share)
+                    visibility[v, j] = OCCLUDED if by_others else SELF_OCCLUDED
+        return RayResult(visibility, share)

@@ -25,8 +25,10 @@ def label_positions(
 
 
 def truth_before_rendering(person: Person, trajectory: Trajectory, rig: Rig) -> Truth:
-    """Everything that needs no picture. `visibility` knows only in view or not; the renderer
-    completes it with occlusion."""
+    """Derive the truth that needs no rendering.
+
+    `visibility` holds only VISIBLE and OUT_OF_VIEW; rendering adds occlusion.
+    """
     T_world_body = trajectory.T_world_body
     T_world_head = T_world_body[:, INDEX["head"]]
     joints_world = label_positions(person, T_world_body)

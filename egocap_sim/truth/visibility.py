@@ -1,8 +1,8 @@
-"""Which joints each view sees, and what hides the others, from what the renderer drew.
+"""Joint visibility in each view, and the cause of occlusion, from the rendered surfaces.
 
-A joint lies inside the body, so it counts as seen when enough of the skin nearest to it is: points
-spread over that skin are followed through the motion and compared with the surface drawn at their
-pixels. Cloth may lie over them; another limb, the rig or a thing may not.
+A joint lies inside the body. It counts as visible when enough of the skin nearest to it is: points
+spread over that skin move with the body and are compared with the surface drawn at their pixels.
+Cloth may cover them; another limb, the rig or a prop may not.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SHARE = 0.25  # of the samples must show; of a limb in full view, half face the 
 
 
 class JointVisibility:
-    """Tells, frame by frame, which joints of one person each view of a rig sees."""
+    """Computes, frame by frame, which joints of one person each view of a rig sees."""
 
     def __init__(self, person: Person, rig: Rig) -> None:
         self._rig = rig
@@ -47,9 +47,9 @@ class JointVisibility:
     ) -> UInt8[Array, "V 18"]:
         """VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED or OCCLUDED (`data.sequence`) of joints and views.
 
-        `in_view` tells which joints are inside the lens and image. The wearer's body, clothes and
-        rig occlude as self, everything else as others; what hides most samples names the cause.
-        With `only`, the rows of other views mean nothing.
+        `in_view`: joints inside lens and image. The wearer's body, clothes and rig cause
+        self-occlusion, everything else occlusion by others; the cause is what hides most samples.
+        With `only`, the rows of other views are undefined.
         """
         skin_world = transform(T_world_body[self._body], self._offset[..., None, :])[..., 0, :]
         T_head_world = inverse(T_world_body[INDEX["head"]])

@@ -1,6 +1,6 @@
-"""The truth of a sequence against what can be worked out otherwise: pixels, rays, Newton's law.
+"""Independent checks of a sequence's truth: recorded pixels, cast rays, Newton's law.
 
-Each check is a figure; `verify` says which of them is wrong. Nothing here is used to make truth.
+Each check returns figures; `integrity` has their thresholds. The truth is made without this code.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ BEHIND_M = 0.06  # a surface farther than the joint by more is not the joint's: 
 AROUND_M = (
     0.06  # of a joint: the skin there is what a joint is seen by (`egocap_sim.truth.visibility`)
 )
-MOST_FRAMES = 100  # whose planes are looked at
+MOST_FRAMES = 100  # whose planes are read
 
 
 @dataclass(frozen=True)
 class PixelCheck:
-    """Visible joints whose own pixels were looked at, and how many have their body there.
+    """Visible joints, and how many have their own body at their pixel.
 
     A joint is visible when a quarter of the skin around it is, so its body may show beside it.
     """
@@ -51,7 +51,7 @@ class PixelCheck:
 
 
 def check_pixels(sequence: Sequence) -> PixelCheck:
-    """Look at part label and depth at the pixel of every visible joint, in up to 100 frames."""
+    """Compare part label and depth at the pixel of every visible joint, in up to 100 frames."""
     truth, counts = sequence.truth, np.zeros(4, int)
     for index in _spread(len(sequence), MOST_FRAMES):
         for v, view in enumerate(sequence.manifest.views):
@@ -119,7 +119,7 @@ def check_forces(sequence: Sequence) -> ForceCheck | None:
 
 @dataclass(frozen=True)
 class RayCheck:
-    """How often rays cast in MuJoCo judge a joint as the truth does."""
+    """How often rays cast in MuJoCo give a joint the visibility that the truth has."""
 
     joints: int  # in view, over the frames and views looked at
     agree: int  # seen or not seen, by both
@@ -142,13 +142,13 @@ class RayCheck:
 
 
 def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
-    """Judge visibility anew by rays, in frames spread over the sequence.
+    """Recompute visibility by rays, in frames spread over the sequence.
 
-    The scene is put together again from scene.toml. Raises InputError for a sensor whose pictures
-    are not of one instant: the poses between frames are not kept.
+    The world is built again from scene.toml. Raises InputError for a sensor whose images are not
+    of one instant, since the poses between frames are not stored.
     """
     from egocap_sim.scene.config import load_scene
-    from egocap_sim.truth.raycast import BORDER, RayWitness, Surfaces
+    from egocap_sim.truth.raycast import BORDER, RayVisibility, Surfaces
     from egocap_sim.truth.visibility import SHARE
     from egocap_sim.world.take import Take
     from egocap_sim.world.world import World
@@ -156,21 +156,21 @@ def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
     truth, scene = sequence.truth, load_scene(sequence.folder / "scene.toml")
     if scene.sensor is not None and scene.sensor.timed:
         raise InputError(
-            f"{sequence.folder}: rays cannot be compared with pictures that take time",
+            f"{sequence.folder}: rays need images of one instant",
             valid="a sequence without shutter_s, readout_s and time_offset_s",
         )
     world = World(scene, Take(truth, None))
     actors = [world.person.actor, *(a.actor for a in world.actors)]
-    witness = RayWitness(world.person, world.rig, Surfaces(actors, world.place.meshes))
+    by_rays = RayVisibility(world.person, world.rig, Surfaces(actors, world.place.meshes))
     joints = agree = same = borderline = 0
     left: dict[str, int] = {}
     for index in _spread(len(sequence), frames):
         in_view, said = truth.in_view[index], truth.visibility[index]
-        sight = witness.look(truth.T_world_body[index], world.skinning(index), in_view)
-        alike = (sight.visibility == VISIBLE) == (said == VISIBLE)
+        found = by_rays.at(truth.T_world_body[index], world.skinning(index), in_view)
+        alike = (found.visibility == VISIBLE) == (said == VISIBLE)
         joints, agree = joints + int(in_view.sum()), agree + int((alike & in_view).sum())
-        same += int((in_view & (sight.visibility == said)).sum())
-        near = np.abs(sight.share - SHARE) < BORDER
+        same += int((in_view & (found.visibility == said)).sum())
+        near = np.abs(found.share - SHARE) < BORDER
         borderline += int((in_view & ~alike & near).sum())
         for j in np.nonzero(in_view & ~alike & ~near)[1]:
             left[LABELS[j]] = left.get(LABELS[j], 0) + 1

@@ -1,4 +1,4 @@
-"""Check that a sequence on disk is whole, undamaged and consistent with itself."""
+"""Check that a sequence on disk is complete, undamaged and consistent."""
 
 from __future__ import annotations
 
@@ -36,29 +36,28 @@ _FORCE_TOLERANCE = 0.10  # body weights, mean over a recording of two seconds an
 
 @dataclass(frozen=True)
 class Verification:
-    """What was looked at, and every problem found."""
+    """What was checked, and every problem found."""
 
     folder: Path
     frames: int
     shards: int
     bytes: int
     problems: tuple[str, ...]
-    rays: RayCheck | None = None  # where it was asked for and the sequence is whole
+    rays: RayCheck | None = None  # if requested and the sequence is complete
 
     @property
     def clean(self) -> bool:
-        """Whether nothing was wrong."""
+        """Whether no problem was found."""
         return not self.problems
 
 
-def verify(folder: Path, ray_frames: int = 0) -> Verification:
-    """Check manifest, checksums, shard structure, images and truth of a sequence.
+def verify(folder: str | Path, ray_frames: int = 0) -> Verification:
+    """Check manifest, checksums, shard structure, images and truth of a sequence, or of episodes.
 
-    With `ray_frames`, the visibility of joints is judged anew by rays in so many frames: the scene
-    is put together again, at a second or two a frame.
-    Of a recording in episodes, each of them and their list.
-    Raises FileError where the folder is not a sequence at all; everything else is a problem listed.
+    With `ray_frames`, the visibility of joints is recomputed by rays in so many frames, at a second
+    or two a frame. Raises FileError where the folder is no sequence; all else is a listed problem.
     """
+    folder = Path(folder)
     if (folder / EPISODES).exists():
         return _verify_episodes(folder, ray_frames)
     manifest = load_manifest(folder)
@@ -66,7 +65,7 @@ def verify(folder: Path, ray_frames: int = 0) -> Verification:
     if ray_frames and not problems:
         rays = check_rays(Sequence(folder), ray_frames)
         if rays.share < _LEAST_BY_RAYS:
-            problems.append(f"truth.npz: 'visibility' is not what rays say: {rays.text()}")
+            problems.append(f"truth.npz: 'visibility' differs from rays: {rays.text()}")
     size = sum(shard.bytes for shard in manifest.shards)
     size += sum(entry.bytes for entry in manifest.files.values())
     return Verification(folder, manifest.frames, len(manifest.shards), size, tuple(problems), rays)

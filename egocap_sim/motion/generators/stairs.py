@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap_sim.core.ground_boxes import Slab, ground_height
+from egocap_sim.core.ground_boxes import GroundBox, ground_height
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import sole_points
 from egocap_sim.motion.generators.cycling import leg_scale
@@ -71,7 +71,7 @@ class StairsParams(PaceParams):
     """Depth of a tread in metres."""
 
 
-def slabs(params: StairsParams, scale: float = 1.0) -> tuple[Slab, ...]:
+def stair_boxes(params: StairsParams, scale: float = 1.0) -> tuple[GroundBox, ...]:
     """Treads from the lowest up, then the landing, `scale` times the figure's."""
     count = round(params.treads)
     found = []
@@ -80,7 +80,7 @@ def slabs(params: StairsParams, scale: float = 1.0) -> tuple[Slab, ...]:
         far = near + (LANDING if i == count else params.run)
         low, high = scale * np.array([near, WIDE[0]]), scale * np.array([far, WIDE[1]])
         found.append(
-            Slab((float(low[0]), float(low[1])), (float(high[0]), float(high[1])),
+            GroundBox((float(low[0]), float(low[1])), (float(high[0]), float(high[1])),
                  scale * i * params.rise)
         )  # fmt: skip
     return tuple(found)
@@ -151,7 +151,7 @@ def fit_climber(
     planted, touching = standing(points, fps), points[..., 2].min(-1) < 0.01
     return dataclasses.replace(
         reference, root=root, rotations=R, planted=planted, touching=touching,
-        slabs=slabs(params, scale),
+        ground_boxes=stair_boxes(params, scale),
     )  # fmt: skip
 
 
@@ -269,7 +269,7 @@ def _climber(
     pelvis = np.empty((len(t), 3))
     pelvis[:, :2] = np.stack([x, y], -1) + forward[:, None] * facing + 0.02 * side[:, None] * left
     pelvis[:, 2] = HIP_HEIGHT + 0.006 + z
-    edges = slabs(params)
+    edges = stair_boxes(params)
     rolled = [
         roll_feet(t, feet, step_s, lambda xy: ground_height(edges, xy, _NEAR_EDGE))
         for feet in plants

@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from egocap.errors import InputError
 from egocap.geometry import LEFT, UP, axis_angle, matrix_to_quaternion, quaternion_to_matrix, unit
 from egocap_sim.core.bodies import BODIES, INDEX
-from egocap_sim.core.ground_boxes import Slab
+from egocap_sim.core.ground_boxes import GroundBox
 from egocap_sim.core.pose_sampling import slerp
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import foot_yaw
@@ -42,7 +42,7 @@ class Reference:
     rotations: Float[Array, "T 21 3 3"]
     planted: Bool[Array, "T 4"]  # feet that stand on the floor, as egocap_sim.core.bodies.FEET
     touching: Bool[Array, "T 4"]  # feet so low that they touch it, be it sliding
-    slabs: tuple[Slab, ...] = ()  # what may be stood on beside the floor
+    ground_boxes: tuple[GroundBox, ...] = ()  # what may be stood on beside the floor
 
     @property
     def duration_s(self) -> float:

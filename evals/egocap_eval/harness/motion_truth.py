@@ -61,7 +61,7 @@ def simulate_motion(
     `rig`: the name of a built-in one, or a rig as it is. Raises SceneError for a motion there is
     not, InputError for an unknown rig.
     """
-    from egocap_sim.truth.proportions import proportions_of
+    from egocap_sim.truth.proportions import measure_proportions
     from egocap_sim.truth.truth import truth_before_rendering
     from egocap_sim.world.world import World
 
@@ -77,7 +77,7 @@ def simulate_motion(
     simulated = SimulatedMotion(
         name=motion,
         rig=made,
-        proportions=proportions_of(person),
+        proportions=measure_proportions(person),
         truth=truth_before_rendering(person, trajectory, made),
         joint_error_cm=trajectory.stats.joint_error_cm,
         planted_foot_speed_cm_s=trajectory.stats.planted_foot_speed_cm_s,

@@ -28,7 +28,7 @@ from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.physics.simulation import simulate
-from egocap_sim.truth.proportions import proportions_of
+from egocap_sim.truth.proportions import measure_proportions
 from egocap_sim.truth.truth import label_positions
 
 log = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ def angles_of(clip: Clip, person: Person, most: int) -> Float[Array, "T 37"]:
     frames = min(most, int(reference.duration_s * FPS))
     bodies = simulate(person, reference, fps=FPS, n_frames=frames).T_world_body
     joints = transform(inverse(bodies[:, INDEX["head"]]), label_positions(person, bodies))
-    return fit_angles(joints, proportions_of(person))
+    return fit_angles(joints, measure_proportions(person))
 
 
 def main() -> None:

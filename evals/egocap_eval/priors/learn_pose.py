@@ -30,7 +30,7 @@ from egocap_sim.human.clothing.wardrobe import make_person
 from egocap_sim.motion.clips.load import load_clip
 from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.physics.simulation import simulate
-from egocap_sim.truth.proportions import proportions_of
+from egocap_sim.truth.proportions import measure_proportions
 from egocap_sim.truth.truth import label_positions
 
 log = logging.getLogger(__name__)
@@ -84,7 +84,7 @@ def main() -> None:
         except EgocapError as error:
             log.warning("%s left out: %s", clip.name, error)
             continue
-        proportions = proportions_of(person)
+        proportions = measure_proportions(person)
         angles = fit_angles(joints, proportions)
         error = np.linalg.norm(forward(proportions, angles) - joints, axis=-1).mean()
         log.info("%s: %d frames, fitted to %.1f mm", clip.name, len(angles), 1e3 * error)

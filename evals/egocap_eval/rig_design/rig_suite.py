@@ -103,7 +103,7 @@ def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
     from egocap_sim.core.bodies import INDEX
     from egocap_sim.core.resources import builtin_file
     from egocap_sim.scene.config import load_scene
-    from egocap_sim.truth.proportions import proportions_of
+    from egocap_sim.truth.proportions import measure_proportions
     from egocap_sim.truth.truth import label_positions
     from egocap_sim.world.world import World
 
@@ -114,7 +114,7 @@ def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
         person, T_world_body = world.person, world.trajectory.T_world_body
         T_head_world = inverse(T_world_body[:, INDEX["head"]])
         joints = transform(T_head_world, label_positions(person, T_world_body))
-        proportions = proportions_of(person)
+        proportions = measure_proportions(person)
         motions.append(
             Motion(name, joints, fit_angles(joints, proportions), proportions,
                    T_head_world[:, None] @ T_world_body, RayVisibility(person))

@@ -12,7 +12,7 @@ from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap.track.tracker import Tracker
 from egocap_eval.priors.learn_pose import FPS, fit_angles, joints_of
 from egocap_sim.human.clothing.wardrobe import make_person
-from egocap_sim.truth.proportions import proportions_of
+from egocap_sim.truth.proportions import measure_proportions
 
 ROOT = Path(__file__).parents[3]
 MOTIONS = ROOT.parent / "shared/motions"
@@ -42,7 +42,7 @@ def errors(clip, source, hidden):
     visible = seen & np.repeat(runs, 10, axis=0)[: len(truth)]
     times = np.arange(len(truth)) / FPS
     projected = ProjectedJoints(pixels, visible, seen, times, (640, 512))
-    result = Tracker(rig, proportions_of(person())).track(
+    result = Tracker(rig, measure_proportions(person())).track(
         simulate_detections(projected, source, rng)
     )
     return np.linalg.norm(result.joints_head - truth, axis=-1)[:, 1:].mean()
@@ -60,6 +60,6 @@ def test_two_pixels_with_hidden_joints(clip):
 
 def test_angles_fitted_from_all_sides_reproduce_the_joints():
     truth = joints(CLIPS[0])[:40]
-    proportions = proportions_of(person())
+    proportions = measure_proportions(person())
     fitted = forward(proportions, fit_angles(truth, proportions))
     assert np.linalg.norm(fitted - truth, axis=-1).mean() < 0.003

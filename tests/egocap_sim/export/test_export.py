@@ -14,7 +14,7 @@ from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
 from egocap.errors import InputError
 from egocap_sim.core.resources import builtin_file
-from egocap_sim.export import FORMATS, export
+from egocap_sim.export.formats import FORMATS, export
 from egocap_sim.export.ocam import ocam_calibration
 from egocap_sim.export.unrealego import JOINTS
 from egocap_sim.scene.rig_sampler import sample_rig

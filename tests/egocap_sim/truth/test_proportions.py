@@ -6,7 +6,7 @@ import pytest
 from egocap.body.labels import LABEL_INDEX
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.clothing.wardrobe import make_person
-from egocap_sim.truth.proportions import proportions_of
+from egocap_sim.truth.proportions import measure_proportions
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def person():
 
 
 def test_bones_are_the_persons(person):
-    lengths = proportions_of(person).bone_lengths
+    lengths = measure_proportions(person).bone_lengths
     for bone, (start, end) in {
         "left_elbow": ("l_upperarm", "l_forearm"),
         "right_wrist": ("r_forearm", "r_hand"),
@@ -28,7 +28,7 @@ def test_bones_are_the_persons(person):
 
 
 def test_trunk_keeps_its_place_in_the_head_frame(person):
-    rest = proportions_of(person).rest_joints
+    rest = measure_proportions(person).rest_joints
     head = person.joints[INDEX["head"]]
     for label, body in {
         "neck": "neck", "left_shoulder": "l_upperarm", "right_hip": "r_thigh",
@@ -38,7 +38,7 @@ def test_trunk_keeps_its_place_in_the_head_frame(person):
 
 
 def test_sides_are_about_equal(person):
-    lengths = proportions_of(person).bone_lengths
+    lengths = measure_proportions(person).bone_lengths
     for name, length in lengths.items():
         if name.startswith("left_"):
             assert length == pytest.approx(lengths[name.replace("left", "right")], abs=0.005)

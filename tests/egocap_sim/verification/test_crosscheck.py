@@ -64,7 +64,7 @@ def test_rays_need_pictures_of_one_instant(sequence, monkeypatch, tmp_path):
     (tmp_path / "scene.toml").write_text(text)
     other = told(sequence)
     other.folder = tmp_path
-    with pytest.raises(InputError, match="take time"):
+    with pytest.raises(InputError, match="images of one instant"):
         check_rays(other)
 
 

@@ -8,7 +8,7 @@ from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.ground_boxes import ground_height
 from egocap_sim.human.body.soles import sole_points
 from egocap_sim.motion.generators.registry import MOTIONS, make_motion, motion_parameters
-from egocap_sim.motion.generators.stairs import StairsParams, fit_climber, slabs
+from egocap_sim.motion.generators.stairs import StairsParams, fit_climber, stair_boxes
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.limbs import bend_angle
 from egocap_sim.motion.retarget.retarget import retarget
@@ -29,7 +29,7 @@ def test_the_soles_clear_the_treads_and_the_knees_bend_backwards(clip):
             (foot, figure.SOLE_HEEL), (foot, figure.SOLE_BALL), (toe, figure.SOLE_TIP)
         ):  # fmt: skip
             p = clip.positions[:, body] + clip.rotations[:, body] @ corner
-            over = p[:, 2] - ground_height(slabs(PARAMS), p[:, :2])
+            over = p[:, 2] - ground_height(stair_boxes(PARAMS), p[:, :2])
             assert over.min() > -0.002 and over.max() < 0.6
         knee = bend_angle(
             clip.rotations[:, INDEX[s + "thigh"]], clip.rotations[:, INDEX[s + "calf"]]
@@ -39,7 +39,7 @@ def test_the_soles_clear_the_treads_and_the_knees_bend_backwards(clip):
 
 def test_goes_up_to_the_landing_and_down_again(clip):
     z = clip.positions[:, 0, 2]
-    top = slabs(PARAMS)[-1].top
+    top = stair_boxes(PARAMS)[-1].top
     assert z.max() - z[0] == pytest.approx(top, abs=0.03)
     assert z[-1] - z[0] == pytest.approx(0.0, abs=0.05)
     assert np.linalg.norm(np.diff(clip.positions, axis=0), axis=-1).max() * clip.fps < 4.0
@@ -54,7 +54,7 @@ def test_a_person_stands_on_the_treads_under_physics(clip, stand_in):
     T = t.T_world_body
     lowest = sole_points(stand_in, T[..., :3, 3], T[..., :3, :3])[..., 2].min(-1)  # (T, 4)
     heights = lowest[t.contact]
-    tops = np.array([0.0, *(slab.top for slab in reference.slabs)])
+    tops = np.array([0.0, *(box.top for box in reference.ground_boxes)])
     off = np.abs(heights[:, None] - tops)
     assert np.median(off.min(1)) < 0.01
     assert set(off.argmin(1)) == set(range(5))  # on every one of them, the floor too

@@ -20,7 +20,7 @@ from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, load_scene
-from egocap_sim.world.stage import frames_of_clip
+from egocap_sim.world.world import World
 
 SCENES = ("validation-walk", "validation-gesture")
 CLIPS = ("bvh/007_05.bvh", "npz/basketball_signal_3.npz")  # never tuned or trained on
@@ -88,7 +88,7 @@ def _scene_of_clip(like: Scene, path: Path) -> Scene:
         raise FileError(path, "no such clip", valid=CLIPS)
     motion = type(like.motion)(file=str(path.resolve()))
     scene = like.model_copy(update={"name": path.stem, "motion": motion})
-    return scene.model_copy(update={"frames": min(frames_of_clip(scene), CLIP_FRAMES)})
+    return scene.model_copy(update={"frames": min(World(scene).clip_frames, CLIP_FRAMES)})
 
 
 def score(source: str, sequence: Footage, seed: int) -> Scores:

@@ -14,7 +14,7 @@ from egocap.errors import FileError, InputError
 from egocap_eval.detection.detector import CURVE, GROUPS, missed, score, study, summary, tables
 from egocap_eval.detection.detector_plots import draw
 from egocap_eval.detection.heldout import PARTS, heldout_scenes, make_heldout
-from egocap_sim.world.stage import rig_of
+from egocap_sim.world.world import World
 
 
 def exact(sequence, off=0.0):
@@ -154,6 +154,6 @@ pitch = 70.0
 def test_rigs_that_no_training_has_seen_can_be_rendered(name):
     path = Path(__file__).parents[3] / "evals/rigs" / f"{name}.toml"
     scene = heldout_scenes(rig=str(path))[0]
-    rig = rig_of(scene.rig)
+    rig = World(scene).rig
     assert rig.name == name and rig.cameras[0].width == 640
     assert all(CanonicalView(mount).mask.mean() > 0.4 for mount in rig.mounts)

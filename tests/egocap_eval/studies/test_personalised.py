@@ -11,12 +11,12 @@ from egocap_eval.studies.personalised import (
     heldout_cases,
     study,
 )
-from egocap_sim.world.stage import person_of
+from egocap_sim.world.world import World
 
 
 def test_calibration_shows_the_same_person_in_another_motion():
     (case,) = development_cases(1, 400100, 30)
-    people = [person_of(scene) for scene in (case.calibration, *case.clips)]
+    people = [World(scene).person for scene in (case.calibration, *case.clips)]
     heights = [person.height_m for person in people]
     assert len(set(heights)) == 1
     motions = [scene.motion.name for scene in (case.calibration, *case.clips)]

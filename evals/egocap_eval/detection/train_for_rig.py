@@ -115,7 +115,7 @@ def _simulate(rig: Path, folder: Path, seed: int) -> None:
     words = [
         sys.executable, "-m", "egocap_sim", "generate", SCENE, "--out", str(folder),
         "--rig", str(rig.resolve()), "--frames", str(FRAMES), "--seed", str(seed),
-        "--size", *_SIZE, "--masks", "True",
+        "--size", *_SIZE, "--masks",
     ]  # fmt: skip
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode != 0:

@@ -171,11 +171,11 @@ def _same_again(folder: Path, index: int) -> bool:
 def remake(folder: str, index: str, made: str) -> None:
     """Make an episode of a recording again, from the scene its first episode was cut from."""
     from egocap.data.dataset import episode_name
-    from egocap_sim.record.recorder import record_here
+    from egocap_sim.record.recorder import generate
     from egocap_sim.scene.config import load_scene
 
     scene = load_scene(Path(folder) / episode_name(int(index)) / "scene.toml")
-    record_here(scene, Path(made))
+    generate(scene, Path(made), workers=0)
 
 
 def _hashes(folder: Path) -> dict[str, str]:

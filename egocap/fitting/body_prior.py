@@ -1,4 +1,4 @@
-"""What is known of a person's bones before they are seen: a Gaussian over proportions.
+"""Prior over a person's bones: a Gaussian over proportions.
 
 A person is symmetric and has 22 components: lengths of the bones that hang straight, vectors for
 the others. Each is its share of the stature, with a scatter of its own; stature scatters in common,

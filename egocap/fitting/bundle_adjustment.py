@@ -13,6 +13,7 @@ Source: Triggs et al. 2000, "Bundle adjustment - a modern synthesis", section 6.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -53,7 +54,7 @@ class FitProblem:
     prior: BodyPrior
     config: TrackerConfig
 
-    @property
+    @cached_property
     def precision(self) -> Float[Array, "K K"]:
         return np.linalg.inv(self.prior.covariance)
 

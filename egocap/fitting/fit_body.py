@@ -1,8 +1,8 @@
 """A person's bone lengths from detections over many frames, and how well they are known.
 
 Poses of the frames that differ most and the components of one body are found together: bundle
-adjustment (`fit_problem`). The energy is the tracker's own, a frame at a time, plus the prior over
-bodies.
+adjustment (`bundle_adjustment`). The energy is the tracker's own, a frame at a time, plus the prior
+over bodies.
 
 Source: EgoCap 2016, section 4.1 (personalisation from few poses).
 """
@@ -39,7 +39,7 @@ WELL = 0.03
 """Relative standard deviation up to which a bone counts as well determined."""
 LEARNED_SHARE = 0.8
 """Share of its scatter among people of one stature below which a bone's own must come for it to
-count as seen: other bones tell of the stature, but not more."""
+count as seen: other bones inform about the stature only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class BodyFit:
 
     @property
     def learned(self) -> Bool[Array, "22"]:
-        """Bones of which the detections told more than the stature does."""
+        """Bones that the detections determine better than the stature does."""
         return self.std < LEARNED_SHARE * self.usual_std
 
     def report(self) -> dict[str, dict[str, float | str]]:
@@ -106,8 +106,8 @@ def fit_body(
 ) -> BodyFit:
     """The proportions of the person whom detections in all views of a rig show.
 
-    `height` in metres, where it is known, is a strong prior. Bones that no detection tells of stay
-    at the prior, and `report` says so. Raises InputError for a height that no adult has, when there
+    `height` in metres, where it is known, is a strong prior. Bones without detections stay at
+    the prior, as `report` states. Raises InputError for a height that no adult has, when there
     are no detections at all, and as `tracker.track`.
     """
     from egocap.track.tracker import Tracker

@@ -1,4 +1,5 @@
 """A posed Gaussian body and images in; visibilities and the colour energy (Eq. 4-6) out.
 
-`visibility`, `appearance` and `reference` are the readable form; `model` runs the compiled kernels.
+`model` evaluates poses by the compiled kernels; `torch_visibility` and `torch_energy` are their
+readable oracle.
 """

@@ -11,7 +11,7 @@ Reading of the paper (appendix A), which prints two slips and leaves two things 
 - "all dimensions normalised to unit range" is taken to hold for the hue's angle, too: opposite hues
   are 1 apart. Were they 1/2 apart, red and cyan would count as alike (phi(1/4) = -0.27).
 
-As the saturated part looks at hues alone, and takes 100 degrees for the border between like and
+As the saturated part compares hues alone, and takes 100 degrees for the border between like and
 unlike, a grey floor of a bluish tint is like a blue shirt. `ColourMeasure` therefore offers, beside
 the paper's measure, the distance in the HSV cone, where a colour weighs as much as it is vivid.
 

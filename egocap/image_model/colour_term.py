@@ -1,4 +1,4 @@
-"""The images' term of the energy, for one frame after another: what a solver adds to its own sums.
+"""The images' term of the energy, frame by frame, to be added to a solver's own terms.
 
     term = ColourTerm(body, rig, palette)
     term.see(frame.images, predicted)       # once a frame
@@ -114,7 +114,7 @@ class ColourTerm:
         """Take in a frame's RGB images; returns what `ImageModel.evaluate` takes as its colours.
 
         The background is read off where the body at `pose` is not. Without a pose it is that at
-        which `add` was called last, which spares an evaluation; the first frame needs one. Raises
+        which `add` was called last, which saves an evaluation; the first frame needs a pose. Raises
         InputError for another number of images than of views, or without a pose at first.
         """
         if pose is not None:
@@ -133,7 +133,7 @@ class ColourTerm:
         return self._seen
 
     def settle(self, angles: Float[Array, "37"]) -> None:
-        """Tell the pose that the last frame came to: the light is followed by it."""
+        """Update the estimate of the light from the pose found in the last frame."""
         if self.light is not None and self._hsv is not None:
             self.light.follow(self._hsv, angles)
 
@@ -155,8 +155,8 @@ class ColourTerm:
         """Energy at a pose; its gradient is added to g, its Gauss-Newton matrix to H.
 
         All are times the weight. The matrix is whole: lower and upper triangle. Angles that are not
-        `felt` get nothing; see `felt_angles`. `found` is what the model found there when it was
-        asked last, and spares asking again. Raises InputError before the first frame.
+        `felt` get nothing; see `felt_angles`. `found` is the model's last evaluation, if it was at
+        this pose. Raises InputError before the first frame.
         """
         if self._seen is None:
             raise InputError("the colour term has seen no frame yet", valid="see() first")

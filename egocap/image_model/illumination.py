@@ -2,8 +2,8 @@
 
 A person's colours are learned once; clouds, lamps and rooms change. Light that changes brightness
 and temperature multiplies every colour channel (von Kries), in gamma-coded values too, as a power
-of a product is a product. The factors are read off pixels in which the pose leaves no doubt about
-what is seen: the centres of Gaussians before which nothing else is. Their median is robust to a
+of a product is a product. The factors are measured at pixels that show a known part: the
+centres of Gaussians that nothing covers. Their median is robust to a
 limb in a wrong place, and is followed slowly. Images are divided by it before colours are compared,
 so that the person's colours and the background's stay what they were.
 

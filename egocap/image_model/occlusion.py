@@ -1,4 +1,4 @@
-"""Which joints a rig would see of a posed person, from the volumetric body instead of a picture.
+"""Joints of a posed person that a rig sees, predicted from the volumetric body.
 
 A joint in view is seen when the light from it passes the body's other parts: the optical depth of
 their Gaussians along the way from the camera is small. The parts that meet at the joint surround

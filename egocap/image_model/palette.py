@@ -1,14 +1,14 @@
-"""What colours each Gaussian of a person shows, against those of the background: a likelihood.
+"""Colour distributions of a person's Gaussians and of the background: a likelihood ratio.
 
-The paper's measure asks how unlike a pixel and a Gaussian are. Where the background is like the
-person, that rewards a body that swells over it: the energy has no say about what lies behind. Here
-the image is a mixture: along a ray, Gaussian q is seen with probability V_q and the background with
-the rest. With p_q and p_0 the distributions of their colours, the dissimilarity of a colour c is
+The paper's measure compares a pixel with a Gaussian only. Where the background is like the person,
+that rewards a body that covers it. Here the image is a mixture: along a ray, Gaussian q is seen
+with probability V_q and the background with the rest. With p_q and p_0 the distributions of their
+colours, the dissimilarity of a colour c is
 
     d_q(c) = clip(log(p_0(c) / p_q(c)) / LOG_RATIO, -1, 1),
 
 the log-likelihood ratio: -1 for a colour that is the Gaussian's own, 1 for one that is not, and 0
-where a colour tells nothing, be it that body and background share it or that neither has it.
+where a colour tells nothing, because body and background share it or neither has it.
 
 Distributions are histograms over brightness and two chromaticities that shading does not change,
 smoothed. A Gaussian's own pixels count first; those of its part, of the whole person, and an even

@@ -8,19 +8,19 @@ from math import inf, isnan
 from egocap.errors import InputError
 
 FIRST_CHECK = 1000
-"""Steps before the first look at a chain."""
+"""Steps before a chain is checked first."""
 
 
 @dataclass(frozen=True)
 class PosteriorConfig:
-    """What is believed before the detections, and how the detections scatter."""
+    """Prior, and noise of the detections."""
 
     degrees: float = 5.0
     """Degrees of freedom of the detections' Student-t errors, above 2; inf: Gaussian."""
     temperature: float = 1.0
-    """Divides the logarithm of the likelihood; above 1: trust the detections less."""
+    """Divides the logarithm of the likelihood; above 1 weakens the detections."""
     default_sigma: float = 4.0
-    """Spread of detections that state none, in pixels at an image width of 640."""
+    """Spread of detections without one, in pixels at an image width of 640."""
     pixel_floor: float = 0.5
     """Least spread of a detection, in pixels at an image width of 640."""
     model_error_m: float = 0.004
@@ -55,16 +55,16 @@ class PosteriorConfig:
 
 @dataclass(frozen=True)
 class SamplerConfig:
-    """How long and with how many walkers to sample."""
+    """Length of the chain and number of walkers."""
 
     walkers: int | None = None
     """Walkers, at least twice the parameters; by default 96 or a little over twice."""
     effective: float = 400.0
     """Effective draws to reach for every parameter."""
     most_steps: int = 40_000
-    """Steps after which a chain that has not mixed is given up."""
+    """Limit on the steps of a chain that does not mix."""
     seed: int = 0
-    """Of the starts and of the chain: the same seed gives the same draws."""
+    """Seed of the starting poses and of the chain."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.effective < inf:

@@ -1,4 +1,4 @@
-"""What any method can know: Fisher information of the angles and Cramer-Rao bounds of the joints.
+"""Fisher information of the angles and Cramer-Rao bounds of the joints.
 
 A detection with covariance C of a joint at X informs about the angles by (dpixel/dangles)^T C^-1
 (dpixel/dangles); Student-t errors by a constant times that. The bound on a joint's covariance is
@@ -150,7 +150,7 @@ def _carried(
 def prior_information(
     angles: Float[Array, "B 37"], weight: float = 1.0, limit_weight: float = 0.0
 ) -> Float[Array, "B 37 37"]:
-    """What is known beforehand: the posture's precision, times a weight, and limits exceeded."""
+    """Information of the prior: the posture's precision times a weight, and exceeded limits."""
     beyond = (angles > LIMITS[:, 1]) | (angles < LIMITS[:, 0])
     walls = 2.0 * limit_weight * beyond[..., None] * np.eye(DOF_COUNT)
     return weight * load_posture().precision + walls

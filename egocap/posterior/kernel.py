@@ -1,7 +1,7 @@
 """Log posterior of many parameter vectors, compiled; its derivatives are in `curvature`.
 
-Densities are in the pixels of the detections, so that what `simulation` draws follows them to the
-letter. A test compares them with the readable form in `egocap.posterior.log_prob` and with finite
+Densities are in the pixels of the detections, so that those drawn by `synthetic_pose` follow them
+exactly. A test compares them with the readable form in `egocap.posterior.log_prob` and with finite
 differences. numba's cache does not see changes of other files: clear `__pycache__` after editing
 `egocap.body.kinematics`.
 """

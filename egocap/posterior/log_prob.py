@@ -4,11 +4,11 @@
         - 1/2 |scales / sd|^2 - 1/2 |rig errors / sd|^2
         + 1/T sum log t_nu(whitened pixel residual)       + a constant
 
-The posture Gaussian is the tracker's, at full weight: it is a density from which poses can be
-drawn (`simulation`), so that whether the posterior is calibrated can be tested. Limits are walls of
-finite stiffness, because people's ranges differ by degrees: smooth, proper, and without a
-reparametrisation that would distort the density near them. Student-t errors have the stated
-spreads as standard deviations. Whether a joint is detected is taken as given, not as evidence.
+The posture Gaussian is the tracker's, at full weight: a density from which poses can be drawn
+(`synthetic_pose`), so that calibration can be tested. Limits are walls of finite stiffness, because
+people's ranges differ by degrees: smooth, proper, and without a reparametrisation that would
+distort the density near them. Student-t errors have the stated spreads as standard deviations.
+Whether a joint is detected is taken as given, not as evidence.
 """
 
 from __future__ import annotations

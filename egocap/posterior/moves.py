@@ -1,4 +1,4 @@
-"""Proposals for emcee that know the posterior's shape: a mixture of Gaussians near it.
+"""Proposals for emcee from a mixture of Gaussians that approximates the posterior.
 
 `Crank` turns a walker about the mean of the Gaussian it belongs to, in that Gaussian's own metric.
 The Gaussian itself would be sampled without a single rejection, in any number of dimensions, where

@@ -1,11 +1,11 @@
-"""emcee on one frame's posterior: started from its modes, as long as its autocorrelation asks for.
+"""emcee on one frame's posterior: started from its modes, run until autocorrelation is short.
 
 Moves, drawn at random at every step: Crank and (between modes) Hop of `moves`, which
 follow the shape about the modes, and differential evolution with and without snooker and the
 stretch move, which need no idea of it. The chain grows until it is `LENGTHS` integrated
 autocorrelation times long beyond a burn-in of `BURN_IN` of them, has the effective draws asked for,
-and the walkers agree with each other; or until it may grow no more, and then the result says that
-it has not mixed, and by which number.
+and the walkers agree with each other; or until the limit of steps, and then the result
+states which criterion failed.
 
 Source: Foreman-Mackey et al. 2013 (emcee); Goodman & Weare 2010; ter Braak & Vrugt 2008; Sokal 1996
 (autocorrelation time); Vehtari et al. 2021 (split R-hat).
@@ -38,9 +38,9 @@ THIN = 5
 LENGTHS, BURN_IN = 50.0, 5.0
 """Least length of a chain and burn-in, in autocorrelation times."""
 GROWTH = 1.5
-"""How the waits between two looks at the chain grow."""
+"""Growth of the chain between two checks."""
 RHAT = 1.05
-"""Most that walkers may disagree."""
+"""Limit of the potential scale reduction."""
 KEPT_DRAWS = 6000
 """Draws handed on, at most about, evenly from the chain."""
 _CRANKS = (0.15, 0.3, 0.6)
@@ -50,7 +50,7 @@ _FEW = (4, 8, 16)
 
 @dataclass(frozen=True)
 class Health:
-    """What a chain says about itself. Times are in steps."""
+    """Convergence diagnostics of a chain. Times are in steps."""
 
     autocorrelation: Float[Array, "N"]
     effective: Float[Array, "N"]
@@ -131,7 +131,7 @@ def sample(
 def fingerprint(
     density: LogPosterior, config: SamplerConfig, starts: Float[Array, "S 37"] | None = None
 ) -> str:
-    """A name for everything that the draws depend on."""
+    """Hash of everything that the draws depend on."""
     digest = hashlib.sha256()
     m = density.measurement
     for array in (m.pixels, m.whiten, m.weights, density.proportions.offsets, starts):
@@ -172,8 +172,11 @@ def split_rhat(chain: Float[Array, "S W N"]) -> Float[Array, "N"]:
 def _grow(
     sampler: emcee.EnsembleSampler, state: Any, names: tuple[str, ...], config: SamplerConfig
 ) -> Health:
-    """Run until the chain is healthy or may grow no more; looks at it after fixed numbers of steps,
-    so that an interrupted chain is looked at, and ends, where an uninterrupted one is."""
+    """Run until the chain has converged or reached its limit.
+
+    It is checked after fixed numbers of steps, so that a continued chain ends where an
+    uninterrupted one does.
+    """
     target = FIRST_CHECK
     while True:
         target = min(target, config.most_steps)

@@ -1,7 +1,6 @@
-"""Poses drawn from the prior and detections drawn from the likelihood: a world that is well-posed.
+"""Poses drawn from the prior and detections drawn from the likelihood.
 
-In it a posterior must be calibrated, whatever the rig and the noise; that is what
-`egocap-eval calibration` tests.
+On these a posterior must be calibrated for any rig and noise: `egocap-eval calibration` tests it.
 Source: Talts et al. 2018, "Validating Bayesian inference algorithms with simulation-based
 calibration".
 """

@@ -10,7 +10,7 @@ import time
 from dataclasses import asdict, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.body.gaussians import GaussianBody
@@ -29,7 +29,7 @@ from egocap.paper.solver import Frame, PaperSolver
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import predict
 from egocap.pose.kernel import make_model
-from egocap.pose.observations import observe
+from egocap.pose.observations import Observations, observe
 from egocap.track.colour_refinement import Images, most_certain_frames
 from egocap.track.joint_occlusion import occlusion_causes
 from egocap.track.online import ONLINE
@@ -98,40 +98,27 @@ class PaperTracker:
         require_increasing_times(detections)
         if images is None:
             raise InputError("the paper's solvers without images", valid="images of every frame")
-        times, plain = np.asarray(detections.times, float), TrackerConfig()
-        seen = observe(detections, self.rig, self.proportions, plain)
+        seen = observe(detections, self.rig, self.proportions, TrackerConfig())
         valid = seen.weights > 0.0
-        confidence = np.where(valid, np.nan_to_num(detections.confidence), 0.0)
         require_pictures(self.rig, images(0))
         stopwatch = Stopwatch()
         body, start = self._personalise(detections, images)
         stopwatch.lap("personalise")
         image = ImageModel(body, image_rays(self.rig, *self.config.size), measure=PAPER)
-        solver = PaperSolver(image, make_model(self.proportions, plain), self.config)
-        rng = np.random.default_rng(self.seed)
-        angles, energies = np.zeros((len(times), len(start))), np.zeros((len(times), 4))
-        converged, last, before = np.zeros(len(times), bool), start, start
+        model = make_model(self.proportions, TrackerConfig())
+        solver = PaperSolver(image, model, self.config)
         warm_up_s = _warm_up(solver, start, len(seen.centres))
-        stopwatch.skip()
-        for t in range(len(times)):
-            pictures = images(t)
-            stopwatch.lap("images")
-            predicted = predict(last, before, self.config.zeta)
-            colours = image.colours(pictures)
-            frame = Frame(colours, seen.centres, seen.rays[t], confidence[t], predicted)
-            found = solver.solve(frame, predicted, rng)
-            stopwatch.lap("frames")
-            energies[t] = solver.terms(frame, found.angles)
-            stopwatch.lap("energies")
-            angles[t], converged[t] = found.angles, found.converged
-            last, before = found.angles, last
+        confidence = np.where(valid, np.nan_to_num(detections.confidence), 0.0)
+        angles, converged, energies = self._solve(
+            solver, seen, confidence, images, start, stopwatch
+        )
         if self.low_pass > 0.0:
             angles = smooth_gaussian(angles, self.low_pass)
         return Track(
-            times=times, angles=angles, joints_head=forward(self.proportions, angles),
+            times=seen.times, angles=angles, joints_head=forward(self.proportions, angles),
             energy=energies.sum(1), converged=converged,
             detections_used=valid.sum((1, 2)).astype(float),
-            seconds_per_frame=stopwatch.seconds["frames"] / len(times),
+            seconds_per_frame=stopwatch.seconds["frames"] / len(angles),
             config={
                 "solver": self._name, "paper": asdict(self.config), "low_pass": self.low_pass,
                 "seed": self.seed, "detections": detections.source, "rig": self.rig.name,
@@ -140,6 +127,29 @@ class PaperTracker:
             offsets=np.array(self.proportions.offsets), energies=energies,
             hidden=occlusion_causes(angles, detections, self.rig, self.proportions),
         )  # fmt: skip
+
+    def _solve(
+        self, solver: PaperSolver, seen: Observations, confidence: Float[Array, "T V 18"],
+        images: Images, start: Float[Array, "37"], stopwatch: Stopwatch,
+    ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"], Float[Array, "T 4"]]:  # fmt: skip
+        """Angles, convergence and energies of one frame after another."""
+        frames, rng = len(seen.times), np.random.default_rng(self.seed)
+        angles, energies = np.zeros((frames, len(start))), np.zeros((frames, 4))
+        converged, last, before = np.zeros(frames, bool), start, start
+        stopwatch.skip()
+        for t in range(frames):
+            pictures = images(t)
+            stopwatch.lap("images")
+            predicted = predict(last, before, self.config.zeta)
+            colours = solver.image.colours(pictures)
+            frame = Frame(colours, seen.centres, seen.rays[t], confidence[t], predicted)
+            found = solver.solve(frame, predicted, rng)
+            stopwatch.lap("frames")
+            energies[t] = solver.terms(frame, found.angles)
+            stopwatch.lap("energies")
+            angles[t], converged[t] = found.angles, found.converged
+            last, before = found.angles, last
+        return angles, converged, energies
 
     def _personalise(
         self, detections: Detections, images: Images

@@ -77,11 +77,7 @@ class BatchSolver:
 
     def _solve_interval(self, angles: Float[Array, "T 37"], observations: Observations) -> Solution:
         config, known = self.config, (self.model, self.config)
-        choosing, chosen = needs_association(observations, config), observations[:]
-        if choosing:
-            associate(angles, observations, chosen, *known)
-        angles, converged = smooth_interval(angles, chosen, *known)
-        changed = choosing and associate(angles, observations, chosen, *known) > 0
+        angles, converged, chosen, changed = self._associate(angles, observations)
         estimated: dict[str, object] = {}
         if (config.synchronise or config.align_cameras) and chosen.weights.shape[1] > 1:
             angles, chosen, alignment = self._align(angles, chosen)
@@ -106,6 +102,18 @@ class BatchSolver:
             angles, converged, prediction = self._apply_motion_prior(angles, chosen)
         independent = chosen if noise is None else weight_as_independent(chosen, noise)
         return Solution(angles, converged, chosen, independent, estimated, prediction)
+
+    def _associate(
+        self, angles: Float[Array, "T 37"], observations: Observations
+    ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"], Observations, bool]:
+        """Associate and smooth; whether the smoothed motion changes the association."""
+        known, chosen = (self.model, self.config), observations[:]
+        choosing = needs_association(observations, self.config)
+        if choosing:
+            associate(angles, observations, chosen, *known)
+        angles, converged = smooth_interval(angles, chosen, *known)
+        changed = choosing and associate(angles, observations, chosen, *known) > 0
+        return angles, converged, chosen, changed
 
     def _align(
         self, angles: Float[Array, "T 37"], chosen: Observations

@@ -29,7 +29,7 @@ from egocap_sim.crowd.wandering import free_courses
 from egocap_sim.human.body.limb_distances import RIGHT_ARM, apart, limb_points
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.clothing.wardrobe import make_person
-from egocap_sim.motion.clips.concatenation import concatenate
+from egocap_sim.motion.clips.editing import concatenate
 from egocap_sim.motion.generators.course import straight_course
 from egocap_sim.motion.generators.gestures import GESTURES
 from egocap_sim.motion.generators.registry import make_motion
@@ -38,8 +38,7 @@ from egocap_sim.motion.generators.walk import WalkParams, walk_along
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.posing import pose_figure
-from egocap_sim.motion.retarget.kinematic_playback import sample_reference
-from egocap_sim.motion.retarget.retarget import retarget
+from egocap_sim.motion.retarget.retarget import retarget, sample_reference
 from egocap_sim.scene.config import OthersTable
 from egocap_sim.truth.truth import label_positions
 

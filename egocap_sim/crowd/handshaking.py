@@ -19,7 +19,7 @@ from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import minimum_jerk
 from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.kinematics.limbs import bend_limb
-from egocap_sim.motion.retarget.palms import palm_of
+from egocap_sim.motion.retarget.palms import find_palm
 
 Bodies = Float[Array, "T 21 4 4"]
 _OUT_M = (0.26, 0.40)  # of the palm before the shoulder: the hand begins to be, and is, held out
@@ -42,7 +42,7 @@ class Handshake:
 def find_handshake(wearer: Person, bodies: Bodies) -> Handshake | None:
     """When and where the wearer holds the right hand out; None where it never does so in one
     place."""
-    palm = palm_of(wearer, "r")
+    palm = find_palm(wearer, "r")
     at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
     chest, shoulder = bodies[:, INDEX["chest"]], bodies[:, INDEX["r_upperarm"], :3, 3]
     ahead = chest[:, :3, 0] * [1.0, 1.0, 0.0]
@@ -89,7 +89,7 @@ def handshake_clip(
 
 def reach_palm(handshake: Handshake, person: Person, bodies: Bodies, fps: float) -> Bodies:
     """Bend the partner's right arm so that the palms reach_palm while the hand is held out."""
-    palm = palm_of(person, "r")
+    palm = find_palm(person, "r")
     at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
     smooth = gaussian_filter1d(handshake.share, 0.06 * fps, mode="nearest")
     R = bend_limb(

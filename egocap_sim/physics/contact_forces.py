@@ -1,4 +1,4 @@
-"""What the floor would have to do: pushes against the feet that explain a wrench, compiled."""
+"""Contact forces of the floor on the feet that explain a root wrench; compiled."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _MOST_STEPS, _LEAST_SHARE = 50, 1e-9  # of Newton's method, and of one of its st
 
 
 @njit(cache=True)
-def floor_pushes(
+def contact_forces(
     points: Float[Array, "N 3"],
     foot: Int[Array, "N"],
     slope: Float[Array, "4"],
@@ -40,7 +40,7 @@ def floor_pushes(
             columns[3 + axis, c] = torque_weight * turned
     weighted = wrench.copy()
     weighted[3:] *= torque_weight
-    shares = nonnegative_shares(columns, weighted, regularisation)
+    shares = nonnegative_least_squares(columns, weighted, regularisation)
     plan = np.zeros((len(feet), 6))
     for c, share in enumerate(shares):
         f = foot[c // 4]
@@ -61,7 +61,9 @@ def _torque(
 
 
 @njit(cache=True)
-def nonnegative_shares(C: Float[Array, "D N"], w: Float[Array, "D"], r: float) -> Float[Array, "N"]:
+def nonnegative_least_squares(
+    C: Float[Array, "D N"], w: Float[Array, "D"], r: float
+) -> Float[Array, "N"]:
     """The x >= 0 that minimises |C x - w|^2 + r^2 |x|^2.
 
     It is max(0, C' y) for the y that minimises f = r^2 |y|^2 + |max(0, C' y)|^2 - 2 w' y, convex

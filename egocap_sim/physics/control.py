@@ -1,10 +1,10 @@
 """Torques that make the simulated person follow a motion.
 
 Computed torque: M (qacc + feedback) + bias gives the generalised forces that the motion needs. The
-six of them at the free root nobody can apply; they are first explained by pushes of the floor
-against the feet (non-negative least squares over the edges of the friction pyramids at the contact
-points). The planned pushes are taken off the joint torques too, since the floor will deliver them.
-What they do not explain stays as a residual wrench on the root.
+six of them at the free root have no actuator; they are first explained by contact forces of the
+floor on the feet (non-negative least squares over the edges of the friction pyramids at the contact
+points). The planned forces are subtracted from the joint torques too, since the floor supplies
+them. The rest stays as a residual wrench on the root.
 
 Source: one-step-ahead feedback from J. Tan et al., "Stable proportional-derivative controllers",
 IEEE CG&A 31 (2011).
@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from egocap_sim.core.bodies import FEET, INDEX
-from egocap_sim.physics.contact_forces import floor_pushes
+from egocap_sim.physics.contact_forces import contact_forces
 from egocap_sim.physics.model import FRICTION
 from egocap_sim.physics.reference import Target
 
@@ -36,8 +36,8 @@ class ControlConfig:
     root_rate: float = 30.0  # rad/s: the same for the root
     friction: float = 0.6  # slope of the planned friction pyramid, below the floor's own
     torque_weight: float = 4.0  # weight of the root's torques against its forces, 1/m
-    regularisation: float = 0.02  # of planned pushes: spreads them over the contact points
-    plan_filter_s: float = 0.01  # time constant of the planned pushes
+    regularisation: float = 0.02  # of planned contact forces: spreads them over the contact points
+    plan_filter_s: float = 0.01  # time constant of the planned contact forces
     slip: float = 0.1  # share of the friction that is left to a sliding foot
     release_rad: float = 0.1  # a leg joint this far off lets its foot go until it is back
 
@@ -86,7 +86,7 @@ class Controller:
         mujoco.mj_mulM(model, data, self._inertia, wanted)
         force = self._inertia + data.qfrc_bias - data.qfrc_passive
         if self._steps % _PLAN_EVERY == 0:
-            self._goal = self._pushes(data, force[:6])
+            self._goal = self._planned_forces(data, force[:6])
         self._steps += 1
         self._plan += self._blend * (self._goal - self._plan)
         # The leg must not go on pushing against a floor that has been taken away.
@@ -96,11 +96,13 @@ class Controller:
             mujoco.mj_applyFT(model, data, relief[:3], relief[3:], at, body, force)
         data.qfrc_applied[:] = force
 
-    def _pushes(self, data: mujoco.MjData, wrench: Float[Array, "6"]) -> Float[Array, "4 6"]:
-        """The floor's best pushes for a root wrench: force and torque on each foot, world."""
-        if data.ncon == 0 or not np.isfinite(wrench).all():  # who blows up is stopped elsewhere
+    def _planned_forces(
+        self, data: mujoco.MjData, wrench: Float[Array, "6"]
+    ) -> Float[Array, "4 6"]:
+        """Contact force and torque on each foot, world, that best explain a root wrench."""
+        if data.ncon == 0 or not np.isfinite(wrench).all():  # divergence is detected elsewhere
             return np.zeros((len(FEET), 6))
-        return floor_pushes(
+        return contact_forces(
             np.ascontiguousarray(data.contact.pos),
             np.searchsorted(self._foot_geom, data.contact.geom.max(1)),
             self._config.friction * self._grip,

@@ -11,7 +11,8 @@ from scipy.interpolate import CubicSpline
 
 from egocap.geometry import matrix_to_quaternion, unit
 from egocap_sim.core.bodies import PARENTS
-from egocap_sim.motion.retarget.retarget import Reference, continuous
+from egocap_sim.motion.kinematics.curves import continuous
+from egocap_sim.motion.retarget.retarget import Reference
 
 BLOCK = 1024  # steps computed at once: bounds memory for long motions
 

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, fields
-from pathlib import Path
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.errors import FileError, InputError
-from egocap.files import read_npz, write_npz
+from egocap.errors import InputError
 from egocap.geometry import rigid
 from egocap_sim.core.bodies import BODIES, FEET
-from egocap_sim.core.trajectory import PhysicsStats, Trajectory
+from egocap_sim.core.trajectory import Trajectory
 from egocap_sim.human.body.person import Person
 from egocap_sim.motion.retarget.retarget import Reference
 from egocap_sim.physics.control import ControlConfig, Controller
 from egocap_sim.physics.model import build_model
 from egocap_sim.physics.reference import BLOCK, Target, TargetMotion
-from egocap_sim.physics.tracking_stats import Witness
+from egocap_sim.physics.tracking_stats import TrackingMonitor
 
 STEPS_PER_S = 250.0  # at least; a whole number of steps fits between two camera frames
-_ARRAYS = {"T_world_body": (21, 4, 4), "contact": (4,), "ground_force": (2, 3), "root_wrench": (6,)}
-_TOUCH_N = 1.0  # newtons: the least push that counts as contact
+_TOUCH_N = 1.0  # newtons: the least force that counts as contact
 _FASTEST = 25.0  # metres a second: twice a sprinter
 _LOST_M = 1.0  # a pelvis this far off its reference has lost the motion
 
@@ -52,7 +48,7 @@ def simulate(
     substeps = steps_per_frame(fps)
     model = build_model(person, 1.0 / (fps * substeps), reference.ground_boxes)
     run = _Run(model, Controller(model, control or ControlConfig()), n_frames)
-    witness = Witness(person, model, reference.ground_boxes)
+    monitor = TrackingMonitor(person, model, reference.ground_boxes)
     motion = TargetMotion(reference)
     steps = (n_frames - 1) * substeps + 1
     started = time.process_time()
@@ -64,15 +60,15 @@ def simulate(
             if step % substeps == 0:
                 frame = step // substeps
                 run.record(frame, forces=frame % force_every == 0)
-            witness.note(run.data, target, i)
-            if not (sound and witness.lost_m < _LOST_M):
+            monitor.observe(run.data, target, i)
+            if not (sound and monitor.lost_m < _LOST_M):
                 raise InputError(
                     f"the person cannot follow the motion: lost {step * model.opt.timestep:.2f} s "
                     "after its start",
                     valid="a motion without jumps between its frames",
                 )
     seconds = time.process_time() - started
-    stats = witness.stats(ms_per_second=1e3 * seconds / (steps * model.opt.timestep))
+    stats = monitor.stats(ms_per_second=1e3 * seconds / (steps * model.opt.timestep))
     return Trajectory(fps, run.T_world_body, run.contact, run.ground_force, run.root_wrench, stats)
 
 
@@ -148,39 +144,13 @@ class _Run:
         foot = np.searchsorted(self._foot_geoms, geoms.max(1))
         self.contact[frame, foot[wrenches[:, 0] > _TOUCH_N]] = True
         # The normal, first row of the contact's frame, points from the first geom to the other.
-        pushes = np.einsum("ki,kij->kj", wrenches[:, :3], data.contact.frame.reshape(-1, 3, 3))
-        pushes[geoms[:, 0] > geoms[:, 1]] *= -1.0
-        np.add.at(self.ground_force[frame], foot // 2, pushes)
+        contact_forces = np.einsum(
+            "ki,kij->kj", wrenches[:, :3], data.contact.frame.reshape(-1, 3, 3)
+        )
+        contact_forces[geoms[:, 0] > geoms[:, 1]] *= -1.0
+        np.add.at(self.ground_force[frame], foot // 2, contact_forces)
 
     @property
     def T_world_body(self) -> Float[Array, "T 21 4 4"]:
         """Poses of the bodies in the frames recorded."""
         return rigid(self._rotations, self._positions)
-
-
-def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory to an npz file (no pickle inside); it appears whole or not at all.
-
-    Raises MachineError where the disk refuses.
-    """
-    arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
-    stats = {f"stats_{name}": value for name, value in asdict(trajectory.stats).items()}
-    write_npz(Path(path), compressed=False, fps=trajectory.fps, **arrays, **stats)
-
-
-def load_trajectory(path: str | Path) -> Trajectory:
-    """Read what `save_trajectory` wrote. Raises FileError for anything else."""
-    try:
-        file = read_npz(Path(path))
-        arrays = {name: file[name] for name in _ARRAYS}
-        fps = float(file["fps"])
-        stats = {f.name: float(file[f"stats_{f.name}"]) for f in fields(PhysicsStats)}
-    except KeyError as problem:
-        raise FileError(path, f"not a trajectory: {problem.args[0]}", valid=_ARRAYS) from None
-    frames = len(arrays["T_world_body"])
-    for name, shape in _ARRAYS.items():
-        if arrays[name].shape != (frames, *shape):
-            raise FileError(
-                path, f"has the shape {arrays[name].shape}", key=name, valid=f"{(frames, *shape)}"
-            )
-    return Trajectory(fps, **arrays, stats=PhysicsStats(**stats))

@@ -1,4 +1,4 @@
-"""Watch a simulation and sum up how faithful it is to its reference and how clean its contacts."""
+"""Accuracy of a simulation against its reference, and quality of its contacts."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import soles
 from egocap_sim.physics.reference import Target
 
-_EVERY_S = 0.02  # how often the motion is looked at, seconds
+_EVERY_S = 0.02  # how often the motion is sampled, seconds
 _PLANTED_HEIGHT = 0.02  # metres: a sole point of the reference lower and
 _PLANTED_SPEED = 0.2  # slower (m/s) than this is planted
 
 
-class Witness:
+class TrackingMonitor:
     """Compares the simulated person with the reference at the same instant.
 
     Errors are distances of the 17 evaluated joints. A sole point is planted when the *reference*
@@ -50,16 +50,13 @@ class Witness:
         self._simulated: list[np.ndarray] = []
         self._wanted: list[np.ndarray] = []
         self._residual: list[np.ndarray] = []
-        self._steps, self._lost = 0, 0.0
+        self._steps = 0
+        self.lost_m = 0.0
+        """Distance of the pelvis from where the reference last had it; NaN if it diverged."""
 
-    @property
-    def lost_m(self) -> float:
-        """Distance of the pelvis from where the reference last wanted it; NaN if it blew up."""
-        return self._lost
-
-    def note(self, data: mujoco.MjData, target: Target, i: int) -> None:
-        """Look at the state at the start of the step just taken."""
-        self._lost = math.dist(data.xpos[1], target.qpos[i, :3])
+    def observe(self, data: mujoco.MjData, target: Target, i: int) -> None:
+        """Record the state at the start of the step just taken."""
+        self.lost_m = math.dist(data.xpos[1], target.qpos[i, :3])
         self._residual.append(data.qfrc_applied[:3].copy())
         if self._steps % self._every == 0:
             self._reference.qpos[:] = target.qpos[i]
@@ -69,7 +66,7 @@ class Witness:
         self._steps += 1
 
     def stats(self, ms_per_second: float) -> PhysicsStats:
-        """Sum up everything seen so far."""
+        """Statistics of everything recorded so far."""
         simulated, wanted = np.stack(self._simulated), np.stack(self._wanted)
         j = self._joints
         error = 100 * np.linalg.norm(simulated[:, :j] - wanted[:, :j], axis=-1)

@@ -24,7 +24,7 @@ from egocap_sim.motion.generators.cycling import (
     REAR_X,
     WHEEL_R,
     Ride,
-    grips_of,
+    grip_positions,
     leg_scale,
 )
 from egocap_sim.props.performance import Performance
@@ -39,7 +39,9 @@ def bicycle(performance: Performance, rng: np.random.Generator) -> list[Animated
     t = performance.times + performance.start_s
     T_world_bike, steering = ride.pose(t, scale), ride.steering(t, scale)
     T = performance.bodies
-    grips = grips_of(performance.person, T[..., :3, 3], T[..., :3, :3], T_world_bike @ steering)
+    grips = grip_positions(
+        performance.person, T[..., :3, 3], T[..., :3, :3], T_world_bike @ steering
+    )
     bar = grips[0] - [0.0, 0.0, _BAR_R]  # under the left palm
     parts = {
         FRAME: _frame(scale, _saddle_top(performance, T_world_bike), rng),

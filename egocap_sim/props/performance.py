@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from egocap_sim.core.rng import make_rng
 from egocap_sim.human.body.person import Person
 from egocap_sim.motion.generators.registry import motion_parameters
-from egocap_sim.motion.retarget.palms import Palm, palm_of
+from egocap_sim.motion.retarget.palms import Palm, find_palm
 from egocap_sim.scene.config import MotionTable
 
 
@@ -47,7 +47,7 @@ class Performance:
     @cached_property
     def palms(self) -> tuple[Palm, Palm]:
         """The left and the right palm."""
-        return palm_of(self.person, "l"), palm_of(self.person, "r")
+        return find_palm(self.person, "l"), find_palm(self.person, "r")
 
     @property
     def palm_paths(self) -> tuple[Float[Array, "T 3"], Float[Array, "T 3"]]:

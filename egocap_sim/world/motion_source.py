@@ -44,14 +44,14 @@ class MotionSource:
             names = Path(table.joint_names) if table.joint_names else None
             clip = stored_clip(Path(table.file), up=table.up, unit=table.unit, names=names)
             return self._variant(clip)
-        from egocap_sim.motion.clips.variants import shortened
+        from egocap_sim.motion.clips.editing import trim
         from egocap_sim.motion.generators.registry import make_motion
 
         assert table.name is not None
         needed = table.start_s + (self.frames + 1) / self.fps
         duration = table.length_s or math.ceil(needed / _BLOCK_S) * _BLOCK_S
         clip = make_motion(table.name, duration, self._rng(), **table.parameters)
-        return shortened(clip, self._skipped_s, duration) if self._skipped_s else clip
+        return trim(clip, self._skipped_s, duration) if self._skipped_s else clip
 
     def available_frames(self, clip: Clip) -> int:
         """Frames that the clip lasts from where the recording begins. Raises InputError for 0."""
@@ -125,19 +125,19 @@ class MotionSource:
     def _variant(self, clip: Clip) -> Clip:
         """The clip cut, joined with the next, mirrored and changed in speed as the scene asks."""
         from egocap_sim.motion.clips.clip_store import stored_clip
-        from egocap_sim.motion.clips.variants import hurried, joined, mirrored, shortened
+        from egocap_sim.motion.clips.editing import change_speed, join_clips, mirror, trim
 
         table = self.table
         if table.then is not None:
             assert table.length_s is not None
             half = 0.5 * table.length_s * table.speed
-            following = shortened(stored_clip(Path(table.then)), table.then_start_s, half)
-            clip = joined(shortened(clip, table.start_s, half), following)
+            following = trim(stored_clip(Path(table.then)), table.then_start_s, half)
+            clip = join_clips(trim(clip, table.start_s, half), following)
         elif table.length_s is not None:
-            clip = shortened(clip, table.start_s, table.length_s * table.speed)
+            clip = trim(clip, table.start_s, table.length_s * table.speed)
         if table.mirrored:
-            clip = mirrored(clip)
-        return hurried(clip, table.speed) if table.speed != 1.0 else clip
+            clip = mirror(clip)
+        return change_speed(clip, table.speed) if table.speed != 1.0 else clip
 
     @property
     def _start_s(self) -> float:

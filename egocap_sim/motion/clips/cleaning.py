@@ -16,6 +16,8 @@ from numpy import ndarray as Array
 from egocap.geometry import matrix_to_quaternion, quaternion_to_matrix
 from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 from egocap_sim.motion.kinematics.clip import Clip
+from egocap_sim.motion.kinematics.curves import continuous
+from egocap_sim.motion.kinematics.figure import leg_length
 
 MAX_SPEED = 40.0  # rad/s relative to the parent; throwing arms reach about 30 in such recordings
 MEDIAN_WINDOW = 0.15  # s; a spike is shorter than half of it
@@ -74,7 +76,7 @@ def despike(clip: Clip) -> tuple[Clip, int]:
     spread over `GLIDE`.
     """
     local = to_local(clip.rotations)
-    q = _continuous(matrix_to_quaternion(local))
+    q = continuous(matrix_to_quaternion(local))
     bad = _far_from_median(q, clip.fps)
     for b in range(q.shape[1]):
         bad[:, b] |= _between_jumps(_interpolate(q[:, b], bad[:, b]), clip.fps)
@@ -89,7 +91,7 @@ def within_limits(clip: Clip) -> tuple[Clip, int]:
     """
     assert clip.canonical, clip.name
     local = to_local(clip.rotations)
-    q = _continuous(matrix_to_quaternion(local))
+    q = continuous(matrix_to_quaternion(local))
     bad = np.zeros(q.shape[:2], bool)
     for b, body in enumerate(BODIES):
         limit = MAX_ANGLE.get(body.removeprefix("l_").removeprefix("r_"), np.inf)
@@ -102,15 +104,9 @@ def within_limits(clip: Clip) -> tuple[Clip, int]:
 def floor_height(clip: Clip) -> float:
     """Height of the floor under a clip, from the lower sole of each frame, in metres."""
     p, quantile = clip.positions, FLOOR_QUANTILE
-    leg = np.mean(
-        [
-            np.linalg.norm(p[:, INDEX[s + a]] - p[:, INDEX[s + b]], axis=1).mean()
-            for s in ("l_", "r_")
-            for a, b in (("thigh", "calf"), ("calf", "foot"))
-        ]
-    )
+    leg = leg_length(p)
     soles = [
-        p[:, INDEX[s + part], 2] - 2 * leg * above
+        p[:, INDEX[s + part], 2] - leg * above
         for s in ("l_", "r_")
         for part, above in (("foot", ANKLE_HEIGHT), ("toe", TOE_HEIGHT))
     ]
@@ -156,12 +152,6 @@ def _replaced(
         fixed = _interpolate(q[:, b], bad[:, b])
         local[bad[:, b], b] = quaternion_to_matrix(fixed[bad[:, b]])
     return rebuilt(clip, local), int(bad.sum())
-
-
-def _continuous(q: Float[Array, "T B 4"]) -> Float[Array, "T B 4"]:
-    """Quaternions with the signs that make neighbours in time close."""
-    flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(-1) < 0, -1.0, 1.0), axis=0)
-    return np.concatenate([q[:1], q[1:] * flips[..., None]])
 
 
 def _angle(a: Float[Array, "*n 4"], b: Float[Array, "*n 4"]) -> Float[Array, "*n"]:

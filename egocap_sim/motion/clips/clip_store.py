@@ -19,7 +19,8 @@ from egocap_sim.motion.kinematics.clip import Clip
 READERS = (
     "core/bodies.py", "motion/clips/bone_calibration.py", "motion/clips/bvh.py",
     "motion/clips/cleaning.py", "motion/clips/load.py", "motion/clips/npz.py",
-    "motion/clips/skeleton_names.py", "motion/kinematics/clip.py",
+    "motion/clips/skeleton_names.py", "motion/kinematics/clip.py", "motion/kinematics/curves.py",
+    "motion/kinematics/figure.py",
 )  # fmt: skip
 """The sources that decide what a file is read as."""
 

@@ -29,6 +29,7 @@ from egocap_sim.motion.clips.cleaning import (
 from egocap_sim.motion.clips.npz import read_npz
 from egocap_sim.motion.clips.skeleton_names import map_joints, normal, read_name_map
 from egocap_sim.motion.kinematics.clip import Clip
+from egocap_sim.motion.kinematics.figure import leg_length
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +72,7 @@ def load_clip(
         clip, hints = _from_bvh(read_bvh(path), path, up, unit, given)
     else:
         raise FileError(path, f"is of an unknown kind '{kind}'", valid=".bvh, .npz")
-    leg = _leg(clip.positions, INDEX)
+    leg = leg_length(clip.positions)
     if not BELIEVED_LEG[0] < leg < BELIEVED_LEG[1]:
         wrong = "positions are in metres" if kind == ".npz" else f"unit={'|'.join(UNITS)}"
         raise FileError(path, f"the person's legs are {leg:.3g} m long", valid=wrong)
@@ -135,7 +136,7 @@ def _up_axis(
 
 def _unit(P: Float[Array, "T J 3"], mapped: Mapping[str, int], path: Path) -> float:
     """Metres a file unit, from the length of the legs."""
-    leg = _leg(P, mapped)
+    leg = leg_length(P, mapped)
     fits = [m for m in UNITS.values() if LEG[0] < leg * m < LEG[1]]
     if not fits:
         raise FileError(
@@ -144,16 +145,6 @@ def _unit(P: Float[Array, "T J 3"], mapped: Mapping[str, int], path: Path) -> fl
             valid="unit=" + "|".join(UNITS),
         )
     return fits[0]
-
-
-def _leg(P: Float[Array, "T J 3"], joints: Mapping[str, int]) -> float:
-    """Length of the legs from hip to ankle, the mean of both and of all frames."""
-    bones = [
-        np.linalg.norm(P[:, joints[s + a]] - P[:, joints[s + b]], axis=1).mean()
-        for s in ("l_", "r_")
-        for a, b in (("thigh", "calf"), ("calf", "foot"))
-    ]
-    return float(2 * np.mean(bones))
 
 
 def _bodies(

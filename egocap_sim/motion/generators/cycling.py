@@ -25,7 +25,7 @@ from egocap_sim.motion.kinematics.curves import slow_noise, turn
 from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.kinematics.limbs import bend_limb
 from egocap_sim.motion.kinematics.posing import SIDES, Controls, aim_wrists, pose_figure
-from egocap_sim.motion.retarget.palms import palm_of
+from egocap_sim.motion.retarget.palms import find_palm
 from egocap_sim.motion.retarget.retarget import Reference
 
 AXLE = np.array([0.0, 0.0, 0.28])  # of the cranks
@@ -129,7 +129,7 @@ def fit_rider(
     for i, side in enumerate("lr"):
         p = joint_positions(person.joints, reference.root, R)
         R = bend_limb(p, R, side, pedals[:, i] - _ball_of_foot(person, p, R, side))
-    grips = grips_of(
+    grips = grip_positions(
         person, joint_positions(person.joints, reference.root, R), R, T_world_bike @ steering
     )
     held = transform(T_world_bike @ steering, np.broadcast_to(grips, (len(t), 2, 3)))
@@ -139,7 +139,7 @@ def fit_rider(
     return dataclasses.replace(reference, rotations=R)
 
 
-def grips_of(
+def grip_positions(
     person: Person,
     positions: Float[Array, "T 21 3"],
     rotations: Float[Array, "T 21 3 3"],
@@ -189,7 +189,7 @@ def _rider(t: Float[Array, "T"], ride: Ride, rng: np.random.Generator, gaze: flo
 
 
 def _palm(person: Person, p: Array, R: Array, side: str) -> Float[Array, "T 3"]:
-    palm = palm_of(person, side)
+    palm = find_palm(person, side)
     return p[:, palm.body] + R[:, palm.body] @ palm.centre
 
 

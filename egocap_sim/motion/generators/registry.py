@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from egocap.errors import InputError
-from egocap_sim.motion.clips.concatenation import concatenate
+from egocap_sim.motion.clips.editing import concatenate
 from egocap_sim.motion.generators.ball_handling import DribbleParams, JuggleParams, dribble, juggle
 from egocap_sim.motion.generators.cycling import CycleParams, cycle, fit_rider
 from egocap_sim.motion.generators.gestures import GESTURES, GestureParams, gesticulate

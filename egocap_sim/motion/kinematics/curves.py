@@ -69,6 +69,12 @@ def turn(
     return R
 
 
+def continuous(q: Float[Array, "T *batch 4"]) -> Float[Array, "T *batch 4"]:
+    """Choose the signs of quaternions along time so that neighbours lie on the same half."""
+    flips = np.where((q[1:] * q[:-1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    return np.concatenate([q[:1], q[1:] * np.cumprod(flips, axis=0)])
+
+
 def hermite(
     s: Float[Array, "T"], a: Array, b: Array, slope_a: Array, slope_b: Array
 ) -> Float[Array, "T 3"]:

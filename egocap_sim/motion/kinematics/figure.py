@@ -10,6 +10,8 @@ joint centres of the trunk lie on a line through hip and neck.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float
 from numba import njit
@@ -56,6 +58,18 @@ def positions(
 ) -> Float[Array, "T 21 3"]:
     """World joint positions of the figure under world rotations of its bodies."""
     return joint_positions(REST, pelvis, rotations)
+
+
+def leg_length(positions: Float[Array, "*batch J 3"], joints: Mapping[str, int] = INDEX) -> float:
+    """Length from hip to knee to ankle, the mean over frames and both sides."""
+    bones = [
+        np.linalg.norm(
+            positions[..., joints[s + a], :] - positions[..., joints[s + b], :], axis=-1
+        ).mean()
+        for s in ("l_", "r_")
+        for a, b in (("thigh", "calf"), ("calf", "foot"))
+    ]
+    return float(2 * np.mean(bones))
 
 
 def joint_positions(

@@ -28,7 +28,7 @@ class Palm:
     thumb: Float[Array, "3"]  # unit, towards the thumb's side
 
 
-def palm_of(person: Person, side: str) -> Palm:
+def find_palm(person: Person, side: str) -> Palm:
     """The palm of side 'l' or 'r'."""
     body = INDEX[f"{side}_hand"]
     knuckle = person.landmarks["left_hand" if side == "l" else "right_hand"]

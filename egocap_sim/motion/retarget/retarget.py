@@ -15,13 +15,23 @@ from numpy import ndarray as Array
 from scipy.ndimage import gaussian_filter1d
 
 from egocap.errors import InputError
-from egocap.geometry import LEFT, UP, axis_angle, matrix_to_quaternion, quaternion_to_matrix, unit
+from egocap.geometry import (
+    LEFT,
+    UP,
+    axis_angle,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rigid,
+    unit,
+)  # fmt: skip
 from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.core.ground_boxes import GroundBox
 from egocap_sim.core.pose_sampling import slerp
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.soles import foot_yaw
 from egocap_sim.motion.kinematics.clip import Clip
+from egocap_sim.motion.kinematics.curves import continuous
+from egocap_sim.motion.kinematics.figure import joint_positions, leg_length
 from egocap_sim.motion.kinematics.limbs import shortest_arc
 from egocap_sim.motion.retarget.foot_planting import plant
 
@@ -135,16 +145,6 @@ def _frame(direction: Float[Array, "3"], hinge: Float[Array, "3"]) -> Float[Arra
     return np.stack([d, h, np.cross(d, h)], -1)
 
 
-def _leg(positions: Float[Array, "*batch 21 3"]) -> float:
-    """Mean length of hip to knee to ankle over frames and sides, metres."""
-    lengths = [
-        np.linalg.norm(positions[..., INDEX[f"{s}_{b}"], :] - positions[..., INDEX[f"{s}_{a}"], :],
-                       axis=-1).mean()
-        for s in ("l", "r") for a, b in (("thigh", "calf"), ("calf", "foot"))
-    ]  # fmt: skip
-    return float(np.sum(lengths) / 2)
-
-
 def _hips(positions: Float[Array, "*batch 21 3"]) -> Float[Array, "*batch 3"]:
     """Middle of the hip joints: unlike the pelvis joint it means the same in every skeleton."""
     return (positions[..., INDEX["l_thigh"], :] + positions[..., INDEX["r_thigh"], :]) / 2
@@ -152,10 +152,10 @@ def _hips(positions: Float[Array, "*batch 21 3"]) -> Float[Array, "*batch 3"]:
 
 def _root(clip: Clip, person: Person, pelvis: Float[Array, "T 3 3"]) -> Float[Array, "T 3"]:
     """Pelvis positions: the clip's hips scaled by leg length, less the person's own offset."""
-    length = _leg(clip.positions)
+    length = leg_length(clip.positions)
     if length < 0.05:
         raise InputError(f"motion '{clip.name}' has legs of {length:.3f} m", valid="over 0.05 m")
-    scale = _leg(person.joints) / length
+    scale = leg_length(person.joints) / length
     return scale * _hips(clip.positions) - pelvis @ (_hips(person.joints) - person.joints[0])
 
 
@@ -186,7 +186,20 @@ def _resample(
     return gaussian_filter1d(positions, sigma, axis=0, mode="nearest"), quaternion_to_matrix(q)
 
 
-def continuous(q: Float[Array, "T *batch 4"]) -> Float[Array, "T *batch 4"]:
-    """Choose the signs of quaternions along time so that neighbours lie on the same half."""
-    flips = np.where((q[1:] * q[:-1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
-    return np.concatenate([q[:1], q[1:] * np.cumprod(flips, axis=0)])
+def sample_reference(
+    person: Person, reference: Reference, times: Float[Array, "T"]
+) -> Float[Array, "T 21 4 4"]:
+    """World body frames of a reference played without forces, at times in seconds.
+
+    Before its start and after its end it stands still. Standing feet keep still as the reference
+    holds them: both are sampled between the same keys.
+    """
+    last = len(reference.root) - 1
+    at = np.clip(np.asarray(times, float) * reference.fps, 0.0, last)
+    k = np.minimum(at.astype(int), last - 1)
+    s = at - k
+    q = continuous(matrix_to_quaternion(reference.rotations))
+    between = (1 - s)[:, None, None] * q[k] + s[:, None, None] * q[k + 1]
+    rotations = quaternion_to_matrix(between / np.linalg.norm(between, axis=-1, keepdims=True))
+    root = (1 - s)[:, None] * reference.root[k] + s[:, None] * reference.root[k + 1]
+    return rigid(rotations, joint_positions(person.joints, root, rotations))

@@ -17,8 +17,7 @@ from egocap_sim.crowd.bystanders import BEHAVIOURS, make_bystanders
 from egocap_sim.human.body.limb_distances import apart, limb_points
 from egocap_sim.human.body.soles import sole_points
 from egocap_sim.motion.generators.registry import make_motion
-from egocap_sim.motion.retarget.kinematic_playback import sample_reference
-from egocap_sim.motion.retarget.retarget import retarget
+from egocap_sim.motion.retarget.retarget import retarget, sample_reference
 from egocap_sim.scene.config import OthersTable
 
 TIMES = np.arange(90) / 30

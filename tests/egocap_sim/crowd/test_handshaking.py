@@ -15,9 +15,8 @@ from egocap_sim.crowd.bystanders import make_bystanders
 from egocap_sim.crowd.handshaking import find_handshake, handshake_clip, partner_pose, reach_palm
 from egocap_sim.human.body.limb_distances import limb_points
 from egocap_sim.motion.generators.registry import make_motion
-from egocap_sim.motion.retarget.kinematic_playback import sample_reference
-from egocap_sim.motion.retarget.palms import palm_of
-from egocap_sim.motion.retarget.retarget import retarget
+from egocap_sim.motion.retarget.palms import find_palm
+from egocap_sim.motion.retarget.retarget import retarget, sample_reference
 from egocap_sim.scene.config import OthersTable
 
 TIMES = np.arange(180) / 30
@@ -39,7 +38,7 @@ def test_both_right_palms_meet_while_the_hand_is_out(stand_in, wearer):
     clip = handshake_clip(handshake, TIMES, np.random.default_rng(0), 60.0)
     local = sample_reference(stand_in, retarget(clip, stand_in), TIMES)
     other = reach_palm(handshake, stand_in, partner_pose(handshake, stand_in) @ local, 30.0)
-    palm = palm_of(stand_in, "r")
+    palm = find_palm(stand_in, "r")
     theirs = transform(other[:, palm.body], palm.centre[None])[:, 0]
     gap = np.linalg.norm(theirs - handshake.palm, axis=1)
     out = handshake.share > 0.99

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.errors import FileError, InputError
+from egocap.errors import InputError
 from egocap.geometry import GRAVITY, LEFT, UP, axis_angle
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.motion.kinematics import figure
@@ -12,7 +12,7 @@ from egocap_sim.motion.kinematics.figure import joint_positions
 from egocap_sim.motion.retarget.retarget import retarget
 from egocap_sim.physics.control import ControlConfig
 from egocap_sim.physics.model import build_model
-from egocap_sim.physics.simulation import load_trajectory, save_trajectory, simulate
+from egocap_sim.physics.simulation import simulate
 
 FPS = 60.0
 
@@ -157,28 +157,3 @@ def test_impossible_arguments_are_refused(stand_in, standing, arguments, says):
 def test_references_that_are_not_finite_are_refused(stand_in, standing):
     with pytest.raises(InputError, match="not finite"):
         simulate(stand_in, replace(standing, root=standing.root * np.nan))
-
-
-def test_trajectories_survive_the_disk(stand_in, standing, tmp_path):
-    t = simulate(stand_in, standing, n_frames=5)
-    path = tmp_path / "trajectory.npz"
-    save_trajectory(t, path)
-    back = load_trajectory(path)
-    assert back.fps == t.fps and back.stats == t.stats
-    np.testing.assert_array_equal(back.T_world_body, t.T_world_body)
-    np.testing.assert_array_equal(back.contact, t.contact)
-    assert back.contact.dtype == bool
-
-
-def test_damaged_trajectories_are_refused(stand_in, standing, tmp_path):
-    path = tmp_path / "trajectory.npz"
-    save_trajectory(simulate(stand_in, standing, n_frames=5), path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(FileError, match=r"trajectory\.npz"):
-        load_trajectory(path)
-    np.savez(path, fps=30.0, T_world_body=np.zeros((2, 4, 4)))
-    with pytest.raises(FileError, match="not a trajectory"):
-        load_trajectory(path)
-    with pytest.raises(FileError, match=r"missing\.npz"):
-        load_trajectory(tmp_path / "missing.npz")

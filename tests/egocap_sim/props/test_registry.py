@@ -13,8 +13,7 @@ from egocap_sim.human.body.limb_distances import limb_points
 from egocap_sim.motion.generators.ball_handling import FLIGHT_S, plan_cascade, plan_touches
 from egocap_sim.motion.generators.cycling import Ride, leg_scale
 from egocap_sim.motion.generators.registry import MOTIONS, make_motion, motion_parameters
-from egocap_sim.motion.retarget.kinematic_playback import sample_reference
-from egocap_sim.motion.retarget.retarget import retarget
+from egocap_sim.motion.retarget.retarget import retarget, sample_reference
 from egocap_sim.props import balls
 from egocap_sim.props.bicycle import LEFT_PEDAL, RIGHT_PEDAL
 from egocap_sim.props.performance import Performance

@@ -9,8 +9,7 @@ from egocap_sim.motion.generators.postures import SEAT_TO_PELVIS
 from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.motion.generators.tasks import TASKS
 from egocap_sim.motion.kinematics.limbs import bend_angle
-from egocap_sim.motion.retarget.kinematic_playback import sample_reference
-from egocap_sim.motion.retarget.retarget import retarget
+from egocap_sim.motion.retarget.retarget import retarget, sample_reference
 from egocap_sim.props.performance import Performance
 from egocap_sim.props.registry import make_prop
 from egocap_sim.scene.config import MotionTable, ThingTable

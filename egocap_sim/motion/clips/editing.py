@@ -1,21 +1,89 @@
-"""Join canonical clips: each starts where the last one's feet ended, and differences fade out."""
+"""Edit canonical clips: cut, mirror, change the speed, and join them without a seam."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from scipy.spatial.transform import Rotation, Slerp
 
-from egocap_sim.core.bodies import INDEX
+from egocap.errors import InputError
+from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.motion.clips.cleaning import rebuilt, to_local
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import minimum_jerk, turn
+from egocap_sim.motion.kinematics.limbs import solve_limbs
 
+_SHORTEST_S = 0.25
 BLEND = 0.6  # seconds over which a clip's start leaves the pose the last one ended in
+_LEGS = [[INDEX[f"{s}_{part}"] for part in ("thigh", "calf", "foot")] for s in ("l", "r")]
+_MIRROR = np.diag([1.0, -1.0, 1.0])
+_OTHER_SIDE = [INDEX[{"l_": "r_", "r_": "l_"}.get(b[:2], b[:2]) + b[2:]] for b in BODIES]
+
+
+def trim(clip: Clip, start_s: float, length_s: float) -> Clip:
+    """Part of a clip. Raises InputError where it begins too near the end."""
+    first = round(start_s * clip.fps)
+    last = min(first + int(np.ceil(length_s * clip.fps)) + 1, len(clip.positions))
+    if (last - 1 - first) / clip.fps < _SHORTEST_S:
+        seconds = (len(clip.positions) - 1) / clip.fps - _SHORTEST_S
+        raise InputError(
+            f"{start_s:g} s is beyond the end of {clip.name}", valid=f"less than {seconds:.2f} s"
+        )
+    return replace(clip, positions=clip.positions[first:last], rotations=clip.rotations[first:last])
+
+
+def mirror(clip: Clip) -> Clip:
+    """Left and right exchanged, across the plane y = 0."""
+    return replace(
+        clip,
+        name=f"{clip.name} mirrored",
+        positions=clip.positions[:, _OTHER_SIDE] @ _MIRROR,
+        rotations=_MIRROR @ clip.rotations[:, _OTHER_SIDE] @ _MIRROR,
+    )
+
+
+def change_speed(clip: Clip, speed: float) -> Clip:
+    """The same motion in 1 / speed of its time."""
+    return replace(clip, fps=clip.fps * speed)
+
+
+def join_clips(clip: Clip, other: Clip) -> Clip:
+    """A clip that passes into another: its feet stay where they are, the rest changes smoothly."""
+    other = _at_rate(fit_to_figure(other), clip.fps)
+    return concatenate(f"{clip.name} then {other.name}", [fit_to_figure(clip), other])
+
+
+def fit_to_figure(clip: Clip) -> Clip:
+    """A clip's rotations on the standard figure, its hips as high for its legs as they were."""
+    thighs = [INDEX["l_thigh"], INDEX["r_thigh"]]
+    legs = [
+        np.linalg.norm(np.diff(clip.positions[:, leg], axis=1), axis=-1).mean(0).sum()
+        for leg in _LEGS
+    ]
+    scale = (figure.THIGH + figure.CALF) / float(np.mean(legs))
+    hips = scale * clip.positions[:, thighs].mean(1)
+    offset = (figure.REST[thighs] - figure.REST[0]).mean(0)
+    pelvis = hips - clip.rotations[:, 0] @ offset
+    return replace(clip, positions=figure.positions(clip.rotations, pelvis))
+
+
+def _at_rate(clip: Clip, fps: float) -> Clip:
+    """A clip on the figure, sampled at another rate: rotations slerped, hips straight between."""
+    if clip.fps == fps:
+        return clip
+    keys = np.arange(len(clip.positions)) / clip.fps
+    times = np.arange(int(keys[-1] * fps + 1e-6) + 1) / fps
+    times = np.minimum(times, keys[-1])
+    rotations = np.stack(
+        [Slerp(keys, Rotation.from_matrix(clip.rotations[:, b]))(times).as_matrix()
+         for b in range(len(BODIES))], 1)  # fmt: skip
+    pelvis = np.stack([np.interp(times, keys, clip.positions[:, 0, a]) for a in range(3)], 1)
+    return Clip(clip.name, fps, figure.positions(rotations, pelvis), rotations, canonical=True)
 
 
 def concatenate(name: str, clips: Sequence[Clip]) -> Clip:
@@ -28,12 +96,12 @@ def concatenate(name: str, clips: Sequence[Clip]) -> Clip:
     joined = clips[0]
     for clip in clips[1:]:
         clip = _faded(_moved(clip, joined), joined)
-        joined = dataclasses.replace(
+        joined = replace(
             joined,
             positions=np.concatenate([joined.positions, clip.positions[1:]]),
             rotations=np.concatenate([joined.rotations, clip.rotations[1:]]),
         )
-    return dataclasses.replace(joined, name=name)
+    return replace(joined, name=name)
 
 
 def _stand(clip: Clip, t: int) -> tuple[Float[Array, "2"], float]:
@@ -47,15 +115,11 @@ def _moved(clip: Clip, before: Clip) -> Clip:
     (here, yaw), (there, wanted) = _stand(clip, 0), _stand(before, -1)
     R = turn(yaw=wanted - yaw)
     shift = np.array([*there, 0.0]) - R @ np.array([*here, 0.0])
-    return dataclasses.replace(
-        clip, positions=clip.positions @ R.T + shift, rotations=R @ clip.rotations
-    )
+    return replace(clip, positions=clip.positions @ R.T + shift, rotations=R @ clip.rotations)
 
 
 def _faded(clip: Clip, before: Clip) -> Clip:
     """Carry the difference at the seam into the clip, fading; legs stay on their feet."""
-    from scipy.spatial.transform import Rotation
-
     T = len(clip.positions)
     fade = 1.0 - minimum_jerk(np.arange(T) / (BLEND * clip.fps))
     local = to_local(clip.rotations)
@@ -66,14 +130,12 @@ def _faded(clip: Clip, before: Clip) -> Clip:
         local[:, b] = Rotation.from_rotvec(fade[:, None] * difference[b]).as_matrix() @ local[:, b]
     moved = fade[:, None] * (before.positions[-1, 0] - clip.positions[0, 0])
     posed = rebuilt(clip, local)
-    posed = dataclasses.replace(posed, positions=posed.positions + moved[:, None])
+    posed = replace(posed, positions=posed.positions + moved[:, None])
     return _feet_kept(posed, _on_same_spots(clip, before))
 
 
 def _on_same_spots(clip: Clip, before: Clip) -> Clip:
     """The clip with each foot where the last one left it, until it is lifted and put elsewhere."""
-    from scipy.spatial.transform import Rotation
-
     p, R = clip.positions.copy(), clip.rotations.copy()
     for s in ("l_", "r_"):
         foot, toe = INDEX[s + "foot"], INDEX[s + "toe"]
@@ -83,13 +145,11 @@ def _on_same_spots(clip: Clip, before: Clip) -> Clip:
         turned = Rotation.from_matrix(before.rotations[-1, foot] @ clip.rotations[0, foot].T)
         back = Rotation.from_rotvec(stays[:, None] * turned.as_rotvec()).as_matrix()
         R[:, foot], R[:, toe] = back @ R[:, foot], back @ R[:, toe]
-    return dataclasses.replace(clip, positions=p, rotations=R)
+    return replace(clip, positions=p, rotations=R)
 
 
 def _feet_kept(clip: Clip, wanted: Clip) -> Clip:
     """Bend the legs so that the feet are where and as another clip has them."""
-    from egocap_sim.motion.kinematics.limbs import solve_limbs
-
     R = clip.rotations.copy()
     for s in ("l_", "r_"):
         thigh, calf, foot, toe = (INDEX[s + part] for part in ("thigh", "calf", "foot", "toe"))
@@ -99,6 +159,4 @@ def _feet_kept(clip: Clip, wanted: Clip) -> Clip:
             figure.THIGH, figure.CALF, knee=True,
         )  # fmt: skip
         R[:, foot], R[:, toe] = wanted.rotations[:, foot], wanted.rotations[:, toe]
-    return dataclasses.replace(
-        clip, rotations=R, positions=figure.positions(R, clip.positions[:, 0])
-    )
+    return replace(clip, rotations=R, positions=figure.positions(R, clip.positions[:, 0]))

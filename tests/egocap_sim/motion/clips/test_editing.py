@@ -5,7 +5,7 @@ import pytest
 
 from egocap.errors import InputError
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.motion.clips.variants import hurried, joined, mirrored, on_figure, shortened
+from egocap_sim.motion.clips.editing import change_speed, fit_to_figure, join_clips, mirror, trim
 from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.motion.kinematics.clip import Clip
 
@@ -16,31 +16,31 @@ def clip() -> Clip:
 
 
 def test_a_mirrored_clip_swaps_the_sides_and_twice_is_itself(clip):
-    other = mirrored(clip)
+    other = mirror(clip)
     left, right = INDEX["l_hand"], INDEX["r_hand"]
     assert np.allclose(other.positions[:, right], clip.positions[:, left] * [1, -1, 1])
-    again = mirrored(other)
+    again = mirror(other)
     assert np.allclose(again.positions, clip.positions)
     assert np.allclose(again.rotations, clip.rotations)
     assert np.allclose(np.linalg.det(other.rotations), 1)
-    assert np.allclose(on_figure(other).positions, other.positions, atol=1e-6)
+    assert np.allclose(fit_to_figure(other).positions, other.positions, atol=1e-6)
 
 
 def test_a_part_is_as_long_as_asked_and_no_longer_than_there_is(clip):
-    part = shortened(clip, 2.0, 1.5)
+    part = trim(clip, 2.0, 1.5)
     assert (len(part.positions) - 1) / part.fps == pytest.approx(1.5, abs=0.02)
     assert np.array_equal(part.positions[0], clip.positions[round(2.0 * clip.fps)])
     with pytest.raises(InputError, match="beyond the end"):
-        shortened(clip, 5.9, 1.0)
+        trim(clip, 5.9, 1.0)
 
 
 def test_a_hurried_clip_takes_less_time(clip):
-    assert hurried(clip, 1.25).fps == clip.fps * 1.25
+    assert change_speed(clip, 1.25).fps == clip.fps * 1.25
 
 
 def test_a_joined_clip_begins_as_one_ends_as_the_other_and_never_jumps(clip):
     walk = make_motion("walk", 4.0, np.random.default_rng(5), 90.0)
-    both = joined(shortened(clip, 0.5, 2.0), walk)
+    both = join_clips(trim(clip, 0.5, 2.0), walk)
     assert both.fps == clip.fps and len(both.positions) / both.fps == pytest.approx(6.0, abs=0.1)
     assert np.allclose(both.rotations[0], clip.rotations[round(0.5 * clip.fps)])
     step = np.linalg.norm(np.diff(both.positions, axis=0), axis=-1).max() * both.fps

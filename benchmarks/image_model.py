@@ -39,7 +39,7 @@ import time, numpy as np
 started = time.perf_counter()
 from egocap.body.proportions import Proportions
 from egocap.body.gaussians import GaussianBody
-from egocap.cameras.rig import load_rig
+from egocap.cameras.rig_files import load_rig
 from egocap.image_model.model import ImageModel
 from egocap.image_model.image_rays import image_rays
 imported = time.perf_counter()

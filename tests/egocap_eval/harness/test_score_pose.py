@@ -31,7 +31,7 @@ from egocap.errors import InputError
 from egocap.evaluation.predictions import Predictions, save_predictions
 from egocap.track.tracker import Tracker
 from egocap_eval.cli import main
-from egocap_eval.harness.score_pose import score_track, with_detections
+from egocap_eval.harness.score_pose import run_tracker, score_track, with_detections
 
 FRAMES = 130
 KEYS = [
@@ -341,7 +341,7 @@ def test_a_tracker_that_hands_back_something_else(folder, monkeypatch):
     module.track = lambda footage, detections: np.zeros((3, 18, 3))
     monkeypatch.setitem(sys.modules, "odd_tracker", module)
     with pytest.raises(InputError, match=r"\(3, 18, 3\).*\(130, 18, 3\)"):
-        Tracker(open_sequence(folder), None).track("odd_tracker:track")
+        run_tracker("odd_tracker:track", open_sequence(folder), None)
 
 
 def test_a_detector_plugs_in_and_meets_no_truth(folder, truth, monkeypatch, capsys):

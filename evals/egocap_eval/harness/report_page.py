@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,8 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import Sequence as Footage
-from egocap.evaluation import PROTOCOLS
-from egocap.evaluation.measures import MEASURES, Scored
+from egocap.evaluation.measures import Scored
 from egocap.evaluation.pose import frame_errors
-from egocap.evaluation.table import number
 from egocap_eval.harness.result_file import provenance, write_text
 from egocap_eval.harness.suite import Suite
 from egocap_eval.harness.thresholds import Numbers, paper_table, summary_tables
@@ -30,99 +29,54 @@ _NOT_PREDICTED = -32768
 _TRUE, _PREDICTED = (59, 110, 168), (217, 128, 50)
 
 
-def write_report(
-    work: Path,
-    suite: Suite,
-    result: Mapping[str, Any],
-    missed: Sequence[str],
-    scored: Mapping[str, Sequence[Scored]],
-    sequences: Mapping[str, Footage],
-    numbers: Numbers,
-) -> None:
-    """Write report.html and report.md into the folder of a run, each whole or not at all.
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a run of a suite has found; `scored` holds the predictions of every seed by
+    "method/sequence"."""
 
-    `scored` holds the predictions of every seed by "method/sequence"; pictures and motions are of
-    the first.
-    """
-    write_text(work / "report.html", render_page(suite, result, missed, scored, sequences, numbers))
+    suite: Suite
+    result: Mapping[str, Any]
+    missed: Sequence[str]
+    scored: Mapping[str, Sequence[Scored]]
+    sequences: Mapping[str, Footage]
+    numbers: Numbers
+
+
+def write_report(folder: Path, run: Run) -> None:
+    """Write report.html and report.md into the folder of a run, each whole or not at all."""
+    write_text(folder / "report.html", render_page(run))
+    suite, numbers = run.suite, run.numbers
     tables = [*summary_tables(suite, numbers), *paper_table(suite, numbers, commands=True)]
-    lines = [f"# {suite.name}", suite.description, *(f"- missed: {m}" for m in missed)]
+    lines = [f"# {suite.name}", suite.description, *(f"- missed: {m}" for m in run.missed)]
     lines += [table.markdown() for table in tables]
-    write_text(work / "report.md", "\n\n".join(line for line in lines if line) + "\n")
+    write_text(folder / "report.md", "\n\n".join(line for line in lines if line) + "\n")
 
 
-def render_page(
-    suite: Suite,
-    result: Mapping[str, Any],
-    missed: Sequence[str],
-    scored: Mapping[str, Sequence[Scored]],
-    sequences: Mapping[str, Footage],
-    numbers: Numbers,
-) -> str:
-    """The page as HTML; it needs nothing beside itself."""
+def render_page(run: Run) -> str:
+    """The page as HTML, complete in itself; pictures and motions are of the first seed."""
     from jinja2 import Environment, StrictUndefined
 
-    first = {name: seeds[0] for name, seeds in scored.items()}
+    first = {name: seeds[0] for name, seeds in run.scored.items()}
     here = files("egocap_eval.harness")
     motions = [_motion(name, s) for name, s in first.items()]
     page = Environment(autoescape=True, undefined=StrictUndefined).from_string(
         (here / "report.html").read_text(encoding="utf-8")
     )
     return page.render(
-        suite=suite,
-        lead=f"{len(suite.methods)} methods on {len(sequences)} sequences",
-        missed=missed,
-        left_out=result["left_out"],
-        tables=[_measures_table(suite, numbers), _protocol_table(suite, numbers)],
+        suite=run.suite,
+        lead=f"{len(run.suite.methods)} methods on {len(run.sequences)} sequences",
+        missed=run.missed,
+        left_out=run.result["left_out"],
+        tables=summary_tables(run.suite, run.numbers, spread=True),
         charts=_charts(first),
         motions=motions,
         motions_json=json.dumps(motions).replace("<", "\\u003c"),
         bones=[list(pair) for pair in LIMBS],
         script=(here / "viewer.js").read_text(encoding="utf-8"),
-        worst=_worst_frames(first, sequences),
-        paper=result["paper"],
-        provenance=_provenance(result),
+        worst=_worst_frames(first, run.sequences),
+        paper=run.result["paper"],
+        provenance=_provenance(run.result),
     )
-
-
-def _measures_table(suite: Suite, numbers: Numbers) -> dict[str, Any]:
-    rules = PROTOCOLS[suite.protocols[0]]
-    rows = []
-    for method, entries in numbers.scores.items():
-        for sequence, entry in entries.items():
-            cells = [_measure_cell(name, entry) for name in suite.measures]
-            rows.append([_cell(method), _cell(sequence), *cells])
-    header = ["method", "sequence", *(_head(name) for name in suite.measures)]
-    return {"title": f"{rules.name}: {rules.description}", "header": header, "rows": rows}
-
-
-def _protocol_table(suite: Suite, numbers: Numbers) -> dict[str, Any]:
-    rows = [
-        [_cell(method), _cell(sequence),
-         *(_cell(number(entry.get(f"protocol/{p}"))) for p in suite.protocols)]
-        for method, entries in numbers.scores.items()
-        for sequence, entry in entries.items()
-    ]  # fmt: skip
-    return {"title": "Mean joint error by protocol, mm",
-            "header": ["method", "sequence", *suite.protocols], "rows": rows}  # fmt: skip
-
-
-def _measure_cell(name: str, entry: Mapping[str, Any]) -> dict[str, str]:
-    digits = {"mm": 1, "%": 1, "m/s": 3}.get(MEASURES[name].unit, 2)
-    spread, interval = entry.get(f"spread/{name}"), entry.get("interval")
-    small = f"± {number(spread, digits)}" if spread is not None else ""
-    if name == "mpjpe_mm" and interval is not None:
-        small += f" [{number(interval[0])}, {number(interval[1])}]"
-    return _cell(number(entry.get(name), digits), small.strip())
-
-
-def _cell(text: str, small: str = "") -> dict[str, str]:
-    return {"text": text, "small": small}
-
-
-def _head(name: str) -> str:
-    unit = MEASURES[name].unit
-    return name.removesuffix("_mm").replace("_", " ") + ("" if unit == "0 to 1" else f", {unit}")
 
 
 def _charts(first: Mapping[str, Scored]) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def study(
     """
     path = find_suite(suite)
     loaded = load_suite(path)
-    _check(loaded)
+    _require_known(loaded)
     if frames is not None:
         loaded = shortened(loaded, frames)
     work = Path("out") / loaded.name if work is None else work
@@ -88,23 +88,23 @@ def study(
     words = ["egocap-eval", "run", suite, *(["--frames", str(frames)] if frames else [])]
     numbers = Numbers(scores, work / "studies", shlex.join(words))
     missed = missed_thresholds(loaded, numbers) + missed_by_studies(loaded, work)
-    result = {
+    config = {
         "suite": loaded.model_dump(mode="json"),
-        "scores": scores,
         "sequences": {name: s.manifest.config_sha256 for name, s in sequences.items()},
+    }
+    result = config | {
+        "scores": scores,
         "left_out": [s.name for s in loaded.sequences if s.name not in sequences] + absent,
         "paper": numbers.rows(loaded.rows),
         "predicted_by": sorted({description_of(job)["commit"] or "" for job in jobs}),
     }
-    tables = [*summary_tables(loaded, numbers), *paper_table(loaded, numbers)]
-    config = {"suite": loaded.model_dump(mode="json"), "sequences": result["sequences"]}
-    save_result(work / "scores.json", {**result, "missed": missed},
-                numbers.command, config=config)  # fmt: skip
+    save_result(work / "scores.json", {**result, "missed": missed}, numbers.command, config=config)
     _save_errors(work / "errors.npz", scored)
     if html:
-        from egocap_eval.harness.report_page import write_report
+        from egocap_eval.harness.report_page import Run, write_report
 
-        write_report(work, loaded, result, missed, scored, sequences, numbers)
+        write_report(work, Run(loaded, result, missed, scored, sequences, numbers))
+    tables = [*summary_tables(loaded, numbers), *paper_table(loaded, numbers)]
     return Outcome(result, tables, missed, config)
 
 
@@ -168,7 +168,7 @@ def missed_by_studies(suite: Suite, work: Path) -> list[str]:
     ]
 
 
-def _check(suite: Suite) -> None:
+def _require_known(suite: Suite) -> None:
     """InputError for studies and settings that are not there, before any long work."""
     for entry in suite.studies:
         if entry.name not in STUDIES:

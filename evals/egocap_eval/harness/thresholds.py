@@ -1,4 +1,4 @@
-"""Numbers of a run by name: tables, thresholds, and the paper's statements beside ours."""
+"""Numbers of a run by name: thresholds, tables, and the paper's statements beside ours."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from egocap_eval.harness.suite import PaperRow, Suite
 
 COMMITTED = Path(__file__).parents[2] / "results"
 NOT_YET = "not measured yet"
+NOT_HERE = "not measured yet; an installed package is without the committed results"
 
 
 class Numbers:
-    """Everything a run knows a number of: its own scores, its studies' and the committed results.
+    """Numbers by name: a run's own scores, its studies' results and the committed ones.
 
     Args:
         scores: by method, sequence and measure.
@@ -48,7 +49,7 @@ class Numbers:
         for folder in self._folders:
             if (folder / name).is_file():
                 return _looked_up(folder / name, keys)
-        return None, NOT_YET
+        return None, NOT_YET if COMMITTED.is_dir() else NOT_HERE
 
     def rows(self, rows: Sequence[PaperRow]) -> list[dict[str, Any]]:
         """The paper's statements with our numbers, JSON-ready."""
@@ -91,19 +92,20 @@ def missed_thresholds(suite: Suite, numbers: Numbers) -> list[str]:
     return missed
 
 
-def summary_tables(suite: Suite, numbers: Numbers) -> list[Table]:
-    """One table of measures, one of protocols; a row a method and sequence."""
-    units = [f"{name.removesuffix('_mm')} {_unit(name)}" for name in suite.measures]
+def summary_tables(suite: Suite, numbers: Numbers, *, spread: bool = False) -> list[Table]:
+    """One table of measures, one of protocols; a row a method and sequence.
+
+    `spread`: with the spread over seeds, and the 95 % interval of the mean error, in the cells.
+    """
     measures, protocols = [], []
     for method, sequences in numbers.scores.items():
         for sequence, entry in sequences.items():
-            values = (_shown(name, entry.get(name)) for name in suite.measures)
-            measures.append((method, sequence, *values))
+            measures.append((method, sequence, *(_cell(m, entry, spread) for m in suite.measures)))
             errors = (number(entry.get(f"protocol/{p}")) for p in suite.protocols)
             protocols.append((method, sequence, *errors))
-    head = PROTOCOLS[suite.protocols[0]]
-    tables = [Table(f"{head.name}: {head.description}", ("method", "sequence", *units),
-                    tuple(measures))]  # fmt: skip
+    rules = PROTOCOLS[suite.protocols[0]]
+    header = ("method", "sequence", *map(_head, suite.measures))
+    tables = [Table(f"{rules.name}: {rules.description}", header, tuple(measures))]
     if len(suite.protocols) > 1:
         tables.append(Table("MPJPE, mm, by protocol", ("method", "sequence", *suite.protocols),
                             tuple(protocols)))  # fmt: skip
@@ -118,14 +120,19 @@ def paper_table(suite: Suite, numbers: Numbers, *, commands: bool = False) -> li
     return [Table("The paper's section 5", header, rows)] if rows else []
 
 
-def _shown(name: str, value: float | None) -> str:
+def _cell(name: str, entry: Mapping[str, Any], spread: bool) -> str:
     digits = {"mm": 1, "%": 1, "m/s": 3}.get(MEASURES[name].unit, 2)
-    return number(value, digits)
+    cell = number(entry.get(name), digits)
+    if spread and (deviation := entry.get(f"spread/{name}")) is not None:
+        cell += f" ± {number(deviation, digits)}"
+    if spread and name == "mpjpe_mm" and (interval := entry.get("interval")) is not None:
+        cell += f" [{number(interval[0])}, {number(interval[1])}]"
+    return cell
 
 
-def _unit(name: str) -> str:
+def _head(name: str) -> str:
     unit = MEASURES[name].unit
-    return "" if unit == "0 to 1" else unit
+    return name.removesuffix("_mm").replace("_", " ") + ("" if unit == "0 to 1" else f", {unit}")
 
 
 def _with_error(value: float | str | None, error: float | str | None, digits: int) -> str:

@@ -33,11 +33,14 @@ class ScoreLog:
     """Finished scores by name, in a file if one is given, so that a stopped study continues.
 
     One JSON object a line; lines that a kill cut short are passed over. `config` is what the scores
-    depend on: with it, only scores of the same configuration and commit are taken again. Raises
-    FileError for a file of something else.
+    depend on: with it, only scores of the same configuration and commit are taken again. `check`
+    raises TypeError for scores of another study. Raises FileError for a file of something else.
     """
 
-    def __init__(self, path: Path | None = None, **config: Any) -> None:
+    def __init__(
+        self, path: Path | None = None, *, check: Callable[[dict[str, Any]], object] = dict,
+        **config: Any,
+    ) -> None:  # fmt: skip
         self._path = path
         self._scores: dict[str, dict[str, Any]] = {}
         self._prefix = ""
@@ -48,7 +51,7 @@ class ScoreLog:
         with disk_errors(path.parent):
             path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
-            self._read(path)
+            self._read(path, check)
 
     def __contains__(self, key: str) -> bool:
         return self._prefix + key in self._scores
@@ -64,7 +67,7 @@ class ScoreLog:
             with disk_errors(self._path.parent), self._path.open("a") as file:
                 file.write("\n" + json.dumps(row))
 
-    def _read(self, path: Path) -> None:
+    def _read(self, path: Path, check: Callable[[dict[str, Any]], object]) -> None:
         try:
             lines = [line for line in path.read_text().split("\n") if line]
         except (OSError, UnicodeDecodeError) as error:
@@ -72,6 +75,7 @@ class ScoreLog:
         for line in lines:
             try:
                 row = json.loads(line)
+                check(row["score"])
                 self._scores[row["frame"]] = dict(row["score"])
             except (ValueError, KeyError, TypeError):
                 continue

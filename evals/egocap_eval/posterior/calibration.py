@@ -38,6 +38,7 @@ from egocap.posterior.laplace import find_modes
 from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.sampler import laplace_joints, sample
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
+from egocap_eval.harness.cases import ScoreLog
 from egocap_eval.harness.study import Outcome
 from egocap_eval.posterior.calibration_plots import write_diagrams
 from egocap_eval.posterior.coverage import (
@@ -48,7 +49,6 @@ from egocap_eval.posterior.coverage import (
     gaussian_share,
     region_share,
 )
-from egocap_eval.posterior.progress_log import ScoreLog
 
 STEPS = 2000
 """Of every frame's chain, a third of them burn-in at most."""
@@ -185,9 +185,9 @@ def score_all(
             advance()
         found = _mapped(score_frame, [job for _, job in left], workers)
         for (key, _), score in zip(left, found, strict=True):
-            log.add(key, score)
+            log.add(key, score.to_dict())
             advance()
-    return tuple(log[key] for key in keys)
+    return tuple(FrameScore.from_dict(log[key]) for key in keys)
 
 
 def score_frame(job: Job) -> FrameScore:
@@ -275,7 +275,7 @@ def study(
         raise InputError(f"{workers} workers", valid="1 or more")
     if only_detector and not sequences:
         raise InputError("--only-detector without sequences", valid="folders of sequences")
-    log, report = ScoreLog(keep), CalibrationReport(None)
+    log, report = ScoreLog(keep, check=FrameScore.from_dict), CalibrationReport(None)
     if not only_detector:
         camera = load_rig(rig or rig_file("egorig1")).resized(640, 512)
         report = run_well_specified(

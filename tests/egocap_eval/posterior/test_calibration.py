@@ -5,11 +5,11 @@ import pytest
 
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import FileError, InputError
+from egocap_eval.harness.cases import ScoreLog
 from egocap_eval.posterior import calibration
 from egocap_eval.posterior.calibration import DrawnNoise, run_well_specified, study
 from egocap_eval.posterior.calibration_plots import write_diagrams
 from egocap_eval.posterior.coverage import Coverage, FrameScore, rank_statistics, region_share
-from egocap_eval.posterior.progress_log import ScoreLog
 from egocap_sim.core.resources import rig_file
 
 
@@ -80,7 +80,7 @@ def test_study_runs_goes_on_and_draws(monkeypatch, tmp_path):
 
 def test_other_files_are_no_score_logs(tmp_path):
     (tmp_path / "a.jsonl").write_text('{"frame": "x"}\n{"frame": "y"}\n')
-    with pytest.raises(FileError, match="holds no scores of frames"):
+    with pytest.raises(FileError, match="holds no scores"):
         ScoreLog(tmp_path / "a.jsonl")
 
 

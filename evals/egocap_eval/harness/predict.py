@@ -25,7 +25,7 @@ from egocap.errors import EgocapError, FileError, InputError
 from egocap.evaluation.predictions import Predictions, save_predictions
 from egocap.pose.config import TrackerConfig
 from egocap_eval.harness.result_file import config_hash, git_commit, write_text
-from egocap_eval.harness.score_pose import OWN_TRACKER, find_detections
+from egocap_eval.harness.score_pose import OWN_TRACKER, find_detections, run_tracker
 from egocap_eval.harness.suite import MethodEntry, Suite
 
 log = logging.getLogger(__name__)

@@ -113,9 +113,8 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
             tracks = [way() for _ in range(times)]
             best = min(tracks, key=lambda done: done.seconds_per_frame)
             timed[name] = _of_track(best, footage)
-            solver = name.partition(",")[0]
-            if solver in PAPER_SOLVERS:
-                steps = PAPER_SOLVERS[solver].iterations
+            steps = {s: c.iterations for s, c in PAPER_SOLVERS.items()}.get(name.partition(",")[0])
+            if steps is not None:
                 ms = 1e3 * best.seconds_per_frame / steps
                 timed[name] |= {"iterations": steps, "ms_per_iteration": ms}
             advance()

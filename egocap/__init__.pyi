@@ -9,6 +9,7 @@ from egocap.data.track import Track as Track
 from egocap.detect.detector import Detector as Detector
 from egocap.detect.sources import synthetic_detections as synthetic_detections
 from egocap.errors import EgocapError as EgocapError
+from egocap.evaluation.scoring import evaluate as evaluate
 from egocap.fitting.fit_body import fit_body as fit_body
 from egocap.paper.tracker import PaperTracker as PaperTracker
 from egocap.pose.config import TrackerConfig as TrackerConfig

@@ -28,7 +28,9 @@ class Strict(BaseModel):
 M = TypeVar("M", bound=Strict)
 
 
-def checked(model: type[M], data: Any, where: str | Path, prefix: str = "") -> M:
+def checked(
+    model: type[M], data: Any, where: str | Path, prefix: str = "", line: int | None = None
+) -> M:
     """The model instance that `data` describes. `prefix` is the key in front of the data's own.
 
     Raises FileError naming the first wrong key, and how many more there are.
@@ -36,7 +38,7 @@ def checked(model: type[M], data: Any, where: str | Path, prefix: str = "") -> M
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise _file_error(model, error, where, prefix) from None
+        raise _file_error(model, error, where, prefix, line) from None
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -79,7 +81,7 @@ def read_text(path: str | Path) -> str:
 
 
 def _file_error(
-    model: type[Strict], error: ValidationError, where: str | Path, prefix: str
+    model: type[Strict], error: ValidationError, where: str | Path, prefix: str, line: int | None
 ) -> FileError:
     first = error.errors(include_url=False)[0]
     key = ".".join([prefix, *map(str, first["loc"])] if prefix else map(str, first["loc"]))
@@ -90,7 +92,7 @@ def _file_error(
     more = error.error_count() - 1
     if more:
         problem += f" (and {more} more error{'s' if more > 1 else ''})"
-    return FileError(where, problem, key=key or None, valid=valid)
+    return FileError(where, problem, line=line, key=key or None, valid=valid)
 
 
 def _sentence(item: Any) -> str:

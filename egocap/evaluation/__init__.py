@@ -3,20 +3,22 @@
 A new measure is one pure function in `metrics` and one line in `measures`.
 """
 
-from egocap.evaluation.detections import DetectionScore, evaluate_detections
-from egocap.evaluation.ground_truth import Reference
+from egocap.evaluation.detection_scores import DetectionScore, evaluate_detections
 from egocap.evaluation.measures import MEASURES, find_measure
-from egocap.evaluation.pose import evaluate_pose
+from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.evaluation.protocol import PROTOCOLS, Protocol, find_protocol
 from egocap.evaluation.report import Report
+from egocap.evaluation.scoring import evaluate, evaluate_pose
 
 __all__ = [
     "MEASURES",
     "PROTOCOLS",
     "DetectionScore",
+    "GroundTruth",
+    "PoseErrors",
     "Protocol",
-    "Reference",
     "Report",
+    "evaluate",
     "evaluate_detections",
     "evaluate_pose",
     "find_measure",

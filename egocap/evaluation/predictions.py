@@ -8,7 +8,7 @@ An npz archive holds
     unit        "m", "cm" or "mm"           frame     "head", "world" or "camera:VIEW"
     positions   (T, J, 3) float32 or 64     frames    (T,) frame numbers from 0, or
     valid       (T, J) bool, optional       times     (T,) seconds
-    method      what made them, optional    seconds_per_frame   optional
+    method      name, optional              seconds_per_frame   optional
 
 A JSON lines file holds the same: a first line {"format": "egocap-predictions", "version": 1,
 "joints": [...], "unit": "m", "frame": "head"}, then one line a frame, {"frame": 0, "positions":
@@ -22,28 +22,28 @@ from __future__ import annotations
 
 import json
 import logging
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
+from pydantic import AfterValidator, Field
 
 from egocap.body.joint_names import DATASET_NAMES, label_of
 from egocap.body.labels import LABELS
+from egocap.data.input_checks import require_shape
 from egocap.errors import FileError, InputError
+from egocap.files import read_npz, write_atomically, write_npz
+from egocap.schema import Number, Strict, checked, read_text
 
 log = logging.getLogger(__name__)
 
 FORMAT, VERSION = "egocap-predictions", 1
 UNITS: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 SUFFIXES = (".npz", ".jsonl")
-_FRAMES = "head, world or camera:VIEW"
-_HEADER = ("format", "version", "joints", "unit", "frame", "names", "method", "seconds_per_frame")
 _ARRAYS = ("positions", "frames", "times", "valid")
 
 
@@ -60,216 +60,178 @@ class Predictions:
     method: str = ""
     seconds_per_frame: float | None = None
 
+    @classmethod
+    def from_joints(
+        cls,
+        joints: Float[Array, "T 18 3"],
+        method: str = "",
+        seconds_per_frame: float | None = None,
+    ) -> Predictions:
+        """Joints of every frame of a sequence in the head frame, metres; NaN where not found.
+
+        Raises InputError for another shape.
+        """
+        joints = np.asarray(joints, np.float64)
+        require_shape(joints, ("T", len(LABELS), 3), "joints")
+        valid, frames = np.asarray(np.isfinite(joints).all(-1)), np.arange(len(joints))
+        placed = np.where(valid[..., None], joints, 0.0)
+        return cls(placed, valid, "head", "m", frames, None, method, seconds_per_frame)
+
+
+def _known_frame(name: str) -> str:
+    if name not in ("head", "world") and not name.startswith("camera:"):
+        raise ValueError("should be head, world or camera:VIEW")
+    return name
+
+
+def _known_names(name: str) -> str:
+    if name not in DATASET_NAMES:
+        raise ValueError(f"should be one of {', '.join(DATASET_NAMES)}")
+    return name
+
+
+class _Header(Strict):
+    format: Literal["egocap-predictions"]
+    version: Literal[1]
+    joints: list[str]
+    unit: Literal["m", "cm", "mm"]
+    frame: Annotated[str, AfterValidator(_known_frame)]
+    names: Annotated[str, AfterValidator(_known_names)] = "egocap"
+    method: str = ""
+    seconds_per_frame: float | None = Field(None, gt=0)
+
+
+class _Line(Strict):
+    positions: list[Annotated[list[Number], Field(min_length=3, max_length=3)] | None]
+    frame: Annotated[int, Field(strict=True)] | None = None
+    time: Number | None = None
+
 
 def load_predictions(path: str | Path) -> Predictions:
-    """Read a neutral file; FileError says what is wrong with it, where, and what would be valid."""
+    """Read a neutral file. FileError names the key or line that is wrong, and what is valid."""
     path = Path(path)
-    if path.suffix not in SUFFIXES:
-        raise FileError(path, f"no format for '{path.suffix}'", valid=SUFFIXES)
-    if not path.is_file():
-        raise FileError(path, "is a folder" if path.is_dir() else "no such file")
+    _check_suffix(path)
     header, arrays = (_read_npz if path.suffix == ".npz" else _read_lines)(path)
     return _checked(path, header, arrays)
 
 
 def save_predictions(path: str | Path, predictions: Predictions) -> None:
     """Write predictions with our labels in metres: .npz or .jsonl, whole or not at all."""
-    from egocap.files import write_atomically
-
     path = Path(path)
-    if path.suffix not in SUFFIXES:
-        raise FileError(path, f"no format for '{path.suffix}'", valid=SUFFIXES)
+    _check_suffix(path)
     header: dict[str, Any] = {
         "format": FORMAT, "version": VERSION, "joints": list(LABELS), "unit": "m",
         "frame": predictions.frame, "method": predictions.method,
     }  # fmt: skip
     if predictions.seconds_per_frame is not None:
         header["seconds_per_frame"] = predictions.seconds_per_frame
-    write_atomically(path, (_npz if path.suffix == ".npz" else _lines)(header, predictions))
+    if path.suffix == ".npz":
+        write_npz(path, **header, **{name: getattr(predictions, name) for name in _ARRAYS})
+    else:
+        write_atomically(path, _to_lines(header, predictions))
 
 
-def _npz(header: dict[str, Any], predictions: Predictions) -> bytes:
-    import io
-
-    arrays: dict[str, Any] = {
-        **header, "positions": predictions.positions, "valid": predictions.valid,
-        "frames": predictions.frames, "times": predictions.times,
-    }  # fmt: skip
-    content = io.BytesIO()
-    np.savez_compressed(content, **{k: v for k, v in arrays.items() if v is not None})
-    return content.getvalue()
+def _check_suffix(path: Path) -> None:
+    if path.suffix not in SUFFIXES:
+        raise FileError(path, f"no format for '{path.suffix}'", valid=SUFFIXES)
 
 
-def _lines(header: dict[str, Any], predictions: Predictions) -> bytes:
+def _to_lines(header: dict[str, Any], predictions: Predictions) -> str:
     lines = [json.dumps(header)]
     for i, (pose, valid) in enumerate(zip(predictions.positions, predictions.valid, strict=True)):
-        number: dict[str, Any] = {}
+        record: dict[str, Any] = {}
         if predictions.frames is not None:
-            number["frame"] = int(predictions.frames[i])
+            record["frame"] = int(predictions.frames[i])
         if predictions.times is not None:
-            number["time"] = float(predictions.times[i])
+            record["time"] = float(predictions.times[i])
         points = [p.tolist() if found else None for p, found in zip(pose, valid, strict=True)]
-        lines.append(json.dumps({**number, "positions": points}))
-    return ("\n".join(lines) + "\n").encode()
+        lines.append(json.dumps({**record, "positions": points}))
+    return "\n".join(lines) + "\n"
 
 
-def _read_npz(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
-    try:
-        if not zipfile.is_zipfile(path):
-            raise ValueError
-        with np.load(path, allow_pickle=False) as archive:
-            found = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, KeyError, RuntimeError, NotImplementedError,
-            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
-        detail = f": {error}" if str(error) else ""
-        raise FileError(path, f"not a whole npz archive of plain arrays{detail}") from None
-    _known_keys(path, found, (*_HEADER, *_ARRAYS))
-    header = {k: v.tolist() for k, v in found.items() if k in _HEADER}
-    return header, {k: v for k, v in found.items() if k in _ARRAYS}
+def _read_npz(path: Path) -> tuple[_Header, dict[str, Array]]:
+    found = read_npz(path)
+    known = [*_Header.model_fields, *_ARRAYS]
+    for name in found:
+        if name not in known:
+            raise FileError(path, "unknown key", key=name, valid=known)
+    header = {k: v.tolist() for k, v in found.items() if k not in _ARRAYS}
+    return checked(_Header, header, path), {k: v for k, v in found.items() if k in _ARRAYS}
 
 
-def _read_lines(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
-    header: dict[str, Any] = {}
-    poses, valid, numbers = [], [], {"frame": [], "time": []}
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(path, f"cannot be read: {error}") from None
-    for number, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
-        record = _object(path, line, number)
-        if not header:
-            _known_keys(path, record, _HEADER, number)
-            header = record
-            continue
-        _known_keys(path, record, ("frame", "time", "positions"), number)
-        count = len(header["joints"]) if isinstance(header.get("joints"), list) else 0
-        pose, there = _pose(path, record.get("positions"), count, number)
-        poses.append(pose)
-        valid.append(there)
-        for name, values in numbers.items():
-            if name in record:
-                values.append(_number(path, record[name], name, number))
+def _read_lines(path: Path) -> tuple[_Header, dict[str, Array]]:
+    numbered = [(i, t) for i, t in enumerate(read_text(path).splitlines(), 1) if t.strip()]
+    first, text = numbered[0] if numbered else (1, "{}")
+    header = checked(_Header, _parsed(path, text, first), path, line=first)
+    lines = [checked(_Line, _parsed(path, t, i), path, line=i) for i, t in numbered[1:]]
+    for (i, _), line in zip(numbered[1:], lines, strict=True):
+        if len(line.positions) != len(header.joints):
+            problem = f"{len(line.positions)} instead of {len(header.joints)} points"
+            raise FileError(path, problem, line=i, key="positions")
+    points = [[point or (0.0, 0.0, 0.0) for point in line.positions] for line in lines]
     arrays: dict[str, Array] = {
-        "positions": np.stack(poses) if poses else np.zeros((0, 0, 3)),
-        "valid": np.stack(valid) if poses else np.zeros((0, 0), bool),
+        "positions": np.array(points, float).reshape(len(lines), len(header.joints), 3),
+        "valid": np.array([[p is not None for p in line.positions] for line in lines], bool),
     }
-    for name, values in numbers.items():
-        if values and len(values) != len(poses):
+    for name in ("frame", "time"):
+        values = [getattr(line, name) for line in lines if getattr(line, name) is not None]
+        if values and len(values) != len(lines):
             raise FileError(path, f"not every line has a '{name}'", valid="one a frame")
         if values:
             arrays[f"{name}s"] = np.array(values)
     return header, arrays
 
 
-def _object(path: Path, line: str, number: int) -> dict[str, Any]:
+def _parsed(path: Path, text: str, line: int) -> Any:
     try:
-        record = json.loads(line)
+        record = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FileError(path, f"not JSON: {error}", line=number) from None
+        raise FileError(path, f"not JSON: {error}", line=line) from None
     if not isinstance(record, dict):
-        raise FileError(path, f"holds a {type(record).__name__}", line=number, valid="an object")
+        raise FileError(path, f"holds a {type(record).__name__}", line=line, valid="a JSON object")
     return record
 
 
-def _pose(path: Path, points: Any, count: int, line: int) -> tuple[Array, Array]:
-    if not isinstance(points, list) or len(points) != count:
-        found = len(points) if isinstance(points, list) else type(points).__name__
-        raise FileError(path, f"{found} instead of {count} points", line=line, key="positions")
-    there = np.array([point is not None for point in points], bool)
-    pose = np.zeros((count, 3))
-    for i, point in enumerate(points):
-        if point is None:
-            continue
-        numbers = isinstance(point, list) and all(type(x) in (int, float) for x in point)
-        if not numbers or len(point) != 3:
-            raise FileError(path, f"point {i} is {point!r:.40}", line=line, key="positions",
-                            valid="[x, y, z] or null")  # fmt: skip
-        pose[i] = point
-    return pose, there
+def _checked(path: Path, header: _Header, arrays: Mapping[str, Array]) -> Predictions:
+    names = header.joints
+    positions, valid = _checked_positions(path, arrays, names)
+    frames, times = _checked_numbers(path, arrays, len(positions))
+    try:
+        found = label_of(names, header.names)
+    except InputError as error:
+        raise FileError(path, str(error), key="joints") from None
+    unused = [name for i, name in enumerate(names) if i not in found]
+    own = DATASET_NAMES[header.names].values()
+    absent = [label for label in own if LABELS.index(label) not in found.values()]
+    if unused and absent:  # either alone may be intended, both together are a misspelling
+        log.warning("%s: without %s; unknown: %s", path, ", ".join(absent), ", ".join(unused))
+    placed = np.zeros((len(positions), len(LABELS), 3))
+    there = np.zeros(placed.shape[:2], bool)
+    for theirs, label in found.items():
+        placed[:, label] = UNITS[header.unit] * positions[:, theirs].astype(np.float64)
+        there[:, label] = valid[:, theirs]
+    return Predictions(
+        placed, there, header.frame, header.unit, frames, times, header.method,
+        header.seconds_per_frame,
+    )  # fmt: skip
 
 
-def _number(path: Path, value: Any, name: str, line: int) -> float | int:
-    if type(value) is int or (type(value) is float and name == "time"):
-        return value
-    raise FileError(path, f"{value!r:.40} is no number", line=line, key=name)
-
-
-def _known_keys(path: Path, found: Mapping[str, Any], known: tuple[str, ...],
-                line: int | None = None) -> None:  # fmt: skip
-    for name in found:
-        if name not in known:
-            raise FileError(path, "unknown key", line=line, key=name, valid=known)
-
-
-def _checked(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> Predictions:
-    names, scale = _check_header(path, header)
+def _checked_positions(
+    path: Path, arrays: Mapping[str, Array], names: list[str]
+) -> tuple[Array, Array]:
     positions = arrays.get("positions")
     if positions is None:
         raise FileError(path, "missing", key="positions")
     if positions.dtype.kind != "f" or positions.dtype.itemsize < 4:
         valid_types = "float32 or float64: half precision is off by up to 0.5 mm"
         raise FileError(path, f"has type {positions.dtype}", key="positions", valid=valid_types)
-    count = len(positions) if positions.ndim == 3 else "T"
-    if positions.shape != (count, len(names), 3) or not len(positions):
+    if positions.ndim != 3 or positions.shape[1:] != (len(names), 3) or not len(positions):
         raise FileError(path, f"has shape {positions.shape}", key="positions",
                         valid=f"(frames, {len(names)} joints, 3)")  # fmt: skip
     valid = arrays.get("valid", np.ones(positions.shape[:2], bool))
     if valid.shape != positions.shape[:2] or valid.dtype.kind != "b":
         raise FileError(path, f"has shape {valid.shape} of {valid.dtype}", key="valid",
                         valid=f"{positions.shape[:2]} of bool")  # fmt: skip
-    _check_finite(path, positions, valid, names)
-    frames, times = _check_numbers(path, arrays, len(positions))
-    try:
-        found = label_of(names, header.get("names", "egocap"))
-    except InputError as error:
-        raise FileError(path, str(error), key="joints") from None
-    unused = [name for i, name in enumerate(names) if i not in found]
-    own = DATASET_NAMES[header.get("names", "egocap")].values()
-    absent = [label for label in own if LABELS.index(label) not in found.values()]
-    if unused and absent:  # either alone is another method's choice, both are a misspelling
-        log.warning("%s: without %s; not known: %s", path, ", ".join(absent), ", ".join(unused))
-    placed, there = (
-        np.zeros((len(positions), len(LABELS), 3)),
-        np.zeros((len(positions), len(LABELS)), bool),
-    )
-    for theirs, label in found.items():
-        placed[:, label] = scale * positions[:, theirs].astype(np.float64)
-        there[:, label] = valid[:, theirs]
-    seconds = header.get("seconds_per_frame")
-    return Predictions(
-        placed, there, header["frame"], header["unit"], frames, times,
-        method=str(header.get("method", "")),
-        seconds_per_frame=None if seconds is None else float(seconds),
-    )  # fmt: skip
-
-
-def _check_header(path: Path, header: Mapping[str, Any]) -> tuple[list[str], float]:
-    if header.get("format") != FORMAT:
-        raise FileError(path, "not predictions", key="format", valid=FORMAT)
-    if header.get("version") != VERSION:
-        raise FileError(path, f"{header.get('version')!r}", key="version", valid=str(VERSION))
-    for key in ("joints", "unit", "frame"):
-        if key not in header:
-            raise FileError(path, "missing: it must be stated", key=key)
-    if header["unit"] not in UNITS:
-        raise FileError(path, f"{header['unit']!r}", key="unit", valid=UNITS)
-    frame = header["frame"]
-    if frame not in ("head", "world") and not str(frame).startswith("camera:"):
-        raise FileError(path, f"{frame!r}", key="frame", valid=_FRAMES)
-    if header.get("names", "egocap") not in DATASET_NAMES:
-        raise FileError(path, f"{header['names']!r}", key="names", valid=DATASET_NAMES)
-    seconds = header.get("seconds_per_frame")
-    if seconds is not None and not (type(seconds) in (int, float) and 0 < seconds < np.inf):
-        raise FileError(path, f"{seconds!r}", key="seconds_per_frame", valid="a number above 0")
-    names = header["joints"]
-    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
-        raise FileError(path, "not a list of names", key="joints")
-    return names, UNITS[header["unit"]]
-
-
-def _check_finite(path: Path, positions: Array, valid: Array, names: list[str]) -> None:
     bad = np.argwhere(~np.isfinite(positions).all(-1) & valid)
     if len(bad):
         row, joint = bad[0]
@@ -279,17 +241,19 @@ def _check_finite(path: Path, positions: Array, valid: Array, names: list[str]) 
             key="positions",
             valid="finite numbers; 'valid' false (null in JSON lines) for joints not found",
         )
+    return positions, valid
 
 
-def _check_numbers(
+def _checked_numbers(
     path: Path, arrays: Mapping[str, Array], count: int
 ) -> tuple[Array | None, Array | None]:
     frames, times = arrays.get("frames"), arrays.get("times")
     if frames is None and times is None:
         raise FileError(path, "neither frame numbers nor times", key="frames", valid="one of them")
-    for key, array, kinds in (("frames", frames, "iu"), ("times", times, "f")):
+    for key, array, kinds, what in (
+        ("frames", frames, "iu", "whole numbers"), ("times", times, "f", "seconds")
+    ):  # fmt: skip
         if array is not None and (array.shape != (count,) or array.dtype.kind not in kinds):
-            what = "whole numbers" if key == "frames" else "seconds"
             raise FileError(path, f"has shape {array.shape} of {array.dtype}", key=key,
                             valid=f"({count},) of {what}")  # fmt: skip
     return frames, times

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from html import escape
 from typing import Any
 
-from egocap.evaluation.detections import DetectionScore
+from egocap.evaluation.detection_scores import DetectionScore
 from egocap.evaluation.table import Table, number
 
 UNITS: Mapping[str, str] = {
@@ -23,7 +24,7 @@ UNITS: Mapping[str, str] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """Errors of one track on one sequence. None means that there was nothing to measure.
 
@@ -72,6 +73,16 @@ class Report:
     provenance: Mapping[str, Any] = field(default_factory=dict)  # files, versions
     units: Mapping[str, str] = field(default_factory=lambda: dict(UNITS))
 
+    def __repr__(self) -> str:
+        return (f"<Report: {self.protocol}, {self.frames} frames, MPJPE {self.mpjpe_mm:.1f} mm, "
+                f"PA-MPJPE {self.pa_mpjpe_mm:.1f} mm>")  # fmt: skip
+
+    def __str__(self) -> str:
+        return f"{self.heading()}\n\n{self._summary().text()}"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(self.heading())}</p>{self._summary().html()}"
+
     def to_dict(self) -> dict[str, Any]:
         """All fields, JSON-ready."""
         return asdict(self)
@@ -103,7 +114,7 @@ class Report:
         source = f"; {self.method}" if self.method else ""
         source += f"; detections {self.detections_source}" if self.detections_source else ""
         first = f"{self.protocol}: {self.protocol_description}; {self.frames} frames{source}"
-        return "\n".join([first, *(f"Doubtful: {warning}" for warning in self.warnings)])
+        return "\n".join([first, *(f"Warning: {warning}" for warning in self.warnings)])
 
     def _summary(self) -> Table:
         low_high = self.mpjpe_ci95_mm

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,13 @@ class Table:
         marks = tuple("---:" if right else "---" for right in self._numeric())
         lines = [f"| {' | '.join(_escaped(row))} |" for row in (self.header, marks, *self.rows)]
         return "\n".join([f"**{self.title}**", "", *lines] if self.title else lines)
+
+    def html(self) -> str:
+        """An HTML table under its title, for notebooks."""
+        rows = [(self.header, "th"), *((row, "td") for row in self.rows)]
+        lines = ["".join(f"<{t}>{escape(cell)}</{t}>" for cell in row) for row, t in rows]
+        caption = f"<caption>{escape(self.title)}</caption>" if self.title else ""
+        return f"<table>{caption}<tr>{'</tr><tr>'.join(lines)}</tr></table>"
 
     def _numeric(self) -> list[bool]:
         columns = list(zip(*self.rows, strict=True)) or [()] * len(self.header)

@@ -18,7 +18,7 @@ from egocap.data.detections import Detections, load_detections
 from egocap.data.input_checks import require_same_times
 from egocap.data.sequence import VISIBLE, open_sequence
 from egocap.errors import InputError
-from egocap.evaluation.confidence import (
+from egocap.evaluation.detection_scores import (
     LEVELS,
     auroc,
     calibration_error,

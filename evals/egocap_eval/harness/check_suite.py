@@ -29,9 +29,8 @@ from egocap.data.sequence import Sequence as Footage
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import EgocapError
 from egocap.evaluation import evaluate_detections
-from egocap.evaluation.ground_truth import Reference
 from egocap.evaluation.measures import find_measure, measure
-from egocap.evaluation.pose import beside_truth
+from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.pose.config import TrackerConfig
 from egocap_eval.harness.cases import Scores, run_cases
 from egocap_eval.harness.motion_truth import SimulatedMotion, draw_detections, simulate_motion
@@ -163,7 +162,8 @@ def _tracked(
     found = pipeline.detections(_without(found, condition.blind))
     config = pipeline.config(condition.config)
     tracked = egocap.Tracker(pipeline.rig(motion.rig), motion.proportions, config).track(found)
-    scored = beside_truth(pipeline.joints(tracked.joints_head), Reference.of(motion.truth))
+    truth = GroundTruth.from_truth(motion.truth)
+    scored = PoseErrors.between(pipeline.joints(tracked.joints_head), truth)
     values: dict[str, float] = {}
     for name in condition.measures:
         value = measure(scored, name)

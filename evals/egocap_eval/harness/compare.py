@@ -20,7 +20,7 @@ from tyro.conf import Positional, arg
 from egocap.errors import FileError, InputError
 from egocap.evaluation import MEASURES
 from egocap.evaluation.metrics import paired_interval
-from egocap.evaluation.pose import MIN_BLOCKS, block_of
+from egocap.evaluation.scoring import MIN_BLOCKS, bootstrap_block
 from egocap.evaluation.table import Table, number
 from egocap.files import read_npz
 from egocap_eval.harness.result_file import load_result
@@ -126,7 +126,7 @@ def changed_numbers(a: Any, b: Any, path: str = "") -> list[dict[str, Any]]:
 
 def _paired(a: Array, b: Array, times: Array, seed: int) -> dict[str, Any]:
     both = np.isfinite(a) & np.isfinite(b)
-    a, b, block = a[both], b[both], block_of(times)
+    a, b, block = a[both], b[both], bootstrap_block(times)
     row: dict[str, Any] = {"a_mm": _mean(a), "b_mm": _mean(b), "change_mm": _mean(b - a)}
     if len(a) < MIN_BLOCKS * block:
         return row | {"note": f"shorter than {MIN_BLOCKS} s: no interval"}

@@ -16,8 +16,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import Sequence as Footage
-from egocap.evaluation.measures import Scored
-from egocap.evaluation.pose import frame_errors
+from egocap.evaluation.pose_errors import PoseErrors
 from egocap_eval.harness.result_file import provenance, write_text
 from egocap_eval.harness.suite import Suite
 from egocap_eval.harness.thresholds import Numbers, paper_table, summary_tables
@@ -37,7 +36,7 @@ class Run:
     suite: Suite
     result: Mapping[str, Any]
     missed: Sequence[str]
-    scored: Mapping[str, Sequence[Scored]]
+    scored: Mapping[str, Sequence[PoseErrors]]
     sequences: Mapping[str, Footage]
     numbers: Numbers
 
@@ -79,7 +78,7 @@ def render_page(run: Run) -> str:
     )
 
 
-def _charts(first: Mapping[str, Scored]) -> dict[str, Any]:
+def _charts(first: Mapping[str, PoseErrors]) -> dict[str, Any]:
     from egocap_eval.harness import report_charts
 
     methods = list(dict.fromkeys(name.split("/")[0] for name in first))
@@ -97,7 +96,7 @@ def _charts(first: Mapping[str, Scored]) -> dict[str, Any]:
             for name in names
         ],
         "time": [
-            report_charts.lines({m: (s.times, frame_errors(s)) for m in methods
+            report_charts.lines({m: (s.truth.times, s.per_frame) for m in methods
                           if (s := first.get(f"{m}/{name}")) is not None},
                          x="s", y="mm", title=name)
             for name in names
@@ -105,15 +104,15 @@ def _charts(first: Mapping[str, Scored]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _pck_curve(of_sequences: Sequence[Scored], at_mm: Float[Array, "N"]) -> Float[Array, "N"]:
+def _pck_curve(of_sequences: Sequence[PoseErrors], at_mm: Float[Array, "N"]) -> Float[Array, "N"]:
     joints = list(of_sequences[0].protocol.joints)
     errors = np.concatenate(
-        [1e3 * np.where(s.counted, s.errors, np.inf)[:, joints].ravel() for s in of_sequences]
+        [1e3 * np.where(s.counted, s.joint_errors, np.inf)[:, joints].ravel() for s in of_sequences]
     )
     return 100.0 * np.searchsorted(np.sort(errors), at_mm, side="right") / len(errors)
 
 
-def _per_joint(scored: Scored) -> list[float | None]:
+def _per_joint(scored: PoseErrors) -> list[float | None]:
     means = [scored.mean([j]) for j in scored.protocol.joints]
     return [mean if np.isfinite(mean) else None for mean in means]
 
@@ -123,17 +122,19 @@ def _label(joint: int) -> str:
     return f"{part} {side[:1].upper()}".strip()
 
 
-def _motion(name: str, scored: Scored) -> dict[str, Any]:
+def _motion(name: str, scored: PoseErrors) -> dict[str, Any]:
     """A motion for the page: 16-bit millimetres in base64, thinned to `FRAMES_SHOWN`."""
-    step = -(-len(scored.times) // FRAMES_SHOWN)
+    step = -(-len(scored.truth.times) // FRAMES_SHOWN)
     rows = slice(None, None, step)
-    errors = np.nan_to_num(frame_errors(scored)[rows], nan=-1.0)
-    fps = 1.0 / float(np.median(np.diff(scored.times))) if len(scored.times) > 1 else 30.0
+    errors = np.nan_to_num(scored.per_frame[rows], nan=-1.0)
+    fps = (
+        1.0 / float(np.median(np.diff(scored.truth.times))) if len(scored.truth.times) > 1 else 30.0
+    )
     everywhere = np.ones_like(scored.valid)
     return {
         "name": name.replace("/", ", "), "frames": len(errors), "step": step, "fps": round(fps, 3),
         "errors": [round(float(e), 1) for e in errors],
-        "truth": _packed(scored.truth[rows], everywhere[rows]),
+        "truth": _packed(scored.truth.joints_head[rows], everywhere[rows]),
         "predicted": _packed(scored.predicted[rows], scored.valid[rows]),
     }  # fmt: skip
 
@@ -145,12 +146,12 @@ def _packed(points: Array, valid: Array) -> str:
 
 
 def _worst_frames(
-    first: Mapping[str, Scored], sequences: Mapping[str, Footage]
+    first: Mapping[str, PoseErrors], sequences: Mapping[str, Footage]
 ) -> list[dict[str, str]]:
     """The worst frame of every method and sequence, the worst first, with both poses drawn."""
     found = []
     for name, scored in first.items():
-        errors = np.nan_to_num(frame_errors(scored), nan=-1.0)
+        errors = np.nan_to_num(scored.per_frame, nan=-1.0)
         frame = int(errors.argmax())
         found.append((float(errors[frame]), name, frame))
     found.sort(reverse=True)
@@ -164,7 +165,7 @@ def _worst_frames(
     return pictures
 
 
-def _overlay(sequence: Footage, scored: Scored, frame: int) -> str | None:
+def _overlay(sequence: Footage, scored: PoseErrors, frame: int) -> str | None:
     """All views side by side with true and predicted joints; None where there are no pictures."""
     import cv2
 
@@ -181,7 +182,7 @@ def _overlay(sequence: Footage, scored: Scored, frame: int) -> str | None:
         size = (PICTURE_WIDTH, round(image.shape[0] * scale))
         canvas = np.ascontiguousarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
         index = rig.mounts.index(mount)
-        poses = ((scored.truth, everywhere, _TRUE),
+        poses = ((scored.truth.joints_head, everywhere, _TRUE),
                  (scored.predicted, scored.valid[frame], _PREDICTED))  # fmt: skip
         for joints, valid, color in poses:
             points = np.where(valid[:, None], joints[frame], 0.0)

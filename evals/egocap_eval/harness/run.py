@@ -27,10 +27,11 @@ from tyro.conf import Positional, arg
 
 from egocap.data.sequence import Sequence
 from egocap.errors import FileError, InputError
-from egocap.evaluation.measures import MEASURES, Scored
-from egocap.evaluation.pose import frame_errors, report_of
+from egocap.evaluation.measures import MEASURES
+from egocap.evaluation.pose_errors import PoseErrors
 from egocap.evaluation.predictions import load_predictions
 from egocap.evaluation.protocol import find_protocol
+from egocap.evaluation.scoring import make_report, prediction_errors
 from egocap.files import write_npz
 from egocap_eval.harness.commands import STUDIES, main
 from egocap_eval.harness.footage import prepare_sequences
@@ -44,7 +45,6 @@ from egocap_eval.harness.predict import (
     settings,
 )
 from egocap_eval.harness.result_file import load_result, save_result, write_text
-from egocap_eval.harness.score_pose import place_predictions
 from egocap_eval.harness.study import Outcome
 from egocap_eval.harness.suite import Suite, find_suite, load_suite, shortened
 from egocap_eval.harness.thresholds import Numbers, missed_thresholds, paper_table, summary_tables
@@ -110,22 +110,22 @@ def study(
 
 def score(
     suite: Suite, jobs: list[Job], sequences: Mapping[str, Sequence]
-) -> tuple[dict[str, Any], dict[str, list[Scored]]]:
+) -> tuple[dict[str, Any], dict[str, list[PoseErrors]]]:
     """Second pass: every measure of every method and sequence, a mean over its seeds.
 
     Returns the numbers, by method, sequence and measure, and what they were taken from, by
     "method/sequence".
     """
     scores: dict[str, Any] = {}
-    kept: dict[str, list[Scored]] = {}
+    kept: dict[str, list[PoseErrors]] = {}
     for job in jobs:
         sequence = sequences[job.sequence]
         try:
             loaded = load_predictions(job.path)
-            scored = place_predictions(sequence, loaded, protocol=suite.protocols[0])
+            scored = prediction_errors(loaded, sequence, protocol=suite.protocols[0])
         except InputError as error:
             raise FileError(job.path, str(error)) from None
-        report = report_of(scored)
+        report = make_report(scored)
         entry = scores.setdefault(job.method.name, {}).setdefault(job.sequence, {"seeds": []})
         entry["seeds"].append(
             {name: getattr(report, name) for name in MEASURES}
@@ -187,7 +187,7 @@ def _lock(work: Path, suite: Suite) -> None:
     write_text(path, suite.model_dump_json(indent=1) + "\n")
 
 
-def _under(scored: Scored, protocol: str) -> float | None:
+def _under(scored: PoseErrors, protocol: str) -> float | None:
     """Mean error under another protocol; None where it cannot be had (hips missing)."""
     value = replace(scored, protocol=find_protocol(protocol)).mean()
     return value if np.isfinite(value) else None
@@ -209,10 +209,10 @@ def _mean_over_seeds(seeds: list[dict[str, Any]]) -> dict[str, Any]:
     return means
 
 
-def _save_errors(path: Path, scored: Mapping[str, list[Scored]]) -> None:
+def _save_errors(path: Path, scored: Mapping[str, list[PoseErrors]]) -> None:
     """Each frame's mean error of the first seed's predictions, mm, and the frames' times."""
     arrays: dict[str, Any] = {}
     for name, seeds in scored.items():
-        arrays[name] = np.nanmean([frame_errors(s) for s in seeds], axis=0)
-        arrays[f"times/{name}"] = seeds[0].times
+        arrays[name] = np.nanmean([s.per_frame for s in seeds], axis=0)
+        arrays[f"times/{name}"] = seeds[0].truth.times
     write_npz(path, **arrays)

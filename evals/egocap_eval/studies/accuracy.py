@@ -16,7 +16,6 @@ from egocap.errors import FileError, InputError
 from egocap.evaluation.table import Table, number
 from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import footage_of
-from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, load_scene
@@ -95,7 +94,7 @@ def score(source: str, sequence: Footage, seed: int) -> Scores:
     """One sequence tracked from one draw of detections."""
     found = detections_from(sequence, source, seed)
     tracked = egocap.Tracker(sequence.rig, sequence.body).track(found)
-    report = score_track(sequence, tracked)
+    report = egocap.evaluate(tracked, sequence)
     return {
         "frames": len(sequence), "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
         "lower_mm": report.lower_mm, "p95_mm": report.p95_mm, "seen_mm": report.visible_mm,

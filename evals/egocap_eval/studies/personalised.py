@@ -22,7 +22,6 @@ from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.fit_body import BodyFit, fit_body
 from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import footage_of
-from egocap_eval.harness.score_pose import score_track
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.fit_body import bone_errors, person_height, summary, summary_table
 from egocap_sim.core.resources import builtin_file
@@ -146,9 +145,8 @@ def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) ->
         "average": to_proportions(BodyPrior.for_height(None).mean),
     }  # fmt: skip
     found = detections_from(sequence, detections, 0)
-    report = score_track(
-        sequence, egocap.Tracker(sequence.rig, bodies[body]).track(found, sequence.images)
-    )
+    tracked = egocap.Tracker(sequence.rig, bodies[body]).track(found, sequence.images)
+    report = egocap.evaluate(tracked, sequence)
     errors = {
         "mpjpe_mm": report.mpjpe_mm, "upper_mm": report.upper_mm,
         "lower_mm": report.lower_mm, "seen_mm": report.visible_mm,

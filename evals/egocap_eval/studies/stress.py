@@ -23,9 +23,8 @@ import egocap
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
-from egocap.evaluation.ground_truth import Reference
 from egocap.evaluation.measures import measure
-from egocap.evaluation.pose import beside_truth
+from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.evaluation.table import Table
 from egocap.geometry import axis_angle
 from egocap_eval.harness.cases import ScoreLog, Sweep, paired_change, run_sweep, sweep_table
@@ -205,7 +204,7 @@ def score(level: Level, motion: SimulatedMotion, seed: int) -> dict[str, float |
     motion, rng = level.motion(motion), np.random.default_rng([seed, 7])
     found = level.detections(draw_detections(motion, level.source, seed), rng)
     tracked = egocap.Tracker(level.known_rig(motion.rig, rng), motion.proportions).track(found)
-    scored = beside_truth(tracked.joints_head, Reference.of(motion.truth))
+    scored = PoseErrors.between(tracked.joints_head, GroundTruth.from_truth(motion.truth))
     return {name: measure(scored, name) for name in MEASURES}
 
 

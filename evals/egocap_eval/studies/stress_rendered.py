@@ -15,9 +15,10 @@ from tyro.conf import arg
 
 import egocap
 from egocap.errors import InputError
+from egocap.evaluation.scoring import with_detections
 from egocap_eval.harness.cases import ScoreLog, Scores, Sweep, run_sweep, sweep_table
 from egocap_eval.harness.footage import footage_of
-from egocap_eval.harness.score_pose import find_detections, score_track, with_detections
+from egocap_eval.harness.score_pose import find_detections
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import OthersTable, Scene
 from egocap_sim.sensor.config import SensorTable
@@ -119,7 +120,7 @@ def scores_of(scene: Scene, folder: Path, source: str, workers: int) -> Scores:
     sequence = footage_of(scene, folder, workers)
     found = find_detections(sequence, source)
     tracked = egocap.Tracker(sequence.rig, sequence.body).track(found, sequence.images)
-    report = score_track(sequence, tracked)
+    report = egocap.evaluate(tracked, sequence)
     report = with_detections(report, sequence, found)
     assert report.detections is not None
     seen = {"pck20": report.detections.pck20_seen, "auc20": report.detections.auc20_seen}

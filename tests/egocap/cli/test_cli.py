@@ -135,7 +135,7 @@ def test_a_track_of_another_sequence_is_not_scored(tracked, tiny_sequence, tmp_p
     assert main(["pose", str(tiny_sequence), *words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 7
     assert main(["pose", str(tmp_path / "other"), *words]) == 2
-    assert "track.npz: was made from another sequence" in capsys.readouterr().err
+    assert "track.npz: the track was made from another sequence" in capsys.readouterr().err
 
 
 def test_a_body_is_fitted_and_told_of(egocap, tracked, tiny_sequence):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egocap.evaluation.confidence import (
+from egocap.evaluation.detection_scores import (
     LEVELS,
     auroc,
     calibration_error,

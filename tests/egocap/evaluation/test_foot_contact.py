@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from egocap.evaluation.foot_contact import estimate_planted, f1_score, foot_skate
+from egocap.evaluation.metrics import estimate_planted, f1_score, foot_skate
 
 
 def steps(frames=120):

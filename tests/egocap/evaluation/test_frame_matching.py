@@ -12,10 +12,10 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
 from egocap.evaluation.frame_matching import (
-    in_head_frame,
-    on_frames,
-    require_a_person,
-    warn_of_mix_ups,
+    match_frames,
+    require_plausible_size,
+    to_head_frame,
+    warn_of_other_readings,
 )
 from egocap.evaluation.predictions import Predictions
 from egocap.geometry import inverse, transform
@@ -42,7 +42,7 @@ def predicted(**changes):
 def test_frames_in_any_order_and_by_time():
     order = np.random.default_rng(0).permutation(FRAMES)
     for numbered in ({"frames": order}, {"frames": None, "times": TIMES[order] + 4e-4}):
-        positions, valid = on_frames(predicted(positions=TRUTH[order], **numbered), TIMES)
+        positions, valid = match_frames(predicted(positions=TRUTH[order], **numbered), TIMES)
         np.testing.assert_array_equal(positions, TRUTH)
         assert valid.all()
 
@@ -50,11 +50,11 @@ def test_frames_in_any_order_and_by_time():
 @pytest.mark.parametrize(
     ("rows", "changes", "message"),
     [
-        ([0, 1, 2, 2, *range(4, 20)], {}, "there twice: 2"),
+        ([0, 1, 2, 2, *range(4, 20)], {}, "repeated frames: 2"),
         ([*range(19), 20], {}, "no such frames in the sequence: 20 .*0 to 19"),
         ([*range(3), *range(6, 20)], {}, r"3 of 20 frames are missing: 3-5 .*--missing skip"),
-        (range(20), {"frames": None, "times": TIMES + 0.01}, "20 times are no frame's"),
-        (range(20), {"frames": None, "times": np.repeat(TIMES[:10], 2)}, "there twice: 0-9"),
+        (range(20), {"frames": None, "times": TIMES + 0.01}, "20 times belong to no frame"),
+        (range(20), {"frames": None, "times": np.repeat(TIMES[:10], 2)}, "repeated frames: 0-9"),
     ],
 )
 def test_frames_that_do_not_fit(rows, changes, message):
@@ -62,12 +62,12 @@ def test_frames_that_do_not_fit(rows, changes, message):
     count = len(rows)
     given = predicted(positions=TRUTH[:count], valid=VALID[:count], frames=rows)
     with pytest.raises(InputError, match=message):
-        on_frames(replace(given, **changes), TIMES)
+        match_frames(replace(given, **changes), TIMES)
 
 
 def test_missing_frames_may_be_skipped():
     rows = np.arange(0, FRAMES, 2)
-    positions, valid = on_frames(
+    positions, valid = match_frames(
         predicted(positions=TRUTH[rows], valid=VALID[rows], frames=rows), TIMES, "skip"
     )
     assert valid[rows].all() and not valid[rows + 1].any()
@@ -77,36 +77,36 @@ def test_missing_frames_may_be_skipped():
 def test_frames_of_reference():
     for frame, T in (("world", HEADS), ("camera:right", inverse(RIG.mounts[1].T_head_camera))):
         moved = transform(T, TRUTH)
-        np.testing.assert_allclose(in_head_frame(moved, frame, RIG, HEADS), TRUTH, atol=1e-12)
+        np.testing.assert_allclose(to_head_frame(moved, frame, RIG, HEADS), TRUTH, atol=1e-12)
     with pytest.raises(InputError, match="camera:left, camera:right"):
-        in_head_frame(TRUTH, "camera:top", RIG, HEADS)
+        to_head_frame(TRUTH, "camera:top", RIG, HEADS)
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1000, "mm"), (100, "cm")])
 def test_a_person_as_tall_as_a_mountain(scale, unit):
-    with pytest.raises(InputError, match=f"unit is stated as 'm', in '{unit}' it would be"):
-        require_a_person(scale * TRUTH, VALID, TRUTH, "m")
-    require_a_person(TRUTH, VALID, TRUTH, unit)
+    with pytest.raises(InputError, match=f"stated unit is 'm' .*unit '{unit}'"):
+        require_plausible_size(scale * TRUTH, VALID, TRUTH, "m")
+    require_plausible_size(TRUTH, VALID, TRUTH, unit)
 
 
 def test_a_flea_a_giant_and_a_poor_method():
-    require_a_person(0.4 * TRUTH, VALID, TRUTH, "m")
+    require_plausible_size(0.4 * TRUTH, VALID, TRUTH, "m")
     for scale in (0.15, 7.0):
         with pytest.raises(InputError, match="the person spans"):
-            require_a_person(scale * TRUTH, VALID, TRUTH, "m")
-    with pytest.raises(InputError, match="in 'm' it would be"):
-        require_a_person(0.001 * TRUTH, VALID, TRUTH, "mm")
+            require_plausible_size(scale * TRUTH, VALID, TRUTH, "m")
+    with pytest.raises(InputError, match=r"stated unit is 'mm' .*unit 'm'"):
+        require_plausible_size(0.001 * TRUTH, VALID, TRUTH, "mm")
     only = VALID & (np.arange(18) < 6)
-    require_a_person(np.where(only[..., None], TRUTH, 99.0), only, TRUTH, "m")
+    require_plausible_size(np.where(only[..., None], TRUTH, 99.0), only, TRUTH, "m")
 
 
 def test_another_reading_that_would_explain_the_error():
-    assert warn_of_mix_ups(TRUTH + 0.01, VALID, TRUTH, "head", RIG, HEADS) == []
-    (world,) = warn_of_mix_ups(transform(HEADS, TRUTH), VALID, TRUTH, "head", RIG, HEADS)
-    assert "read in 'world' they would be 0" in world
-    (mirrored,) = warn_of_mix_ups(TRUTH[:, list(MIRROR)], VALID, TRUTH, "head", RIG, HEADS)
+    assert warn_of_other_readings(TRUTH + 0.01, VALID, TRUTH, "head", RIG, HEADS) == []
+    (world,) = warn_of_other_readings(transform(HEADS, TRUTH), VALID, TRUTH, "head", RIG, HEADS)
+    assert "in 'world' they would be 0" in world
+    (mirrored,) = warn_of_other_readings(TRUTH[:, list(MIRROR)], VALID, TRUTH, "head", RIG, HEADS)
     assert "left and right exchanged" in mirrored
     for axis, name in enumerate("xyz"):
         signs = np.where(np.arange(3) == axis, -1.0, 1.0)
-        flipped = warn_of_mix_ups(signs * TRUTH, VALID, TRUTH, "head", RIG, HEADS)[-1]
+        flipped = warn_of_other_readings(signs * TRUTH, VALID, TRUTH, "head", RIG, HEADS)[-1]
         assert f"the sign of {name} changed" in flipped and "would be 0 mm off" in flipped

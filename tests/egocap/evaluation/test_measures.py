@@ -10,12 +10,11 @@ from scipy.stats import scoreatpercentile
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.errors import InputError
 from egocap.evaluation.alignment import align_sequence, resize_bones
-from egocap.evaluation.foot_contact import estimate_planted
-from egocap.evaluation.ground_truth import Reference
 from egocap.evaluation.measures import MEASURES, find_measure, measure
-from egocap.evaluation.metrics import bootstrap_interval, paired_interval
-from egocap.evaluation.pose import beside_truth, evaluate_pose, frame_errors
+from egocap.evaluation.metrics import bootstrap_interval, estimate_planted, paired_interval
+from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.evaluation.protocol import BONES, TREE, find_protocol
+from egocap.evaluation.scoring import evaluate_pose
 
 
 def motion(frames=90, seed=0, noise=0.0):
@@ -28,7 +27,7 @@ def motion(frames=90, seed=0, noise=0.0):
 
 def scored(**more):
     predicted, truth, times = motion(noise=0.1)
-    return beside_truth(predicted, Reference(truth, times), **more)
+    return PoseErrors.between(predicted, GroundTruth(truth, times), **more)
 
 
 def test_against_loops():
@@ -66,7 +65,7 @@ def test_against_loops():
 def test_parts_percentiles_and_bones_against_loops():
     predicted, truth, times = motion(noise=0.1)
     seen = np.random.default_rng(2).random((90, 18)) < 0.6
-    s = beside_truth(predicted, Reference(truth, times, seen=seen))
+    s = PoseErrors.between(predicted, GroundTruth(truth, times, seen=seen))
     off = 1000 * np.sqrt(((predicted - truth) ** 2).sum(-1))
     names = {"upper_mm": ("shoulder", "elbow", "wrist", "hand"),
              "lower_mm": ("hip", "knee", "ankle", "foot")}  # fmt: skip
@@ -92,7 +91,7 @@ def test_feet_against_loops():
     T = np.tile(np.eye(4), (90, 1, 1))
     T[:, :3, :3], T[:, :3, 3] = turned, rng.normal(size=(90, 3))
     contact = np.repeat(rng.random((9, 4)) < 0.6, 10, axis=0)
-    s = beside_truth(predicted, Reference(truth, times, T_world_head=T, contact=contact))
+    s = PoseErrors.between(predicted, GroundTruth(truth, times, T_world_head=T, contact=contact))
     assert s.feet_world is not None
     speeds, planted, found = [], [], []
     for foot, (toe, heel_column, toe_column) in enumerate(
@@ -117,7 +116,7 @@ def test_alignments_against_a_search(suffix):
     predicted, truth, times = motion(4, noise=0.05)
     predicted = predicted @ Rotation.from_rotvec([0.4, -0.2, 0.3]).as_matrix().T * 1.2 + 0.3
     rules = find_protocol(f"egocap-17-{suffix}")
-    found = beside_truth(predicted, Reference(truth, times), protocol=rules.name)
+    found = PoseErrors.between(predicted, GroundTruth(truth, times), protocol=rules.name)
     joints = list(rules.joints)
     whole = suffix.startswith("sequence")
     for t in (slice(0, 4),) if whole else (slice(0, 1), slice(3, 4)):
@@ -133,7 +132,7 @@ def test_alignments_against_a_search(suffix):
         else:
             best = least_squares(off, np.zeros(7), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
             errors = np.linalg.norm(off(best).reshape(-1, 3), axis=-1)
-        np.testing.assert_allclose(found.errors[t][:, joints].ravel(), errors, atol=1e-6)
+        np.testing.assert_allclose(found.joint_errors[t][:, joints].ravel(), errors, atol=1e-6)
 
 
 OF_JOINTS = ("mpjpe_mm", "pa_mpjpe_mm", "upper_mm", "lower_mm", "visible_mm", "hidden_mm",
@@ -147,8 +146,8 @@ def test_measures_do_not_depend_on_how_many_frames_are_scored_together(name, siz
     seen = np.broadcast_to(np.arange(18) % 3 > 0, (6, 18))
 
     def scored_part(rows):
-        reference = Reference(truth[rows], times[rows], seen=seen[rows])
-        value = measure(beside_truth(predicted[rows], reference), name)
+        reference = GroundTruth(truth[rows], times[rows], seen=seen[rows])
+        value = measure(PoseErrors.between(predicted[rows], reference), name)
         assert value is not None
         return value
 
@@ -193,14 +192,14 @@ def test_one_rigid_alignment_of_a_sequence_keeps_its_scale():
 )
 def test_errors_do_not_depend_on_the_batch(protocol):
     predicted, truth, times = motion(12, noise=0.1)
-    whole = beside_truth(predicted, Reference(truth, times), protocol=protocol).errors
+    whole = PoseErrors.between(predicted, GroundTruth(truth, times), protocol=protocol).joint_errors
     for size in (1, 2, 3):
         parts = [
-            beside_truth(
+            PoseErrors.between(
                 predicted[i : i + size],
-                Reference(truth[i : i + size], times[i : i + size]),
+                GroundTruth(truth[i : i + size], times[i : i + size]),
                 protocol=protocol,
-            ).errors
+            ).joint_errors
             for i in range(0, 12, size)
         ]
         joints = list(find_protocol(protocol).joints)
@@ -216,9 +215,9 @@ def test_perfection_is_as_good_as_it_gets(name):
     more = {"T_world_head": eye, "contact": contact, "seen": seen}
     still = np.repeat(truth[:1], 90, axis=0)
     still[..., [LABEL_INDEX["left_foot"], LABEL_INDEX["right_foot"]], 2] = -1.6
-    reference = Reference(still, times, **more)
-    perfect = measure(beside_truth(still, reference), name)
-    worse = measure(beside_truth(still + 0.01, reference), name)
+    reference = GroundTruth(still, times, **more)
+    perfect = measure(PoseErrors.between(still, reference), name)
+    worse = measure(PoseErrors.between(still + 0.01, reference), name)
     assert perfect is not None and worse is not None
     if MEASURES[name].better == "lower":
         assert perfect == pytest.approx(0, abs=1e-6) and worse >= perfect - 1e-6
@@ -235,7 +234,7 @@ def test_missing_joints_are_misses_and_not_errors():
     valid[40:50] = False
     valid[:, LABEL_INDEX["left_hand"]] = False
     predicted[~valid] = np.nan
-    report = evaluate_pose(predicted, Reference(truth, times), valid=valid)
+    report = evaluate_pose(predicted, GroundTruth(truth, times), valid=valid)
     assert report.mpjpe_mm == pytest.approx(50)
     assert report.per_joint_mm["left_hand"] is None
     assert report.coverage_share == pytest.approx(valid[:, 1:].mean())
@@ -243,7 +242,7 @@ def test_missing_joints_are_misses_and_not_errors():
     assert report.accel_error == pytest.approx(0, abs=1e-9)
     assert report.pa_mpjpe_mm == pytest.approx(0, abs=1e-6)
     assert "joints predicted" in report.to_text()
-    errors = frame_errors(beside_truth(predicted, Reference(truth, times), valid=valid))
+    errors = PoseErrors.between(predicted, GroundTruth(truth, times), valid=valid).per_frame
     assert np.isnan(errors[40:50]).all() and np.isfinite(errors[:40]).all()
 
 
@@ -251,11 +250,13 @@ def test_nothing_predicted_or_no_hips_is_refused():
     predicted, truth, times = motion()
     valid = np.zeros((90, 18), bool)
     with pytest.raises(InputError, match="no joint of egocap-17"):
-        evaluate_pose(predicted, Reference(truth, times), valid=valid)
+        evaluate_pose(predicted, GroundTruth(truth, times), valid=valid)
     valid[:, : LABEL_INDEX["left_hip"]] = True
     with pytest.raises(InputError, match="both hips"):
-        evaluate_pose(predicted, Reference(truth, times), valid=valid, protocol="egocap-17-mid-hip")
-    assert evaluate_pose(predicted, Reference(truth, times), valid=valid).lower_mm is None
+        evaluate_pose(
+            predicted, GroundTruth(truth, times), valid=valid, protocol="egocap-17-mid-hip"
+        )
+    assert evaluate_pose(predicted, GroundTruth(truth, times), valid=valid).lower_mm is None
 
 
 def test_unknown_measure_lists_the_known():

@@ -75,7 +75,7 @@ def test_joints_that_are_not_scored_are_said(tmp_path, caplog):
     np.savez(tmp_path / "poses.npz", **content)
     load_predictions(tmp_path / "poses.npz")
     (said,) = caplog.records
-    assert "without left_wrist; not known: Tail, pelvis" in said.message
+    assert "without left_wrist; unknown: Tail, pelvis" in said.message
 
 
 @pytest.mark.parametrize(
@@ -83,8 +83,8 @@ def test_joints_that_are_not_scored_are_said(tmp_path, caplog):
     [
         ({"format": "poses"}, "key 'format'.*egocap-predictions"),
         ({"version": 2}, "key 'version'"),
-        ({"unit": None}, "key 'unit'.*must be stated"),
-        ({"unit": "feet"}, "key 'unit'.*m, cm, mm"),
+        ({"unit": None}, "key 'unit': field required"),
+        ({"unit": "feet"}, "key 'unit'.*'m', 'cm' or 'mm'"),
         ({"frame": "pelvis"}, "key 'frame'.*head, world or camera:VIEW"),
         ({"names": "coco"}, "key 'names'.*unrealego"),
         ({"names": None}, "key 'joints'.*names of unrealego"),
@@ -116,14 +116,14 @@ GOOD = {"frame": 0, "positions": [[0, 0, 0], None]}
     ("text", "message"),
     [
         (lines(GOOD, {"frame": 1, "positions": [[0, 0, 0]]}), "line 3.*1 instead of 2"),
-        (lines({"frame": 0, "positions": [[0, 0], None]}), "line 2.*point 0"),
-        (lines({"frame": 0, "positions": [["a", 0, 0], None]}), "line 2.*point 0"),
+        (lines({"frame": 0, "positions": [[0, 0], None]}), "line 2.*positions.0'"),
+        (lines({"frame": 0, "positions": [["a", 0, 0], None]}), "line 2.*positions.0.0.*'a'"),
         (lines({"frame": 0.5, "positions": [None, None]}), "line 2.*'frame'.*0.5"),
-        (lines({"frame": 0, "positions": [[0, 0, float("nan")], None]}), "not finite for neck"),
+        (lines({"frame": 0, "positions": [[0, 0, float("nan")], None]}), "positions.0.2'.*finite"),
         (lines(GOOD, {"positions": [None, None]}), "not every line has a 'frame'"),
         (lines({"positions": [None, None]}), "neither frame"),
         (lines(GOOD, unit="mm", frame="moon"), "'moon'"),
-        (lines(GOOD, joints=None), "'positions'"),
+        (lines(GOOD, joints=None), "line 1, key 'joints'"),
         (lines(GOOD, surprise=1), "line 1.*'surprise'"),
         (lines(GOOD) + "[1]\n", "line 3.*list"),
         (lines(GOOD) + "{", "line 3.*not JSON"),

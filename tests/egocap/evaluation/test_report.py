@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.evaluation import Reference, Report, evaluate_detections, evaluate_pose
+from egocap.evaluation import GroundTruth, Report, evaluate_detections, evaluate_pose
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def report() -> Report:
     found = np.ones(image.shape[:3], bool)
     score = evaluate_detections(image + 2, found, image, found, found, [1280, 1280], "a|b")
     predicted = truth + 0.01 * rng.normal(size=truth.shape)
-    report = evaluate_pose(predicted, Reference(truth, np.arange(200) / 30))
+    report = evaluate_pose(predicted, GroundTruth(truth, np.arange(200) / 30))
     return replace(report, detections=score, pck20=score.pck20, auc20=score.auc20)
 
 
@@ -35,6 +35,14 @@ def test_every_form_names_the_protocol_and_the_number(report):
         assert "egocap-17: rig (head) frame, 17 joints without the head, no alignment" in text
         assert f"{report.mpjpe_mm:.1f}" in text
         assert "PCK at 20 px" in text and "shoulder" in text
+
+
+def test_a_report_prints_its_summary_and_shows_as_html(report):
+    text = str(report)
+    assert text.startswith("egocap-17: ") and "PA-MPJPE" in text and "Error per joint" not in text
+    assert len(repr(report)) < 120 and f"MPJPE {report.mpjpe_mm:.1f} mm" in repr(report)
+    html = report._repr_html_()
+    assert html.count("<tr>") == html.count("</tr>") > 10 and "<td>PA-MPJPE</td>" in html
 
 
 def test_text_columns_line_up(report):

@@ -29,9 +29,10 @@ from egocap.data.track import Track, save_track
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.evaluation.predictions import Predictions, save_predictions
+from egocap.evaluation.scoring import evaluate, with_detections
 from egocap.track.tracker import Tracker
 from egocap_eval.cli import main
-from egocap_eval.harness.score_pose import run_tracker, score_track, with_detections
+from egocap_eval.harness.score_pose import run_tracker
 
 FRAMES = 130
 KEYS = [
@@ -143,7 +144,7 @@ def files(folder, truth, tmp_path):
 
 def test_a_perfect_track_and_perfect_detections(folder, truth):
     sequence = open_sequence(folder)
-    report = score_track(sequence, make_track(truth))
+    report = evaluate(make_track(truth), sequence)
     assert report.mpjpe_mm == 0 and report.accel_error == 0
     assert report.reprojection.pck20 == 100
     assert report.reprojection.auc20 == pytest.approx(100)
@@ -156,7 +157,7 @@ def test_a_perfect_track_and_perfect_detections(folder, truth):
 
 def test_hidden_joints_without_detection_are_misses(folder, truth):
     sequence = open_sequence(folder)
-    report = with_detections(score_track(sequence, make_track(truth)), sequence,
+    report = with_detections(evaluate(make_track(truth), sequence), sequence,
                              make_detections(truth, shift=8.0))  # fmt: skip
     hidden = (truth.in_view & (truth.visibility != VISIBLE)).sum() / truth.in_view.sum()
     assert 0 < hidden < 0.5
@@ -167,7 +168,7 @@ def test_hidden_joints_without_detection_are_misses(folder, truth):
 
 
 def test_visible_share_is_of_joints_seen_by_either_camera(folder, truth):
-    report = score_track(open_sequence(folder), make_track(truth))
+    report = evaluate(make_track(truth), open_sequence(folder))
     seen = (truth.visibility == VISIBLE).any(1)[:, 1:]
     assert report.visible_share == pytest.approx(seen.mean()) == 16 / 17
 
@@ -175,7 +176,7 @@ def test_visible_share_is_of_joints_seen_by_either_camera(folder, truth):
 def test_a_joint_tracked_out_of_the_lens_is_a_miss(folder, truth):
     joints = truth.joints_head.copy()
     joints[:, LABELS.index("left_hand")] = [0.0, 0.0, 3.0]  # far above cameras that look down
-    report = score_track(open_sequence(folder), make_track(truth, joints))
+    report = evaluate(make_track(truth, joints), open_sequence(folder))
     score = report.reprojection
     assert score.per_joint_pck20["left_hand"] == 0
     assert score.per_joint_pck20["right_hand"] == 100
@@ -185,10 +186,28 @@ def test_a_joint_tracked_out_of_the_lens_is_a_miss(folder, truth):
 def test_a_track_of_other_frames_is_refused(folder, truth):
     sequence = open_sequence(folder)
     with pytest.raises(InputError, match="frame 0"):
-        score_track(sequence, make_track(truth, times=truth.time + 0.5))
+        evaluate(make_track(truth, times=truth.time + 0.5), sequence)
+    later = truth.time + 0.01 * (np.arange(FRAMES) == 4)
+    with pytest.raises(InputError, match="frame 4"):
+        evaluate(make_track(truth, times=later), sequence)
+    with pytest.raises(InputError, match=f"{FRAMES - 1} frames"):
+        evaluate(make_track(truth, times=truth.time[:-1]), sequence)
     with pytest.raises(InputError, match=r"detections file .* frame 0"):
         late = make_detections(truth, times=truth.time + 0.5)
-        with_detections(score_track(sequence, make_track(truth)), sequence, late)
+        with_detections(evaluate(make_track(truth), sequence), sequence, late)
+
+
+def test_joints_alone_are_scored_too(folder, truth):
+    sequence = open_sequence(folder)
+    joints = truth.joints_head + [0.0, 0.03, 0.0]
+    joints[3, LABELS.index("neck")] = np.nan
+    report = evaluate(joints, sequence, detections=make_detections(truth))
+    assert report.mpjpe_mm == pytest.approx(30) and report.detections is not None
+    assert report.coverage_share == pytest.approx(1 - 1 / (17 * FRAMES))
+    with pytest.raises(InputError, match=r"\(T, 18, 3\)"):
+        evaluate(joints[:, :17], sequence)
+    with pytest.raises(InputError, match="1 of"):
+        evaluate(joints[:-1], sequence)
 
 
 def test_command_prints_json_to_stdout(files, capsys):
@@ -247,7 +266,7 @@ def spoiled(truth, frame, joint):
         ("SEQ --track track.npz --protocol h36m", "egocap-17-pa"),
         ("SEQ", "exactly one of --track, --predictions, --tracker"),
         ("SEQ --track track.npz --predictions mine.npz", "exactly one of --track, --predictions"),
-        ("SEQ --predictions mm.npz", "mm.npz: .*in 'mm' it would be"),
+        ("SEQ --predictions mm.npz", "mm.npz: .*stated unit is 'm' .*unit 'mm'"),
         ("SEQ --predictions gap.npz", "gap.npz: 3 of 130 frames are missing: 5-7"),
         ("SEQ --predictions track.npz", "track.npz.*unknown key"),
         ("SEQ --tracker nobody", "no plug-in 'nobody'.*MODULE:FUNCTION"),
@@ -279,7 +298,7 @@ def test_bad_input_is_one_line_and_2(
 
 def test_a_score_with_nan_names_frame_and_joint(folder, truth):
     with pytest.raises(InputError, match="frame 7, left_knee"):
-        score_track(open_sequence(folder), make_track(truth, spoiled(truth, 7, "left_knee")))
+        evaluate(make_track(truth, spoiled(truth, 7, "left_knee")), open_sequence(folder))
 
 
 def test_predictions_score_as_the_same_track_does(files, folder, truth, tmp_path, capsys):
@@ -312,7 +331,7 @@ def test_our_own_tracker_is_given_the_pictures_as_in_egocap_track(tiny_sequence,
     sequence = open_sequence(tiny_sequence)
     found = detections_from(sequence, "simulated:2", 0)
     tracked = Tracker(sequence.rig, sequence.body).track(found, sequence.images)
-    expected = score_track(sequence, tracked).mpjpe_mm
+    expected = evaluate(tracked, sequence).mpjpe_mm
     assert json.loads(capsys.readouterr().out)["mpjpe_mm"] == pytest.approx(expected)
 
 

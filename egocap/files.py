@@ -1,11 +1,12 @@
-"""Files written whole or not at all, npz archives read with care, and the disk's errors explained.
+"""Atomic writing of files, reading and writing of npz archives, and errors of the file system.
 
-Paths in; bytes and arrays out. Everything the project writes for keeps goes through here.
+Paths in; bytes and arrays out. Every result file of the project is written through here.
 """
 
 from __future__ import annotations
 
 import errno
+import json
 import os
 import zipfile
 import zlib
@@ -21,13 +22,15 @@ from egocap.errors import FileError, MachineError
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path to write to; it takes the place of `path` when the block succeeds.
+def replacing(path: Path, *, keep_suffix: bool = False) -> Iterator[Path]:
+    """Yield a temporary path to write to; it replaces `path` when the block succeeds.
 
-    A reader, or a kill, finds the old content or the new, whole. The temporary file, which no other
-    process shares, is removed on an error. Raises as `disk_errors`.
+    The replacement is atomic. The temporary file belongs to this process and is removed on an
+    error. `keep_suffix` gives it the suffix of `path`, for writers that choose the format by it.
+    Raises as `disk_errors`.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    ending = f"tmp{path.suffix}" if keep_suffix else "tmp"
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.{ending}")
     with disk_errors(path):
         try:
             yield temporary
@@ -35,25 +38,30 @@ def replacing(path: Path) -> Iterator[Path]:
                 os.fsync(file.fileno())
             temporary.replace(path)
         except BaseException:
-            temporary.unlink(missing_ok=True)  # on a full disk it would keep the space
+            temporary.unlink(missing_ok=True)  # frees its space on a full disk
             raise
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
-    """Replace a file's content in one step; text is written as UTF-8. Raises as `disk_errors`."""
+    """Replace a file's content atomically; text is written as UTF-8. Raises as `disk_errors`."""
     with replacing(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
+def write_json(path: Path, data: Any) -> None:
+    """Write indented JSON atomically. Raises as `disk_errors`."""
+    write_atomically(path, json.dumps(data, indent=1) + "\n")
+
+
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, where they are missing. Raises as `disk_errors`."""
+    """Make a folder and its missing parents. Raises as `disk_errors`."""
     with disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
 
 
 @contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
-    """Turn an OSError into a MachineError or FileError that a user can act on."""
+    """Turn an OSError into a MachineError or FileError with a message for the user."""
     try:
         yield
     except OSError as error:
@@ -73,13 +81,13 @@ def disk_errors(path: Path) -> Iterator[None]:
 
 
 def cache_folder() -> Path:
-    """Where EgoCap keeps what it can make again: $XDG_CACHE_HOME/egocap or ~/.cache/egocap."""
+    """Folder of cached files: $XDG_CACHE_HOME/egocap or ~/.cache/egocap."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "egocap"
 
 
 def write_npz(path: Path, *, compressed: bool = True, **arrays: Any) -> None:
-    """Write named arrays as npz, whole or not at all; None is left out. Raises as `disk_errors`."""
+    """Write named arrays as npz atomically; None is omitted. Raises as `disk_errors`."""
     present = {name: value for name, value in arrays.items() if value is not None}
     save = np.savez_compressed if compressed else np.savez
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -87,14 +95,14 @@ def write_npz(path: Path, *, compressed: bool = True, **arrays: Any) -> None:
 
 
 def read_npz(path: Path, only: Collection[str] | None = None) -> dict[str, Array]:
-    """The arrays of an npz file, or those of the names in `only` that it has.
+    """Read the arrays of an npz file, or only those named in `only`.
 
-    Raises FileError unless the file is a whole archive of plain arrays.
+    Raises FileError unless the file is a complete archive of plain arrays.
     """
     if not path.is_file():
         raise FileError(path, "is a folder" if path.is_dir() else "no such file")
     try:
-        if not zipfile.is_zipfile(path):  # np.load would take other kinds of file too
+        if not zipfile.is_zipfile(path):  # np.load also reads other formats
             raise ValueError
         with np.load(path, allow_pickle=False) as archive:
             return {n: archive[n] for n in archive.files if only is None or n in only}

@@ -12,7 +12,6 @@ adults (Gordon et al. 2014), as shares of the stature.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -25,6 +24,7 @@ from pydantic import Field
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import JOINTS, POINT_INDEX, POINT_PARENTS, POINTS
 from egocap.errors import FileError, InputError
+from egocap.files import write_json
 from egocap.schema import Number, Strict, checked, read_json
 
 SCHEMA = 1
@@ -149,7 +149,7 @@ class GaussianBody:
         return replace(self, colour=colour)
 
     def save(self, path: str | Path) -> None:
-        """Write gaussians.json, every number exactly."""
+        """Write gaussians.json with exact numbers. Raises as `egocap.files.disk_errors`."""
         entries = [
             {
                 "part": part,
@@ -168,7 +168,7 @@ class GaussianBody:
             "kind": "egocap-gaussians", "schema_version": SCHEMA, "units": "m",
             "body": self.proportions.to_dict()["offsets"], "gaussians": entries,
         }  # fmt: skip
-        Path(path).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        write_json(Path(path), data)
 
     @classmethod
     def load(cls, path: str | Path) -> GaussianBody:

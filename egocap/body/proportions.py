@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from pydantic import Field
 from egocap.body.labels import LABELS, without_side
 from egocap.body.skeleton import LABEL_POINTS, POINT_COUNT, POINT_INDEX, POINT_PARENTS, POINTS
 from egocap.errors import FileError, InputError
+from egocap.files import write_json
 from egocap.schema import Number, Strict, checked, read_json, refuse_newer
 
 SCHEMA = 1
@@ -160,8 +160,8 @@ class Proportions:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write body.json."""
-        Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+        """Write body.json. Raises as `egocap.files.disk_errors`."""
+        write_json(Path(path), self.to_dict())
 
     @classmethod
     def load(cls, path: str | Path) -> Proportions:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy import ndarray as Array
 from egocap.cameras.camera import Camera
 from egocap.cameras.lens import namespace
 from egocap.errors import InputError
+from egocap.files import write_json
 from egocap.geometry import inverse
 
 SCHEMA = 1  # of rig.json
@@ -138,8 +138,8 @@ class Rig:
         }  # fmt: skip
 
     def to_json(self, path: str | Path) -> None:
-        """Write the rig, every number exactly."""
-        Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+        """Write rig.json with exact numbers. Raises as `egocap.files.disk_errors`."""
+        write_json(Path(path), self.to_dict())
 
 
 def _move(T_camera_head: Float[Array, "4 4"], points_head: Any) -> Any:

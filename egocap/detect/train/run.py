@@ -20,7 +20,8 @@ from egocap.detect.train.config import RunConfig, TrainingConfig
 from egocap.detect.train.examples import ViewStore, build_store, mixed
 from egocap.detect.train.trainer import Outcome, Trainer
 from egocap.detect.weights import open_weights, save_weights
-from egocap.errors import FileError, InputError, MachineError
+from egocap.errors import FileError, InputError
+from egocap.files import make_folder, write_json
 
 if TYPE_CHECKING:
     import torch
@@ -147,11 +148,8 @@ def _prepare(request: RunConfig, training: TrainingConfig, network: NetworkConfi
                 valid="the same --config, --seed and --batch, or another --out",
             )
         return
-    try:
-        request.out.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(what, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise MachineError(f"cannot write {request.out}: {error.strerror}") from None
+    make_folder(request.out)
+    write_json(path, what)
 
 
 def _start(request: RunConfig, network: NetworkConfig) -> dict[str, torch.Tensor] | None:

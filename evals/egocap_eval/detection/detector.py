@@ -1,9 +1,9 @@
-"""How good the learned detector is, and how fast: the paper's Table 1 and Figure 7, and more."""
+"""Accuracy, calibration and speed of the learned detector: the paper's Table 1 and Figure 7."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from egocap.body.labels import LABELS
 from egocap.data.detections import Detections, load_detections
@@ -40,7 +40,8 @@ from egocap_eval.detection.detector_speed import measure_speed
 from egocap_eval.harness.study import Outcome
 
 if TYPE_CHECKING:
-    from egocap.data.sequence import Sequence as Footage
+    from egocap.cameras.rig import Rig
+    from egocap.data.sequence import Sequence
     from egocap.detect.detector import Detector
 
 THRESHOLD = 20.0  # pixels at 640 x 512
@@ -72,18 +73,53 @@ class Scored:
     seen: Bool[Array, "T V 18"]
 
 
+@dataclass(frozen=True)
+class HeldOutSet:
+    """The held-out set to score on."""
+
+    heldout: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Score on the held-out set in this folder, at 640 x 512; missing sequences are generated."""
+    motions: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of the clips that belong to the held-out set; 250 of its 1000 frames."""
+    rig: Annotated[str | None, arg(metavar="NAME|FILE")] = None
+    """Another rig for the held-out set."""
+    workers: int = 1
+    """Rendering processes for the held-out set."""
+
+    def folders(self) -> list[Path]:
+        """Its sequences, generated where they are missing; none without `heldout`."""
+        from egocap_eval.detection.heldout import make_heldout
+
+        if self.heldout is None:
+            return []
+        return make_heldout(self.heldout, motions=self.motions, rig=self.rig, workers=self.workers)
+
+
+@dataclass(frozen=True)
+class DetectorOptions:
+    """The detector to score."""
+
+    weights: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Detector weights; those shipped by default."""
+    engine: str = "auto"
+    """auto (the fastest installed), onnxruntime, openvino, torch or cuda."""
+    threads: int | None = None
+    """Threads of the network; all cores by default."""
+
+    def open(self, rig: Rig) -> Detector:
+        """The detector for a rig. Raises as `Detector` does."""
+        from egocap.detect.detector import Detector
+
+        return Detector(rig, self.weights, self.engine, self.threads)  # type: ignore[arg-type]
+
+
 def study(
     sequences: Positional[tuple[Annotated[Path, arg(metavar="SEQ")], ...]] = (),
     /,
     detections: Annotated[Path | None, arg(metavar="FILE")] = None,
-    heldout: Annotated[Path | None, arg(metavar="DIR")] = None,
-    motions: Annotated[Path | None, arg(metavar="DIR")] = None,
-    rig: Annotated[str | None, arg(metavar="NAME|FILE")] = None,
-    weights: Annotated[Path | None, arg(metavar="FILE")] = None,
-    engine: str = "auto",
-    threads: int | None = None,
+    heldout: Annotated[HeldOutSet, OmitArgPrefixes] = HeldOutSet(),
+    network: Annotated[DetectorOptions, OmitArgPrefixes] = DetectorOptions(),
     frames: int | None = None,
-    workers: int = 1,
     untimed: bool = False,
     picture: Annotated[Path | None, arg(metavar="FILE")] = None,
 ) -> Outcome:
@@ -91,37 +127,33 @@ def study(
 
     Args:
         sequences: Folders of sequences to score on.
-        detections: Detections of the one sequence given, in place of the detector's.
-        heldout: Score on the held-out set in this folder, at 640 x 512; what is missing of it is
-            generated.
-        motions: Folder of the clips that belong to the held-out set; 250 of its 1000 frames.
-        rig: Another rig for the held-out set.
-        weights: Detector weights; those shipped by default.
-        engine: auto (the fastest here), onnxruntime, openvino, torch or cuda.
-        threads: Threads of the network; all cores by default.
+        detections: Score these detections of the one sequence given; the detector is not run.
+        heldout: The held-out set to score on.
+        network: The detector to score.
         frames: Only so many frames of each sequence, from the first.
-        workers: Rendering processes for the held-out set.
-        untimed: Leave the speed out.
+        untimed: Do not measure the speed.
         picture: Draw the curves there, .png.
     """
-    folders = _folders(sequences, heldout, motions, rig, workers)
+    folders = [*sequences, *heldout.folders()]
+    if not folders:
+        raise InputError("nothing to score on", valid="sequences, or --heldout DIR")
     if detections is not None and len(folders) != 1:
         raise InputError(f"--detections with {len(folders)} sequences", valid="one")
     scored: dict[str, Scored] = {}
     config: dict[str, Any] = {"sequences": {}}
     speed: dict[str, Any] | None = None
     for folder in folders:
-        footage = open_sequence(folder)
-        config["sequences"][footage.manifest.name] = footage.manifest.config_sha256
+        sequence = open_sequence(folder)
+        config["sequences"][sequence.manifest.name] = sequence.manifest.config_sha256
         if detections is not None:
             found = load_detections(detections)
         else:
-            detector = _detector(footage, weights, engine, threads)
+            detector = network.open(sequence.rig)
             config["weights"] = detector.weights.sha256
-            found = _detect(footage, detector, frames)
+            found = _detect(sequence, detector, frames)
             if speed is None and not untimed:
-                speed = measure_speed(footage, detector, threads)
-        scored[footage.manifest.name] = score(footage, found)
+                speed = measure_speed(sequence, detector, network.threads)
+        scored[sequence.manifest.name] = score(sequence, found)
     result = summary(scored) | {"speed": speed}
     if picture is not None:
         from egocap_eval.detection.detector_plots import draw
@@ -130,16 +162,16 @@ def study(
     return Outcome(result, tables(result), missed(result), config)
 
 
-def score(footage: Footage, found: Detections) -> Scored:
+def score(sequence: Sequence, found: Detections) -> Scored:
     """Detections of a sequence's first frames beside its truth. InputError when they are not."""
-    truth = footage.truth
+    truth = sequence.truth
     rows = slice(0, len(found.times))
     require_same_times(found.times, truth.time[rows], "the detections")
     in_view = truth.in_view[rows]
     if found.valid.shape != in_view.shape:
         raise InputError(f"detections of {found.valid.shape[1]} views",
                          valid=f"{in_view.shape[1]}")  # fmt: skip
-    widths = np.array([camera.width for camera in footage.rig.cameras], float)
+    widths = np.array([camera.width for camera in sequence.rig.cameras], float)
     both = (found.valid & in_view)[..., None]
     said, true = np.where(both, found.points, 0.0), np.where(both, truth.joints_2d[rows], 0.0)
     return Scored(
@@ -288,32 +320,12 @@ def _confidence(s: Scored) -> dict[str, Any]:
     }
 
 
-def _folders(
-    sequences: Sequence[Path], heldout: Path | None, motions: Path | None, rig: str | None,
-    workers: int,
-) -> list[Path]:  # fmt: skip
-    from egocap_eval.detection.heldout import make_heldout
-
-    if heldout is None:
-        if not sequences:
-            raise InputError("nothing to score on", valid="sequences, or --heldout DIR")
-        return list(sequences)
-    made = make_heldout(heldout, motions=motions, rig=rig, workers=workers)
-    return [*sequences, *made]
-
-
-def _detector(footage: Footage, weights: Path | None, engine: str, threads: int | None) -> Detector:
-    from egocap.detect.detector import Detector
-
-    return Detector(footage.rig, weights, engine, threads)  # type: ignore[arg-type]
-
-
-def _detect(footage: Footage, detector: Detector, frames: int | None) -> Detections:
+def _detect(sequence: Sequence, detector: Detector, frames: int | None) -> Detections:
     from egocap.commandline import progress
 
-    count = min(frames or len(footage), len(footage))
-    with progress(footage.manifest.name, count) as advance:
-        return detector.detect(footage, frames=count, on_frames=advance)
+    count = min(frames or len(sequence), len(sequence))
+    with progress(sequence.manifest.name, count) as advance:
+        return detector.detect(sequence, frames=count, on_frames=advance)
 
 
 def _number(value: float) -> float | None:

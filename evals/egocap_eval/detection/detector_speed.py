@@ -1,4 +1,4 @@
-"""How fast the detector is, together and by stage."""
+"""Speed of the detector as a whole and by stage."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from egocap.data.sequence import Sequence as Footage
+    from egocap.data.sequence import Sequence
     from egocap.detect.detector import Detector
 
 
 def measure_speed(
-    footage: Footage, detector: Detector, threads: int | None, frames: int = 60
+    sequence: Sequence, detector: Detector, threads: int | None, frames: int = 60
 ) -> dict[str, Any]:
     """Stereo pairs a second as `detect` runs, and the CPU time of its stages one by one."""
     from egocap.detect.engine import available_cores
     from egocap.detect.input_images import recorded_pictures
 
-    frames = min(frames, len(footage))
-    detector.detect(footage, frames=min(5, frames))
+    frames = min(frames, len(sequence))
+    detector.detect(sequence, frames=min(5, frames))
     start = time.perf_counter()
-    detector.detect(footage, frames=frames)
+    detector.detect(sequence, frames=frames)
     rate = frames / (time.perf_counter() - start)
     spent = dict.fromkeys(("decode JPEG", "canonical view", "network", "decode maps"), 0.0)
     for i in range(min(frames, 20)):
         marks = [time.process_time()]
-        pictures = recorded_pictures(footage, i)
+        pictures = recorded_pictures(sequence, i)
         marks.append(time.process_time())
         views, slots = detector.canonical([pictures])
         marks.append(time.process_time())
         outputs = detector.run(views)
         marks.append(time.process_time())
-        detector.read(outputs, slots, footage.times[i : i + 1])
+        detector.read(outputs, slots, sequence.times[i : i + 1])
         marks.append(time.process_time())
         for stage, seconds in zip(spent, np.diff(marks), strict=True):
             spent[stage] += 1e3 * float(seconds) / min(frames, 20)

@@ -8,15 +8,18 @@ import os
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes
+from tyro.conf import OmitArgPrefixes, Positional
 
 from egocap.cameras.rig_files import load_rig
 from egocap.commandline import DONE, INTERRUPTED
+from egocap.detect.train import run as runs
+from egocap.detect.train.checkpoint import CHECKPOINT
 from egocap.detect.train.config import RunConfig, TrainingConfig
+from egocap.detect.weights import SHIPPED, shipped_file
 from egocap.errors import InputError, MachineError
 
 log = logging.getLogger(__name__)
@@ -28,45 +31,47 @@ SIMULATION_SHARE = 0.35  # of the minutes
 _SIZE = ("640", "512")
 
 
+@dataclass(frozen=True, kw_only=True)
+class RigRunConfig(RunConfig):
+    """A training run on footage simulated for a rig. Raises InputError as `RunConfig` does."""
+
+    rig: Path  # file of the rig, with views 'left' and 'right'
+    data: Positional[tuple[Path, ...]] = ()  # further sequences, or folders of them, to train on
+    start: Path | None = None  # weights to begin from; for the default network, the shipped ones
+    scratch: bool = False  # begin from random weights
+    shares: tuple[float, ...] = ()  # weight of each DATA and, last, of the simulated footage
+
+    def __post_init__(self) -> None:
+        if self.scratch and self.start is not None:
+            raise InputError("--scratch and --start exclude each other", valid="one of them")
+        if self.start is None and self.config == SHIPPED and not self.scratch:
+            object.__setattr__(self, "start", shipped_file())
+        object.__setattr__(self, "data", (*self.data, self.footage))
+        super().__post_init__()
+
+    @property
+    def footage(self) -> Path:
+        """Folder of the simulated sequences."""
+        return self.out / "simulated"
+
+
 def train(
-    rig: Path,
-    out: Path,
-    data: tuple[Path, ...] = (),
+    run: Annotated[RigRunConfig, OmitArgPrefixes],
     training: Annotated[TrainingConfig, OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
-    config: str = "default",
-    resume: bool = False,
-    start: Path | None = None,
-    scratch: bool = False,
     json: bool = False,
 ) -> int:
     """Simulate footage with a rig for a third of the minutes, and train a detector on it.
 
     Args:
-        rig: file of the rig, with views 'left' and 'right'.
-        out: folder of the run; the footage is in its folder 'simulated'.
-        data: further footage with annotations to train on.
+        run: what to train; the footage is written to the folder 'simulated' in --out.
         training: how to train; its minutes include the simulation.
-        config: network to train: default, small, paper (ResNet-101) or tiny.
-        resume: go on with the run in --out, if there is one.
-        start: weights to begin from; for the default network, those that are shipped.
-        scratch: begin from random weights.
         json: print the summary as JSON.
     """
-    from egocap.detect.train import run as runs
-    from egocap.detect.train.checkpoint import CHECKPOINT
-    from egocap.detect.weights import SHIPPED, shipped_file
-
-    if scratch and start is not None:
-        raise InputError("--scratch and --start exclude each other", valid="one of them")
-    if start is None and config == SHIPPED and not scratch:
-        start = shipped_file()
-    footage = out / "simulated"
-    run = RunConfig(out, (*data, footage), config, start=start, resume=resume)
     shortened = replace(training, minutes=training.minutes * (1.0 - SIMULATION_SHARE))
     if "WORLD_SIZE" not in os.environ:  # once, before torchrun starts a process for each GPU
-        runs.prepare_run(run, shortened)  # errors before the footage is made
-        share = 0.0 if (out / CHECKPOINT).exists() else SIMULATION_SHARE
-        simulate_for_rig(rig, footage, 60.0 * share * training.minutes, training.seed)
+        runs.prepare_run(run, shortened)  # reports wrong options before the simulation
+        share = 0.0 if (run.out / CHECKPOINT).exists() else SIMULATION_SHARE
+        simulate_for_rig(run.rig, run.footage, 60.0 * share * training.minutes, training.seed)
         command = runs.command_for_devices(sys.argv[1:], "egocap_eval")
         if command is not None:
             return subprocess.call(command)
@@ -78,23 +83,23 @@ def train(
 
 
 def simulate_for_rig(rig: Path, out: Path, seconds: float, seed: int = 0) -> Path:
-    """Simulate short sequences of different people with a rig until the time is up.
+    """Simulate short sequences of different people with a rig for a given time.
 
-    Sequences that are there already stay, so that a run that was killed goes on; with no time left
-    none is added. At least two are made, one to hold out.
+    Existing sequences are kept, so that an interrupted run can be resumed. At least two sequences
+    are made, since one is held out.
 
     Args:
-        rig: a rig's file; anything `egocap.cameras.rig_files.load_rig` reads.
+        rig: rig file, as for `egocap.cameras.rig_files.load_rig`.
         out: folder of the sequences.
-        seconds: how long to go on.
-        seed: which people and places; no two seeds share one.
+        seconds: time budget.
+        seed: of people and places; different seeds share none.
 
     Returns:
         `out`.
 
     Raises:
-        FileError: the rig's file.
-        InputError: a rig with other views than left and right.
+        FileError: the rig file is missing or wrong.
+        InputError: the rig's views are not left and right.
         MachineError: the simulation failed.
     """
     if load_rig(rig).views != ("left", "right"):

@@ -99,7 +99,7 @@ def test_the_first_pictures_are_the_beginning(tmp_path):
 def test_settings_that_need_the_future_are_refused():
     made = make_motion(frames=2)
     for wrong in ({"smoothing": "interval"}, {"colour": True}):
-        with pytest.raises(InputError, match="live"):
+        with pytest.raises(InputError, match="online tracking"):
             OnlineTracker(made.rig, made.person, replace(LIVE, **wrong))
 
 

@@ -1,13 +1,13 @@
-"""Footage for a rig: what egocap-sim is asked for, what is kept, and when it fails."""
+"""Training for a rig: options, calls of egocap-sim, resuming, failure."""
 
 import subprocess
 
 import pytest
 
 from egocap.cameras.rig_files import load_rig
-from egocap.errors import MachineError
+from egocap.errors import InputError, MachineError
 from egocap_eval.detection import train_for_rig as simulation
-from egocap_eval.detection.train_for_rig import simulate_for_rig
+from egocap_eval.detection.train_for_rig import RigRunConfig, simulate_for_rig
 from egocap_sim.core.resources import builtin_file
 
 
@@ -34,7 +34,7 @@ def asked(monkeypatch):
     return calls
 
 
-def test_ever_other_seeds_and_at_least_two(rig, tmp_path, asked):
+def test_seeds_differ_and_at_least_two_sequences_are_made(rig, tmp_path, asked):
     simulate_for_rig(rig, tmp_path / "out", 0.0)
     assert len(asked) == 2
     seeds = [int(words[words.index("--seed") + 1]) for words in asked]
@@ -42,15 +42,25 @@ def test_ever_other_seeds_and_at_least_two(rig, tmp_path, asked):
     assert all(words[words.index("--rig") + 1] == str(rig) for words in asked)
 
 
-def test_what_is_there_stays(rig, tmp_path, asked):
+def test_existing_sequences_are_kept(rig, tmp_path, asked):
     simulate_for_rig(rig, tmp_path / "out", 0.0)
     asked.clear()
     simulate_for_rig(rig, tmp_path / "out", 0.0)
     assert not asked
 
 
-def test_failure_is_told(rig, tmp_path, monkeypatch):
+def test_failure_is_reported(rig, tmp_path, monkeypatch):
     failed = subprocess.CompletedProcess([], 1, "", "loading\negocap-sim: no OpenGL here\n")
     monkeypatch.setattr(simulation.subprocess, "run", lambda *_, **__: failed)
     with pytest.raises(MachineError, match="no OpenGL here"):
         simulate_for_rig(rig, tmp_path / "out", 0.0)
+
+
+def test_run_covers_the_simulated_footage(rig, tmp_path):
+    run = RigRunConfig(rig=rig, out=tmp_path, data=(tmp_path / "a",), shares=(2.0, 1.0))
+    assert run.data == (tmp_path / "a", tmp_path / "simulated") and run.start is not None
+    assert RigRunConfig(rig=rig, out=tmp_path, scratch=True, held_out=0.1).start is None
+    with pytest.raises(InputError, match="exclude"):
+        RigRunConfig(rig=rig, out=tmp_path, scratch=True, start=tmp_path)
+    with pytest.raises(InputError, match="shares"):
+        RigRunConfig(rig=rig, out=tmp_path, shares=(2.0, 1.0))

@@ -6,6 +6,7 @@ A new measure is one pure function in `metrics` and one line in `measures`.
 from egocap.evaluation.detection_scores import DetectionScore, evaluate_detections
 from egocap.evaluation.measures import MEASURES, find_measure
 from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
+from egocap.evaluation.predictions import Predictions, load_predictions, save_predictions
 from egocap.evaluation.protocol import PROTOCOLS, Protocol, find_protocol
 from egocap.evaluation.report import Report
 from egocap.evaluation.scoring import evaluate, evaluate_pose
@@ -16,6 +17,7 @@ __all__ = [
     "DetectionScore",
     "GroundTruth",
     "PoseErrors",
+    "Predictions",
     "Protocol",
     "Report",
     "evaluate",
@@ -23,4 +25,6 @@ __all__ = [
     "evaluate_pose",
     "find_measure",
     "find_protocol",
+    "load_predictions",
+    "save_predictions",
 ]

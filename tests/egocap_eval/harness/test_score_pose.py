@@ -350,6 +350,7 @@ def test_the_example_tracker_is_run_and_scored(folder, truth, tmp_path, capsys, 
 
     out = tmp_path / "mine.jsonl"
     your_tracker.main(str(folder), str(out))
+    assert "joints predicted" in capsys.readouterr().out
     assert main(["pose", str(folder), "--predictions", str(out), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["method"] == "triangulation" and 0.1 < report["mpjpe_mm"] < 50

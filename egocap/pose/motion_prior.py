@@ -1,7 +1,7 @@
 """The learned motion prior: joint angles as a stationary Gaussian process.
 
 The covariances of all angles, up to two seconds apart, are learned from motions
-(`python -m egocap_eval.priors.learn_motion`). Detections of a track, linearised, go in; a Gaussian
+(`egocap-eval learn-prior motion`). Detections of a track, linearised, go in; a Gaussian
 over every frame's angles comes out, occluded ones included, which the smoother adds as a term.
 Knots lie a tenth of a second apart; overlapping windows of them are solved at once.
 

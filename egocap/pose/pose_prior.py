@@ -2,7 +2,7 @@
 
 A hidden joint is guessed better from those that are seen than from its limits: a bent hip goes with
 a bent knee. `posture.json` beside this module holds the mean and covariance that
-`python -m egocap_eval.priors.learn_pose` finds in a folder of motions.
+`egocap-eval learn-prior pose` computes from a folder of motions.
 
 Source of the motions: CMU Graphics Lab Motion Capture Database (mocap.cs.cmu.edu, NSF EIA-0196217),
 without the clips that the project keeps for validation.

@@ -51,7 +51,7 @@ def study(
     Args:
         baseline: The numbers to compare with; the committed ones by default.
         record: Measure them, with their spread over seeds, and write them there instead.
-        rendered: Also render a short clip, which needs OpenGL, and run the detector on it.
+        rendered: Skip the rendered clip (which needs OpenGL) and the detector's scores on it.
     """
     command = "egocap-eval check --record"
     if baseline is None:

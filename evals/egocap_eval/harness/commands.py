@@ -1,4 +1,4 @@
-"""The commands of egocap-eval: a table of studies, and what runs one of them by name."""
+"""The commands of egocap-eval: a table of studies, and `main`, which runs one by name."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ STUDIES = {
     "compare": ("harness.compare", "List what changed between two runs, with paired intervals."),
     "check": ("harness.check", "Run the regression guard: a fixed small suite and its baseline."),
     "accuracy": ("studies.accuracy", "Track the validation scenes from simulated detections."),
-    "stress": ("studies.stress", "Track under one growing fault at a time, with error bars."),
-    "stress-rendered": ("studies.stress_rendered", "The same for faults of rendered images."),
-    "ablation": ("studies.ablation", "Track with one part left out at a time, over people."),
-    "personalised": ("studies.personalised", "Fit bodies to a clip of their own, track others."),
+    "stress": ("studies.stress", "Track under one growing fault at a time, without rendering."),
+    "stress-rendered": ("studies.stress_rendered", "Track under one growing image fault."),
+    "ablation": ("studies.ablation", "Track with one part left out at a time."),
+    "personalised": ("studies.personalised", "Track a person with a body fitted to another clip."),
     "fit-body": ("studies.fit_body", "Compare fitted bone lengths with the true ones."),
     "runtime": ("studies.runtime", "Time the detector, the solvers and the whole pipeline."),
     "physics": ("studies.physics", "Retarget and simulate every motion clip of a folder."),
-    "visibility": ("studies.visibility", "Visibility of each joint by field of view."),
+    "visibility": ("studies.visibility", "Measure the visibility of each joint by field of view."),
     "crash-recovery": ("studies.crash_recovery", "Kill a generation repeatedly and verify it."),
-    "augmentation": ("studies.augmentation", "Value of augmenting green-screen footage."),
-    "training-set": ("studies.training_set", "Cost of fewer people or frames in training."),
-    "dataset": ("harness.dataset_card", "Count what a data set holds: people, rigs, joints seen."),
+    "augmentation": ("studies.augmentation", "Train detectors with and without augmentation."),
+    "training-set": ("studies.training_set", "Train detectors on fewer people or frames."),
+    "learn-prior": ("studies.learn_prior", "Learn the tracker's pose or motion prior from clips."),
+    "dataset": ("harness.dataset_card", "Count a data set's people, rigs and visible joints."),
     "detector": ("detection.detector", "Score the learned detector: PCK, calibration, speed."),
-    "image-model": ("image_model.study", "Exactness and basin of attraction of the image model."),
-    "calibration": ("posterior.calibration", "Coverage of the posterior's credible regions."),
-    "posterior": ("posterior.sampling", "Sampling speed; the tracker's error over the bound."),
-    "rig": ("rig_design.rig", "Visibility, error bounds and tracked errors of stereo rigs."),
+    "image-model": ("image_model.study", "Measure the image model: accuracy, basin of attraction."),
+    "calibration": ("posterior.calibration", "Measure coverage of the posterior's regions."),
+    "posterior": ("posterior.sampling", "Compare the tracker's error with its lower bound."),
+    "rig": ("rig_design.rig", "Compare stereo rigs: visibility, error bounds, tracked errors."),
 }
 """A new study is one module and one line here (see `harness.study`)."""
 

@@ -67,7 +67,7 @@ def study(
         work: Folder for sequences, predictions and the report; out/SUITE by default.
         motions: Folder of motion clips, for the sequences that need one.
         workers: Rendering processes.
-        html: Write report.html and report.md too.
+        html: Do not write report.html and report.md.
         frames: Try the suite: only so many frames of each sequence, one seed, and no studies.
     """
     path = find_suite(suite)

@@ -1,4 +1,4 @@
-"""The frame around every study: options in; printed tables and one result file out.
+"""Run a study as a command: options in; printed tables and one result file out.
 
 A study is a module with a function `study`, named in `egocap_eval.harness.commands`. Its parameters
 (with defaults, and an `Args:` section in the docstring) become the options of `egocap-eval NAME`;
@@ -69,12 +69,14 @@ def as_command(
     """
     hints = get_type_hints(study, include_extras=True)
     signature = inspect.signature(study)
+    flag = Annotated[bool, arg(help_behavior_hint="")]
+    hints = {name: flag if hint is bool else hint for name, hint in hints.items()}
     own = [p.replace(annotation=hints[p.name]) for p in signature.parameters.values()]
     path = Annotated[Path | None, arg(metavar="FILE")]
     kind = inspect.Parameter.KEYWORD_ONLY
     common = [
-        inspect.Parameter("json", kind, default=False, annotation=bool),
-        inspect.Parameter("markdown", kind, default=False, annotation=bool),
+        inspect.Parameter("json", kind, default=False, annotation=flag),
+        inspect.Parameter("markdown", kind, default=False, annotation=flag),
         inspect.Parameter("out", kind, default=None, annotation=path),
     ]
 

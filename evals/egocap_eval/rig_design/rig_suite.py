@@ -98,8 +98,8 @@ def _keys(rig: Rig) -> Float[Array, "V 3"]:
 
 def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
     """Simulate the motions of built-in scenes, without pictures. Raises FileError."""
-    from egocap_eval.priors.learn_pose import fit_angles
     from egocap_eval.rig_design.ray_visibility import RayVisibility
+    from egocap_eval.studies.learn_prior import fit_angles
     from egocap_sim.core.bodies import INDEX
     from egocap_sim.core.resources import builtin_file
     from egocap_sim.scene.config import load_scene

@@ -113,7 +113,7 @@ def study(
         frames: Frames of each scene.
         size: Image width and height, pixels.
         workers: Rendering processes.
-        colour: Also track with colours: ours, the paper's energy, and by colours alone.
+        colour: Skip the variants that use colours, the paper's energy among them.
         trials: Failures in each sequence to recover from; 0 for none.
         keep: Finished scores; the same command continues from them after a stop.
     """

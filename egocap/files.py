@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -105,8 +106,11 @@ def read_npz(path: Path, only: Collection[str] | None = None) -> dict[str, Array
         if not zipfile.is_zipfile(path):  # np.load also reads other formats
             raise ValueError
         with np.load(path, allow_pickle=False) as archive:
-            return {n: archive[n] for n in archive.files if only is None or n in only}
+            arrays = {n: archive[n] for n in archive.files if only is None or n in only}
+        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
+            raise ValueError  # np.load returns the bytes of a member that is no array
+        return arrays
     except (ValueError, OSError, EOFError, KeyError, AttributeError, NotImplementedError,
-            RuntimeError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+            RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
         detail = f": {error}" if str(error) else ""
         raise FileError(path, f"not a whole npz archive of plain arrays{detail}") from None

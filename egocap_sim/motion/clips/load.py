@@ -1,7 +1,7 @@
 """Load a motion file as a canonical clip: recognise skeleton, up axis and unit, clean, calibrate.
 
-BVH of any tool whose names `names.CONVENTIONS` knows, or with a name map; npz as `npz.read_npz`
-describes. Any frame rate.
+Accepts BVH with joint names of `skeleton_names.CONVENTIONS` or a name map, npz as in
+`npz.read_npz_clip`, and any frame rate.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from egocap_sim.motion.clips.cleaning import (
     on_floor,
     within_limits,
 )
-from egocap_sim.motion.clips.npz import read_npz
+from egocap_sim.motion.clips.npz import read_npz_clip
 from egocap_sim.motion.clips.skeleton_names import map_joints, normal, read_name_map
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.figure import leg_length
@@ -34,11 +34,11 @@ from egocap_sim.motion.kinematics.figure import leg_length
 log = logging.getLogger(__name__)
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048, "cmu": 0.0254 / 0.45}
-"""Metres a file unit; 'cmu' is that of the CMU database's own skeletons (0.45 units an inch)."""
-LEG = (0.55, 1.15)  # metres from hip to ankle of a person; decides the unit
-BELIEVED_LEG = (0.2, 3.0)  # metres; beyond it a unit that was given, or an npz file's, is wrong
+"""Metres per file unit; 'cmu' is the unit of the CMU database's skeletons (0.45 per inch)."""
+LEG = (0.55, 1.15)  # metres from hip to ankle of a person, to infer the unit
+PLAUSIBLE_LEG = (0.2, 3.0)  # metres; outside, a given unit or that of an npz file is wrong
 UP_AXES = ("y", "z")
-"""Up axes a file may have; recognised from where the head is."""
+"""Valid up axes; inferred from the position of the head."""
 
 _TO_Z_UP = {
     "y": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),  # facing +z becomes +x
@@ -55,9 +55,9 @@ def load_clip(
 ) -> Clip:
     """Read a .bvh or .npz motion as a canonical `Clip` (metres, z up, floor near z = 0).
 
-    `up` is 'y' or 'z', `unit` a name of `UNITS` or metres a file unit, `names` a map body -> joint
-    or the TOML file that holds one; what is not given is recognised from the file. Raises FileError
-    for a file that cannot be understood, InputError for options that cannot be.
+    `up` is 'y' or 'z', `unit` a name of `UNITS` or metres per file unit, `names` a map
+    body -> joint or a TOML file of it; what is not given is inferred from the file. Raises
+    FileError for an invalid file, InputError for invalid options.
     """
     path = Path(path)
     _check_options(up, unit)
@@ -65,7 +65,7 @@ def load_clip(
         raise FileError(path, "is a folder", valid="a .bvh or .npz file")
     kind = path.suffix.lower()
     if kind == ".npz":
-        positions, rotations, fps = read_npz(path)
+        positions, rotations, fps = read_npz_clip(path)
         clip, hints = Clip(path.stem, fps, positions, rotations), {}
     elif kind == ".bvh":
         given = names if isinstance(names, Mapping) or names is None else read_name_map(names)
@@ -73,7 +73,7 @@ def load_clip(
     else:
         raise FileError(path, f"is of an unknown kind '{kind}'", valid=".bvh, .npz")
     leg = leg_length(clip.positions)
-    if not BELIEVED_LEG[0] < leg < BELIEVED_LEG[1]:
+    if not PLAUSIBLE_LEG[0] < leg < PLAUSIBLE_LEG[1]:
         wrong = "positions are in metres" if kind == ".npz" else f"unit={'|'.join(UNITS)}"
         raise FileError(path, f"the person's legs are {leg:.3g} m long", valid=wrong)
     try:
@@ -85,7 +85,7 @@ def load_clip(
 
 
 def clean(clip: Clip, hints: Hints | None = None) -> tuple[Clip, Cleaning]:
-    """Trim, despike, calibrate, hold to joint limits, put on the floor; says what changed."""
+    """Trim, despike, calibrate, enforce joint limits, put on the floor; returns what changed."""
     clip, trimmed = longest_take(clip)
     clip, spikes = despike(clip)
     clip, beyond = within_limits(calibrate(clip, hints))
@@ -98,7 +98,7 @@ def _check_options(up: str | None, unit: str | float | None) -> None:
         raise InputError(f"up axis '{up}'", valid=UP_AXES)
     number = isinstance(unit, int | float) and not isinstance(unit, bool)
     if unit is not None and not (unit in UNITS or (number and 1e-6 < float(unit) < 1e3)):
-        raise InputError(f"unit '{unit}'", valid=", ".join(UNITS) + " or metres a unit")
+        raise InputError(f"unit '{unit}'", valid=", ".join(UNITS) + " or metres per file unit")
 
 
 def _from_bvh(
@@ -124,24 +124,24 @@ def _from_bvh(
 def _up_axis(
     P: Float[Array, "T J 3"], rest: Float[Array, "J 3"], mapped: Mapping[str, int], path: Path
 ) -> str:
-    """The axis along which the head is above the feet: in most frames, or else in the zero pose."""
+    """The axis along which the head is above the feet, in most frames or in the zero pose."""
     feet = [mapped["l_foot"], mapped["r_foot"]]
     for pose_, least in ((P, 0.75), (rest[None], 0.9)):
         body = unit(pose_[:, mapped["head"]] - pose_[:, feet].mean(1)).mean(0)
         axis = max((1, 2), key=lambda i: body[i])
         if body[axis] > least:
             return "xyz"[axis]
-    raise FileError(path, "the up axis cannot be told: the person never stands", valid="up=y, up=z")
+    raise FileError(path, "cannot infer the up axis: the person never stands", valid="up=y, up=z")
 
 
 def _unit(P: Float[Array, "T J 3"], mapped: Mapping[str, int], path: Path) -> float:
-    """Metres a file unit, from the length of the legs."""
+    """Metres per file unit, from the length of the legs."""
     leg = leg_length(P, mapped)
     fits = [m for m in UNITS.values() if LEG[0] < leg * m < LEG[1]]
     if not fits:
         raise FileError(
             path,
-            f"the unit cannot be told: a leg is {leg:.4g} units long",
+            f"cannot infer the unit: a leg is {leg:.4g} units long",
             valid="unit=" + "|".join(UNITS),
         )
     return fits[0]
@@ -153,7 +153,7 @@ def _bodies(
     P: Float[Array, "T J 3"],
     end: Mapping[int, Array],
 ) -> tuple[Float[Array, "T 21 3"], Float[Array, "T 21 3 3"]]:
-    """Pick the 21 bodies' joints; bodies the rig lacks lie between their neighbours."""
+    """Positions and rotations of the 21 bodies; missing ones lie between their neighbours."""
     positions = np.zeros((len(P), len(BODIES), 3))
     rotations = np.zeros((len(P), len(BODIES), 3, 3))
 
@@ -195,7 +195,7 @@ def _hints(
     W: Float[Array, "T J 3 3"],
     P: Float[Array, "T J 3"],
 ) -> dict[str, dict[str, Array]]:
-    """What fingers and eyes tell about hands and head (`calibrate.Hints`), from the first frame."""
+    """Axes of hands and head from fingers and eyes in the first frame (`calibrate`)."""
 
     def local(body: str, v: Array) -> Array:
         return W[0, mapped[body]].T @ v

@@ -7,7 +7,6 @@ source's bones, `fps`. Joint names are the 21 bodies', with or without the under
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.errors import FileError
+from egocap.files import read_npz
 from egocap.geometry import quaternion_to_matrix
 from egocap_sim.core.bodies import BODIES
 
@@ -23,7 +23,7 @@ _KEYS = ("joints", "pos", "quat", "fps")
 _SHORT = {"clav": "clavicle", "arm": "upperarm", "fore": "forearm"}
 
 
-def read_npz(
+def read_npz_clip(
     path: str | Path,
 ) -> tuple[Float[Array, "T 21 3"], Float[Array, "T 21 3 3"], float]:
     """Positions (m, z up), world bone rotations and frames per second, in the order of BODIES.
@@ -45,7 +45,7 @@ def read_npz(
         if not np.isfinite(data[key]).all():
             raise FileError(path, "has values that are not finite", key=key)
     if np.abs(data["pos"]).max() > FARTHEST:
-        raise FileError(path, "has positions beyond any room", key="pos", valid="metres")
+        raise FileError(path, f"has positions beyond {FARTHEST:g} m", key="pos", valid="metres")
     if data["fps"].size != 1 or not 1 <= float(data["fps"].ravel()[0]) <= 10_000:
         raise FileError(path, f"is {data['fps']}", key="fps", valid="one number, 1 to 10000")
     quat = data["quat"][:, order]
@@ -55,22 +55,10 @@ def read_npz(
 
 
 def _arrays(path: Path) -> dict[str, Array]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise FileError(path, "is a single array", valid="an .npz archive")
-            for key in _KEYS:
-                if key not in archive.files:
-                    raise FileError(path, "is missing", key=key, valid=_KEYS)
-            data = {key: archive[key] for key in _KEYS}
-    except FileError:
-        raise
-    except OSError as e:
-        raise FileError(path, f"cannot be read: {e.strerror or e}") from e
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as e:
-        raise FileError(path, f"is not a numpy archive of plain arrays: {e}") from e
-    except Exception as e:  # zlib and header errors have no common class
-        raise FileError(path, f"is damaged: {e}") from e
+    data = read_npz(path, only=_KEYS)
+    for key in _KEYS:
+        if key not in data:
+            raise FileError(path, "is missing", key=key, valid=_KEYS)
     for key in _KEYS[1:]:
         if data[key].dtype.kind not in "fiu":
             raise FileError(path, f"has type {data[key].dtype}", key=key, valid="numbers")
@@ -93,7 +81,7 @@ def _order(joints: Array, path: Path) -> list[int]:
         )
         raise FileError(path, problem, key="joints", valid=BODIES)
     if len(set(names)) != len(names):
-        raise FileError(path, "a joint is there twice", key="joints", valid=BODIES)
+        raise FileError(path, "two names stand for the same joint", key="joints", valid=BODIES)
     return [names.index(body) for body in BODIES]
 
 

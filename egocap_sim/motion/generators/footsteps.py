@@ -1,8 +1,8 @@
-"""Where and when the feet of a walk are put down, and the way they roll: heel, sole, ball.
+"""Footstep plan of a walk, and the roll of each foot from heel over sole to ball.
 
-Each stance keeps a part of the sole exactly still: the heel while the foot comes down, all of the
-sole, then the toes while the heel lifts. Between stances the ankle swings along a smooth curve that
-leaves and meets the ground with the speed the stances have there.
+Each stance keeps a part of the sole exactly still: the heel at the strike, then the whole sole,
+then the toes while the heel lifts. Between stances the ankle follows a smooth curve that matches
+the velocities of the stances at both ends.
 
 Source: timing and foot angles after J. Perry, Gait Analysis (1992): stance is 62 % of a cycle, foot
 flat from 8 % to 35 %; foot angle about 20 degrees at heel strike and 60 at toe-off in a full step.
@@ -20,7 +20,7 @@ from numpy import ndarray as Array
 from egocap_sim.motion.generators.course import Course
 from egocap_sim.motion.generators.stance import TOE_OUT
 from egocap_sim.motion.kinematics import figure
-from egocap_sim.motion.kinematics.curves import minimum_jerk, turn
+from egocap_sim.motion.kinematics.curves import minimum_jerk, turn, wrap_angle
 
 STANCE = 1.24  # of a step's duration (two steps a cycle)
 FLAT_FROM, FLAT_TO = 0.16, 0.70  # of a step's duration after the strike
@@ -96,10 +96,24 @@ def _spot(
 
 
 def roll_feet(
-    t: Float[Array, "T"], plants: list[Plant], step_s: float, ground: GroundAt | None = None
+    t: Float[Array, "T"],
+    feet: tuple[list[Plant], list[Plant]],
+    step_s: float,
+    ground: GroundAt | None = None,
+) -> tuple[Float[Array, "T 2 3"], Float[Array, "T 2 3 3"], Float[Array, "T 2"]]:
+    """Ankle positions, foot rotations and toe angles of both feet.
+
+    Over uneven `ground` a swinging foot rises before it moves ahead, and moves ahead before it
+    descends, so that it clears the edges.
+    """
+    curves = zip(*(_roll_foot(t, plants, step_s, ground) for plants in feet), strict=True)
+    ankle, R, toe = (np.stack(curve, 1) for curve in curves)
+    return ankle, R, toe
+
+
+def _roll_foot(
+    t: Array, plants: list[Plant], step_s: float, ground: GroundAt | None
 ) -> tuple[Float[Array, "T 3"], Float[Array, "T 3 3"], Float[Array, "T"]]:
-    """Ankle positions, foot rotations and toe angles of one foot; over uneven `ground`, which it
-    clears, a swinging foot goes up before it goes ahead, and ahead before it goes down."""
     ankle, yaw, pitch = np.empty((len(t), 3)), np.empty(len(t)), np.empty(len(t))
     toe = np.zeros(len(t))
     for n, plant in enumerate(plants):
@@ -151,7 +165,7 @@ def _swinging(
         up = minimum_jerk(s / 0.75 if climb > 0 else (s - 0.2) / 0.8)
         ankle = a[1] + np.stack([ahead, ahead, up], -1) * (b[0] - a[1])
         pitch = pa[1] * (1.0 - minimum_jerk(s / 0.4)) + pb[0] * minimum_jerk(2.0 * s - 1.0)
-    yaw = before.yaw + minimum_jerk(s) * _wrapped(after.yaw - before.yaw)
+    yaw = before.yaw + minimum_jerk(s) * wrap_angle(after.yaw - before.yaw)
     toe = np.maximum(pitch, 0.0) * (1.0 if climb < 0 else 1.0 - minimum_jerk(s / 0.8))
     ankle[:, 2] += _lift(s, ankle, yaw, pitch, toe, ground)
     return ankle, pitch, yaw, toe
@@ -180,7 +194,3 @@ def _hermite(s: Array, a: Array, b: Array, va: Array, vb: Array) -> Array:
         (2 * s**3 - 3 * s**2 + 1) * a + (s**3 - 2 * s**2 + s) * va
         + (-2 * s**3 + 3 * s**2) * b + (s**3 - s**2) * vb
     )  # fmt: skip
-
-
-def _wrapped(angle: float) -> float:
-    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

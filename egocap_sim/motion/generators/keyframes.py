@@ -17,10 +17,10 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap_sim.motion.generators.stance import HANG, HANG_PRONATION, Style, standing
-from egocap_sim.motion.kinematics.balance import balanced
+from egocap_sim.motion.kinematics.balance import balance_pose
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import through, turn
-from egocap_sim.motion.kinematics.posing import Controls, pose_figure
+from egocap_sim.motion.kinematics.posing import pose_figure
 
 HAND_SPEED = 0.75  # m/s, mean over a reach at ordinary pace (peak 1.9 times that)
 REACTION = 0.3  # s a move takes however short it is
@@ -164,9 +164,6 @@ class Keyframes:
         look = self._gaze.at(t)
         c.head_R = turn(yaw=look[:, 0], pitch=look[:, 1]) @ c.head_R
         c.pelvis = c.pelvis + self._pelvis.at(t)
-        return pose_balanced(name, fps, c) if balance else pose_figure(name, fps, c)
-
-
-def pose_balanced(name: str, fps: float, controls: Controls) -> Clip:
-    """Pose controls with the pelvis shifted so that the body stands over its feet."""
-    return balanced(controls, lambda c: pose_figure(name, fps, c))
+        if not balance:
+            return pose_figure(name, fps, c)
+        return balance_pose(c, lambda controls: pose_figure(name, fps, controls))

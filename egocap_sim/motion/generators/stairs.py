@@ -1,10 +1,10 @@
-"""Walking up a staircase, around on its landing, and down again, over and over.
+"""Climb a staircase, turn on its landing and descend, repeatedly.
 
-Up and down lie side by side along x. All lengths are the standard figure's; a person's staircase is
-`leg_scale` times as large, and the feet are laid on its treads by `fit_climber`.
+The lanes up and down lie side by side along x. Lengths are for the standard figure; a person's
+staircase is `leg_scale` times as large, and `fit_climber` places the feet on its treads.
 
 Source: R. Riener et al., Stair ascent and descent at different inclinations, Gait and Posture 15
-(2002), for the trunk's lean and the feet: put down flat going up, on the ball going down.
+(2002), for the trunk's lean and the feet: flat strike going up, ball first going down.
 """
 
 from __future__ import annotations
@@ -32,13 +32,12 @@ from egocap_sim.motion.generators.footsteps import (
 )
 from egocap_sim.motion.generators.keyframes import PaceParams
 from egocap_sim.motion.generators.stance import (
-    HANG_PRONATION,
     HIP_HEIGHT,
     TOE_OUT,
     Style,
     draw_style,
 )
-from egocap_sim.motion.generators.walk import WalkParams, swinging_arms
+from egocap_sim.motion.generators.walk import WalkParams, gait_controls, swinging_arms
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import slow_noise, turn
 from egocap_sim.motion.kinematics.figure import joint_positions
@@ -49,14 +48,14 @@ from egocap_sim.motion.retarget.retarget import Reference
 
 STEP_S = 0.62  # seconds from one foot to the other
 FIRST_RISER = -0.85  # x
-LANE = 0.7  # metres between the middles of the ways up and down
+LANE = 0.7  # metres between the centre lines of the lanes up and down
 WIDE = (-0.5, 1.2)  # y: from edge to edge
 LANDING = 1.45  # metres deep
 FEET_APART = 0.16
-HEEL_ON = 0.03  # of the ankle behind a tread's edge, going up
-TOES_BACK = 0.214  # the same going down: the toes end at the edge
+HEEL_ON = 0.03  # metres of the ankle behind the edge of a tread, going up
+TOES_BACK = 0.214  # the same going down, with the toes at the edge
 STARTS = 0.4  # seconds of standing
-_NEAR_EDGE = 0.02  # metres by which feet keep off edges they pass
+_NEAR_EDGE = 0.02  # metres of clearance to edges
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class StairsParams(PaceParams):
 
 
 def stair_boxes(params: StairsParams, scale: float = 1.0) -> tuple[GroundBox, ...]:
-    """Treads from the lowest up, then the landing, `scale` times the figure's."""
+    """Treads from the lowest to the landing, `scale` times those of the figure."""
     count = round(params.treads)
     found = []
     for i in range(1, count + 1):
@@ -88,7 +87,7 @@ def stair_boxes(params: StairsParams, scale: float = 1.0) -> tuple[GroundBox, ..
 
 @dataclass(frozen=True, eq=False)
 class Footfalls:
-    """Where the steps go: for each the place between the feet, the heading, height and slope."""
+    """For each step the point between the feet, the heading, the ground height and the slope."""
 
     xy: Float[Array, "K 2"]
     heading: Float[Array, "K"]
@@ -97,9 +96,9 @@ class Footfalls:
 
 
 def footfalls(params: StairsParams, count: int) -> Footfalls:
-    """The first `count` steps; row 0 is where one stands at the start."""
+    """The first `count` steps; row 0 is the initial stand."""
     n, run = round(params.treads), params.run
-    edge = FIRST_RISER + np.arange(n + 1) * run - run  # of the floor's last bit and each tread
+    edge = FIRST_RISER + np.arange(n + 1) * run - run  # of the floor and each tread
     radius, foot = LANE / 2, edge[0] + HEEL_ON
     rows = [(foot - 0.6, 0.0, 0.0, 0, 0), (foot - 0.3, 0.0, 0.0, 0, 0), (foot, 0.0, 0.0, 0, 0)]
     turns = 0
@@ -131,7 +130,7 @@ def stairs(
 def fit_climber(
     reference: Reference, person: Person, rng: np.random.Generator, params: StairsParams
 ) -> Reference:
-    """Lay a person's soles on the treads of a staircase as large as the person's legs ask for."""
+    """Place a person's soles on the treads of a staircase scaled by the person's leg length."""
     scale, fps = leg_scale(person), reference.fps
     t = np.arange(len(reference.root)) / fps
     _, plants, step_s = _plan(params, float(t[-1]))
@@ -161,7 +160,7 @@ def _on_level(start: float, end: float, y: float, halves: float, level: int) -> 
 
 
 def _around(x: float, out: float, radius: float, halves: float, level: int) -> list[tuple]:
-    """Six steps half way around to the left, beginning in direction `out` along x."""
+    """Six steps of a half turn to the left, beginning in direction `out` along x."""
     rows = []
     for a in np.arange(1, 7) * np.pi / 6:
         y = radius - out * radius * np.cos(a)
@@ -211,7 +210,7 @@ def _stances(falls: Footfalls, step_s: float, foot: int) -> list[Plant]:
 
 
 def _pitches(falls: Footfalls, place: Array, before: int | None, after: int) -> tuple[float, float]:
-    """Toes up at the strike (negative: heel up) and heel up at the lift of one stride."""
+    """Foot pitch of one stride [rad]: toes up at the strike, heel up at the lift."""
     if before is None:
         return 0.0, 0.0
     climb = falls.height[after] - falls.height[before]
@@ -224,11 +223,40 @@ def _pitches(falls: Footfalls, place: Array, before: int | None, after: int) -> 
 
 
 def _under(t: Float[Array, "T"], plants: list[Plant], step_s: float) -> Float[Array, "T"]:
-    """Ground height that counts for a foot: its stance's; from mid-swing on the next one's."""
+    """Ground height below a foot: of its stance, from mid-swing on of the next stance."""
     swing = (2.0 - STANCE) * step_s
     switch = np.array([p.strike - 0.5 * swing for p in plants[1:]])
     heights = np.array([p.height for p in plants])
     return heights[np.searchsorted(switch, t)]
+
+
+def _body_path(
+    t: Array, falls: Footfalls, strides: Float[Array, "K"]
+) -> tuple[Array, Array, Array, Array]:
+    """Pelvis position, heading, lean and downward gaze over time; `strides` are the mid-stances."""
+    from scipy.interpolate import PchipInterpolator
+    from scipy.ndimage import gaussian_filter1d
+
+    up, down = falls.slope > 0, falls.slope < 0
+    drop = np.select([up, down], [0.105, 0.085], 0.02)
+    ahead = np.where(up, 0.03, 0.0)
+    lean = np.select([up, down], [0.17, 0.05], 0.04)
+    gaze = np.select([up, down], [0.30, 0.42], 0.10)
+    drop[0], lean[0] = 0.006, 0.0
+    knots = np.column_stack(
+        [falls.xy, falls.heading, falls.height - drop, ahead, lean, np.roll(gaze, -1)]
+    )
+    knots = np.concatenate([knots[:1], knots])
+    curve = PchipInterpolator(np.concatenate([[STARTS - 2.0], strides]), knots, extrapolate=True)
+    dt = float(t[1] - t[0]) if len(t) > 1 else 1.0
+    at = np.asarray(curve(np.maximum(t, STARTS - 2.0)))
+    at = np.asarray(gaussian_filter1d(at, 0.06 / dt, axis=0, mode="nearest"))
+    x, y, heading, z, forward, lean, gaze = at.T
+    facing = np.stack([np.cos(heading), np.sin(heading)], -1)
+    pelvis = np.empty((len(t), 3))
+    pelvis[:, :2] = np.stack([x, y], -1) + forward[:, None] * facing
+    pelvis[:, 2] = HIP_HEIGHT + 0.006 + z
+    return pelvis, heading, lean, gaze
 
 
 def _climber(
@@ -241,55 +269,26 @@ def _climber(
     step_s: float,
 ) -> Controls:
     from scipy.interpolate import PchipInterpolator
-    from scipy.ndimage import gaussian_filter1d
 
-    count = len(falls.height)
-    middle = _strike(np.arange(count), step_s) + MIDSTANCE * step_s
+    middle = _strike(np.arange(len(falls.height)), step_s) + MIDSTANCE * step_s
     middle[0] = STARTS
-    drop = np.select([falls.slope > 0, falls.slope < 0], [0.105, 0.085], 0.02)
-    ahead = np.where(falls.slope > 0, 0.03, 0.0)
-    lean = np.select([falls.slope > 0, falls.slope < 0], [0.17, 0.05], 0.04)
-    down = np.select([falls.slope > 0, falls.slope < 0], [0.30, 0.42], 0.10)
-    drop[0], lean[0] = 0.006, 0.0
-    knots = np.column_stack(
-        [falls.xy, falls.heading, falls.height - drop, ahead, lean, np.roll(down, -1)]
-    )
-    knots = np.concatenate([knots[:1], knots])
-    curve = PchipInterpolator(np.concatenate([[STARTS - 2.0], middle]), knots, extrapolate=True)
-    dt = float(t[1] - t[0]) if len(t) > 1 else 1.0
-    at = np.asarray(curve(np.maximum(t, STARTS - 2.0)))
-    at = np.asarray(gaussian_filter1d(at, 0.06 / dt, axis=0, mode="nearest"))
-    x, y, heading, z, forward, lean, down = at.T
+    pelvis, heading, lean, gaze = _body_path(t, falls, middle)
     phase = np.pi * (t - middle[0]) / step_s
     going = np.clip((t - STARTS) / step_s, 0.0, 1.0)
     side = -np.cos(phase) * going  # +1 over the left foot, which takes the odd steps
-    swing = np.sin(phase) * going
-    facing = np.stack([np.cos(heading), np.sin(heading)], -1)
-    left = np.stack([-facing[:, 1], facing[:, 0]], -1)
-    pelvis = np.empty((len(t), 3))
-    pelvis[:, :2] = np.stack([x, y], -1) + forward[:, None] * facing + 0.02 * side[:, None] * left
-    pelvis[:, 2] = HIP_HEIGHT + 0.006 + z
+    left = np.stack([-np.sin(heading), np.cos(heading)], -1)
+    pelvis[:, :2] += 0.02 * side[:, None] * left
     edges = stair_boxes(params)
-    rolled = [
-        roll_feet(t, feet, step_s, lambda xy: ground_height(edges, xy, _NEAR_EDGE))
-        for feet in plants
-    ]
+    feet = roll_feet(t, plants, step_s, lambda xy: ground_height(edges, xy, _NEAR_EDGE))
     gait = WalkParams(speed=0.75)
-    wrist, flex = swinging_arms(t, swing, 0.7 * going, gait, rng)
+    wrist, flex = swinging_arms(t, np.sin(phase) * going, 0.7 * going, gait, rng)
     look = PchipInterpolator(middle, falls.heading)(np.clip(t + 0.35, middle[0], middle[-1]))
-    return Controls(
-        pelvis=pelvis,
-        pelvis_R=turn(yaw=heading, pitch=0.4 * lean, roll=-0.04 * side),
-        chest_R=turn(yaw=heading, pitch=style.slouch + lean, roll=0.02 * side),
-        head_R=turn(
+    trunk = (
+        turn(yaw=heading, pitch=0.4 * lean, roll=-0.04 * side),
+        turn(yaw=heading, pitch=style.slouch + lean, roll=0.02 * side),
+        turn(
             yaw=look + 0.05 * slow_noise(t, rng, 0.05, 0.25),
-            pitch=style.gaze_down + down + 0.03 * slow_noise(t, rng, 0.05, 0.3),
+            pitch=style.gaze_down + gaze + 0.03 * slow_noise(t, rng, 0.05, 0.3),
         ),
-        ankle=np.stack([r[0] for r in rolled], 1),
-        foot_R=np.stack([r[1] for r in rolled], 1),
-        toe=np.stack([r[2] for r in rolled], 1),
-        wrist=wrist,
-        pronation=np.full((len(t), 2), HANG_PRONATION) + 0.15 * flex,
-        wrist_bend=np.zeros((len(t), 2)),
-        swivel=np.zeros((len(t), 2)),
     )
+    return gait_controls(pelvis, trunk, feet, wrist, flex)

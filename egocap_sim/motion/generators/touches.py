@@ -1,4 +1,4 @@
-"""Where hands go in poses drawn at random: anywhere within reach, or onto the body or the floor."""
+"""Random hand positions: anywhere within reach, or touching the body or the floor."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from numpy import ndarray as Array
 from egocap.geometry import unit
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.motion.generators.keyframes import DOWN, Hand
-from egocap_sim.motion.generators.whole_pose import WholePose, figure_in
+from egocap_sim.motion.generators.whole_pose import WholePose, pose_clip
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clearance import clearance, palms
 from egocap_sim.motion.kinematics.clip import Clip
 
 Rng = np.random.Generator
-Spot = tuple[Float[Array, "3"], Float[Array, "3"]]  # a point of the skin and the way it faces
+Spot = tuple[Float[Array, "3"], Float[Array, "3"]]  # a point of the skin and its outward normal
 
-DRAWS = 48  # of both hands at once, the best of which is taken
-_SPOTS = 8  # drawn at most for one that is within reach
+DRAWS = 48  # candidates for both hands; the best is taken
+_SPOTS = 8  # at most, until one is within reach
 _ARM_M = (0.15, 0.535)  # of the wrist from the shoulder
 _PALM_M = 0.11  # from a touched spot to the wrist
 _MISS_M = 0.12  # a palm farther from its spot than this does not touch it
-_DEEPEST_M = -0.005  # a hand may press into what it touches
+_DEEPEST_M = -0.005  # least clearance: a hand may press into what it touches
 
 
 def _frame(clip: Clip, body: str) -> tuple[Array, Array]:
     return clip.positions[0, INDEX[body]], clip.rotations[0, INDEX[body]]
 
 
-def _of_head(x: float, y: float, z: float, rng: Rng, sign: float) -> Callable[[Clip], Spot]:
-    """A spot of the head, in radii of it from its middle; y is outward on the hand's side."""
+def _head_spot(x: float, y: float, z: float, rng: Rng, sign: float) -> Callable[[Clip], Spot]:
+    """A spot on the head, in head radii from its centre; y is outward on the hand's side."""
     way = unit(np.array([x, sign * y, z]) + rng.normal(0.0, 0.12, 3))
 
     def spot(clip: Clip) -> Spot:
@@ -44,7 +44,7 @@ def _of_head(x: float, y: float, z: float, rng: Rng, sign: float) -> Callable[[C
     return spot
 
 
-def _along(
+def _bone_spot(
     a: str, b: str, share: float, thick: float, way: tuple[float, float, float], sign: float
 ) -> Callable[[Clip], Spot]:
     """A spot on the skin between two joints, on the side `way` of the first body's frame."""
@@ -57,8 +57,8 @@ def _along(
     return spot
 
 
-def _on_floor(ahead: float, aside: float, sign: float, side: str) -> Callable[[Clip], Spot]:
-    """A spot of the floor, from the toes of the hand's side."""
+def _floor_spot(ahead: float, aside: float, sign: float, side: str) -> Callable[[Clip], Spot]:
+    """A spot on the floor, relative to the toes on the hand's side."""
 
     def spot(clip: Clip) -> Spot:
         p, R = _frame(clip, side + "toe")
@@ -69,58 +69,60 @@ def _on_floor(ahead: float, aside: float, sign: float, side: str) -> Callable[[C
     return spot
 
 
-def _upper(rng: Rng, s: str, o: str, sign: float) -> Callable[[Clip], Spot]:
+def _upper_body_spot(rng: Rng, s: str, o: str, sign: float) -> Callable[[Clip], Spot]:
     """On the head, the trunk or the other arm."""
     spots = (
-        lambda: _of_head(1.0, 0.25, -0.5, rng, sign),  # mouth, chin
-        lambda: _of_head(0.8, 0.75, 0.0, rng, sign),  # cheek, eye
-        lambda: _of_head(0.7, 0.4, 0.8, rng, sign),  # forehead
-        lambda: _of_head(-0.9, 0.5, 0.1, rng, sign),  # behind the head
-        lambda: _of_head(0.1, 1.0, 0.1, rng, sign),  # ear
-        lambda: _along(o + "upperarm", o + "forearm", float(rng.uniform(0.1, 0.9)), 0.06,
+        lambda: _head_spot(1.0, 0.25, -0.5, rng, sign),  # mouth, chin
+        lambda: _head_spot(0.8, 0.75, 0.0, rng, sign),  # cheek, eye
+        lambda: _head_spot(0.7, 0.4, 0.8, rng, sign),  # forehead
+        lambda: _head_spot(-0.9, 0.5, 0.1, rng, sign),  # behind the head
+        lambda: _head_spot(0.1, 1.0, 0.1, rng, sign),  # ear
+        lambda: _bone_spot(o + "upperarm", o + "forearm", float(rng.uniform(0.1, 0.9)), 0.06,
                        (0.7, -0.7, 0.0), sign),
-        lambda: _along(o + "forearm", o + "hand", float(rng.uniform(0.2, 1.0)), 0.05,
+        lambda: _bone_spot(o + "forearm", o + "hand", float(rng.uniform(0.2, 1.0)), 0.05,
                        (0.7, -0.3, 0.3), sign),
-        lambda: _along("chest", "neck", rng.uniform(0.0, 0.8), 0.13, (1.0, 0.2, 0.0), sign),
-        lambda: _along("pelvis", "chest", rng.uniform(0.0, 0.7), 0.15, (1.0, 0.2, 0.0), sign),
-        lambda: _along("pelvis", "chest", rng.uniform(0.1, 0.4), 0.16, (0.1, 1.0, 0.0), sign),
-        lambda: _along("pelvis", "chest", rng.uniform(0.1, 0.6), 0.13, (-1.0, 0.3, 0.0), sign),
+        lambda: _bone_spot("chest", "neck", rng.uniform(0.0, 0.8), 0.13, (1.0, 0.2, 0.0), sign),
+        lambda: _bone_spot("pelvis", "chest", rng.uniform(0.0, 0.7), 0.15, (1.0, 0.2, 0.0), sign),
+        lambda: _bone_spot("pelvis", "chest", rng.uniform(0.1, 0.4), 0.16, (0.1, 1.0, 0.0), sign),
+        lambda: _bone_spot("pelvis", "chest", rng.uniform(0.1, 0.6), 0.13, (-1.0, 0.3, 0.0), sign),
     )  # fmt: skip
     return spots[int(rng.integers(len(spots)))]()
 
 
-def _lower(rng: Rng, s: str, o: str, sign: float) -> Callable[[Clip], Spot]:
+def _lower_body_spot(rng: Rng, s: str, o: str, sign: float) -> Callable[[Clip], Spot]:
     """On a leg, a foot or the floor beside it."""
     leg = s if rng.random() < 0.75 else o
     spots = (
-        lambda: _along(leg + "thigh", leg + "calf", float(rng.uniform(0.4, 1.0)), 0.08,
+        lambda: _bone_spot(leg + "thigh", leg + "calf", float(rng.uniform(0.4, 1.0)), 0.08,
                        (0.9, 0.4, 0.0), sign),
-        lambda: _along(leg + "calf", leg + "foot", float(rng.uniform(0.0, 0.9)), 0.055,
+        lambda: _bone_spot(leg + "calf", leg + "foot", float(rng.uniform(0.0, 0.9)), 0.055,
                        (0.7, 0.7, 0.0), sign),
-        lambda: _along(leg + "foot", leg + "toe", float(rng.uniform(0.0, 1.0)), 0.05,
+        lambda: _bone_spot(leg + "foot", leg + "toe", float(rng.uniform(0.0, 1.0)), 0.05,
                        (0.1, 0.7, 0.7), sign),
-        lambda: _on_floor(float(rng.uniform(-0.15, 0.4)), float(rng.uniform(-0.05, 0.3)), sign, s),
-        lambda: _on_floor(float(rng.uniform(-0.05, 0.5)), float(rng.uniform(0.0, 0.15)), sign, s),
+        lambda: _floor_spot(float(rng.uniform(-0.15, 0.4)), float(rng.uniform(-0.05, 0.3)),
+                            sign, s),
+        lambda: _floor_spot(float(rng.uniform(-0.05, 0.5)), float(rng.uniform(0.0, 0.15)),
+                            sign, s),
     )  # fmt: skip
     return spots[int(rng.integers(len(spots)))]()
 
 
-def with_hands(rng: Rng, pose: WholePose, touches: float, low: float) -> WholePose | None:
-    """The pose with its hands somewhere; None where every draw passes through the body.
+def sample_hands(rng: Rng, pose: WholePose, touches: float, low: float) -> WholePose | None:
+    """The pose with sampled hands; None if every candidate penetrates the body.
 
-    A hand touches with the probability `touches`, and then legs or floor with `low`.
+    A hand touches something with probability `touches`, then legs or floor with probability `low`.
     """
-    rows = np.stack([np.array([_anywhere(rng).row for _ in range(DRAWS)]) for _ in range(2)], 1)
-    bare = figure_in(pose)
+    rows = np.stack([np.array([_random_hand(rng).row for _ in range(DRAWS)]) for _ in range(2)], 1)
+    bare = pose_clip(pose)
     spots: list[Spot | None] = [None, None]
     for i, (s, o, sign) in enumerate((("l_", "r_", 1.0), ("r_", "l_", -1.0))):
         if rng.random() < touches:
-            pick = _lower if rng.random() < low else _upper
+            pick = _lower_body_spot if rng.random() < low else _upper_body_spot
             tried = (pick(rng, s, o, sign)(bare) for _ in range(_SPOTS))
             spots[i] = next((x for x in tried if _within_reach(bare, s, sign, x[0])), None)
             if (spot := spots[i]) is not None:
-                rows[:, i] = _towards(rng, bare, i, spot)
-    clip = figure_in(pose, rows)
+                rows[:, i] = _hands_near(rng, bare, i, spot)
+    clip = pose_clip(pose, rows)
     free = clearance(clip)
     cost = np.where(free > _DEEPEST_M, 0.0, 1.0 - free)
     middle, facing = palms(clip)
@@ -139,8 +141,8 @@ def with_hands(rng: Rng, pose: WholePose, touches: float, low: float) -> WholePo
     return replace(pose, hands=hands)
 
 
-def _anywhere(rng: Rng) -> Hand:
-    """A wrist anywhere a left arm reaches: before, beside, above, across and a little behind."""
+def _random_hand(rng: Rng) -> Hand:
+    """A random hand within the reach of a left arm."""
     if rng.random() < 0.08:
         return DOWN
     while True:
@@ -159,7 +161,7 @@ def _anywhere(rng: Rng) -> Hand:
 
 
 def _shoulder(clip: Clip, side: str) -> tuple[Array, Array]:
-    """Where hands are counted from, world, and the chest's rotation."""
+    """Origin of the hands' coordinates, world, and the chest's rotation."""
     p, R = _frame(clip, "chest")
     return p + R @ figure.offset(side + "upperarm", "chest"), R
 
@@ -171,8 +173,8 @@ def _within_reach(clip: Clip, side: str, sign: float, spot: Float[Array, "3"]) -
     return bool(0.12 < np.linalg.norm(local) < 0.66 and not across)
 
 
-def _towards(rng: Rng, clip: Clip, hand: int, spot: Spot) -> Float[Array, "N 6"]:
-    """Draws of a hand around a spot: the wrist off it to the outside and towards the shoulder."""
+def _hands_near(rng: Rng, clip: Clip, hand: int, spot: Spot) -> Float[Array, "N 6"]:
+    """Candidates for a hand at a spot: the wrist lies outward and towards the shoulder."""
     side, sign = ("l_", 1.0) if hand == 0 else ("r_", -1.0)
     at, R = _shoulder(clip, side)
     point, out = spot

@@ -1,7 +1,7 @@
-"""A walk along a curved way that stays inside a circle, on feet that do not slide.
+"""A walk along a curved path inside a circle, without foot sliding.
 
-Step length and rate follow the speed with a constant walk ratio (0.39 m per step/s), as people
-choose by themselves. Source: N. Sekiya et al., Optimal walking in terms of variability in step
+Step length and rate follow the speed with a constant walk ratio (0.39 m per step/s), the
+self-selected one. Source: N. Sekiya et al., Optimal walking in terms of variability in step
 length (JOSPT 26, 1997); D. Winter, Biomechanics and Motor Control of Human Gait (1991), for the
 amplitudes of pelvis, trunk and arms.
 """
@@ -37,9 +37,9 @@ class WalkParams:
     speed: Annotated[float, (0.3, 1.7)] = 1.15
     """Speed in m/s."""
     radius: Annotated[float, (1.0, 100.0)] = 1.7
-    """Metres around the origin that the way stays in."""
+    """Radius in metres of the circle around the origin that the path stays in."""
     wander: Annotated[float, (0.0, 2.0)] = 1.0
-    """How much the way bends where it need not; 0 is straight until the edge."""
+    """Factor on the random bends of the path; 0 is straight until the edge."""
     arm_swing: Annotated[float, (0.0, 2.0)] = 1.0
     """Factor on the swing of the arms."""
     bounce: Annotated[float, (0.0, 2.0)] = 1.0
@@ -47,7 +47,7 @@ class WalkParams:
     lean: Annotated[float, (-0.2, 0.4)] = 0.03
     """Radians the trunk leans forward."""
     stops: bool = True
-    """Start from standing and end standing, instead of being under way throughout."""
+    """Start and end standing, instead of walking throughout."""
 
 
 def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps: float) -> Clip:
@@ -62,7 +62,7 @@ def walk(t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, fps
 def walk_along(
     course: Course, t: Float[Array, "T"], rng: np.random.Generator, params: WalkParams, style: Style
 ) -> Controls:
-    """Controls of a walk along a course; of `params` only the style of the gait counts."""
+    """Controls of a walk along a course; only the gait style of `params` is used."""
     first = int(rng.integers(2))
     narrow = rng.uniform(0.08, 0.13)
 
@@ -70,7 +70,6 @@ def walk_along(
         return 2.0 * HALF_WIDTH + (narrow - 2.0 * HALF_WIDTH) * float(course.amplitude(time))
 
     feet = plan_steps(course, width, first)
-    rolled = [roll_feet(t, plants, course.step_s) for plants in feet]
     gait = course.amplitude(t)
     # +1 when the left foot strikes, -1 when the right does.
     swing = np.cos(
@@ -87,27 +86,46 @@ def walk_along(
     pelvis[:, 2] = HIP_HEIGHT - 0.014 * gait - 0.35 * dip + dip * (np.cos(2.0 * phase) - 1.0) * 0.5
     arm, flex = swinging_arms(t, swing * gait, gait, params, rng)
     yaw = -0.09 * gait * swing
-    look = course.at(t + 0.3)[1]  # towards where they will face
+    look = course.at(t + 0.3)[1]  # the heading a little later
     nod = style.gaze_down + 0.03 * slow_noise(t, rng, 0.05, 0.3)
-    return Controls(
-        pelvis=pelvis,
-        pelvis_R=turn(yaw=heading + yaw, pitch=0.02 * gait, roll=-0.05 * gait * stance_side),
-        chest_R=turn(
+    trunk = (
+        turn(yaw=heading + yaw, pitch=0.02 * gait, roll=-0.05 * gait * stance_side),
+        turn(
             yaw=heading - 0.7 * yaw,
             pitch=style.slouch + params.lean * gait + 0.012 * gait * np.cos(2.0 * phase + 0.6),
             roll=0.015 * gait * stance_side,
         ),
-        head_R=turn(
+        turn(
             yaw=look + 0.06 * slow_noise(t, rng, 0.05, 0.25),
             pitch=nod + 0.012 * gait * np.cos(2.0 * phase + 2.6),
         ),
-        ankle=np.stack([r[0] for r in rolled], 1),
-        foot_R=np.stack([r[1] for r in rolled], 1),
-        toe=np.stack([r[2] for r in rolled], 1),
-        wrist=arm,
-        pronation=np.full((len(t), 2), HANG_PRONATION) + 0.15 * flex,
-        wrist_bend=np.zeros((len(t), 2)),
-        swivel=np.zeros((len(t), 2)),
+    )
+    return gait_controls(pelvis, trunk, roll_feet(t, feet, course.step_s), arm, flex)
+
+
+def gait_controls(
+    pelvis: Float[Array, "T 3"],
+    trunk: tuple[Array, Array, Array],
+    feet: tuple[Array, Array, Array],
+    wrist: Float[Array, "T 2 3"],
+    elbow: Float[Array, "T 2"],
+) -> Controls:
+    """Controls of a gait, from rotations of pelvis, chest and head, the feet of `roll_feet`, and
+    the wrists and the elbow flexion [rad] of `swinging_arms`."""
+    pelvis_R, chest_R, head_R = trunk
+    ankle, foot_R, toe = feet
+    return Controls(
+        pelvis=pelvis,
+        pelvis_R=pelvis_R,
+        chest_R=chest_R,
+        head_R=head_R,
+        ankle=ankle,
+        foot_R=foot_R,
+        toe=toe,
+        wrist=wrist,
+        pronation=np.full(elbow.shape, HANG_PRONATION) + 0.15 * elbow,
+        wrist_bend=np.zeros(elbow.shape),
+        swivel=np.zeros(elbow.shape),
     )
 
 

@@ -1,7 +1,6 @@
-"""A pose of the whole body, feet and all, and how one passes into the next.
+"""Whole-body poses and the interpolation between them.
 
-The feet are told by their toe joints, so that a heel rises about the ball of a foot that stays
-where it is.
+A foot is placed by its toe joint, so that the heel rises about a fixed ball of the foot.
 """
 
 from __future__ import annotations
@@ -17,22 +16,22 @@ from numpy import ndarray as Array
 from egocap_sim.motion.generators.keyframes import BULGE, DOWN, Hand
 from egocap_sim.motion.generators.stance import HIP_HEIGHT, TOE_OUT, Style, standing
 from egocap_sim.motion.kinematics import figure
-from egocap_sim.motion.kinematics.balance import OVER, balanced, centre_of_mass
+from egocap_sim.motion.kinematics.balance import OVER, balance_pose, centre_of_mass
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import through, turn
 from egocap_sim.motion.kinematics.posing import Controls, pose_figure
 
 TOE_HEIGHT = float(figure.REST[-1, 2])
-"""Of the toe joint over the ground a foot stands on, metres."""
+"""Height of the toe joint of a standing foot, metres."""
 _ANKLE = -figure.offset("l_toe", "l_foot")  # from the toe joint, in the foot's frame
-_STEP_LIFT = 0.28  # a foot that is put elsewhere rises by this share of its way
-_OFF_SHOULDER = 0.2  # metres: nearer, an arm would fold up and unfold on the way
+_STEP_LIFT = 0.28  # lift of a stepping foot, fraction of the step length
+_OFF_SHOULDER = 0.2  # metres: a hand path closer to the shoulder would fold the arm
 _MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Foot:
-    """Where a foot is and how it is turned, in the world."""
+    """Position and orientation of a foot, world."""
 
     toe: tuple[float, float, float]  # the toe joint, metres
     yaw: float = 0.0
@@ -55,23 +54,23 @@ class Foot:
         return np.array([*self.toe, self.yaw, self.pitch, self.roll, self.bend, self.splay])
 
 
-def on_ground(x: float, y: float, yaw: float, heel: float = 0.0, splay: float = 0.0) -> Foot:
-    """A foot whose toes lie on the ground, its toe joint at (x, y), its heel raised by an angle."""
+def foot_on_ground(x: float, y: float, yaw: float, heel: float = 0.0, splay: float = 0.0) -> Foot:
+    """A foot with the toes flat on the ground at (x, y) and the heel raised by an angle."""
     return Foot((x, y, TOE_HEIGHT), yaw, heel, 0.0, heel, splay)
 
 
-def with_ankle_at(foot: Foot, ankle: Float[Array, "3"]) -> Foot:
-    """A foot brought to where its ankle is at a point of the world."""
+def place_ankle(foot: Foot, ankle: Float[Array, "3"]) -> Foot:
+    """Move a foot so that its ankle is at a world point."""
     x, y, z = ankle - foot.rotation @ _ANKLE
     return replace(foot, toe=(float(x), float(y), float(z)))
 
 
-def stood(
+def standing_feet(
     half_width: float = 0.095, ahead: float = 0.0, turned: float = TOE_OUT
 ) -> tuple[Foot, Foot]:
     """Both feet flat on either side of the origin; `ahead` puts the left one before the right."""
     left, right = (
-        with_ankle_at(
+        place_ankle(
             Foot((0, 0, 0), yaw=sign * turned, splay=turned),
             np.array([sign * ahead / 2, sign * half_width, figure.REST[-2, 2]]),
         )
@@ -82,15 +81,15 @@ def stood(
 
 @dataclass(frozen=True)
 class WholePose:
-    """All that is told of a pose. Angles are yaw, pitch (forward), roll, in radians."""
+    """Parameters of a pose. Angles are yaw, pitch (forward), roll, in radians."""
 
     pelvis: tuple[float, float, float] = (0.012, 0.0, float(HIP_HEIGHT))  # metres, world
     hips: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the pelvis in the world
     chest: tuple[float, float, float] = (0.0, 0.0, 0.0)  # in the world
     look: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the head on the chest
-    feet: tuple[Foot, Foot] = stood()
+    feet: tuple[Foot, Foot] = standing_feet()
     hands: tuple[Hand, Hand] = (DOWN, DOWN)
-    over: tuple[float, float] = (0.04, 0.0)  # metres: where in the world the weight rests
+    support: tuple[float, float] = (0.04, 0.0)  # metres, world: below the centre of mass
 
     @property
     def on_one_foot(self) -> bool:
@@ -99,19 +98,19 @@ class WholePose:
 
     @property
     def row(self) -> Float[Array, "14"]:
-        return np.array([*self.pelvis, *self.hips, *self.chest, *self.look, *self.over])
+        return np.array([*self.pelvis, *self.hips, *self.chest, *self.look, *self.support])
 
 
-def over_feet(feet: tuple[Foot, Foot], share: float = 0.5) -> tuple[float, float]:
-    """Where weight rests on the feet, with that share of it on the right one."""
+def support_point(feet: tuple[Foot, Foot], share: float = 0.5) -> tuple[float, float]:
+    """Ground point below the centre of mass, with a share of the weight on the right foot."""
     ankles = np.array([f.ankle[:2] for f in feet])
     ahead = np.array([f.rotation[:2, 0] for f in feet])
     x, y = np.array([1.0 - share, share]) @ (ankles + OVER * ahead)
     return float(x), float(y)
 
 
-def figure_in(pose: WholePose, hands: Float[Array, "T 2 6"] | None = None) -> Clip:
-    """The figure in a pose, or in as many as there are rows of hands, which replace the pose's."""
+def pose_clip(pose: WholePose, hands: Float[Array, "T 2 6"] | None = None) -> Clip:
+    """Pose the figure; with `hands` one frame per row, which replaces the pose's own hands."""
     rows = np.array([[h.row for h in pose.hands]]) if hands is None else hands
     T = len(rows)
     feet = np.array([[f.row for f in pose.feet]])
@@ -119,10 +118,10 @@ def figure_in(pose: WholePose, hands: Float[Array, "T 2 6"] | None = None) -> Cl
     return pose_figure("pose", 30.0, _controls(body, feet, rows))
 
 
-def centred(pose: WholePose, lifted: int | None = None) -> WholePose:
-    """The pose with its weight over where it rests; a `lifted` foot moves along with the hips."""
+def balance_on_feet(pose: WholePose, lifted: int | None = None) -> WholePose:
+    """Shift the pelvis until the centre of mass is above `support`; a `lifted` foot moves along."""
     for _ in range(3):
-        off = np.array(pose.over) - centre_of_mass(figure_in(pose))[0, :2]
+        off = np.array(pose.support) - centre_of_mass(pose_clip(pose))[0, :2]
         move = np.array([*off, 0.0])
         pose = replace(pose, pelvis=tuple(np.asarray(pose.pelvis) + move))
         if lifted is not None:
@@ -132,13 +131,13 @@ def centred(pose: WholePose, lifted: int | None = None) -> WholePose:
     return pose
 
 
-def settled(pose: WholePose) -> WholePose:
-    """The pose resting where its weight is: for who is carried by more than the feet."""
-    x, y = centre_of_mass(figure_in(pose))[0, :2]
-    return replace(pose, over=(float(x), float(y)))
+def support_at_mass_centre(pose: WholePose) -> WholePose:
+    """Set `support` below the centre of mass, for poses not carried by the feet alone."""
+    x, y = centre_of_mass(pose_clip(pose))[0, :2]
+    return replace(pose, support=(float(x), float(y)))
 
 
-def pass_through(
+def interpolate_poses(
     poses: Sequence[WholePose],
     times: Float[Array, "K 2"],
     t: Float[Array, "T"],
@@ -146,9 +145,9 @@ def pass_through(
     rng: np.random.Generator,
     fps: float,
 ) -> Clip:
-    """Move from pose to pose; `times` are when each begins to be approached and is reached.
+    """Move from pose to pose; `times` [s] are the start and the end of the move to each.
 
-    The first is held from the start. Feet that move do so one after the other.
+    The first pose is held from the start. Feet step one after the other.
     """
     rows, at = [poses[0]], [0.0]
     for pose, (begin, end) in zip(poses[1:], times[1:], strict=True):
@@ -166,14 +165,11 @@ def pass_through(
         head_R=controls.head_R @ idle.head_R,
         wrist=controls.wrist + idle.wrist - idle.wrist.mean(0),
     )
-    return balanced(controls, lambda c: pose_figure("poses", fps, c), over=body[:, 12:14])
+    return balance_pose(controls, lambda c: pose_figure("poses", fps, c), support=body[:, 12:14])
 
 
 def _foot(t: Array, at: list[float], rows: list[WholePose], side: int) -> Float[Array, "T 8"]:
-    """A foot's row over time. Where both feet move, the left one does so in the first half.
-
-    A foot that is put down elsewhere rises on its way.
-    """
+    """A foot's row over time; a stepping foot is lifted, and the left foot steps first."""
     values = np.array([p.feet[side].row for p in rows])
     moves = [[a.feet[i] != b.feet[i] for i in range(2)] for a, b in pairwise(rows)]
     lift = [0.0 if a.on_one_foot or b.on_one_foot else _STEP_LIFT for a, b in pairwise(rows)]
@@ -187,7 +183,7 @@ def _foot(t: Array, at: list[float], rows: list[WholePose], side: int) -> Float[
 
 
 def _hand(t: Array, at: list[float], rows: list[WholePose], side: int) -> Float[Array, "T 6"]:
-    """A hand's row over time, its way curved around the shoulder."""
+    """A hand's row over time, on a path curved around the shoulder."""
     values = np.array([p.hands[side].row for p in rows])
     curve = np.array([*BULGE, 0.0, 0.0, 0.0]) * 0.8
     more = [_detour(a, b) for a, b in zip(values[:-1, :3], values[1:, :3], strict=True)]
@@ -196,7 +192,7 @@ def _hand(t: Array, at: list[float], rows: list[WholePose], side: int) -> Float[
 
 
 def _detour(a: Float[Array, "3"], b: Float[Array, "3"]) -> float:
-    """Factor on the curve of a hand's way that keeps it off the shoulder."""
+    """Factor on the curvature of a hand path that keeps it off the shoulder."""
     s = np.linspace(0.0, 1.0, 9)[:, None]
     out = 4.0 * s * (1.0 - s) * np.linalg.norm(b - a) * 0.8 * BULGE
     for factor in (1.0, 2.0, 3.0, 4.0):
@@ -208,7 +204,7 @@ def _detour(a: Float[Array, "3"], b: Float[Array, "3"]) -> float:
 def _controls(
     body: Float[Array, "T 14"], feet: Float[Array, "T 2 8"], hands: Float[Array, "T 2 6"]
 ) -> Controls:
-    """What `pose_figure` needs, of rows of the body, the feet and the hands."""
+    """Controls from rows of the body, the feet and the hands."""
     chest = turn(*body[:, 6:9].T)
     foot_R = turn(feet[..., 3], feet[..., 4], feet[..., 5])
     signs = np.stack([np.ones(3), _MIRROR])

@@ -25,15 +25,15 @@ for _s in ("l_", "r_"):
         (_s + "foot", _s + "toe", 0.0145),
     ]  # fmt: skip
 _HEAD, _HEAD_UP = 0.081, 0.08  # its mass, and metres from the skull base to its centre
-_SHARES = np.zeros(len(BODIES))  # of the mass, as if it lay at the joints
+_SHARES = np.zeros(len(BODIES))  # of the mass, lumped at the joints
 _SHARES[INDEX["head"]] = _HEAD
 for _a, _b, _m in _SEGMENTS:
     _SHARES[INDEX[_a]] += 0.55 * _m
     _SHARES[INDEX[_b]] += 0.45 * _m
 
-OVER = 0.035  # metres before the ankles: where the weight of someone standing rests
-SLACK = 0.025  # metres around it that are left alone
-SMOOTH = 0.12  # seconds; the shift is smoothed over them
+OVER = 0.035  # metres before the ankles: centre of mass while standing
+SLACK = 0.025  # metres of deviation that are not corrected
+SMOOTH = 0.12  # seconds, standard deviation of the smoothing of the shift
 
 
 def centre_of_mass(clip: Clip) -> Float[Array, "T 3"]:
@@ -42,19 +42,19 @@ def centre_of_mass(clip: Clip) -> Float[Array, "T 3"]:
     return (_SHARES @ clip.positions + head) / _SHARES.sum()
 
 
-def balanced(
+def balance_pose(
     controls: Controls,
     pose: Callable[[Controls], Clip],
-    over: Float[Array, "T 2"] | None = None,
+    support: Float[Array, "T 2"] | None = None,
 ) -> Clip:
-    """Pose the controls, shifting the pelvis where the centre of mass leaves the feet, or where it
-    is not `over` given points of the ground."""
+    """Pose the controls with the pelvis shifted so that the centre of mass stays above the feet,
+    or above the ground points `support`."""
     from scipy.ndimage import gaussian_filter1d
 
     clip = pose(controls)
     ahead = controls.foot_R[:, :, :2, 0].mean(1)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    target = controls.ankle[:, :, :2].mean(1) + OVER * ahead if over is None else over
+    target = controls.ankle[:, :, :2].mean(1) + OVER * ahead if support is None else support
     for _ in range(3):
         off = centre_of_mass(clip)[:, :2] - target
         far = np.linalg.norm(off, axis=1, keepdims=True)

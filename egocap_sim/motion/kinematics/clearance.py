@@ -1,4 +1,4 @@
-"""How far arms are from the rest of the body: whether a pose passes through itself."""
+"""Distance of the arms from the rest of the body, to detect self-penetration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _BONES = (
     ("l_calf", "l_foot", 0.05), ("r_calf", "r_foot", 0.05),
     ("l_foot", "l_toe", 0.045), ("r_foot", "r_toe", 0.045),
 )  # fmt: skip
-"""Parts an arm may not enter: from joint to joint, and their radius in metres."""
+"""Capsules that an arm must not penetrate: two joints and the radius in metres."""
 _HEAD = (0.14, 0.12)  # metres from the skull base up to the head's middle, and its radius
 _FOREARM, _HAND = 0.04, 0.02  # radii
 _TO_FINGERS = 0.3  # from the wrist, in forearms: where a half closed hand ends
@@ -23,8 +23,10 @@ _TO_PALM = 0.085  # metres from the wrist
 
 
 def clearance(clip: Clip) -> Float[Array, "T"]:
-    """Metres between forearms and hands and what is nearest of trunk, head, legs, each other and
-    the floor; negative where they overlap."""
+    """Least distance [m] of forearms and hands to trunk, head, legs, each other and the floor.
+
+    It is negative for penetration.
+    """
     p, up = clip.positions, clip.rotations[:, INDEX["head"], :, 2]
     head = p[:, INDEX["head"]] + _HEAD[0] * up
     arms = [_arm(clip, s) for s in ("l_", "r_")]
@@ -41,7 +43,7 @@ def clearance(clip: Clip) -> Float[Array, "T"]:
 
 
 def palms(clip: Clip) -> tuple[Float[Array, "T 2 3"], Float[Array, "T 2 3"]]:
-    """Middles of the palms and the way they face, world."""
+    """Centres of the palms and their normals, world."""
     middle, facing = [], []
     for s, inward in (("l_", -1.0), ("r_", 1.0)):
         R = clip.rotations[:, INDEX[s + "hand"]]
@@ -69,7 +71,7 @@ def _arm(clip: Clip, side: str) -> Float[Array, "T 7 3"]:
 def _distance(
     points: Float[Array, "T N 3"], a: Float[Array, "T 3"], b: Float[Array, "T 3"]
 ) -> Float[Array, "T N"]:
-    """Of points from line segments, metres."""
+    """Distance of points from line segments, metres."""
     along = (b - a)[:, None]
     share = ((points - a[:, None]) * along).sum(-1) / (along * along).sum(-1)
     nearest = a[:, None] + np.clip(share, 0.0, 1.0)[..., None] * along

@@ -1,4 +1,4 @@
-"""A motion clip in the simulation's own terms: 21 bodies, metres, z up."""
+"""A motion clip of the 21 simulated bodies, in metres, z up."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy import ndarray as Array
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """A recorded or made motion on its source skeleton.
+    """A recorded or generated motion on its source skeleton.
 
     Axis B follows `egocap_sim.core.bodies.BODIES`. `rotations` are the world orientations of the
-    source's bone frames, whatever they are at rest; `calibrate` works out the constant offsets.
+    source's bone frames, arbitrary at rest; `bone_calibration.calibrate` estimates the offsets.
     A `canonical` clip has body frames instead: all rotations are the identity for a person who
     stands upright facing +x, arms straight down with the palms at the thighs, feet flat and
     pointing forward.

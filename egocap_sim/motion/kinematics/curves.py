@@ -1,4 +1,4 @@
-"""Curves that procedural motions are made of: minimum jerk, slow noise, and rotations from angles.
+"""Curves of procedural motions: minimum jerk, slow noise, Hermite splines, Euler rotations.
 
 Source: T. Flash and N. Hogan, The coordination of arm movements (J. Neuroscience 5, 1985), for the
 minimum-jerk profile.
@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 
 def minimum_jerk(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """From 0 to 1 over 0..1 with zero speed and acceleration at both ends; held outside."""
+    """Rise from 0 to 1 over 0..1 with zero velocity and acceleration at both ends; held outside."""
     x = np.clip(x, 0.0, 1.0)
     return x * x * x * (10.0 + x * (6.0 * x - 15.0))
 
@@ -69,8 +69,13 @@ def turn(
     return R
 
 
+def wrap_angle(angle: float) -> float:
+    """The same angle [rad] within -pi .. pi."""
+    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
+
+
 def continuous(q: Float[Array, "T *batch 4"]) -> Float[Array, "T *batch 4"]:
-    """Choose the signs of quaternions along time so that neighbours lie on the same half."""
+    """Choose the signs of quaternions along time so that neighbours are in the same hemisphere."""
     flips = np.where((q[1:] * q[:-1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([q[:1], q[1:] * np.cumprod(flips, axis=0)])
 

@@ -1,4 +1,4 @@
-"""Two-bone inverse kinematics of arms and legs: solved anew (compiled), or bent as they are."""
+"""Two-bone inverse kinematics of arms and legs: from end points (compiled), or as corrections."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from egocap_sim.motion.kinematics.vectors import (
     vector,
 )  # fmt: skip
 
-STRAIGHTEST = 0.998  # of the limb's length: farther ends are brought back, nothing hyperextends
-_REACH = 0.999  # of the leg's length: a straighter knee has no side
+STRAIGHTEST = 0.998  # of the limb's length: farther targets are clamped
+_REACH = 0.999  # of the leg's length: the bending plane of a straighter knee is undefined
 
 
 def solve_limbs(
@@ -87,8 +87,8 @@ def _bone(down: Vector, left: Vector) -> Axes:
     return cross(left, z), left, z
 
 
-def bend_angle(upper: Float[Array, "T 3 3"], lower: Float[Array, "T 3 3"]) -> Float[Array, "T"]:
-    """Flexion of an elbow or knee in radians: positive where the calf swings back, for a knee."""
+def bend_angle(upper: Float[Array, "*n 3 3"], lower: Float[Array, "*n 3 3"]) -> Float[Array, "*n"]:
+    """Angle about the left axis from upper to lower bone [rad]: positive for a flexed knee."""
     local = np.swapaxes(upper, -1, -2) @ lower
     return np.arctan2(local[..., 0, 2], local[..., 2, 2])
 
@@ -109,19 +109,17 @@ def bend_limb(
     parts = ("upperarm", "forearm", "hand") if arm else ("thigh", "calf", "foot")
     thigh, calf, foot = (INDEX[f"{side}_{part}"] for part in parts)
     hip, knee, ankle = positions[:, thigh], positions[:, calf], positions[:, foot]
-    upper, lower = (
-        np.linalg.norm(knee - hip, axis=1, keepdims=True),
-        np.linalg.norm(ankle - knee, axis=1, keepdims=True),
-    )
+    upper = np.linalg.norm(knee - hip, axis=1, keepdims=True)
+    lower = np.linalg.norm(ankle - knee, axis=1, keepdims=True)
     reach = ankle + move - hip
     distance = np.linalg.norm(reach, axis=1, keepdims=True)
-    # A leg that is straighter already may stay so.
+    # A leg that is already straighter keeps its length.
     far = np.maximum(_REACH * (upper + lower), np.linalg.norm(ankle - hip, axis=1, keepdims=True))
     distance = np.clip(distance, np.abs(upper - lower) * 1.01, far)
     towards = geometry.unit(reach)
     swing = shortest_arc(geometry.unit(ankle - hip), towards)
     bent = np.einsum("tij,tj->ti", swing, knee - hip)
-    # A straight knee has no plane of its own: it then bends to the front of the thigh,
+    # The plane of a straight limb is undefined: a knee then bends to the front of the thigh,
     # an elbow to the back of the arm.
     ahead = bent + (-1e-4 if arm else 1e-4) * rotations[:, thigh, :, 0]
     out = geometry.unit(ahead - (ahead * towards).sum(1, keepdims=True) * towards)

@@ -39,8 +39,8 @@ from egocap_sim.motion.kinematics.vectors import (
 
 SIDES = (("l_", 1.0), ("r_", -1.0))
 
-FULL_LEG = 0.996  # of its length: the pelvis sinks rather than a leg being straighter
-_FULL_ARM = 0.985  # of its length: a farther wrist is brought back
+FULL_LEG = 0.996  # of its length: the pelvis is lowered so that no leg gets straighter
+_FULL_ARM = 0.985  # of its length: a farther wrist target is clamped
 _PELVIS, _SPINE, _CHEST, _NECK, _HEAD = (
     INDEX[body] for body in ("pelvis", "spine", "chest", "neck", "head")
 )
@@ -66,11 +66,12 @@ class Controls:
     pronation: Float[Array, "T 2"]  # radians; 0 is thumb up, positive turns the palm down
     wrist_bend: Float[Array, "T 2"]  # radians; positive towards the palm's back (extension)
     swivel: Float[Array, "T 2"] = field(default_factory=lambda: np.zeros((1, 2)))
-    """Radians the elbow is raised about the line shoulder to wrist from where it would hang."""
+    """Radians the elbow is raised from hanging, about the line from shoulder to wrist."""
     splay: Float[Array, "T 2"] | None = None
-    """Radians each knee points outward from the way the hips face; None: it goes with the foot.
+    """Radians each knee points outward from the facing of the hips; None: as the foot points.
 
-    Given, elbows too turn smoothly wherever the hands go; else they hang as in ordinary motions.
+    If given, elbow directions are smooth for all hand positions; otherwise they are tuned to
+    ordinary motions.
     """
 
 
@@ -109,7 +110,7 @@ def pose_figure(name: str, fps: float, controls: Controls) -> Clip:
 def aim_wrists(
     controls: Controls, wrist: Float[Array, "T 2 3"], share: Float[Array, "T 2"] | float = 1.0
 ) -> Controls:
-    """Move the wrists of controls, by a share, to world positions [m]."""
+    """Move the wrists of controls by a share of the way to world positions [m]."""
     clip = pose_figure("aim", 1.0, controls)
     chest, at = clip.rotations[:, INDEX["chest"]], clip.positions[:, INDEX["chest"]]
     wanted = np.empty_like(controls.wrist)
@@ -121,7 +122,7 @@ def aim_wrists(
 
 
 def _within_reach(c: Controls) -> Float[Array, "T 3"]:
-    """Pelvis positions lowered, smoothly, to where both legs reach their ankles."""
+    """Pelvis positions, lowered smoothly so that both legs reach their ankles."""
     full = FULL_LEG * (figure.THIGH + figure.CALF)
     too_high = np.zeros(len(c.pelvis))
     for i, (side, _) in enumerate(SIDES):
@@ -139,7 +140,7 @@ def _within_reach(c: Controls) -> Float[Array, "T 3"]:
 def _solve(
     c: _Curves, any_pose: bool, offset: Float[Array, "21 3"]
 ) -> tuple[Float[Array, "T 21 3"], Float[Array, "T 21 3 3"]]:
-    """Joint positions and rotations of the figure; `splay` counts for `any_pose` only.
+    """Joint positions and rotations of the figure; `splay` is used for `any_pose` only.
 
     Right limbs are as long as left ones.
     """
@@ -212,7 +213,7 @@ def _put_arm(
     any_pose: bool,
     offset: Float[Array, "21 3"],
 ) -> None:
-    """Pronation turns about the forearm; wrist and elbow share it as radius and hand do."""
+    """Pose an arm; pronation turns forearm and hand about the forearm axis, 60 to 40 percent."""
     chest, sign = axes(c.trunk[t, 1]), _SIGN[i]
     upper_m, lower_m = _lengths(offset, _FOREARM[0], _HAND[0])
     w = _in_reach(vector(c.wrist[t, i]), _FULL_ARM * (upper_m + lower_m))
@@ -243,39 +244,38 @@ def _clavicle(wrist: Vector, arm_m: float, sign: float) -> Axes:
 
 @njit(cache=True)
 def _knee(hips: Axes, foot: Axes) -> Vector:
-    """Where a knee points: mostly as the foot does."""
+    """Direction of a knee: mostly that of the foot."""
     level = unit((foot[0][0], foot[0][1], 0.0))
     towards = unit(plus(scaled(level, 0.65), hips[0], 0.35))
-    return plus(towards, foot[2], 0.3)  # keeps a side when the shank lies level
+    return plus(towards, foot[2], 0.3)  # stays defined for a horizontal shank
 
 
 @njit(cache=True)
 def _knee_out(hips: Axes, leg: Vector, splay: float) -> Vector:
-    """Where a knee points that is turned out from the way the hips face."""
+    """Direction of a knee, turned outward from the facing of the hips by `splay`."""
     swing = product(arc(scaled(hips[2], -1.0), unit(leg)), hips)
     return product(swing, turned(splay, 0.0, 0.0))[0]
 
 
 @njit(cache=True)
 def _in_reach(wrist: Vector, reach: float) -> Vector:
-    """A wrist brought to where the arm reaches it."""
+    """A wrist clamped to the reach of the arm."""
     return scaled(wrist, min(1.0, reach / max(length(wrist), 1e-9)))
 
 
 @njit(cache=True)
 def _elbow(wrist: Vector, sign: float) -> Vector:
-    """Where an elbow hangs, in the chest's frame: back and down; outward when the hand is high."""
+    """Elbow direction in the chest's frame: back and down, outward for a high hand."""
     high = min(max(unit(wrist)[2], 0.0), 1.0)
     return unit((-0.5 + 0.9 * high, sign * (0.35 + 0.6 * high), -0.8))
 
 
 @njit(cache=True)
 def _elbow_anywhere(wrist: Vector, sign: float) -> Vector:
-    """Where an elbow points, in the chest's frame: smooth for all but a hand straight behind and
-    across, where none goes.
+    """Elbow direction in the chest's frame, smooth for all reachable hand positions.
 
-    Down with the hand before or beside the body, back with the arm hanging, ahead and out with it
-    raised.
+    It is down with the hand before or beside the body, back with the arm hanging, ahead and out
+    with the arm raised.
     """
     axis = unit(mirrored(wrist, sign))
     down = applied(arc((0.8, 0.6, 0.0), axis), (0.0, 0.0, -1.0))

@@ -1,5 +1,6 @@
-"""Vectors and rotations as tuples, for compiled loops over frames: no arrays are made of three
-numbers. A rotation is its three columns, the axes of what is turned.
+"""Vectors and rotations as tuples, for compiled loops without array allocation.
+
+A rotation is the tuple of its three columns.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy import ndarray as Array
 Vector = tuple[float, float, float]
 Axes = tuple[Vector, Vector, Vector]
 
-_STRAIGHT = 1e-12  # of a sine or 1 + cosine: no axis is known
+_STRAIGHT = 1e-12  # of a sine or 1 + cosine: the axis is undefined below
 
 
 @njit(cache=True)
@@ -74,7 +75,7 @@ def unit(a: Vector) -> Vector:
 
 @njit(cache=True)
 def mirrored(a: Vector, sign: float) -> Vector:
-    """Left and right exchanged where the sign is -1."""
+    """Multiply y by a sign: -1 exchanges left and right."""
     return a[0], sign * a[1], a[2]
 
 
@@ -117,7 +118,7 @@ def turned(yaw: float, pitch: float, roll: float) -> Axes:
 
 @njit(cache=True)
 def arc(a: Vector, b: Vector) -> Axes:
-    """The smallest rotation that turns unit vector a into b, as `legs.shortest_arc`."""
+    """The smallest rotation that turns unit vector a into b, as `limbs.shortest_arc`."""
     v, c = cross(a, b), dot(a, b)
     x, y, z = v
     d = 1.0 / max(1.0 + c, _STRAIGHT)
@@ -130,7 +131,7 @@ def arc(a: Vector, b: Vector) -> Axes:
 
 @njit(cache=True)
 def part_way(A: Axes, B: Axes, share: float) -> Axes:
-    """A share of the turn from A to B, which is less than half of one."""
+    """Rotate from A towards B by a share of their angle, which is below pi."""
     twice = plus(plus(cross(A[0], B[0]), cross(A[1], B[1])), cross(A[2], B[2]))  # axis 2 sin, world
     cosine = 0.5 * (dot(A[0], B[0]) + dot(A[1], B[1]) + dot(A[2], B[2]) - 1.0)
     sine = 0.5 * length(twice)

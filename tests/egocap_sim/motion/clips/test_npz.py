@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import io
+import zipfile
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from egocap.errors import FileError
 from egocap_sim.core.bodies import BODIES
-from egocap_sim.motion.clips.npz import read_npz
+from egocap_sim.motion.clips.npz import read_npz_clip
 
 SHORT = {"clavicle": "clav", "upperarm": "arm", "forearm": "fore"}
 
@@ -28,7 +31,7 @@ def test_names_and_order_are_ours(tmp_path) -> None:
     order = np.random.default_rng(3).permutation(21)
     np.savez(tmp_path / "a.npz", joints=data["joints"][order], pos=data["pos"][:, order],
              quat=data["quat"][:, order], fps=data["fps"])  # fmt: skip
-    p, R, fps = read_npz(tmp_path / "a.npz")
+    p, R, fps = read_npz_clip(tmp_path / "a.npz")
     np.testing.assert_allclose(p, data["pos"])
     expected = Rotation.from_quat(data["quat"][2, 7, [1, 2, 3, 0]]).as_matrix()
     np.testing.assert_allclose(R[2, 7], expected, atol=1e-12)
@@ -52,14 +55,14 @@ def test_names_and_order_are_ours(tmp_path) -> None:
 def test_defects_name_the_key(tmp_path, key: str, value: np.ndarray, says: str) -> None:
     np.savez(tmp_path / "a.npz", **(arrays() | {key: value}))
     with pytest.raises(FileError, match=says):
-        read_npz(tmp_path / "a.npz")
+        read_npz_clip(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("key", ["joints", "pos", "quat", "fps"])
 def test_missing_keys(tmp_path, key: str) -> None:
     np.savez(tmp_path / "a.npz", **{k: v for k, v in arrays().items() if k != key})
     with pytest.raises(FileError, match=f"'{key}'.*missing"):
-        read_npz(tmp_path / "a.npz")
+        read_npz_clip(tmp_path / "a.npz")
 
 
 @settings(max_examples=60, deadline=None)
@@ -75,7 +78,7 @@ def test_damage_is_an_error_or_harmless(data: st.DataObject, tmp_path_factory) -
             raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(bytes(raw))
     try:
-        p, _, _ = read_npz(path)
+        p, _, _ = read_npz_clip(path)
     except FileError:
         return
     assert p.shape == (4, 21, 3)
@@ -85,4 +88,17 @@ def test_not_an_archive(tmp_path) -> None:
     np.save(tmp_path / "a.npy", np.zeros(3))
     (tmp_path / "a.npy").rename(tmp_path / "a.npz")
     with pytest.raises(FileError):
-        read_npz(tmp_path / "a.npz")
+        read_npz_clip(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("position", [0, 60])
+def test_damaged_array_header(tmp_path, position: int) -> None:
+    data = io.BytesIO()
+    np.save(data, arrays()["pos"])
+    raw = bytearray(data.getvalue())
+    raw[position] = ord("(")
+    np.savez(tmp_path / "a.npz", **{k: v for k, v in arrays().items() if k != "pos"})
+    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
+        archive.writestr("pos.npy", bytes(raw))
+    with pytest.raises(FileError, match="plain arrays"):
+        read_npz_clip(tmp_path / "a.npz")

@@ -9,7 +9,7 @@ from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 from egocap_sim.motion.generators.pose_sampling import LEGS
 from egocap_sim.motion.generators.random_poses import draw_pose
 from egocap_sim.motion.generators.registry import make_motion
-from egocap_sim.motion.generators.whole_pose import TOE_HEIGHT, WholePose, figure_in
+from egocap_sim.motion.generators.whole_pose import TOE_HEIGHT, WholePose, pose_clip
 from egocap_sim.motion.kinematics.clearance import clearance, palms
 from egocap_sim.motion.kinematics.clip import Clip
 
@@ -67,7 +67,7 @@ def test_every_kind_of_pose_is_what_it_is_called_and_stands_on_the_ground(kind):
     poses = [draw_pose(rng, kinds=(kind,)) for _ in range(6)]
     assert sum(pose != WholePose() for pose in poses) >= 5
     for pose in (pose for pose in poses if pose != WholePose()):
-        clip = figure_in(pose)
+        clip = pose_clip(pose)
         height = dict(zip(BODIES, clip.positions[0, :, 2], strict=True))
         toes = sorted((height["l_toe"], height["r_toe"]))
         assert toes[0] == pytest.approx(TOE_HEIGHT, abs=0.01)
@@ -89,7 +89,7 @@ def test_hands_touch_feet_and_floor_from_low_poses_and_the_head_from_all():
     rng = np.random.default_rng(400311)
     low, head = [], []
     for _ in range(40):
-        clip = figure_in(draw_pose(rng, kinds=("bend", "crouch", "kneel")))
+        clip = pose_clip(draw_pose(rng, kinds=("bend", "crouch", "kneel")))
         hands, _ = palms(clip)
         low.append(hands[0, :, 2].min())
         middle = clip.positions[0, INDEX["head"]] + 0.12 * clip.rotations[0, INDEX["head"], :, 2]

@@ -111,6 +111,7 @@ def read_npz(path: Path, only: Collection[str] | None = None) -> dict[str, Array
             raise ValueError  # np.load returns the bytes of a member that is no array
         return arrays
     except (ValueError, OSError, EOFError, KeyError, AttributeError, NotImplementedError,
-            RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+            RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile,
+            zlib.error) as error:  # fmt: skip
         detail = f": {error}" if str(error) else ""
         raise FileError(path, f"not a whole npz archive of plain arrays{detail}") from None

@@ -1,6 +1,6 @@
-"""Motion files, or the name of a built-in motion, in; canonical clips out.
+"""Motion files or names of built-in motions in; canonical clips out.
 
-`clips` reads, `generators` makes, `retarget` carries a clip over to a person.
+`clips` reads files, `generators` makes motions, `retarget` adapts a clip to a person.
 """
 
 from egocap_sim.motion.clips.load import load_clip as load_clip

@@ -1,4 +1,4 @@
 """BVH and npz files in; cleaned, canonical clips out.
 
-A new naming convention is one table in `skeleton_names`.
+A new naming convention is one row of a table in `skeleton_names`.
 """

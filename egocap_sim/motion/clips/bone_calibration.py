@@ -1,21 +1,20 @@
-"""Find the constant rotation from a rig's bone frames to the simulation's body frames.
+"""Estimate the constant rotation from a rig's bone frames to the simulation's body frames.
 
-A source bone frame is arbitrary: two tools give the same pose with different matrices, and the zero
-pose of many files (LAFAN1, CC_Base) is no human pose at all. What is not arbitrary is anatomy. For
-every body two of its canonical axes are found in its own bone frame:
+A source bone frame is arbitrary: two tools store the same pose with different matrices, and the
+zero pose of many files (LAFAN1, CC_Base) is no human pose. The calibration therefore uses anatomy.
+For every body it estimates two canonical axes in the source bone's frame:
 
-- pelvis: left is the line through the hips, up is where the world's up is while the person stands,
-  on average;
-- spine, chest: left is the line through the shoulders (the average facing for the spine), up is the
-  line from pelvis to neck, so that a stoop stays a stoop;
-- head: the average orientation while standing, relative to the way hips and shoulders face,
-  outliers (looking aside) down-weighted; eyes, where the rig has them, give its left. So the head
-  is level on average in every clip. The neck is halfway between chest and head;
+- pelvis: left is the line through the hips, up the mean world up while the person stands;
+- spine, chest: left is the line through the shoulders (the mean facing for the spine), up the line
+  from pelvis to neck, so that a stoop is preserved;
+- head: the robust mean orientation while standing, relative to the facing of hips and shoulders, so
+  that the head is level on average; its left is the line through the eyes where the rig has them.
+  The neck is halfway between chest and head;
 - upper arm, forearm, thigh, calf: down is the bone; left is the hinge of the elbow or knee, from
-  the plane of the flexed limb. Where the joint hardly bends, the limb swings without twist;
-- foot: up is where the world's up is while it stands still and low; forward is towards the toes;
-- toe: as the foot while that is flat; hand: fingers where the rig has them, otherwise in line with
-  the forearm on average, a little pronated; clavicle: as the chest while the arm hangs.
+  the plane of the flexed limb. If the joint hardly bends, the limb swings without twist;
+- foot: up is the world's up while the foot is low and slow; forward is towards the toes;
+- toe: as the foot while that is flat; hand: from the fingers where the rig has them, otherwise the
+  mean of the forearm, slightly pronated; clavicle: as the chest while the arm hangs.
 
 The canonical pose, all rotations the identity: standing upright facing +x, arms straight down with
 the palms at the thighs, feet flat and pointing forward.
@@ -38,7 +37,7 @@ from egocap_sim.motion.kinematics.clip import Clip
 Hints = Mapping[str, Mapping[str, Array]]
 """Known axes of a bone, in its own frame: body -> 'forward' | 'left' | 'up' -> (3,) vector."""
 
-MIN_FLEXION = 0.25  # sine of the smallest elbow or knee angle whose plane is trusted (15 degrees)
+MIN_FLEXION = 0.25  # sine of the smallest elbow or knee angle that defines a plane (15 degrees)
 HINGE_PRIOR = 0.05  # weight of a limb without twist, in frames of full flexion per frame
 SOLE_SLOPE = (0.1, 0.75)  # radians the line ankle to toe descends, plausible for a flat foot
 TYPICAL_SLOPE = 0.42
@@ -46,7 +45,7 @@ TYPICAL_PRONATION = 0.26  # radians, of a hand on average (measured on 47 clips 
 
 
 def calibrate(clip: Clip, hints: Hints | None = None) -> Clip:
-    """The same motion with canonical rotations (`Clip.canonical`); positions stay as they are.
+    """The same motion with canonical rotations (`Clip.canonical`); positions are unchanged.
 
     Raises InputError where left and right are exchanged: the knees would bend forward.
     """
@@ -96,7 +95,7 @@ class _Calibration:
         return self.R[:, INDEX[body]] @ self.K[INDEX[body]]
 
     def _stance(self) -> None:
-        """How much each frame counts as standing, and the frame the body then faces along."""
+        """Weight of each frame as standing, and the facing frame of the body."""
         from scipy.ndimage import gaussian_filter1d
 
         self.trunk = unit(self.to("pelvis", "neck"))
@@ -107,10 +106,10 @@ class _Calibration:
             self.stand = _ramp(trunk, 0.7, 0.97)
         left = unit(self.to("r_thigh", "l_thigh")) + unit(self.to("r_upperarm", "l_upperarm"))
         self.up = np.broadcast_to(UP, (self.T, 3))
-        if self.stand.sum() < min(5, 0.1 * self.T):  # never upright: the trunk's own axis is up
+        if self.stand.sum() < min(5, 0.1 * self.T):  # never upright: use the axis of the trunk
             self.stand, self.up = np.ones(self.T), self.trunk
         self.facing = _frames(left, self.up)
-        if self.T > 1:  # who walks round a corner looks into it
+        if self.T > 1:  # a turning person looks into the turn: lower weight
             heading = np.unwrap(np.arctan2(self.facing[:, 1, 0], self.facing[:, 0, 0]))
             rate = gaussian_filter1d(np.gradient(heading) * self.fps, 0.3 * self.fps)
             self.stand = self.stand * (np.exp(-((rate / 0.5) ** 2)) + 0.01)
@@ -139,7 +138,7 @@ class _Calibration:
     def _mean_frame(
         self, body: str, frames: Float[Array, "T 3 3"], w: Float[Array, "T"]
     ) -> Float[Array, "3 3"]:
-        """Robust mean of frames seen from a bone: frames far from the mean count little."""
+        """Robust mean of frames in a bone's frame; outliers are down-weighted."""
         seen = np.swapaxes(self.R[:, INDEX[body]], 1, 2) @ frames
         robust = w
         for _ in range(4):
@@ -161,14 +160,14 @@ class _Calibration:
         self.K[INDEX[lower]] = _frame_down(self.mean(lower, v), left)
 
     def _untwisted_left(self, body: str, bone: Float[Array, "T 3"], root: str) -> Float[Array, "3"]:
-        """Left axis, were the bone swung from hanging straight down along the shortest way."""
+        """Left axis after the shortest rotation of the bone from straight down."""
         C = self.canonical(root)
         d = np.einsum("tji,tj->ti", C, unit(bone))
         swung = np.einsum("tij,tj->ti", C, _swing_of_left(d))
         return self.mean(body, swung, np.maximum(-d[:, 2], 0.0) + 0.02)
 
     def _check_knees(self) -> None:
-        """The knees of a person flex backwards, about an axis to the left."""
+        """Raise InputError if both knees flex forwards."""
         against = []
         for side in ("l_", "r_"):
             u, v = self.to(side + "thigh", side + "calf"), self.to(side + "calf", side + "foot")
@@ -186,7 +185,7 @@ class _Calibration:
     def _foot(self, side: str) -> None:
         foot, toe, calf = side + "foot", side + "toe", side + "calf"
         bone = self.mean(foot, self.to(foot, toe))
-        if np.linalg.norm(bone) < 1e-3:  # no toe: as the shank points while the knee is straight
+        if np.linalg.norm(bone) < 1e-3:  # no toe: use the facing of the shank while standing
             forward = self.mean(foot, self.canonical(calf)[:, :, 0], self.stand)
             self.K[INDEX[foot]] = _frame_forward(forward, self.mean(foot, self.up, self.stand))
         else:
@@ -195,9 +194,9 @@ class _Calibration:
         self.K[INDEX[toe]] = self._mean_frame(toe, self.canonical(foot), flat)
 
     def _sole(self, foot: str, toe: str, bone: Float[Array, "3"]) -> Float[Array, "3 3"]:
-        """Axes of a foot whose bone (ankle to toe) slopes as it does while the foot stands flat.
+        """Axes of a foot, from the slope of its bone (ankle to toe) while it stands flat.
 
-        Roll about the bone comes from the world's up in those frames, and a little from the knee.
+        The roll about the bone comes from the world's up in those frames, with the knee as prior.
         """
         w = self._planted(foot, toe)
         slope = np.arcsin(np.clip(-unit(self.to(foot, toe))[:, 2], -1.0, 1.0))
@@ -285,7 +284,7 @@ def _nearest_rotation(M: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
 
 
 def _mode(x: Float[Array, "T"], w: Float[Array, "T"], width: float) -> float:
-    """Where a weighted sample is densest, smoothed by a Gaussian of that width."""
+    """Mode of a weighted sample by a Gaussian kernel density of that width."""
     grid = np.linspace(x[w > 0].min(), x[w > 0].max(), 200)
     density = np.exp(-0.5 * ((grid[:, None] - x) / width) ** 2) @ w
     return float(grid[density.argmax()])

@@ -2,7 +2,7 @@
 
 A BVH file is a tree of joints, each with an offset from its parent and some of the six channels
 (Xposition ... Zrotation, in any order), and then one line of channel values a frame, in degrees and
-in whatever length unit the author used. Rotations multiply in the order the channels are listed.
+in the length unit of the author. Rotations multiply in the order of the channels.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from egocap.errors import FileError
 from egocap.geometry import axis_angle
 
 _CHANNELS = tuple(f"{a}{kind}" for kind in ("position", "rotation") for a in "XYZ")
-LARGEST = 1e7  # a length, an angle or a step between frames beyond it is damage
+LARGEST = 1e7  # values beyond it are treated as damage
 _TOKEN = re.compile(r"[{}]|[^\s{}]+")
 
 
@@ -79,10 +79,10 @@ class Bvh:
 def _translation(
     offset: Float[Array, "3"], moved: Float[Array, "T 3"], root: bool
 ) -> Float[Array, "T 3"]:
-    """Where a joint sits in its parent's frame.
+    """Translation of a joint in its parent's frame.
 
-    Writers disagree whether position channels replace the offset or add to it. For the root it only
-    shifts the world; elsewhere limb lengths hardly change, so values near the offset replace it.
+    Tools disagree whether position channels replace the offset or add to it. For the root the
+    choice only shifts the world; elsewhere values close to the offset replace it.
     """
     if root:
         return offset + moved
@@ -118,7 +118,7 @@ def read_bvh(path: str | Path) -> Bvh:
 
 
 def parse_bvh(text: str, path: str | Path = "<text>") -> Bvh:
-    """Parse the text of a BVH file; `path` is only named in errors (see `read_bvh`)."""
+    """Parse the text of a BVH file; `path` is for error messages only (see `read_bvh`)."""
     lines = text.splitlines()
     reader = _Hierarchy(lines, path)
     joints, columns = reader.read()
@@ -155,7 +155,7 @@ class _Hierarchy:
         except ValueError:
             value = math.nan
         if not abs(value) < LARGEST:
-            raise self.fail(f"'{token[:40]}' is not a finite number of sane size ({what})")
+            raise self.fail(f"'{token[:40]}' is not a finite number of plausible size ({what})")
         return value
 
     def name(self) -> str:
@@ -262,7 +262,7 @@ def _motion_header(lines: list[str], line: int, path: str | Path) -> tuple[float
 def _frame_block(
     lines: list[str], start: int, count: int, columns: int, path: str | Path
 ) -> Float[Array, "T C"]:
-    """The channel values; a frame may run over several lines, as some writers wrap them."""
+    """The channel values; a frame may span several lines."""
     try:
         values = np.array(" ".join(lines[start:]).split(), dtype=np.float64)
     except ValueError:
@@ -289,6 +289,6 @@ def _bad_number(lines: list[str], start: int, path: str | Path) -> FileError:
                 good = False
             if not good:
                 return FileError(
-                    path, f"'{word[:40]}' is not a finite number of sane size", line=n + 1
+                    path, f"'{word[:40]}' is not a finite number of plausible size", line=n + 1
                 )
     return FileError(path, "a frame value is not a finite number", line=start + 1)

@@ -1,7 +1,7 @@
-"""Repair recorded motion: spikes, joints turned where no joint turns, the height of the floor.
+"""Repair recorded motion: spikes, angles beyond joint limits, the height of the floor.
 
-Every threshold is a constant here, and `Cleaning` counts what was changed. Rotations are repaired
-relative to the parent body, so a glitch of the foot stays a glitch of the foot.
+`Cleaning` counts the changes. Rotations are repaired relative to the parent body, so that a glitch
+of one body does not spread to others.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import continuous
 from egocap_sim.motion.kinematics.figure import leg_length
 
-MAX_SPEED = 40.0  # rad/s relative to the parent; throwing arms reach about 30 in such recordings
+MAX_SPEED = 40.0  # rad/s relative to the parent; throwing arms reach about 30
 MEDIAN_WINDOW = 0.15  # s; a spike is shorter than half of it
 MAX_DEVIATION = 0.5  # rad from the running median
 CUT_SPEED, CUT_BODIES = 22.0, 4  # rad/s in a single frame of that many bodies, or ...
-CUT_ROOT_SPEED = 12.0  # m/s of the pelvis: the recording was cut (a bind pose in front, often)
-MAX_GLITCH = 1.5  # s; a jump away and back within this is a glitch, whatever its shape
-GLIDE = 0.08  # s before and after a jump that never comes back, over which it is spread
+CUT_ROOT_SPEED = 12.0  # m/s of the pelvis: a cut (often after a leading bind pose)
+MAX_GLITCH = 1.5  # s; a jump away and back within this is a glitch
+GLIDE = 0.08  # s before and after a jump without return, over which it is spread
 MAX_ANGLE = {
     "toe": 1.2, "foot": 1.45, "hand": 1.75, "head": 1.6, "neck": 1.2,
     "spine": 1.3, "chest": 1.3, "clavicle": 1.0,
 }  # fmt: skip
-"""Largest rotation of a body relative to its parent; beyond it the recording is wrong."""
+"""Largest plausible rotation of a body relative to its parent, radians."""
 ANKLE_HEIGHT, TOE_HEIGHT = 0.095, 0.03  # of the leg's length, above the sole
 FLOOR_QUANTILE = 0.06  # of the frames may have their lower sole under the floor
 
@@ -72,8 +72,8 @@ def despike(clip: Clip) -> tuple[Clip, int]:
     """Replace spikes and glitches by interpolation; returns the clip and their number.
 
     A frame is a spike where a body, relative to its parent, is far from its running median, or lies
-    between two jumps faster than `MAX_SPEED` that cancel out. A jump that never comes back is
-    spread over `GLIDE`.
+    between two jumps faster than `MAX_SPEED` that cancel out. A jump without return is spread
+    over `GLIDE`.
     """
     local = to_local(clip.rotations)
     q = continuous(matrix_to_quaternion(local))
@@ -81,13 +81,13 @@ def despike(clip: Clip) -> tuple[Clip, int]:
     for b in range(q.shape[1]):
         bad[:, b] |= _between_jumps(_interpolate(q[:, b], bad[:, b]), clip.fps)
         bad[:, b] |= _at_jumps(_interpolate(q[:, b], bad[:, b]), clip.fps)
-    return _replaced(clip, local, q, bad)
+    return _interpolate_frames(clip, local, q, bad)
 
 
-def within_limits(clip: Clip) -> tuple[Clip, int]:
-    """Replace rotations that no joint allows (`MAX_ANGLE`); needs canonical rotations.
+def repair_beyond_limits(clip: Clip) -> tuple[Clip, int]:
+    """Replace rotations beyond the joint limits (`MAX_ANGLE`); needs canonical rotations.
 
-    A body beyond its limit in most frames says nothing: it is held still on its parent.
+    A body beyond its limit in most frames is fixed to its parent.
     """
     assert clip.canonical, clip.name
     local = to_local(clip.rotations)
@@ -98,7 +98,7 @@ def within_limits(clip: Clip) -> tuple[Clip, int]:
         bad[:, b] = 2.0 * np.arccos(np.clip(np.abs(q[:, b, 0]), 0.0, 1.0)) > limit
         if bad[:, b].mean() > 0.5:
             q[:, b], bad[:, b] = (1.0, 0.0, 0.0, 0.0), True
-    return _replaced(clip, local, q, bad)
+    return _interpolate_frames(clip, local, q, bad)
 
 
 def floor_height(clip: Clip) -> float:
@@ -113,7 +113,7 @@ def floor_height(clip: Clip) -> float:
     return float(np.quantile(np.min(soles, axis=0), quantile))
 
 
-def on_floor(clip: Clip) -> tuple[Clip, float]:
+def put_on_floor(clip: Clip) -> tuple[Clip, float]:
     """The clip with its floor at z = 0, and the height added."""
     shift = -floor_height(clip)
     return dataclasses.replace(clip, positions=clip.positions + [0.0, 0.0, shift]), shift
@@ -128,9 +128,8 @@ def to_local(world: Float[Array, "T B 3 3"]) -> Float[Array, "T B 3 3"]:
     return local
 
 
-def rebuilt(clip: Clip, local: Float[Array, "T B 3 3"]) -> Clip:
-    """The clip with other rotations relative to the parents; joints stay where their parents hold
-    them."""
+def with_local_rotations(clip: Clip, local: Float[Array, "T B 3 3"]) -> Clip:
+    """The clip with other rotations relative to the parents; bone vectors are preserved."""
     R, p = local.copy(), clip.positions.copy()
     for b, parent in enumerate(PARENTS):
         if parent >= 0:
@@ -141,17 +140,17 @@ def rebuilt(clip: Clip, local: Float[Array, "T B 3 3"]) -> Clip:
     return dataclasses.replace(clip, rotations=R, positions=p)
 
 
-def _replaced(
+def _interpolate_frames(
     clip: Clip, local: Float[Array, "T B 3 3"], q: Float[Array, "T B 4"], bad: Bool[Array, "T B"]
 ) -> tuple[Clip, int]:
-    """The clip with bad body frames interpolated; what is not bad stays to the bit."""
+    """The clip with bad body frames interpolated; others are unchanged to the bit."""
     if not bad.any():
         return clip, 0
     local = local.copy()
     for b in np.flatnonzero(bad.any(0)):
         fixed = _interpolate(q[:, b], bad[:, b])
         local[bad[:, b], b] = quaternion_to_matrix(fixed[bad[:, b]])
-    return rebuilt(clip, local), int(bad.sum())
+    return with_local_rotations(clip, local), int(bad.sum())
 
 
 def _angle(a: Float[Array, "*n 4"], b: Float[Array, "*n 4"]) -> Float[Array, "*n"]:

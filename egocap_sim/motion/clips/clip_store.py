@@ -1,7 +1,7 @@
-"""Motion files as read and cleaned before: kept on disk, since cleaning one takes seconds.
+"""Disk cache of cleaned motion clips, since cleaning a file takes seconds.
 
-What is kept goes by the content of the file, the options it was read with and the code that cleaned
-it, so that nothing stale is ever found. A file that cannot be understood is not kept.
+The key is a hash of the file's content, the options and the code that reads and cleans. Invalid
+files are not cached.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ READERS = (
     "motion/clips/skeleton_names.py", "motion/kinematics/clip.py", "motion/kinematics/curves.py",
     "motion/kinematics/figure.py",
 )  # fmt: skip
-"""The sources that decide what a file is read as."""
+"""The sources that determine the result of reading a file."""
 
 log = logging.getLogger(__name__)
 
@@ -30,10 +30,10 @@ log = logging.getLogger(__name__)
 def stored_clip(
     path: Path, *, up: str | None = None, unit: str | float | None = None, names: Path | None = None
 ) -> Clip:
-    """The clip of `load.load_clip`, with the same errors, read from the store where it is there."""
+    """The clip of `load.load_clip`, with the same errors, from the cache if present."""
     try:
         kept = _place(path, up, unit, names)
-    except OSError:  # what cannot be read is an error there
+    except OSError:  # raises the error for unreadable files
         return load.load_clip(path, up=up, unit=unit, names=names)
     if kept.exists():
         try:
@@ -48,8 +48,8 @@ def stored_clip(
         make_folder(kept.parent)
         arrays = {"positions": clip.positions, "rotations": clip.rotations}
         write_npz(kept, compressed=False, fps=clip.fps, **arrays)
-    except (EgocapError, OSError) as error:  # it is only slower without
-        log.warning("%s cannot be kept: %s", path.name, error)
+    except (EgocapError, OSError) as error:  # only slower without a cache
+        log.warning("%s cannot be cached: %s", path.name, error)
     return clip
 
 

@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from egocap.errors import InputError
 from egocap_sim.core.bodies import BODIES, INDEX
-from egocap_sim.motion.clips.cleaning import rebuilt, to_local
+from egocap_sim.motion.clips.cleaning import to_local, with_local_rotations
 from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import minimum_jerk, turn
 from egocap_sim.motion.kinematics.limbs import solve_limbs
 
 _SHORTEST_S = 0.25
-BLEND = 0.6  # seconds over which a clip's start leaves the pose the last one ended in
+BLEND = 0.6  # seconds of the transition from the end pose of one clip to the next clip
 _LEGS = [[INDEX[f"{s}_{part}"] for part in ("thigh", "calf", "foot")] for s in ("l", "r")]
 _MIRROR = np.diag([1.0, -1.0, 1.0])
 _OTHER_SIDE = [INDEX[{"l_": "r_", "r_": "l_"}.get(b[:2], b[:2]) + b[2:]] for b in BODIES]
@@ -48,18 +48,18 @@ def mirror(clip: Clip) -> Clip:
 
 
 def change_speed(clip: Clip, speed: float) -> Clip:
-    """The same motion in 1 / speed of its time."""
+    """The same motion, faster by a factor."""
     return replace(clip, fps=clip.fps * speed)
 
 
 def join_clips(clip: Clip, other: Clip) -> Clip:
-    """A clip that passes into another: its feet stay where they are, the rest changes smoothly."""
+    """Join two clips with a smooth transition and fixed feet."""
     other = _at_rate(fit_to_figure(other), clip.fps)
     return concatenate(f"{clip.name} then {other.name}", [fit_to_figure(clip), other])
 
 
 def fit_to_figure(clip: Clip) -> Clip:
-    """A clip's rotations on the standard figure, its hips as high for its legs as they were."""
+    """A clip's rotations on the standard figure, with the hip height scaled by leg length."""
     thighs = [INDEX["l_thigh"], INDEX["r_thigh"]]
     legs = [
         np.linalg.norm(np.diff(clip.positions[:, leg], axis=1), axis=-1).mean(0).sum()
@@ -73,7 +73,7 @@ def fit_to_figure(clip: Clip) -> Clip:
 
 
 def _at_rate(clip: Clip, fps: float) -> Clip:
-    """A clip on the figure, sampled at another rate: rotations slerped, hips straight between."""
+    """Resample a clip on the figure: rotations by slerp, the pelvis linearly."""
     if clip.fps == fps:
         return clip
     keys = np.arange(len(clip.positions)) / clip.fps
@@ -87,15 +87,15 @@ def _at_rate(clip: Clip, fps: float) -> Clip:
 
 
 def concatenate(name: str, clips: Sequence[Clip]) -> Clip:
-    """One canonical clip out of several of the same frame rate.
+    """Join canonical clips of the same frame rate into one.
 
-    Each is moved so that its feet start where and as the last ones stood; what else differs
-    between the last pose and its first fades out over `BLEND`.
+    Each clip is moved so that its first feet match the last ones of its predecessor; the remaining
+    difference between the poses fades out over `BLEND`.
     """
     assert clips and all(c.canonical and c.fps == clips[0].fps for c in clips)
     joined = clips[0]
     for clip in clips[1:]:
-        clip = _faded(_moved(clip, joined), joined)
+        clip = _blend_from_end(_align_to_end(clip, joined), joined)
         joined = replace(
             joined,
             positions=np.concatenate([joined.positions, clip.positions[1:]]),
@@ -111,15 +111,15 @@ def _stand(clip: Clip, t: int) -> tuple[Float[Array, "2"], float]:
     return clip.positions[t, feet, :2].mean(0), float(np.arctan2(ahead[1], ahead[0]))
 
 
-def _moved(clip: Clip, before: Clip) -> Clip:
+def _align_to_end(clip: Clip, before: Clip) -> Clip:
     (here, yaw), (there, wanted) = _stand(clip, 0), _stand(before, -1)
     R = turn(yaw=wanted - yaw)
     shift = np.array([*there, 0.0]) - R @ np.array([*here, 0.0])
     return replace(clip, positions=clip.positions @ R.T + shift, rotations=R @ clip.rotations)
 
 
-def _faded(clip: Clip, before: Clip) -> Clip:
-    """Carry the difference at the seam into the clip, fading; legs stay on their feet."""
+def _blend_from_end(clip: Clip, before: Clip) -> Clip:
+    """Fade out the pose difference at the seam; the legs follow the feet."""
     T = len(clip.positions)
     fade = 1.0 - minimum_jerk(np.arange(T) / (BLEND * clip.fps))
     local = to_local(clip.rotations)
@@ -129,13 +129,13 @@ def _faded(clip: Clip, before: Clip) -> Clip:
     for b in upper:
         local[:, b] = Rotation.from_rotvec(fade[:, None] * difference[b]).as_matrix() @ local[:, b]
     moved = fade[:, None] * (before.positions[-1, 0] - clip.positions[0, 0])
-    posed = rebuilt(clip, local)
+    posed = with_local_rotations(clip, local)
     posed = replace(posed, positions=posed.positions + moved[:, None])
-    return _feet_kept(posed, _on_same_spots(clip, before))
+    return _solve_legs(posed, _hold_feet(clip, before))
 
 
-def _on_same_spots(clip: Clip, before: Clip) -> Clip:
-    """The clip with each foot where the last one left it, until it is lifted and put elsewhere."""
+def _hold_feet(clip: Clip, before: Clip) -> Clip:
+    """The clip with each foot at its previous place until its first step."""
     p, R = clip.positions.copy(), clip.rotations.copy()
     for s in ("l_", "r_"):
         foot, toe = INDEX[s + "foot"], INDEX[s + "toe"]
@@ -148,8 +148,8 @@ def _on_same_spots(clip: Clip, before: Clip) -> Clip:
     return replace(clip, positions=p, rotations=R)
 
 
-def _feet_kept(clip: Clip, wanted: Clip) -> Clip:
-    """Bend the legs so that the feet are where and as another clip has them."""
+def _solve_legs(clip: Clip, wanted: Clip) -> Clip:
+    """Bend the legs to the foot poses of another clip."""
     R = clip.rotations.copy()
     for s in ("l_", "r_"):
         thigh, calf, foot, toe = (INDEX[s + part] for part in ("thigh", "calf", "foot", "toe"))

@@ -23,8 +23,8 @@ from egocap_sim.motion.clips.cleaning import (
     Cleaning,
     despike,
     longest_take,
-    on_floor,
-    within_limits,
+    put_on_floor,
+    repair_beyond_limits,
 )
 from egocap_sim.motion.clips.npz import read_npz_clip
 from egocap_sim.motion.clips.skeleton_names import map_joints, normal, read_name_map
@@ -88,8 +88,8 @@ def clean(clip: Clip, hints: Hints | None = None) -> tuple[Clip, Cleaning]:
     """Trim, despike, calibrate, enforce joint limits, put on the floor; returns what changed."""
     clip, trimmed = longest_take(clip)
     clip, spikes = despike(clip)
-    clip, beyond = within_limits(calibrate(clip, hints))
-    clip, shift = on_floor(clip)
+    clip, beyond = repair_beyond_limits(calibrate(clip, hints))
+    clip, shift = put_on_floor(clip)
     return clip, Cleaning(trimmed, spikes, beyond, shift)
 
 

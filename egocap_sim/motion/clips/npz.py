@@ -26,7 +26,7 @@ _SHORT = {"clav": "clavicle", "arm": "upperarm", "fore": "forearm"}
 def read_npz_clip(
     path: str | Path,
 ) -> tuple[Float[Array, "T 21 3"], Float[Array, "T 21 3 3"], float]:
-    """Positions (m, z up), world bone rotations and frames per second, in the order of BODIES.
+    """Read positions (m, z up) and world bone rotations in the order of BODIES, and the frame rate.
 
     Raises FileError, with the key, for a damaged archive, missing or unknown joints, wrong shapes,
     values that are not finite, and quaternions of length zero.

@@ -1,10 +1,9 @@
 """Recognise a skeleton's naming convention and map its joints to the 21 simulated bodies.
 
-Limbs and head are found by name, one row of `CONVENTIONS` a convention. The trunk is found by
-structure, since every tool numbers its spine differently: the pelvis joins the thighs, the chest
-joins the arms, the spine is the middle of what lies between, the neck the first joint above the
-chest. Without a clavicle, toe, spine or neck of its own a body is left out of the map; `load` fills
-it from its neighbours.
+Limbs and head are found by name, with one row of `CONVENTIONS` per convention. The trunk is found
+by structure, since tools number the spine differently: the pelvis joins the thighs, the chest joins
+the arms, the spine is the middle joint between, the neck the first joint above the chest. Missing
+clavicles, toes, spine or neck are left out of the map; `load` fills them from the neighbours.
 """
 
 from __future__ import annotations
@@ -60,8 +59,8 @@ def map_joints(
 ) -> dict[str, int]:
     """Joint index of each of the 21 bodies that the skeleton has.
 
-    `given` (body -> joint name) overrides what is recognised. Raises FileError, naming what is
-    missing and the joints there are, when a mandatory body cannot be found.
+    `given` (body -> joint name) overrides recognised joints. Raises FileError, with the missing
+    bodies and the joints of the file, if a mandatory body is not found.
     """
     given = _check_given(given or {}, names, where)
     found = max((_limbs(names, row) for row in CONVENTIONS.values()), key=_score)
@@ -82,7 +81,7 @@ def map_joints(
 
 
 def read_name_map(path: str | Path) -> dict[str, str]:
-    """Read a TOML name map (`body = "JointName"`, a line a body)."""
+    """Read a TOML name map (`body = "JointName"`, one line per body)."""
     path = Path(path)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -106,7 +105,7 @@ def _check_given(
             raise FileError(where, "the name map has an unknown body", key=body, valid=BODIES)
         if joint not in names:
             raise FileError(
-                where, f"the name map wants joint '{joint}'", key=body, valid=_few(names)
+                where, f"the name map has the unknown joint '{joint}'", key=body, valid=_few(names)
             )
     return given
 
@@ -119,7 +118,7 @@ def _few(names: Iterable[str], most: int = 40) -> str:
 
 
 def _limbs(names: Sequence[str], row: Sequence[str]) -> dict[str, int]:
-    """Limbs and head under one convention; the first joint in file order wins a name."""
+    """Limbs and head under one convention; the first joint in file order takes a name."""
     index: dict[str, int] = {}
     for i, name in enumerate(names):
         index.setdefault(normal(name), i)
@@ -173,13 +172,13 @@ def _trunk(found: Mapping[str, int], parents: Sequence[int]) -> dict[str, int]:
 def _check_tree(
     found: Mapping[str, int], names: Sequence[str], parents: Sequence[int], where: str | Path
 ) -> None:
-    """Each limb's joints must hang on one another, or the names mean something else."""
+    """Raise FileError unless the joints of each limb descend from one another."""
     for body, joint in found.items():
         if body[2:] in ("forearm", "hand", "calf", "foot", "toe"):
             parent = PARENT[body]
             if joint == found[parent] or found[parent] not in _chain(joint, parents):
                 raise FileError(
                     where,
-                    f"joint '{names[joint]}' ({body}) does not hang on "
+                    f"joint '{names[joint]}' ({body}) is no descendant of "
                     f"'{names[found[parent]]}' ({parent}); give a name map",
                 )

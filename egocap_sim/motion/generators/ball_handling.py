@@ -1,4 +1,4 @@
-"""Dribbling a ball while walking, and juggling three: the motion, and when which hand has a ball.
+"""Dribbling a ball while walking and juggling three balls: motion and contact times.
 
 Source: C. Shannon, Scientific aspects of juggling (1981): (flight + dwell) x hands = (vacant +
 dwell) x balls, for the timing of a cascade.
@@ -21,11 +21,11 @@ from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import hermite, minimum_jerk, turn
 from egocap_sim.motion.kinematics.posing import aim_wrists, pose_figure
 
-PUSH_S = 0.22  # seconds the hand stays with the ball
+PUSH_S = 0.22  # seconds of contact between hand and ball
 FLIGHT_S = 0.40  # from the hand to the floor and back
 CAUGHT, PUSHED = 0.89, 0.82  # metres of the palm over the floor
 RISING, PUSHING = 0.8, -2.1  # m/s of the palm at catch and push
-_READY_S = 0.4  # before the first and after the last touch the hand is at the ball
+_READY_S = 0.4  # hand at the ball before the first and after the last touch
 BALLS = 3
 PALM = 0.085  # metres from the wrist to the middle of the palm
 
@@ -37,14 +37,14 @@ class DribbleParams:
     speed: Annotated[float, (0.3, 1.7)] = 0.9
     """Speed in m/s."""
     radius: Annotated[float, (1.0, 100.0)] = 1.7
-    """Metres around the origin that the way stays in."""
+    """Radius in metres of the circle around the origin that the path stays in."""
     crossover: Annotated[float, (0.0, 1.0)] = 0.2
-    """Share of the dribbles that change hands."""
+    """Fraction of dribbles that change hands."""
 
 
 @dataclass(frozen=True)
 class Touch:
-    """The ball in one hand, from the catch to the push."""
+    """One contact of hand and ball, from catch to push."""
 
     caught: float  # seconds
     pushed: float
@@ -52,7 +52,7 @@ class Touch:
 
 
 def plan_touches(rng: np.random.Generator, params: DribbleParams, seconds: float) -> list[Touch]:
-    """The touches a generator gives, from before the start to beyond the end; `dribble`'s own."""
+    """Draw the touches of `dribble`, from before the start to beyond the end."""
     hand, clock = int(rng.random() < 0.8), -0.2
     found = []
     while clock < seconds + 2.0:
@@ -65,7 +65,7 @@ def plan_touches(rng: np.random.Generator, params: DribbleParams, seconds: float
 def dribble(
     t: Float[Array, "T"], rng: np.random.Generator, params: DribbleParams, fps: float
 ) -> Clip:
-    """Dribble for the times t [s], crouching a little, now and then from hand to hand."""
+    """Dribble for the times t [s], crouching slightly, with occasional crossovers."""
     played = plan_touches(rng, params, float(t[-1]))
     style = draw_style(rng)
     walk = WalkParams(speed=params.speed, arm_swing=0.6)
@@ -94,7 +94,7 @@ def dribble(
 def _dribbling_palm(
     t: Float[Array, "T"], mine: list[Touch], hand: int
 ) -> tuple[Float[Array, "T 3"], Float[Array, "T"]]:
-    """The palm in a frame that walks along, and how much it is with the ball."""
+    """The palm in the frame of the walk, and the weight 0..1 of that target."""
     side = 1.0 - 2.0 * hand
     top, low = np.array([0.40, 0.34 * side, CAUGHT]), np.array([0.42, 0.30 * side, PUSHED])
     up, down = np.array([0.0, 0.0, RISING]), np.array([0.0, 0.0, PUSHING])
@@ -119,7 +119,7 @@ class JuggleParams:
     """A three-ball cascade."""
 
     flight: Annotated[float, (0.45, 0.8)] = 0.62
-    """Seconds a ball flies; more is higher."""
+    """Seconds of flight; longer flights are higher."""
     dwell: Annotated[float, (0.2, 0.4)] = 0.30
     """Seconds a ball stays in a hand."""
 
@@ -139,14 +139,14 @@ class Cascade:
 
 
 def plan_cascade(rng: np.random.Generator, params: JuggleParams) -> Cascade:
-    """The timing a generator gives; the same that `juggle` begins with."""
+    """Draw the timing of `juggle`."""
     return Cascade(-float(rng.uniform(0.0, 1.0)), params.flight, params.dwell)
 
 
 def juggle(
     t: Float[Array, "T"], rng: np.random.Generator, params: JuggleParams, fps: float
 ) -> Clip:
-    """Juggle three balls, standing, for the times t [s]; the balls are under way throughout."""
+    """Juggle three balls, standing, for the times t [s], without start or end."""
     timing = plan_cascade(rng, params)
     style = draw_style(rng)
     controls = standing(t, style, rng)
@@ -155,14 +155,14 @@ def juggle(
     controls = aim_wrists(controls, wrist - [PALM, 0.0, 0.0])
     controls.pronation[:] = -1.35
     controls.wrist_bend[:] = -0.1
-    controls.head_R = turn(pitch=-0.12) @ controls.head_R  # the eyes follow the tops of the flights
+    controls.head_R = turn(pitch=-0.12) @ controls.head_R  # gaze at the tops of the flights
     return pose_figure("juggle", fps, controls)
 
 
 def _juggling_palm(
     t: Float[Array, "T"], timing: Cascade, hand: int, ahead: float, height: float
 ) -> Float[Array, "T 3"]:
-    """A scoop: caught outside and falling, thrown inside and rising, and back over the top."""
+    """Palm path: caught outside and falling, thrown inside and rising, back over the top."""
     side, period = 1.0 - 2.0 * hand, 2.0 * timing.beat
     caught = np.array([ahead, side * 0.27, height - 0.01])
     thrown = np.array([ahead, side * 0.12, height + 0.02])

@@ -1,4 +1,4 @@
-"""Where a walk goes: position, heading and gait over time; straight, in a circle, or as given."""
+"""Paths of walks: position, heading and gait amplitude over time; straight or in a circle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from egocap_sim.motion.kinematics.curves import minimum_jerk, slow_noise
 
 WALK_RATIO = 0.39  # metres of step a step/s
 TIGHTEST = 0.75  # metres, radius of the tightest turn
-BEFORE_S, AFTER_S = 4.0, 6.0  # a course is known this long before and after the walk
+BEFORE_S, AFTER_S = 4.0, 6.0  # extent of a course before and after the walk
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Course:
     @property
     def step_s(self) -> float:
         """Seconds from one step to the next."""
-        return float(np.sqrt(WALK_RATIO / self.speed))
+        return step_seconds(self.speed)
 
     def at(self, t: Array) -> tuple[Array, Array]:
         """Positions (T, 2) and headings (T,) at times."""
@@ -39,18 +39,23 @@ class Course:
         return xy, np.interp(t, self.times, self.heading)
 
     def amplitude(self, t: Array | float) -> Array:
-        """How much of a full gait there is, 0 standing to 1."""
+        """Gait amplitude from 0 (standing) to 1 (full gait)."""
         return np.asarray(np.interp(t, self.times, self.gait))
 
 
+def step_seconds(speed: float) -> float:
+    """Seconds per step at a walking speed [m/s]."""
+    return float(np.sqrt(WALK_RATIO / speed))
+
+
 def course_times(seconds: float, fps: float = 60.0) -> Float[Array, "N"]:
-    """The times at which a course of that length is given."""
+    """Sample times of a course of that length."""
     return np.arange(-round(BEFORE_S * fps), round((seconds + AFTER_S) * fps) + 1) / fps
 
 
 def straight_course(length_m: float, speed: float) -> tuple[Course, float]:
-    """From standing at the origin along x to standing `length_m` further, and its seconds."""
-    step_s = float(np.sqrt(WALK_RATIO / speed))
+    """A course along x from the origin over `length_m`, standing at both ends, and its seconds."""
+    step_s = step_seconds(speed)
     starts = 0.3
     ends = starts + max(length_m / speed, 2.0 * step_s)
     seconds = ends + 3.3 * step_s
@@ -69,8 +74,8 @@ def circling_course(
     wander: float = 1.0,
     stops: bool = False,
 ) -> Course:
-    """A winding way [m, m/s] inside a circle around the origin; see `walk.WalkParams`."""
-    step_s, dt = float(np.sqrt(WALK_RATIO / speed)), 1.0 / 240.0
+    """A winding path [m, m/s] inside a circle around the origin; see `walk.WalkParams`."""
+    step_s, dt = step_seconds(speed), 1.0 / 240.0
     t = np.arange(-BEFORE_S, seconds + AFTER_S, dt)
     if stops:
         starts = float(rng.uniform(0.25, 0.5))
@@ -101,8 +106,7 @@ def _wander(
     noise: Float[Array, "T"],
     radius: float,
 ) -> tuple[Float[Array, "T 2"], Float[Array, "T"]]:
-    """Positions and headings of one who takes steps [m] from a place, bending at random [1/m] but
-    inward at the edge of the circle."""
+    """Positions and headings after steps [m] with random curvature [1/m], bounded by a circle."""
     xy, headings = np.empty((len(steps), 2)), np.empty(len(steps))
     bend, side = 0.0, 1.0
     for k, step in enumerate(steps):

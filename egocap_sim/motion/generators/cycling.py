@@ -1,8 +1,7 @@
-"""Riding a bicycle along a closed way: the machine's motion, the rider's, and what holds them
-together.
+"""Riding a bicycle along a closed path: motion of bicycle and rider, and their contacts.
 
-The bicycle's frame of reference: x forward, y left, z up in the plane of its wheels, the origin on
-the ground under the cranks' axle. Lengths are the standard figure's; a person's are `scale` times.
+The bicycle's frame: x forward, y left, z up in the plane of its wheels, the origin on
+the ground below the crank axle. Lengths are the standard figure's; a person's are `scale` times.
 """
 
 from __future__ import annotations
@@ -39,25 +38,25 @@ PALM = np.array([0.08, 0.0, -0.03])  # from the wrist to the palm on the bar
 
 @dataclass(frozen=True)
 class CycleParams:
-    """A ride around a rounded way."""
+    """A ride along a rounded closed path."""
 
     ride_speed: Annotated[float, (2.0, 8.0)] = 4.5
-    """Speed in m/s; of longer legs on a larger bicycle a little more."""
+    """Speed in m/s of the standard figure; it scales with leg length."""
     ride_radius: Annotated[float, (4.0, 12.0)] = 7.0
     """Mean distance from the origin in metres."""
     cadence: Annotated[float, (40.0, 110.0)] = 75.0
-    """Turns of the cranks a minute."""
+    """Crank revolutions per minute."""
 
 
 class Ride:
-    """Where the bicycle is, and how its parts are turned, at any time."""
+    """Pose of the bicycle and its parts at any time."""
 
     def __init__(self, rng: np.random.Generator, params: CycleParams) -> None:
         self.params = params
         self._crank = float(rng.uniform(0.0, 2.0 * np.pi))
         phase, start = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.0, 2.0 * np.pi)
         self._side = float(rng.choice([-1.0, 1.0]))  # +1 turns left
-        a = start + np.arange(-8, 4001 + 8) * (2.0 * np.pi / 4000)  # a little more than one round
+        a = start + np.arange(-8, 4001 + 8) * (2.0 * np.pi / 4000)  # slightly more than one round
         r = 1.0 + 0.10 * np.sin(2 * a + phase[0]) + 0.03 * np.sin(3 * a + phase[1])
         xy = params.ride_radius * r[:, None] * np.stack([np.cos(a), self._side * np.sin(a)], -1)
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
@@ -67,26 +66,26 @@ class Ride:
         self._s = s[8:-8] - s[8]
 
     def distance(self, t: Float[Array, "T"]) -> Float[Array, "T"]:
-        """Metres ridden by the figure; a person rides `scale` times as far and as fast."""
+        """Metres ridden by the figure; a person rides `scale` times as far."""
         return self.params.ride_speed * t
 
     def crank(self, t: Float[Array, "T"]) -> Float[Array, "T"]:
-        """Angle of the left crank, radians: 0 up, growing as one rides forward."""
+        """Angle of the left crank, radians: 0 up, increasing when riding forward."""
         return self._crank + 2.0 * np.pi * self.params.cadence / 60.0 * t
 
     def pose(self, t: Float[Array, "T"], scale: float = 1.0) -> Float[Array, "T 4 4"]:
-        """World poses of the bicycle, leaning into the bends."""
+        """World poses of the bicycle, leaning into the curves."""
         s = self.distance(t) % self._s[-1]
         xy = scale * np.stack([np.interp(s, self._s, self._xy[:, k]) for k in (0, 1)], -1)
         heading = np.interp(s, self._s, self._heading)
         return rigid(turn(yaw=heading, roll=-self.lean(t)), np.pad(xy, ((0, 0), (0, 1))))
 
     def lean(self, t: Float[Array, "T"]) -> Float[Array, "T"]:
-        """Radians to the left, which balance the bend."""
+        """Lean to the left [rad] that balances the centripetal force."""
         return np.arctan(self.params.ride_speed**2 * self._bent(t) / -GRAVITY[2])
 
     def steering(self, t: Float[Array, "T"], scale: float = 1.0) -> Float[Array, "T 4 4"]:
-        """Turns of the front fork about its axis, in the bicycle's frame."""
+        """Transforms of the front fork about its axis, in the bicycle's frame."""
         hub = scale * np.array([FRONT_X, 0.0, WHEEL_R])
         axis = unit(scale * HEAD_TUBE - hub)
         R = axis_angle(axis, np.arctan((FRONT_X - REAR_X) * self._bent(t)))
@@ -145,7 +144,7 @@ def grip_positions(
     rotations: Float[Array, "T 21 3 3"],
     T_world_bar: Float[Array, "T 4 4"],
 ) -> Float[Array, "2 3"]:
-    """Where the bar must be for a rider's palms: the same left and right, in the bar's frame."""
+    """Symmetric grip positions at a rider's palms, in the bar's frame."""
     palms = np.stack([_palm(person, positions, rotations, side) for side in "lr"], 1)
     local = transform(inverse(T_world_bar), palms).mean(0)
     left = (local[0] + local[1] * [1.0, -1.0, 1.0]) / 2
@@ -153,7 +152,7 @@ def grip_positions(
 
 
 def leg_scale(person: Person) -> float:
-    """How much longer a person's legs are than the figure's."""
+    """Ratio of a person's leg length to the figure's."""
     chain = [INDEX[f"l_{part}"] for part in ("thigh", "calf", "foot")]
     lengths = [np.linalg.norm(np.diff(p[chain], axis=0), axis=1).sum()
                for p in (person.joints, figure.REST)]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Gestures and reaches of a standing person: a function each, and a line in `GESTURES`."""
+"""Gestures and reaches of a standing person: one function each, listed in `GESTURES`."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from egocap_sim.motion.generators.stance import draw_style
 from egocap_sim.motion.kinematics.clip import Clip
 
 Gesture = Callable[[Keyframes, int, float, np.random.Generator], None]
-"""Adds the keys of one gesture: with which hand (0 left, 1 right), how large, and chance."""
+"""Adds the keys of one gesture: (keys, hand (0 left, 1 right), size, random generator)."""
 
 
 def _near(rng: np.random.Generator, size: float, key: Hand, spread: float = 0.02) -> Hand:
-    """A key varied a little; `size` scales its way from the hanging hand, sideways and upwards."""
+    """A key with noise; `size` scales its offset from the hanging hand."""
     wrist = np.asarray(DOWN.wrist) + (np.asarray(key.wrist) - DOWN.wrist) * min(size, 1.15)
     wrist = wrist + rng.normal(0.0, spread, 3)
     return Hand((wrist[0], wrist[1], wrist[2]), key.pronation, key.bend, key.swivel)
 
 
 def _back(keys: Keyframes, *hands: int) -> None:
-    """Let the hands, the trunk and the head come back to rest."""
+    """Return the hands, the trunk and the head to rest."""
     ends = [keys.hand(hand, DOWN) for hand in hands]
     keys.trunk(0.0, 0.0, 0.0, 0.8 * keys.pace)
     keys.gaze(0.0, 0.0, 0.6)
@@ -172,9 +172,9 @@ class GestureParams(PaceParams):
     """Which gestures, and how they are made."""
 
     kinds: Annotated[tuple[str, ...], GESTURES] = ()
-    """Gestures to draw from; empty: all of them."""
+    """Gestures to draw from; empty: all."""
     hand: Annotated[str, ("left", "right", "any")] = "any"
-    """'any': the person's better hand, mostly."""
+    """'any': mostly the dominant hand."""
     size: Annotated[float, (0.4, 1.15)] = 1.0
     """Factor on how far gestures reach."""
 
@@ -182,10 +182,9 @@ class GestureParams(PaceParams):
 def gesticulate(
     t: Float[Array, "T"], rng: np.random.Generator, params: GestureParams, fps: float
 ) -> Clip:
-    """Standing, one gesture after another with short rests, for the times t [s].
+    """Stand and make random gestures with short rests, for the times t [s].
 
-    Every gesture comes before any comes again, but for the last ones, which must be over in time;
-    then the person stands.
+    Each round contains every gesture once. Gestures that would end too late are left out.
     """
     kinds = list(params.kinds or GESTURES)
     style = draw_style(rng)

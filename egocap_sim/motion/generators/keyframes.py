@@ -1,8 +1,8 @@
-"""Key frames of a standing body, for hands, gaze, trunk and pelvis, turned into controls.
+"""Key frames of hands, gaze, trunk and pelvis of a standing body, interpolated to a clip.
 
-Gestures add keys at a running clock; between keys everything moves with minimum jerk. The hands'
-keys are wrist positions from the shoulder at rest in the chest's frame, for a left arm (the right
-is mirrored).
+Moves add keys at a running clock; curves between keys have minimum jerk. Hand keys are wrist
+positions relative to the shoulder at rest, in the chest's frame, for a left arm; the right one is
+mirrored.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.curves import through, turn
 from egocap_sim.motion.kinematics.posing import pose_figure
 
-HAND_SPEED = 0.75  # m/s, mean over a reach at ordinary pace (peak 1.9 times that)
-REACTION = 0.3  # s a move takes however short it is
+HAND_SPEED = 0.75  # m/s, mean over a reach at ordinary pace (peak 1.9 times higher)
+REACTION = 0.3  # s, least duration of a move
 END = 0.15  # s of rest after the last move
-BULGE = np.array([0.16, 0.05, 0.0])  # a hand's way curves forward and outward
+BULGE = np.array([0.16, 0.05, 0.0])  # a hand path curves forward and outward
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ Move = Callable[["Keyframes"], None]
 
 
 class Keyframes:
-    """Collects moves that begin at `clock` [s]; `clip` poses them."""
+    """Collect moves that begin at `clock` [s]; `clip` interpolates and poses them."""
 
     def __init__(self, style: Style, rng: np.random.Generator, pace: float = 1.0) -> None:
         self.style, self.rng, self.pace, self.clock = style, rng, pace * style.tempo, 0.0
@@ -85,16 +85,16 @@ class Keyframes:
         self._pelvis = _Track([np.zeros(3)])  # forward, left, up: metres
 
     def begin(self, key: Hand, hands: Sequence[int] = (0, 1)) -> None:
-        """Start with hands at a key, before anything moves them."""
+        """Set the initial keys of hands."""
         for hand in hands:
             self._hands[hand] = _Track([key.row])
 
     def begin_pelvis(self, forward: float, left: float, up: float) -> None:
-        """Start with the pelvis shifted from standing, metres: sitting, say."""
+        """Set the initial shift of the pelvis from standing, metres."""
         self._pelvis = _Track([np.array([forward, left, up])])
 
     def reach_time(self, hand: int, key: Hand) -> float:
-        """Seconds a natural move to a key takes."""
+        """Seconds of a natural move to a key."""
         last = self._hands[hand].rows[-1]
         distance = np.linalg.norm(last[:3] - key.wrist) + 0.06 * abs(last[3] - key.pronation)
         return (REACTION + float(distance) / HAND_SPEED) * self.pace
@@ -127,9 +127,9 @@ class Keyframes:
         self.clock += seconds
 
     def perform(self, moves: Sequence[Move], seconds: float) -> bool:
-        """Add the first of the moves that is over in `seconds`; False when none is.
+        """Add the first move that ends before `seconds`; return False if none does.
 
-        Where nothing has been added yet, the first is added even if it will be cut short.
+        The very first move is added even if it ends later.
         """
         for move in moves:
             attempt = copy.deepcopy(self)
@@ -141,7 +141,7 @@ class Keyframes:
         return False
 
     def repeat(self, move: Move, seconds: float, rest_s: Callable[[], float] = lambda: 0.0) -> None:
-        """Add a move again and again, each followed by a rest, while it is over in `seconds`."""
+        """Repeat a move, each time followed by a rest, while it ends before `seconds`."""
         while self.perform([move], seconds):
             self.wait(rest_s())
 

@@ -13,12 +13,12 @@ from egocap_sim.motion.generators.keyframes import DOWN, Hand, Keyframes, PacePa
 from egocap_sim.motion.generators.stance import HIP_HEIGHT, draw_style
 from egocap_sim.motion.kinematics.clip import Clip
 
-SEAT_TO_PELVIS = 0.115  # metres from a seat to the pelvis joint of someone sitting on it
+SEAT_TO_PELVIS = 0.115  # metres from a seat to the pelvis joint while sitting
 
 
 @dataclass(frozen=True)
 class SquatParams(PaceParams):
-    """Squats, one after another."""
+    """Repeated squats."""
 
     depth: Annotated[float, (0.1, 1.0)] = 0.8
     """1: the thighs are level."""
@@ -49,16 +49,16 @@ def squat(t: Float[Array, "T"], rng: np.random.Generator, params: SquatParams, f
 
 @dataclass(frozen=True)
 class SitParams(PaceParams):
-    """Sitting down onto a seat that is only implied, and standing up again."""
+    """Sitting down onto an implied seat and standing up again."""
 
     seat: Annotated[float, (0.35, 0.6)] = 0.46
     """Height of the seat in metres."""
     stay: Annotated[float, (0.0, 600.0)] = 1.5
-    """Seconds to sit."""
+    """Seconds of sitting."""
 
 
 def sit(t: Float[Array, "T"], rng: np.random.Generator, params: SitParams, fps: float) -> Clip:
-    """Sit down, stay, stand up, and again, for the times t [s]."""
+    """Sit down, stay and stand up, repeatedly, for the times t [s]."""
     keys = Keyframes(draw_style(rng), rng, params.pace)
     keys.wait(rng.uniform(0.3, 0.6))
     drop, back = params.seat + SEAT_TO_PELVIS - HIP_HEIGHT, -0.40
@@ -94,13 +94,13 @@ class LookParams(PaceParams):
     """Looking around while standing."""
 
     yaw: Annotated[float, (0.1, 1.3)] = 1.1
-    """Largest turn of the head to a side, radians."""
+    """Largest yaw of the head, radians."""
 
 
 def look_around(
     t: Float[Array, "T"], rng: np.random.Generator, params: LookParams, fps: float
 ) -> Clip:
-    """Turn the head, and some of the trunk, to one thing after another."""
+    """Turn the head, and partly the trunk, in random directions."""
     keys = Keyframes(draw_style(rng), rng, params.pace)
     keys.wait(rng.uniform(0.2, 0.5))
     side = rng.choice([-1.0, 1.0])

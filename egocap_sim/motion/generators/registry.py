@@ -1,7 +1,8 @@
-"""Built-in motions, which need no file: a table of names, and `make_motion`.
+"""Built-in procedural motions: the table `MOTIONS`, and `make_motion`.
 
-All are canonical clips on the standard figure (`figure`), metres, floor at z = 0. Standing motions
-start and end in the neutral stance at the origin, facing +x, so that `sequence` can join them.
+All are canonical clips on the standard figure (`figure`), in metres, with the floor at z = 0.
+Standing motions start and end in the neutral stance at the origin, facing +x, so that `sequence`
+can join them.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ from egocap_sim.motion.generators.walk import WalkParams, walk
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.retarget.retarget import Reference
 
-PART_S = 4.5  # seconds the shortest part of a sequence takes
+PART_S = 4.5  # least seconds per part of a sequence
 USUAL_PARTS = ("walk", "gestures", "look_around", "squat", "sit")
 
 
@@ -54,21 +55,20 @@ class SequenceParams:
     """Several motions, one after another."""
 
     parts: tuple[str, ...] = ()
-    """Names of motions, each with an equal share of the time; empty: as many kinds as there is
-    time for."""
+    """Names of motions of equal duration; empty: the usual ones, as many as fit."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A built-in motion: how it is made, the type of its parameters, what they are unless given."""
+    """A built-in motion: its generator function, parameter type and default parameters."""
 
     make: Callable[..., Clip]  # (times, rng, params, fps)
     params: type
     about: str
     defaults: dict[str, Any] = dataclasses.field(default_factory=dict)
     mounted: Callable[..., Reference] | None = None
-    """For motions off the floor: (reference, person, rng, params) brings a person's hands and feet
-    to what carries them; `rng` is as it was when the motion was made."""
+    """For motions on a bicycle or staircase: (reference, person, rng, params) moves a person's
+    hands and feet to their supports; `rng` has the state from before the motion was made."""
 
 
 def _sequence(t: np.ndarray, rng: np.random.Generator, params: SequenceParams, fps: float) -> Clip:
@@ -117,7 +117,7 @@ MOTIONS: dict[str, Motion] = {
 def make_motion(
     name: str, duration_s: float, rng: np.random.Generator, fps: float = 60.0, /, **params: Any
 ) -> Clip:
-    """Make a built-in motion of `duration_s` seconds; chance (style, choices) comes from `rng`.
+    """Make a built-in motion of `duration_s` seconds; `rng` draws style and choices.
 
     `params` are fields of the motion's parameter class (`MOTIONS[name].params`). Raises InputError
     for an unknown motion or parameter or an impossible value, listing what is valid.
@@ -141,7 +141,7 @@ def _make(
 
 
 def motion_parameters(name: str, params: dict[str, Any]) -> Any:
-    """The parameters, checked, with which a built-in motion is made."""
+    """The validated parameters of a built-in motion."""
     return _parameters(MOTIONS[name], params)
 
 
@@ -155,7 +155,7 @@ def _parameters(motion: Motion, params: dict[str, Any]) -> Any:
 
 
 def _checked(key: str, value: Any, hint: Any) -> Any:
-    """A value of an annotated field: numbers within a range, names among the valid ones."""
+    """Validate a value of an annotated field: numbers by range, names by membership."""
     kind: Any = hint
     valid: Any = None
     if typing.get_origin(hint) is Annotated:

@@ -1,4 +1,4 @@
-"""Standing on two planted feet: the neutral controls that gestures and postures vary."""
+"""Neutral controls of standing, the base of gestures and postures."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ TOE_OUT = 0.13  # radians
 HANG = np.array([0.03, 0.055, -0.555])
 """Wrist of a hanging left arm, from the shoulder in the chest's frame."""
 HANG_PRONATION = 0.35
-HIP_HEIGHT = figure.REST[0, 2] - 0.006  # the pelvis joint of someone standing at ease
+HIP_HEIGHT = figure.REST[0, 2] - 0.006  # height of the pelvis joint while standing
 
 
 @dataclass(frozen=True)
 class Style:
-    """How one person carries themselves; drawn once a motion."""
+    """Individual style of movement, drawn once per motion."""
 
     handed: float  # +1 left, -1 right
     tempo: float  # factor on the duration of moves
@@ -52,9 +52,9 @@ def feet(T: int, half_width: float = HALF_WIDTH) -> tuple[Array, Array]:
 
 
 def standing(t: Float[Array, "T"], style: Style, rng: np.random.Generator) -> Controls:
-    """Stand at the origin facing +x, arms hanging, breathing and shifting weight a little.
+    """Stand at the origin facing +x with hanging arms, breathing and shifting weight.
 
-    The idle movement fades in and out at both ends, so that standing clips join without a seam.
+    The idle movement fades in and out at both ends, so that clips join smoothly.
     """
     T = len(t)
     ends = np.clip(np.minimum(t, t[-1] - t) / 0.8, 0.0, 1.0)

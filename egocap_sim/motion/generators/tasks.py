@@ -17,17 +17,17 @@ from egocap_sim.motion.kinematics.clip import Clip
 
 RIGHT = 1
 OFFERED = Hand((0.44, -0.07, -0.31), 0.0, 0.05)
-"""The hand given: thumb up, a little to the middle, at the height of the navel."""
+"""The offered hand: thumb up, towards the middle, at navel height."""
 _HEIGHT = -0.27  # metres of the wrists from the shoulders: hands on a desk's top
 _KEYS = Hand((0.37, -0.05, _HEIGHT), 1.35, 0.1)  # on the keyboard
 
 
 Task = Callable[[Keyframes, int], None]
-"""Adds the keys of one task, with the hand that does it (0 left, 1 right)."""
+"""Adds the keys of one task: (keys, hand (0 left, 1 right))."""
 
 
 def _phone(keys: Keyframes, hand: int) -> None:
-    """Look at it, tap with the other hand, look up."""
+    """Look at a phone, tap with the other hand, look up."""
     rng = keys.rng
     near = Hand((0.27, -0.06, -0.20 + rng.uniform(-0.03, 0.03)), -0.9, 0.1)
     keys.clock = keys.hand(hand, near)
@@ -43,7 +43,7 @@ def _phone(keys: Keyframes, hand: int) -> None:
 
 
 def _drink(keys: Keyframes, hand: int) -> None:
-    """Hold it before the body, bring it to the mouth, and back."""
+    """Hold a cup before the body and bring it to the mouth."""
     rng = keys.rng
     keys.clock = keys.hand(hand, Hand((0.28, -0.02, -0.27), 0.0))
     keys.gaze(rng.uniform(-0.3, 0.3), 0.1)
@@ -54,7 +54,7 @@ def _drink(keys: Keyframes, hand: int) -> None:
 
 
 def _read(keys: Keyframes, hand: int) -> None:
-    """Hold it open before the chest and let the eyes wander over it."""
+    """Hold a newspaper open before the chest and move the gaze over it."""
     rng = keys.rng
     height = rng.uniform(-0.14, -0.08)
     keys.clock = keys.both_hands(Hand((0.36, 0.02, height), 0.15))
@@ -68,20 +68,20 @@ USES: dict[str, tuple[Task, Hand]] = {
     "drink": (_drink, Hand((0.28, -0.02, -0.27), 0.0)),
     "read": (_read, Hand((0.36, 0.02, -0.11), 0.15)),
 }
-"""Uses of a held object, and where the hand is at the start."""
+"""Uses of a held object, and the initial key of the hand."""
 
 
 @dataclass(frozen=True)
 class HoldParams(PaceParams):
-    """What is done with the thing that is held."""
+    """Use of a held object."""
 
     use: Annotated[str, USES] = "phone"
     hand: Annotated[str, ("left", "right")] = "right"
-    """The hand that holds; reading takes both."""
+    """The hand that holds; reading uses both."""
 
 
 def hold(t: Float[Array, "T"], rng: np.random.Generator, params: HoldParams, fps: float) -> Clip:
-    """Use the held thing again and again for the times t [s]."""
+    """Use the held object repeatedly for the times t [s]."""
     keys = Keyframes(draw_style(rng), rng, params.pace)
     hand = int(params.hand == "right")
     use, first = USES[params.use]
@@ -105,7 +105,7 @@ def _typing(keys: Keyframes, hand: int) -> None:
 
 
 def _mouse(keys: Keyframes, hand: int) -> None:
-    """One hand pushes a mouse about beside the keyboard."""
+    """Move a mouse beside the keyboard with one hand."""
     rng = keys.rng
     spot = Hand((0.38, 0.10, _HEIGHT), 1.3, 0.15)
     keys.gaze(rng.uniform(-0.2, 0.2), rng.uniform(0.1, 0.25))
@@ -118,7 +118,7 @@ def _mouse(keys: Keyframes, hand: int) -> None:
 
 
 def _writing(keys: Keyframes, hand: int) -> None:
-    """Lean over a sheet: one hand holds it, the other writes line by line."""
+    """Lean over a sheet; one hand holds it, the other writes line by line."""
     rng = keys.rng
     keys.trunk(0.0, rng.uniform(0.14, 0.24), 0.0, 1.0 * keys.pace)
     keys.gaze(0.0, rng.uniform(0.45, 0.6))
@@ -164,7 +164,7 @@ def desk(t: Float[Array, "T"], rng: np.random.Generator, params: DeskParams, fps
 
 
 def _near(rng: np.random.Generator, key: Hand, spread: float) -> Hand:
-    """A key moved a little along the top."""
+    """A key with noise along the desk top."""
     x, y, z = key.wrist
     dx, dy = rng.normal(0.0, spread, 2)
     return Hand((x + dx, y + dy, z + abs(rng.normal(0.0, 0.004))), key.pronation, key.bend)
@@ -179,8 +179,7 @@ class WorkParams(PaceParams):
 
 
 def work(t: Float[Array, "T"], rng: np.random.Generator, params: WorkParams, fps: float) -> Clip:
-    """Reach for things on a counter, hold them with one hand and stir, cut or wipe with the other,
-    for the times t [s]."""
+    """Reach for objects on a counter and stir, cut or wipe with the other hand, for times t [s]."""
     keys = Keyframes(draw_style(rng), rng, params.pace)
     z = params.height
     ready = Hand((0.30, -0.02, z), 1.0)
@@ -207,7 +206,7 @@ def work(t: Float[Array, "T"], rng: np.random.Generator, params: WorkParams, fps
 def handshake(
     t: Float[Array, "T"], rng: np.random.Generator, params: PaceParams, fps: float
 ) -> Clip:
-    """Give the right hand, shake, let go and talk, for the times t [s]."""
+    """Offer the right hand, shake, let go and gesture, for the times t [s]."""
     keys = Keyframes(draw_style(rng), rng, params.pace)
     keys.wait(rng.uniform(0.4, 0.8))
 
@@ -232,7 +231,7 @@ def handshake(
 
 
 def give(keys: Keyframes, seconds: float) -> None:
-    """Put the hand forward."""
+    """Offer the right hand."""
     keys.clock = keys.hand(RIGHT, OFFERED, seconds)
 
 

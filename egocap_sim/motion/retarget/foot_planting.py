@@ -1,8 +1,8 @@
-"""Put a retargeted motion on the person's floor: height, standing feet, no sliding.
+"""Align a retargeted motion with the floor: height, standing feet, no foot sliding.
 
-A stance is a time in which some corner of a side's two soles is low and slow. In a stance the leg
-is bent anew (two-bone inverse kinematics) so that the standing corners keep their place at z = 0;
-in between the correction glides from one stance to the next.
+A stance is an interval in which a corner of a side's two soles is low and slow. In a stance
+two-bone inverse kinematics keeps the standing corners fixed at z = 0; in between the correction is
+interpolated.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _GATE_SPEED = 0.5  # metres a second: a low foot slower than this may touch the 
 def plant(
     person: Person, root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"], fps: float
 ) -> tuple[Float[Array, "T 3"], Float[Array, "T 21 3 3"], Bool[Array, "T 4"], Bool[Array, "T 4"]]:
-    """Lay standing soles on z = 0 and hold them there.
+    """Fix standing soles at z = 0.
 
     Returns root positions, body rotations, which feet stand and which at least touch the floor
     (`egocap_sim.core.bodies.FEET`).
@@ -65,7 +65,7 @@ def snap(
     lowest, speed = points[frames, corner, 2], _speed(points, fps)[frames, corner]
     lowest = lowest - (offset := np.percentile(lowest, _FLOOR_PERCENTILE))
     stands = (np.abs(lowest) < _NEAR) & (speed < _SLOW)
-    # Rough ground is levelled; the top of a jump is as slow, but not for as long.
+    # Uneven ground is levelled; the top of a jump is as slow, but shorter.
     for first, end in _runs((np.abs(lowest) < _STEP) & (speed < _SLOW)):
         if end - first >= _STEP_S * fps:
             stands[first:end] = True
@@ -75,7 +75,7 @@ def snap(
 
 
 def foot_correction(points: Float[Array, "T 2 4 3"], fps: float) -> Float[Array, "T 3"]:
-    """How to move one foot so that its standing corners neither slide nor leave z = 0, metres.
+    """Displacement of one foot that keeps its standing corners fixed at z = 0, metres.
 
     `points` are the corners of the soles of its foot and toes.
     """
@@ -105,7 +105,7 @@ def foot_correction(points: Float[Array, "T 2 4 3"], fps: float) -> Float[Array,
 
 
 def standing(points: Float[Array, "T 4 4 3"], fps: float) -> Bool[Array, "T 4"]:
-    """Which soles have a low and slow corner; short gaps in which one stays low are closed."""
+    """Which soles have a low and slow corner; short gaps of low soles are closed."""
     low = points[..., 2] < _STANCE_HEIGHT
     slow = _speed(points, fps) < _GATE_SPEED
     stands = np.asarray((low & slow).any(-1))
@@ -123,6 +123,6 @@ def _speed(points: Float[Array, "T *n 3"], fps: float) -> Float[Array, "T *n"]:
 
 
 def _runs(flags: Bool[Array, "T"]) -> list[tuple[int, int]]:
-    """First and one-past-last frames of the stretches where flags hold."""
+    """First and one-past-last frames of the runs of true flags."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

@@ -1,4 +1,4 @@
-"""Where a hand touches things: the middle of its palm, and the directions there."""
+"""Contact frame of a hand: centre and axes of its palm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from egocap_sim.human.body.person import Person
 from egocap_sim.motion.retarget.retarget import canonical_offsets
 
 _ALONG = 0.85  # from the wrist to the knuckle of the middle finger
-_AROUND = 0.025  # metres: skin this near the middle of the palm is the palm's
+_AROUND = 0.025  # metres: radius of the skin patch of a palm
 
 
 @dataclass(frozen=True, eq=False)

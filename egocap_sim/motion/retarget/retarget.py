@@ -1,8 +1,8 @@
-"""Carry a clip over to a person: a reference motion on the person's own bones and floor.
+"""Retarget a clip to a person: a reference motion on the person's bones and floor.
 
-A canonical clip says how each body is turned away from standing upright with the arms hanging, the
-palms at the thighs and the feet forward. The person rests in another pose (arms low, feet slightly
-turned out), so each body has a constant offset from its rest pose to that canonical one.
+A canonical clip has rotations relative to standing upright with hanging arms, palms at the thighs
+and feet forward. The person's rest pose differs (arms low, feet slightly turned out), so each body
+has a constant offset from its rest pose to the canonical one.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _NEXT = {"upperarm": "forearm", "forearm": "hand", "thigh": "calf", "calf": "foo
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What a person should do: pelvis positions and world rotations of all bodies.
+    """A motion for a person: pelvis positions and world rotations of all bodies.
 
     `rotations` turn each body's rest orientation (parallel to the world) into its posed one.
     """
@@ -50,9 +50,9 @@ class Reference:
     fps: float
     root: Float[Array, "T 3"]  # metres, world
     rotations: Float[Array, "T 21 3 3"]
-    planted: Bool[Array, "T 4"]  # feet that stand on the floor, as egocap_sim.core.bodies.FEET
-    touching: Bool[Array, "T 4"]  # feet so low that they touch it, be it sliding
-    ground_boxes: tuple[GroundBox, ...] = ()  # what may be stood on beside the floor
+    planted: Bool[Array, "T 4"]  # standing feet, in the order of egocap_sim.core.bodies.FEET
+    touching: Bool[Array, "T 4"]  # feet at floor height, standing or sliding
+    ground_boxes: tuple[GroundBox, ...] = ()  # supports besides the floor
 
     @property
     def duration_s(self) -> float:
@@ -70,8 +70,8 @@ def retarget(
 ) -> Reference:
     """Retarget a canonical clip to a person: pose, stride, floor height and planted feet.
 
-    With `from_origin` the motion starts above the origin, facing +x; otherwise where the clip does.
-    One that is not `grounded` is neither brought to the floor nor given standing feet.
+    With `from_origin` the motion starts above the origin, facing +x; otherwise at the clip's start.
+    Without `grounded` the motion is not aligned to the floor and has no standing feet.
     Raises InputError for a clip that is not canonical, not finite, or shorter than 0.2 s.
     """
     _check(clip, fps)
@@ -109,7 +109,7 @@ def canonical_offsets(person: Person) -> Float[Array, "21 3 3"]:
 
 
 def _check(clip: Clip, fps: float) -> None:
-    """Refuse clips that no person could follow."""
+    """Raise InputError for invalid clips and rates."""
     if not clip.canonical:
         raise InputError(
             f"motion '{clip.name}' is not in canonical body frames",
@@ -146,7 +146,7 @@ def _frame(direction: Float[Array, "3"], hinge: Float[Array, "3"]) -> Float[Arra
 
 
 def _hips(positions: Float[Array, "*batch 21 3"]) -> Float[Array, "*batch 3"]:
-    """Middle of the hip joints: unlike the pelvis joint it means the same in every skeleton."""
+    """Middle of the hip joints, which unlike the pelvis joint is comparable between skeletons."""
     return (positions[..., INDEX["l_thigh"], :] + positions[..., INDEX["r_thigh"], :]) / 2
 
 
@@ -191,8 +191,8 @@ def sample_reference(
 ) -> Float[Array, "T 21 4 4"]:
     """World body frames of a reference played without forces, at times in seconds.
 
-    Before its start and after its end it stands still. Standing feet keep still as the reference
-    holds them: both are sampled between the same keys.
+    The pose is constant before the start and after the end. Root and rotations are interpolated
+    between the same keys, so that standing feet do not slide.
     """
     last = len(reference.root) - 1
     at = np.clip(np.asarray(times, float) * reference.fps, 0.0, last)

@@ -76,7 +76,7 @@ def test_damage_is_an_error_or_harmless(data: st.DataObject, tmp_path_factory) -
     else:
         for _ in range(3):
             raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
-    path.write_bytes(bytes(raw))
+    path.write_bytes(raw)
     try:
         p, _, _ = read_npz_clip(path)
     except FileError:
@@ -91,14 +91,13 @@ def test_not_an_archive(tmp_path) -> None:
         read_npz_clip(tmp_path / "a.npz")
 
 
-@pytest.mark.parametrize("position", [0, 60])
-def test_damaged_array_header(tmp_path, position: int) -> None:
+@pytest.mark.parametrize("damaged", [b"NUMPY", b"}"])
+def test_damaged_array_header(tmp_path, damaged: bytes) -> None:
     data = io.BytesIO()
     np.save(data, arrays()["pos"])
-    raw = bytearray(data.getvalue())
-    raw[position] = ord("(")
+    raw = data.getvalue().replace(damaged, b"(" * len(damaged), 1)
     np.savez(tmp_path / "a.npz", **{k: v for k, v in arrays().items() if k != "pos"})
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
-        archive.writestr("pos.npy", bytes(raw))
+        archive.writestr("pos.npy", raw)
     with pytest.raises(FileError, match="plain arrays"):
         read_npz_clip(tmp_path / "a.npz")

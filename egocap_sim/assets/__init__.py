@@ -1,4 +1,4 @@
-"""Sizes, colours and seeds in; textured meshes out.
+"""Sizes, colours and random generators in; textured meshes and actors out.
 
-Primitives, procedural textures, furniture, and the actors that carry meshes through a recording.
+A new piece of furniture or texture is one function and one entry of its table.
 """

@@ -1,7 +1,7 @@
-"""Furniture from boxes, cylinders and balls, in natural sizes.
+"""Furniture from boxes, cylinders and balls, in realistic sizes.
 
-Every maker gives meshes that stand on z = 0 with their back at y = 0 and reach into +y, centred on
-x = 0; `egocap_sim.environment.rooms` turns them against a wall.
+Every function returns meshes that stand on z = 0 with their back at y = 0 and extend into +y,
+centred on x = 0; `egocap_sim.environment.rooms` places them against a wall.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ def legs(
     material: Material,
     z: float | None = None,
 ) -> list[Mesh]:
-    """Boxes of one size at all pairs of x and y, standing on the floor or centred at height z."""
+    """Boxes of one size at all pairs of x and y, on the floor or centred at height z."""
     height = size[2] / 2 if z is None else z
     return [box(name, (*at, height), size, material) for at in product(x, y)]
 
 
 def table(rng: Rng) -> list[Mesh]:
-    """A table with a few things on it."""
+    """A table with books and cups on it."""
     w, d, h = rng.uniform(1.1, 1.7), rng.uniform(0.65, 0.8), rng.uniform(0.70, 0.76)
     top = _hard(rng)
     out = [box("table top", (0, d / 2, h - 0.02), (w, d, 0.04), replace(top, shininess=0.2))]

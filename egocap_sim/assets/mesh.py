@@ -1,4 +1,4 @@
-"""Triangle meshes, and the actors that carry them through a recording."""
+"""Triangle meshes, and actors: meshes with skinning transforms in every frame."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Mesh:
     shininess: float = 0.0  # strength of a soft highlight, 0 to 1
     casts_shadow: bool = True
     double_sided: bool = False
-    glows: bool = False  # shines by itself: a lamp, a window, the sky
+    glows: bool = False  # emits light: a lamp, a window, the sky
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,8 @@ class Actor:
 class AnimatedActor:
     """An actor and its pose in every frame: a bystander or a prop.
 
-    `skinning` maps its rest pose to the world, body by body, at the cameras' frame times. `joints`
-    are a person's (axis J as `egocap.body.labels.LABELS`, world, metres); None of a prop.
+    `skinning` maps each body from its rest pose to the world at the cameras' frame times. `joints`
+    are those of a person (axis J as `egocap.body.labels.LABELS`, world, metres), or None.
     """
 
     actor: Actor
@@ -69,12 +69,12 @@ class AnimatedActor:
 def moving(
     name: str, parts: Iterable[tuple[int, Mesh]], transforms: Float[Array, "T B 4 4"]
 ) -> AnimatedActor:
-    """An actor of rigid meshes, each with the number of the transform it follows."""
+    """An actor of rigid meshes, each with the index of its transform."""
     return AnimatedActor(Actor(name, tuple(_bound(mesh, k) for k, mesh in parts)), transforms)
 
 
 def resting(name: str, meshes: Iterable[Mesh], frames: int) -> AnimatedActor:
-    """Meshes that stay where they are."""
+    """An actor of meshes at rest."""
     return moving(name, [(0, m) for m in meshes], np.tile(np.eye(4), (frames, 1, 1, 1)))
 
 

@@ -1,4 +1,4 @@
-"""Coarser copies of meshes, for what is seen from afar.
+"""Coarser copies of meshes, for distant objects.
 
 Source: J. Rossignac and P. Borrel, Multi-resolution 3D approximations for rendering complex scenes
 (1993): vertices in one cell of a grid become one.
@@ -18,17 +18,16 @@ from egocap_sim.assets.mesh import Mesh
 
 
 def simplify(mesh: Mesh, cell_m: float) -> Mesh:
-    """A mesh whose vertices within cells of `cell_m` metres are merged; seams stay closed.
+    """Merge the vertices of a mesh within grid cells of `cell_m` metres; seams stay closed.
 
-    Only vertices that follow the same bone most are merged, so limbs stay apart; the two sides of a
-    texture seam keep their own texture coordinates at one place.
+    Only vertices with the same main bone are merged, so limbs stay apart. The two sides of a
+    texture seam keep their own texture coordinates at a common position.
     """
     welded = np.round(mesh.vertices, 6)  # the two sides of a seam may differ in the last bit
     spot = _grouped(np.c_[np.floor(welded / cell_m).astype(int), _owner(mesh)])
     corner = _grouped(np.c_[spot, _charts(mesh)])
     position = _means(mesh.vertices, spot)
-    first = np.zeros(corner.max() + 1, int)
-    first[corner[::-1]] = np.arange(len(corner))[::-1]
+    first = np.unique(corner, return_index=True)[1]
     faces = corner[mesh.faces]
     a, b, c = spot[mesh.faces].T
     faces = faces[(a != b) & (b != c) & (c != a)]
@@ -51,14 +50,14 @@ def _owner(mesh: Mesh) -> Int[Array, "N"]:
 
 
 def _charts(mesh: Mesh) -> Int[Array, "N"]:
-    """Which connected piece of the texture each vertex is in."""
+    """Connected component of the mesh, hence texture chart, of each vertex."""
     i, j = mesh.faces[:, [0, 1, 2]].ravel(), mesh.faces[:, [1, 2, 0]].ravel()
     n = len(mesh.vertices)
     return connected_components(csr_array((np.ones(len(i)), (i, j)), (n, n)), directed=False)[1]
 
 
 def _grouped(keys: Int[Array, "N K"]) -> Int[Array, "N"]:
-    """The number of each row among the different ones, in order."""
+    """Rank of each row among the distinct rows."""
     low = keys.min(0)
     spread = keys.max(0) - low + 1
     assert np.prod(spread, dtype=float) < 2**63, spread

@@ -27,10 +27,10 @@ def sheet(
     tiled: bool = False,
     cells: int = 1,
 ) -> Mesh:
-    """A rectangle from its top-left corner, as seen by a viewer whom it faces.
+    """A rectangle from its top-left corner, seen from the front.
 
-    For that viewer `across` points right and `down` down. Unless `tiled`, the texture is stretched
-    over it once. It is cut into `cells` along each edge, so that light can differ over it.
+    `across` points right and `down` down. Unless `tiled`, the texture covers it once. It is
+    divided into `cells` along each edge, for lighting per vertex.
     """
     c, a, d = (np.array(v, float) for v in (corner, across, down))
     repeats = np.ones(2)
@@ -55,8 +55,7 @@ def box(name: str, center: Vector, size: Vector, material: Material) -> Mesh:
 
 @cache
 def _unit_box() -> tuple[Float[Array, "24 3"], Int[Array, "12 3"], Int[Array, "24"], Array]:
-    """Corners (each coordinate -1 or 1) side by side, faces, and the axes along which the texture's
-    columns and rows (24,) go."""
+    """Corners (coordinates -1 or 1) of six sides, faces, and axes of texture columns and rows."""
     corners, faces, across, down = [], [], [], []
     for axis, (u, v) in enumerate(((1, 2), (0, 2), (0, 1))):
         for sign in (-1.0, 1.0):
@@ -80,7 +79,7 @@ def cylinder(
     *,
     sides: int = 20,
 ) -> Mesh:
-    """An upright cylinder, or cone with the radii below and above; closed at both ends."""
+    """A closed upright cylinder, or a truncated cone with the lower and the upper radius."""
     below, above = radius if isinstance(radius, tuple) else (radius, radius)
     turn, tile = np.linspace(0, 2 * np.pi, sides + 1), material.tile
     circle = np.c_[np.cos(turn), np.sin(turn), np.zeros_like(turn)]
@@ -109,7 +108,7 @@ def ball(
     rings: int = 10,
     inward: bool = False,
 ) -> Mesh:
-    """An ellipsoid; `inward` shows its inside (a sky). One turn is a whole number of repeats."""
+    """An ellipsoid with a seamless texture; `inward` shows its inside (a sky)."""
     unit, turn, faces = _unit_ball(rings)
     half = np.array(list(radii), float)
     around = max(1, round(2 * np.pi * float(half.max()) / material.tile))
@@ -120,7 +119,7 @@ def ball(
 
 @cache
 def _unit_ball(rings: int) -> tuple[Float[Array, "N 3"], Float[Array, "N 2"], Int[Array, "F 3"]]:
-    """Points of the unit sphere, their share of a turn around it and of the way down, faces."""
+    """Points of the unit sphere, their azimuth and polar angle as shares (0 to 1), and faces."""
     lat, lon = np.meshgrid(
         np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij"
     )
@@ -143,7 +142,7 @@ def tube(
 
 
 def ring(name: str, radius: float, thickness: float, material: Material) -> Mesh:
-    """A torus about the y axis: a tyre, its middle line a circle of `radius`."""
+    """A torus about the y axis with the centre line `radius`, such as a tyre."""
     sides, around = 28, 8
     u, v = np.meshgrid(
         np.linspace(0, 2 * np.pi, sides + 1), np.linspace(0, 2 * np.pi, around + 1), indexing="ij"
@@ -163,13 +162,13 @@ def grid_faces(rows: int, columns: int) -> Int[Array, "F 3"]:
 
 
 def placed(meshes: Iterable[Mesh], position: Vector, yaw: float = 0.0) -> tuple[Mesh, ...]:
-    """Meshes turned about z by `yaw` (rad) and moved to a position."""
+    """Meshes rotated about z by `yaw` (rad) and moved to a position."""
     T = geometry.rigid(geometry.axis_angle(geometry.UP, yaw), np.array(list(position), float))
     return tuple(replace(m, vertices=geometry.transform(T, m.vertices)) for m in meshes)
 
 
 def extent(meshes: Iterable[Mesh]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """Lower and upper corner of the box around meshes."""
+    """Lower and upper corner of the bounding box of meshes."""
     all_vertices = np.concatenate([m.vertices for m in meshes])
     return all_vertices.min(axis=0), all_vertices.max(axis=0)
 
@@ -177,7 +176,7 @@ def extent(meshes: Iterable[Mesh]) -> tuple[Float[Array, "3"], Float[Array, "3"]
 def _textured(
     name: str, vertices: Array, faces: Array, uv: Array, material: Material, part: int = FURNITURE
 ) -> Mesh:
-    """A rigid mesh; `part` is the label if the material has none."""
+    """A rigid mesh; `part` is its label unless the material has one."""
     shadow = not material.glows if material.casts_shadow is None else material.casts_shadow
     label = part if material.part is None else material.part
     return Mesh(

@@ -1,4 +1,4 @@
-"""Procedural surface textures of rooms: each a seamless square of known size, from a generator."""
+"""Procedural textures of surfaces: seamless squares of known size, drawn from a generator."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def noise(rng: Rng, low: float, high: float, steep: float = 1.0) -> Array:
 
 
 def grain(rng: Rng, stretch: float) -> Array:
-    """Seamless noise drawn out along the rows, like the grain of wood."""
+    """Seamless noise stretched along the rows, like the grain of wood."""
     return _filtered(rng, 2, 200, 0.8, stretch)
 
 
 def planks(rng: Rng) -> Material:
-    """Wooden floorboards running along x, each of its own tone."""
+    """Wooden floorboards along x, each with its own tone."""
     count, tile = int(rng.integers(6, 11)), float(rng.uniform(1.1, 1.6))
     wood = _wood_colour(rng)
     row = np.arange(SIZE) * count // SIZE
@@ -60,7 +60,7 @@ def tiles(rng: Rng, chequered: float = 0.4) -> Material:
 
 
 def carpet(rng: Rng) -> Material:
-    """Short pile in one colour, flecked, hardly worn."""
+    """Short pile in one colour with flecks."""
     value = 1 + 0.10 * noise(rng, 60, 250, 0.0) + 0.015 * noise(rng, 1, 8)
     return Material(_tinted(value, _cloth_colour(rng)), float(rng.uniform(0.8, 1.2)))
 
@@ -141,7 +141,7 @@ def cloth(rng: Rng) -> Material:
 
 
 def rug(rng: Rng) -> Material:
-    """A patterned rug, drawn once, with borders."""
+    """A patterned rug with borders."""
     y, x = np.mgrid[0:SIZE, 0:SIZE] / SIZE - 0.5
     edge = np.maximum(abs(x), abs(y))
     colours = np.stack([_cloth_colour(rng) for _ in range(4)])
@@ -154,7 +154,7 @@ def rug(rng: Rng) -> Material:
 
 
 def books(rng: Rng) -> Material:
-    """Book spines, side by side; seen once along a shelf."""
+    """Book spines side by side, for one shelf."""
     colour, x = np.zeros((SIZE, SIZE, 3)), 0
     while x < SIZE:
         width, height = int(rng.integers(10, 34)), int(rng.integers(300, 490))
@@ -174,7 +174,7 @@ def leaves(rng: Rng) -> Material:
 
 
 def grass(rng: Rng) -> Material:
-    """A lawn from above: blades over darker ones, here and there drier."""
+    """A lawn from above: blades of grass with drier patches."""
     value = _blades(rng) * (1 + 0.10 * noise(rng, 1, 12))
     dry = np.clip(0.25 + 0.25 * noise(rng, 1, 60), 0.0, 1.0)[..., None]
     green, straw = np.array([[0.33, 0.47, 0.18], [0.44, 0.46, 0.24]], np.float32)
@@ -196,7 +196,7 @@ def asphalt(rng: Rng) -> Material:
 
 
 def picture(rng: Rng) -> Material:
-    """Something to hang on a wall: soft colour fields."""
+    """A wall picture of soft colour fields."""
     fields = np.stack([noise(rng, 1, int(rng.integers(3, 10)), 1.2) for _ in range(3)], -1)
     return Material(to_bytes(0.5 + 0.2 * fields * rng.uniform(0.2, 0.9, 3)))
 
@@ -222,8 +222,9 @@ FLOORS: tuple[Callable[[Rng], Material], ...] = (planks, tiles, carpet, concrete
 WALLS: tuple[Callable[[Rng], Material], ...] = (plaster, plaster, wallpaper, bricks)
 
 
-def _blades(rng: Rng, tones: int = 24, each: int = 600) -> Float[Array, "S S"]:
-    """Brightness of short strokes in all directions, mean 1; a brighter one lies over a darker."""
+def _blades(rng: Rng) -> Float[Array, "S S"]:
+    """Brightness of short strokes in all directions, mean 1; brighter strokes cover darker ones."""
+    tones, each = 24, 600  # strokes of each tone
     longest, margin = 22, 24  # pixels
     canvas = np.full((SIZE + 2 * margin, SIZE + 2 * margin), 60, np.uint8)
     for tone in np.linspace(80, 200, tones):
@@ -231,7 +232,7 @@ def _blades(rng: Rng, tones: int = 24, each: int = 600) -> Float[Array, "S S"]:
         reach = np.stack([np.cos(angle), np.sin(angle)], 1) * rng.uniform(8, longest, (each, 1))
         strokes = np.rint(np.stack([root, root + reach], 1) + margin).astype(np.int32)
         cv2.polylines(canvas, list(strokes), False, tone, 1, cv2.LINE_AA)
-    for _ in range(2):  # rows, then columns: what reaches over an edge comes in at the other
+    for _ in range(2):  # wrap rows, then columns, around the edges
         inner = canvas[margin:-margin]
         np.maximum(inner[:margin], canvas[-margin:], out=inner[:margin])
         np.maximum(inner[-margin:], canvas[:margin], out=inner[-margin:])
@@ -242,11 +243,11 @@ def _blades(rng: Rng, tones: int = 24, each: int = 600) -> Float[Array, "S S"]:
 def _filtered(
     rng: Rng, low: float, high: float, steep: float, stretch: float
 ) -> Float[Array, "S S"]:
-    """Random waves, drawn where the filter lets any through and nowhere else."""
+    """Filtered white noise; only coefficients inside the pass band are drawn."""
     rows, columns = min(int(high), SIZE // 2 - 1), min(int(high / stretch), SIZE // 2)
     gain = _gain(rows, columns, low, high, steep, stretch)
     white = rng.standard_normal((*gain.shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
-    white[:rows, 0] = white[:rows:-1, 0].conj()  # waves straight down: real ones
+    white[:rows, 0] = white[:rows:-1, 0].conj()  # Hermitian: the field is real
     spectrum = np.zeros((SIZE, columns + 1), np.complex64)
     spectrum[np.arange(-rows, rows + 1)] = white * gain
     field = np.asarray(irfft(ifft(spectrum, axis=0, overwrite_x=True), SIZE, axis=1))
@@ -257,7 +258,7 @@ def _filtered(
 def _gain(
     rows: int, columns: int, low: float, high: float, steep: float, stretch: float
 ) -> Float[Array, "2*rows+1 columns+1"]:
-    """The filter over -rows..rows waves down and 0..columns across."""
+    """Filter gain at vertical frequencies -rows..rows and horizontal ones 0..columns."""
     fy = np.arange(-rows, rows + 1, dtype=np.float32)[:, None]
     waves = np.hypot(fy, np.arange(columns + 1, dtype=np.float32) * np.float32(stretch))
     within = (waves >= low) & (waves <= high)
@@ -280,7 +281,7 @@ def _tinted(value: Float[Array, "S S"], colour: Float[Array, "3"]) -> UInt8[Arra
 
 @njit(cache=True, error_model="numpy")
 def _product(value: Float[Array, "H W"], colour: Float[Array, "3"]) -> UInt8[Array, "H W 3"]:
-    """sRGB bytes of a colour (0..1) times a brightness at each pixel, cut off at white."""
+    """sRGB bytes of a colour (0..1) times a brightness at each pixel, clipped at white."""
     height, width = value.shape
     texture = np.empty((height, width, 3), np.uint8)
     for y in range(height):
@@ -292,5 +293,5 @@ def _product(value: Float[Array, "H W"], colour: Float[Array, "3"]) -> UInt8[Arr
 
 
 def to_bytes(colour: Float[Array, "*n"]) -> UInt8[Array, "*n"]:
-    """sRGB bytes of colours from 0 to 1, cut off at both ends."""
+    """sRGB bytes of colours from 0 to 1, clipped at both ends."""
     return np.rint(np.clip(colour, 0.0, 1.0) * 255.0).astype(np.uint8)

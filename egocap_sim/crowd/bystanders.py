@@ -1,12 +1,12 @@
 """Bystanders: their appearance, motions and places, free of collisions.
 
-Their motions are played back without forces. Each is made and placed after the ones before it; a
-place is accepted if, at every moment, all limbs keep clear of the wearer, the others and props.
+Their motions are played back without forces. They are placed one after the other; a placement is
+accepted if at every checked time all limbs keep clear of the wearer and the other bystanders.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -42,12 +42,12 @@ from egocap_sim.motion.retarget.retarget import retarget, sample_reference
 from egocap_sim.scene.config import OthersTable
 from egocap_sim.truth.truth import label_positions
 
-CELL_M = 0.025  # of the coarser meshes they are drawn with
+CELL_M = 0.025  # grid cell of the simplified meshes
 GAP_M = 0.25  # least distance between points inside two people's limbs
-CAMERA_GAP_M = 0.38  # and from them to the cameras: a chest reaches 0.2 m from its middle
-TRIES = 60  # placements tried for one person
-_RATE = 60.0  # frames a second of made motions
-_CHECK_S = 0.1  # spacing of the moments at which distances are checked
+CAMERA_GAP_M = 0.38  # least distance of such points from the cameras; a chest has a 0.2 m radius
+TRIES = 60  # placements tried before the distance limit is relaxed
+_RATE = 60.0  # frames per second of generated motions
+_CHECK_S = 0.1  # time step of the distance checks
 
 _LEG = [INDEX["l_thigh"], INDEX["l_calf"], INDEX["l_foot"]]
 
@@ -62,29 +62,34 @@ def make_bystanders(
     wearer: Bodies,
     bounds_m: float,
     cameras: Float[Array, "T V 3"],
-    blocked: Sequence[tuple[Float[Array, "2"], float]] = (),
     person: Person | None = None,
 ) -> list[AnimatedActor]:
     """The bystanders of a scene, posed at the frame times [s].
 
-    They keep away from the `cameras`, which stick out from the wearer's head, stay within
-    `bounds_m` of the origin and out of `blocked`, circles (centre, radius) on the floor.
-    `person` is the wearer, whose hand is shaken. Raises InputError when there is no room for all
-    of them.
+    They keep clear of the `cameras`, which extend beyond the wearer's head, and stay within
+    `bounds_m` of the origin. `person` is the wearer, needed for handshakes. Raises InputError
+    when there is no room for all of them.
     """
-    crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, blocked)
-    if person is not None:
-        crowd.handshake = find_handshake(person, wearer)
+    handshake = None if person is None else find_handshake(person, wearer)
+    crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, handshake)
     return [crowd.add(i) for i in range(table.count)]
 
 
 class _Crowd:
-    """Everyone so far, and the search for the next one's place."""
+    """The people placed so far, and the search for the next placement."""
 
-    def __init__(self, table, rng, times, wearer, bounds_m, cameras, blocked) -> None:
+    def __init__(
+        self,
+        table: OthersTable,
+        rng: Rng,
+        times: Float[Array, "T"],
+        wearer: Bodies,
+        bounds_m: float,
+        cameras: Float[Array, "T V 3"],
+        handshake: Handshake | None,
+    ) -> None:
         self.table, self.rng, self.times, self.bounds_m = table, rng, times, bounds_m
-        self.blocked = blocked
-        self.handshake: Handshake | None = None
+        self.handshake = handshake
         step = max(1, round(_CHECK_S * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))
         self.checked = np.arange(0, len(times), step)
         self.cameras = cameras[self.checked]
@@ -93,12 +98,12 @@ class _Crowd:
         self.pelvises = [self.wearer_xy]
 
     def add(self, i: int) -> AnimatedActor:
-        """Find the next person's motion and place."""
+        """Place the next person; without room for the behaviour, gesture or stand instead."""
         name = f"other-{i + 1}"
         person = make_person(int(self.rng.integers(2**31)), bystander=True, name=name)
         behaviour = self.table.behaviours[i % len(self.table.behaviours)]
         bodies = None
-        for act in dict.fromkeys((behaviour, "gesture", "stand")):  # without room to walk by, stand
+        for act in dict.fromkeys((behaviour, "gesture", "stand")):
             bodies = BEHAVIOURS[act](self, person)
             if bodies is not None:
                 break
@@ -115,31 +120,27 @@ class _Crowd:
         return AnimatedActor(actor, skinning, label_positions(person, bodies))
 
     def is_free(self, bodies: Bodies, greets: bool = False) -> bool:
-        """Whether someone may move like this: in bounds, clear of everyone and of props.
+        """Whether a motion stays in bounds and keeps clear of everyone.
 
-        Who `greets` may touch the wearer with the right arm.
+        With `greets`, the right arms of the bystander and the wearer may touch.
         """
         limbs = limb_points(bodies[self.checked])
         if np.linalg.norm(limbs[..., :2], axis=-1).max() > self.bounds_m:
             return False
-        eyes = np.linalg.norm(limbs[:, :, None] - self.cameras[:, None], axis=-1)
-        if eyes.min() < CAMERA_GAP_M:
+        if np.linalg.norm(limbs[:, :, None] - self.cameras[:, None], axis=-1).min() < CAMERA_GAP_M:
             return False
-        for centre, radius in self.blocked:
-            if np.linalg.norm(limbs[..., :2] - centre, axis=-1).min() < radius + 0.1:
-                return False
-        first, *rest = self.limbs
-        aloof = np.delete(limbs, RIGHT_ARM, axis=1) if greets else limbs
-        alone = np.delete(first, RIGHT_ARM, axis=1) if greets else first
-        return bool(apart(aloof, alone, GAP_M).all()) and all(
-            apart(limbs, other, GAP_M).all() for other in rest
+        wearer, *others = self.limbs
+        ignored = RIGHT_ARM if greets else ()
+        mine, theirs = (np.delete(points, ignored, axis=1) for points in (limbs, wearer))
+        return bool(apart(mine, theirs, GAP_M).all()) and all(
+            apart(limbs, other, GAP_M).all() for other in others
         )
 
     def place(self, local: Bodies, arrival: int = 0) -> Bodies | None:
         """Place a motion near the wearer, facing it in frame `arrival`; None without room.
 
-        `local` starts at the origin. Nearer places are likelier; farther ones than
-        requested are tried if none is free.
+        `local` starts at the origin. Nearer placements are likelier; after `TRIES` attempts the
+        distance may exceed `farthest_m`.
         """
         at, facing = local[arrival, 0, :2, 3], local[arrival, INDEX["chest"], :2, 0]
         heading = np.arctan2(facing[1], facing[0])
@@ -148,7 +149,9 @@ class _Crowd:
             stretch = max(0.0, attempt / TRIES - 1.0) / 2.0
             far = farthest + stretch * max(0.0, self.bounds_m - farthest)
             centre = self.wearer_xy[int(self.rng.integers(len(self.wearer_xy)))]
-            around = self._seen_side(self.rng)
+            # Mostly on the side that the wearer faces at the start.
+            angle = float(np.clip(self.rng.normal(0.0, 1.1), -np.pi, np.pi))
+            around = np.array([np.cos(angle), np.sin(angle)])
             spot = centre + self.rng.uniform() ** 1.5 * (far - near) * around + near * around
             towards = self.wearer_xy[arrival] - spot
             yaw = np.arctan2(towards[1], towards[0]) - heading + self.rng.normal(0.0, 0.25)
@@ -157,11 +160,6 @@ class _Crowd:
             if self.is_free(there):
                 return there
         return None
-
-    def _seen_side(self, rng: Rng) -> Float[Array, "2"]:
-        """A direction from the wearer, mostly one that it faces at the start."""
-        angle = float(np.clip(rng.normal(0.0, 1.1), -np.pi, np.pi))
-        return np.array([np.cos(angle), np.sin(angle)])
 
     @property
     def seconds(self) -> float:
@@ -189,7 +187,7 @@ def _gesture(crowd: _Crowd, person: Person) -> Bodies | None:
 
 
 def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
-    """Come up to the wearer and talk."""
+    """Walk up to the wearer and talk."""
     rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.2))
     length = float(min(rng.uniform(0.8, 2.5), max(0.5, 0.5 * speed * crowd.seconds)))
     scale = _leg_scale(person)
@@ -205,14 +203,12 @@ def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
 
 
 def _walk_by(crowd: _Crowd, person: Person) -> Bodies | None:
-    """Walk about and past the wearer, turning aside in time."""
+    """Walk around and past the wearer, avoiding everyone."""
     rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.3))
     scale = _leg_scale(person)
     params = WalkParams(speed=speed / scale)
-    for course in free_courses(
-        rng, crowd.times, crowd.pelvises, crowd.blocked, speed, crowd.bounds_m - 0.35,
-        crowd.table.farthest_m, scale,
-    ):  # fmt: skip
+    bounds_m, near_m = crowd.bounds_m - 0.35, crowd.table.farthest_m
+    for course in free_courses(rng, crowd.times, crowd.pelvises, speed, bounds_m, near_m, scale):
         t = np.arange(round((crowd.seconds + 0.2) * _RATE) + 1) / _RATE
         steps = pose_figure("walk", _RATE, walk_along(course, t, rng, params, draw_style(rng)))
         bodies = crowd.played(steps, person, from_origin=False)
@@ -222,7 +218,7 @@ def _walk_by(crowd: _Crowd, person: Person) -> Bodies | None:
 
 
 def _shake_hands(crowd: _Crowd, person: Person) -> Bodies | None:
-    """Stand opposite the wearer and shake the hand that is held out."""
+    """Stand opposite the wearer and shake the extended hand."""
     if crowd.handshake is None:
         return None
     clip = handshake_clip(crowd.handshake, crowd.times, crowd.rng, _RATE)
@@ -239,7 +235,7 @@ BEHAVIOURS: dict[str, Callable[[_Crowd, Person], Bodies | None]] = {
 
 
 def _leg_scale(person: Person) -> float:
-    """Length of a person's leg over that of the figure which procedural motions are made on."""
+    """Ratio of a person's leg length to that of the figure used by procedural motions."""
     own, figures = (
         np.linalg.norm(np.diff(joints[_LEG], axis=0), axis=1).sum()
         for joints in (person.joints, figure.REST)

@@ -1,4 +1,4 @@
-"""Handshakes with the wearer: when and where the hand is held out, and the partner's motion."""
+"""Handshakes with the wearer: when and where the hand is extended, and the partner's motion."""
 
 from __future__ import annotations
 
@@ -22,26 +22,25 @@ from egocap_sim.motion.kinematics.limbs import bend_limb
 from egocap_sim.motion.retarget.palms import find_palm
 
 Bodies = Float[Array, "T 21 4 4"]
-_OUT_M = (0.26, 0.40)  # of the palm before the shoulder: the hand begins to be, and is, held out
-_STILL_M = 0.20  # a hand held out in places farther apart cannot be met by someone who stands
-_NEARER = 0.88  # of the wearer's distance from the hands: the wearer leans forward, too
-_LEAD_S = 0.55  # by which the partner's hand starts before the wearer's is out
+_OUT_M = (0.26, 0.40)  # distance of the palm ahead of the shoulder at which the reach is 0 and 1
+_STILL_M = 0.20  # largest movement of the extended hand that a standing partner can follow
+_NEARER = 0.88  # partner's over the wearer's distance from the hands, as the wearer leans forward
+_LEAD_S = 0.55  # time by which the partner's hand starts before the wearer's is extended
 
 
 @dataclass(frozen=True, eq=False)
 class Handshake:
-    """The wearer's hand held out: how far at each moment (0 to 1), and where its palm is."""
+    """The wearer's extended hand: how far it reaches in each frame (0 to 1), and its palm."""
 
     share: Float[Array, "T"]
     palm: Float[Array, "T 3"]
-    stands: Float[Array, "2"]  # of the wearer, while the hand is out
-    place: Float[Array, "2"]  # of the hand, on the floor
-    arm: float  # length of the wearer's arm
+    stands: Float[Array, "2"]  # position of the wearer while the hand is extended
+    place: Float[Array, "2"]  # horizontal position of the hand
+    arm: float  # length of the wearer's arm (m)
 
 
 def find_handshake(wearer: Person, bodies: Bodies) -> Handshake | None:
-    """When and where the wearer holds the right hand out; None where it never does so in one
-    place."""
+    """Detect when and where the wearer extends the right hand; None unless it is held still."""
     palm = find_palm(wearer, "r")
     at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
     chest, shoulder = bodies[:, INDEX["chest"]], bodies[:, INDEX["r_upperarm"], :3, 3]
@@ -58,11 +57,11 @@ def find_handshake(wearer: Person, bodies: Bodies) -> Handshake | None:
 
 
 def partner_pose(handshake: Handshake, person: Person) -> Float[Array, "4 4"]:
-    """Opposite the wearer, the hand between them: where a motion from the origin along x goes."""
+    """World pose opposite the wearer, with the hand between them, of a motion along +x."""
     away = handshake.place - handshake.stands
     reach = _arm(person) / handshake.arm
     at = handshake.place + _NEARER * min(max(reach, 0.8), 1.1) * away
-    # Both right hands are to the side of the line between the bodies: turned half way around.
+    # Both right hands lie beside the line between the bodies, so the partner is turned by `side`.
     x, y, _ = OFFERED.wrist
     side = np.arctan2((0.19 + y) / (x + 0.09), 1.0)  # the shoulder is 0.19 m to the right
     yaw = np.arctan2(-away[1], -away[0]) - side
@@ -72,7 +71,7 @@ def partner_pose(handshake: Handshake, person: Person) -> Float[Array, "4 4"]:
 def handshake_clip(
     handshake: Handshake, times: Float[Array, "T"], rng: np.random.Generator, fps: float
 ) -> Clip:
-    """The partner's motion: the hand goes out as the wearer's does."""
+    """The partner's motion: the hand is extended while the wearer's is."""
     keys = Keyframes(draw_style(rng), rng)
     keys.gaze(0.0, 0.05)
     out = handshake.share > 0.5
@@ -88,7 +87,7 @@ def handshake_clip(
 
 
 def reach_palm(handshake: Handshake, person: Person, bodies: Bodies, fps: float) -> Bodies:
-    """Bend the partner's right arm so that the palms reach_palm while the hand is held out."""
+    """Bend the partner's right arm so that the palms meet while the hand is extended."""
     palm = find_palm(person, "r")
     at = transform(bodies[:, palm.body], palm.centre[None])[:, 0]
     smooth = gaussian_filter1d(handshake.share, 0.06 * fps, mode="nearest")

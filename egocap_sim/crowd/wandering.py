@@ -1,4 +1,4 @@
-"""Courses of passers-by: from goal to goal near the wearer, avoiding obstacles."""
+"""Walking courses of bystanders: from goal to goal near the wearer, avoiding people."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy import ndarray as Array
 
 from egocap_sim.motion.generators.course import Course, course_times
 
-PASS_M = 0.75  # nearest the middles of two people who pass
-AVOID_M = 1.5  # distance from which one turns aside
-TURN = 1.2  # 1/m, the tightest curve
-WAYS = 48  # ways tried at once
-_BEST = 6  # of them are handed on
-_GOAL_S = 5.0  # a goal not reached by then is given up
+PASS_M = 0.75  # least distance between the centres of two people
+AVOID_M = 1.5  # distance at which avoidance begins
+TURN = 1.2  # 1/m, the largest curvature
+WAYS = 48  # candidates simulated at once
+_BEST = 6  # candidates returned
+_GOAL_S = 5.0  # time after which a goal is replaced
 _RATE = 30.0
 
 
@@ -23,26 +23,23 @@ def free_courses(
     rng: np.random.Generator,
     times: Float[Array, "T"],
     people: Sequence[Float[Array, "T 2"]],
-    blocked: Sequence[tuple[Float[Array, "2"], float]],
     speed: float,
     bounds_m: float,
     near_m: float,
     scale: float,
 ) -> Iterator[Course]:
-    """Courses that keep clear of people (the first is the wearer) and obstacles; best first.
+    """Courses that keep clear of people (the first is the wearer), best first.
 
-    Better are those that are longer within `near_m` of the wearer. Courses are in a figure's
-    metres: the world's divided by `scale`. Yields none when the place is too narrow.
+    They are ranked by the time spent within `near_m` of the wearer. Course lengths are world
+    metres divided by `scale`. Yields nothing when the place is too narrow.
     """
     t = course_times(float(times[-1] - times[0]), _RATE)
     walkers = np.stack([_at(path, times, t) for path in people], 1)  # (N, M, 2)
-    xy, heading = _walk(rng, t, walkers, blocked, speed, bounds_m)
+    xy, heading = _walk(rng, t, walkers, speed, bounds_m)
     lasts = (t >= 0) & (t <= times[-1] - times[0])
     inside, others = xy[lasts], walkers[lasts]
     distance = np.linalg.norm(inside[:, :, None] - others[:, None], axis=-1)  # (n, K, M)
     good = (distance.min((0, 2)) >= PASS_M) & (np.linalg.norm(inside, axis=-1).max(0) <= bounds_m)
-    for centre, radius in blocked:
-        good &= np.linalg.norm(inside - centre, axis=-1).min(0) >= radius + 0.35
     nearness = (distance[:, :, 0] < near_m).mean(0)
     order = np.argsort(-nearness, kind="stable")
     step_s = Course(t, xy[:, 0], heading[:, 0], np.ones(len(t)), speed / scale, 0, 0).step_s
@@ -61,11 +58,10 @@ def _walk(
     rng: np.random.Generator,
     t: Float[Array, "N"],
     people: Float[Array, "N M 2"],
-    blocked: Sequence[tuple[Float[Array, "2"], float]],
     speed: float,
     bounds_m: float,
 ) -> tuple[Float[Array, "N K 2"], Float[Array, "N K"]]:
-    """Steer many walkers at once from goal to goal."""
+    """Positions and headings of K candidates steered from goal to goal."""
     angle = rng.uniform(-np.pi, np.pi, WAYS)
     p = rng.uniform(0.4, 1.0, (WAYS, 1)) * bounds_m * np.stack([np.cos(angle), np.sin(angle)], -1)
     heading = angle + np.pi + rng.normal(0, 0.5, WAYS)
@@ -81,9 +77,7 @@ def _walk(
         left -= 1 / _RATE
         wanted = 1.5 * _turn_to(goal - p, heading)
         for m in range(people.shape[1]):
-            wanted += _aside(people[n, m] - p, heading, AVOID_M)
-        for centre, radius in blocked:
-            wanted += _aside(centre - p, heading, radius + 0.9)
+            wanted += _avoidance(people[n, m] - p, heading)
         out = np.linalg.norm(p, axis=1) > bounds_m - 0.5
         wanted = np.where(out, 3.0 * _turn_to(-p, heading), wanted)
         bend += (np.clip(wanted, -TURN, TURN) - bend) * min(1.0, step / 0.2)
@@ -92,8 +86,10 @@ def _walk(
     return xy, headings
 
 
-def _goals(rng, count: int, p: Array, wearer: Array, bounds_m: float) -> Float[Array, "C 2"]:
-    """Goals beyond the wearer, a little to the side of it, and within the bounds."""
+def _goals(
+    rng: np.random.Generator, count: int, p: Array, wearer: Array, bounds_m: float
+) -> Float[Array, "C 2"]:
+    """Goals beyond the wearer, offset to the side, within the bounds."""
     across = wearer - p
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-6)
     side = np.stack([-across[:, 1], across[:, 0]], -1)
@@ -108,9 +104,9 @@ def _turn_to(way: Float[Array, "K 2"], heading: Float[Array, "K"]) -> Float[Arra
     return (error + np.pi) % (2 * np.pi) - np.pi
 
 
-def _aside(way: Float[Array, "K 2"], heading: Float[Array, "K"], within: float) -> Array:
-    """Curvature away from something ahead, more so the nearer it is."""
+def _avoidance(way: Float[Array, "K 2"], heading: Float[Array, "K"]) -> Float[Array, "K"]:
+    """Curvature that turns away from a person ahead; it grows as the distance `way` shrinks."""
     distance = np.linalg.norm(way, axis=1)
     angle = _turn_to(way, heading)
-    strength = np.clip((within - distance) / (within - 0.5), 0.0, 1.0) * (np.cos(angle) > -0.3)
+    strength = np.clip((AVOID_M - distance) / (AVOID_M - 0.5), 0.0, 1.0) * (np.cos(angle) > -0.3)
     return -3.0 * strength * np.where(angle >= 0, 1.0, -1.0)

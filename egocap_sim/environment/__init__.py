@@ -1,4 +1,4 @@
-"""A place's settings in; its static meshes, light and background out.
+"""The name of a place and a random generator in; static meshes, light and background out.
 
-A new place is one function in `rooms` or `grounds` and one line in `places`.
+A new place is one function in `rooms` or `grounds` and one entry in `places`.
 """

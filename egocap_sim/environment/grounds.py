@@ -1,4 +1,4 @@
-"""Places under the sky: a yard, a street, a lawn, a court, an open square."""
+"""Outdoor places: a yard, a street, a meadow, a court, an open square."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def street(rng: Rng, clear_radius: float) -> Place:
 
 
 def square(rng: Rng, clear_radius: float) -> Place:
-    """An open square: nothing near, a panorama of houses, trees and hills far away all around."""
+    """An open square: bollards, and a distant panorama of houses, trees and hills."""
     make_ground = (textures.paving, textures.concrete, textures.asphalt, textures.grass)
     ground = make_ground[int(rng.integers(4))](rng)
     meshes = [floor(np.full(2, clear_radius + 22.0), ground)]
@@ -133,7 +133,7 @@ def court(rng: Rng, clear_radius: float) -> Place:
 
 
 def _open_air(name: str, meshes: Iterable[Mesh], rng: Rng) -> Place:
-    """A place in daylight: the sun somewhere above, and the sky."""
+    """A place in daylight, with a random position of the sun."""
     elevation, azimuth = rng.uniform(0.6, 1.2), rng.uniform(0, 2 * np.pi)
     light = Light(
         -direction(azimuth, elevation),
@@ -189,7 +189,7 @@ def _tree(rng: Rng, x: float, y: float, bark: Material) -> list[Mesh]:
 
 
 def _sky(rng: Rng) -> Mesh:
-    """A glowing dome that counts as background: blue above, pale at the horizon."""
+    """A glowing dome labelled as background: blue above, pale at the horizon."""
     height = np.linspace(1, 0, textures.SIZE)[:, None]
     clouds = np.clip(textures.noise(rng, 1, 40, 1.4) - rng.uniform(0.0, 1.0), 0, 1.0)
     blue, pale = np.array([0.36, 0.56, 0.86]), np.array([0.80, 0.88, 0.95])

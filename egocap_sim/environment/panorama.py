@@ -1,6 +1,6 @@
-"""The distant background: a panorama on a dome, procedural or a user's own.
+"""The distant background: a panorama on a dome, procedural or from a file.
 
-Panoramas are equirectangular: columns are azimuth (the middle is +x, to the right is clockwise
+Panoramas are equirectangular: columns are azimuth (the middle is +x, clockwise to the right as
 seen from above), rows elevation from the zenith down.
 """
 
@@ -32,7 +32,7 @@ Picture = UInt8[Array, "H W 3"]
 
 
 def make_panorama(rng: np.random.Generator) -> Picture:
-    """Sky with clouds, hills, then houses or trees along the horizon, and the ground below it."""
+    """Sky with clouds, hills, houses and trees along the horizon, and ground below."""
     elevation = 90.0 - (np.arange(HEIGHT) + 0.5) * 180.0 / HEIGHT  # degrees, a row each
     image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     above, below = elevation >= 0, elevation < 0
@@ -63,7 +63,7 @@ def read_panorama(path: Path) -> Picture:
 
 
 def dome(picture: Picture) -> list[Mesh]:
-    """The panorama around the origin: it glows and counts as background."""
+    """A dome with the panorama around the origin: it glows and is labelled as background."""
     corners = product(range(0, HEIGHT, _PIECE), range(0, WIDTH, _PIECE))
     return [_piece(picture, top, left) for top, left in corners]
 
@@ -79,7 +79,7 @@ def _piece(picture: Picture, top: int, left: int) -> Mesh:
     step = np.linspace(0, _PIECE, _STEPS + 1)
     row, column = np.meshgrid(top + step, left + step, indexing="ij")
     points = direction(np.pi - column / WIDTH * 2 * np.pi, np.pi / 2 - row / HEIGHT * np.pi)
-    # Half a pixel in from the edges: textures repeat, and would bleed in from the other side.
+    # Half a pixel inside the edges: textures wrap, and interpolation would mix both sides.
     edge = 0.5 / _PIECE
     uv = np.stack([(column - left) / _PIECE, (row - top) / _PIECE], -1).clip(edge, 1 - edge)
     texture = np.ascontiguousarray(picture[top : top + _PIECE, left : left + _PIECE])
@@ -91,7 +91,7 @@ def _piece(picture: Picture, top: int, left: int) -> Mesh:
 
 
 def _sky(rng: np.random.Generator, elevation: Float[Array, "h"]) -> Float[Array, "h W 3"]:
-    """The topmost rows, whose elevations are given in degrees."""
+    """Rows of sky at these elevations (degrees)."""
     blue, pale = np.array([0.34, 0.54, 0.85]), np.array([0.82, 0.88, 0.93])
     grey = rng.uniform(0.0, 0.7)  # overcast
     blue = blue + grey * (np.array([0.70, 0.73, 0.77]) - blue)
@@ -103,13 +103,13 @@ def _sky(rng: np.random.Generator, elevation: Float[Array, "h"]) -> Float[Array,
 
 
 def _tiled(rng: np.random.Generator, low: float, high: float) -> Float[Array, "H W"]:
-    """Noise that closes around the horizon."""
+    """Noise that is periodic in azimuth."""
     square = textures.noise(rng, low, high, 1.3).astype(np.float32)
     return cv2.resize(np.hstack([square] * 2), (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
 
 
 def _ridge(rng: np.random.Generator, waves: int) -> Float[Array, "W"]:
-    """A line of standard deviation about 0.7 that closes around the horizon."""
+    """A line, periodic in azimuth, with a standard deviation of about 0.7."""
     k = np.arange(1, waves * 4)
     phase, size = rng.uniform(0, 2 * np.pi, len(k)), rng.normal(size=len(k)) / (1 + k / waves)
     line = (size * np.sin(2 * np.pi * np.outer(np.arange(WIDTH) / WIDTH, k) + phase)).sum(1)
@@ -117,14 +117,14 @@ def _ridge(rng: np.random.Generator, waves: int) -> Float[Array, "W"]:
 
 
 def _below(image: Array, elevation: Array, top: Array, colour: Array) -> None:
-    """Fill what lies between the horizon and a line of elevations (degrees), soft by a pixel."""
+    """Fill the area between the horizon and a line of elevations (degrees), antialiased."""
     rows = np.flatnonzero((elevation >= 0) & (elevation < top.max()))
     cover = np.clip((top - elevation[rows, None]) * HEIGHT / 180.0, 0.0, 1.0)[..., None]
     image[rows] += cover * (colour - image[rows])
 
 
 def _houses(image: Array, elevation: Array, rng: np.random.Generator) -> None:
-    """Blocks with rows of windows, in some stretches of the horizon."""
+    """Draw blocks with rows of windows along parts of the horizon."""
     x = 0
     stretch = _ridge(rng, 3) > rng.uniform(-0.6, 0.6)
     while x < WIDTH - 8:
@@ -143,7 +143,7 @@ def _houses(image: Array, elevation: Array, rng: np.random.Generator) -> None:
 
 
 def _trees(image: Array, elevation: Array, rng: np.random.Generator, density: float) -> None:
-    """Crowns along the horizon."""
+    """Draw tree crowns along the horizon."""
     leaf = np.array([0.20, 0.30, 0.14])
     for _ in range(int(220 * density)):
         at, wide = rng.integers(WIDTH), rng.uniform(8, 30)

@@ -1,4 +1,4 @@
-"""A place: meshes at rest, light, and the colour behind them."""
+"""A place: static meshes, light and background colour."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from egocap_sim.assets.primitives import sheet
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """One distant main light that throws shadows, and ambient light from above and below.
+    """A directional light that casts shadows, and hemispherical ambient light.
 
-    Colours are linear, 1 being what turns a white surface into a white pixel.
+    Colours are linear; 1 renders a white surface as a white pixel.
     """
 
-    direction: Float[Array, "3"]  # unit, world, the way the light travels
+    direction: Float[Array, "3"]  # unit, world, in which light travels
     color: Float[Array, "3"]
     sky: Float[Array, "3"]  # ambient light on surfaces that face `sky_axis`
     ground: Float[Array, "3"]  # and on those that face away
     sky_axis: Float[Array, "3"]  # unit
     spread: float = 0.0093
-    """Diameter over distance: the sun's. From 0.03 on, shadows are drawn with their penumbrae."""
+    """Angular diameter (rad); default the sun's. From 0.03, shadows have penumbrae."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Everything around the person, at rest in the world; the floor is z = 0."""
+    """The static surroundings of the person; the floor is z = 0."""
 
     name: str
     meshes: tuple[Mesh, ...]
     light: Light
     background: Float[Array, "3"]  # linear colour where nothing is drawn
     room: Float[Array, "3"] = field(default_factory=lambda: np.full(3, 1000.0))
-    """Half the length and width of a closed room around the origin, and its height, metres."""
+    """Half the length, half the width and the height of a room around the origin, metres."""
     contact: bool = False
-    """Whether the floor is darker under what touches it: `egocap_sim.render.contact`."""
+    """Whether the floor is darkened by contact shadows: `egocap_sim.render.contact`."""
 
 
 GROUNDS = ("floor", "yard", "rug", "court", "pavement")
-"""Names of the meshes that people stand on."""
+"""Names of ground meshes."""
 
 
 def with_bounced_light(place: Place) -> Place:
-    """The place with light from below in the colour of its ground."""
+    """The place with ambient light from below in the colour of its ground."""
     colours = [(m.texture / 255.0) ** 2 for m in place.meshes if m.name in GROUNDS]
     if not colours:
         return place
@@ -60,7 +60,7 @@ def with_bounced_light(place: Place) -> Place:
 
 
 def at_dusk(place: Place) -> Place:
-    """The place with the sun low and red, the sky dim and blue, and what glows turned down."""
+    """The place with a low red sun, a dim blue sky and dimmer glowing meshes."""
     light = place.light
     flat = light.direction * [1.0, 1.0, 0.0]
     low = unit(flat / max(np.linalg.norm(flat), 1e-9) - [0.0, 0.0, 0.55])
@@ -94,12 +94,12 @@ def flat(
     tiled: bool = True,
     cells: int = 1,
 ) -> Mesh:
-    """A level sheet that faces up, `size` (x, y) from the corner of least x and greatest y."""
+    """A horizontal sheet facing up, `size` (x, y) from the corner of least x and largest y."""
     across, down = (size[0], 0, 0), (0, -size[1], 0)
     return sheet(name, corner, across, down, material, tiled=tiled, cells=cells)
 
 
 def floor(half: Float[Array, "2"], material: Material, cells: int = 1) -> Mesh:
-    """A floor `half` metres (x, y) to each side."""
+    """A floor with half extents (x, y) in metres."""
     x, y = half
     return flat("floor", (-x, y, 0), (2 * x, 2 * y), material, cells=cells)

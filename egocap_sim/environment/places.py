@@ -1,4 +1,4 @@
-"""Every kind of place by name."""
+"""Places by name."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Rng = np.random.Generator
 
 
 def make_place(name: str, rng: Rng, clear_radius: float = 2.0) -> Place:
-    """Make a kind of place around a circle of `clear_radius` metres about the origin left free.
+    """Make a place whose meshes stay outside a circle of `clear_radius` metres about the origin.
 
-    The same generator state gives the same place. Raises: InputError for an unknown name, or a
+    The same generator state gives the same place. Raises InputError for an unknown name or a
     radius outside 0.5 to 15 m.
     """
     if name not in PLACES:
@@ -32,7 +32,7 @@ def make_place(name: str, rng: Rng, clear_radius: float = 2.0) -> Place:
 
 
 def anywhere(rng: Rng, clear_radius: float) -> Place:
-    """One of the other places but the green room."""
+    """A random place except the green room."""
     kinds = [k for k in PLACES if k not in ("chroma", "any")]
     return PLACES[kinds[int(rng.integers(len(kinds)))]](rng, clear_radius)
 

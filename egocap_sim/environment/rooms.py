@@ -1,4 +1,4 @@
-"""Places indoors: a furnished room, a studio, a green room, a corridor."""
+"""Indoor places: a furnished room, a studio, a green room, a corridor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from egocap_sim.environment.place import Light, Place, direction, flat, floor
 
 Rng = np.random.Generator
 Half = Float[Array, "2"]  # half a room's length (x) and width (y), metres
-_CELLS = 10  # along a wall: light falls off towards corners
+_CELLS = 10  # along a wall, for light that decreases towards corners
 
 
 def room(rng: Rng, clear_radius: float) -> Place:
@@ -40,7 +40,7 @@ def room(rng: Rng, clear_radius: float) -> Place:
 
 
 def studio(rng: Rng, clear_radius: float) -> Place:
-    """A motion-capture studio: plain floor and walls, lamps, little else."""
+    """A motion-capture studio: plain floor and walls, and lamps."""
     half = np.full(2, clear_radius + rng.uniform(1.0, 2.0))
     paint = textures.even(rng.uniform(0.3, 0.75))
     ground = textures.concrete(rng) if rng.random() < 0.5 else textures.carpet(rng)
@@ -53,9 +53,9 @@ def studio(rng: Rng, clear_radius: float) -> Place:
 
 
 def chroma(rng: Rng, _clear_radius: float) -> Place:
-    """One even green all around, so that the person can be cut out by colour.
+    """A uniform green background for chroma keying.
 
-    Nothing is drawn there, which spares a third of a frame, and no shadow falls on it.
+    It has no meshes, which saves a third of the time per frame, and receives no shadows.
     """
     light = Light(
         geometry.unit(np.array([0.2, rng.uniform(-0.3, 0.3), -1.0])),
@@ -65,7 +65,7 @@ def chroma(rng: Rng, _clear_radius: float) -> Place:
 
 
 def corridor(rng: Rng, clear_radius: float) -> Place:
-    """A long corridor with doors, notices and lamps along the ceiling; narrow for its length."""
+    """A long narrow corridor with doors, pictures and ceiling lamps."""
     half = np.array([4.0 * clear_radius + 4.0, clear_radius + rng.uniform(0.05, 0.3)])
     height = float(rng.uniform(2.5, 2.9))
     ground, wall, end = _any_of(textures.FLOORS, rng), textures.plaster(rng), textures.plaster(rng)
@@ -103,7 +103,7 @@ def _any_of(makers: Sequence, rng: Rng) -> Material:
 
 
 def _indoor_light(rng: Rng, sunny: int) -> Light:
-    """Light from high up on the window's side, the room's own light from everywhere."""
+    """Directional light from the side of the window, and ambient light."""
     azimuth = _YAW[sunny] - np.pi / 2  # of the wall's outside
     toward = direction(azimuth + rng.uniform(-0.5, 0.5), rng.uniform(0.8, 1.2))
     warm = np.array([1.0, rng.uniform(0.9, 1.0), rng.uniform(0.78, 1.0)])
@@ -118,8 +118,8 @@ def _indoor_light(rng: Rng, sunny: int) -> Light:
     )
 
 
-# Walls 0 to 3 stand at +x, +y, -x, -y. Turning by the yaw brings things built with their back at
-# y = 0 and reaching into +y to stand with their back to the wall.
+# Walls 0 to 3 stand at +x, +y, -x, -y. The yaw turns meshes with their back at y = 0 so that
+# their back faces the wall.
 _YAW = (np.pi / 2, np.pi, -np.pi / 2, 0.0)
 
 
@@ -176,7 +176,7 @@ def _rug(rng: Rng, clear_radius: float) -> list[Mesh]:
 
 
 def _furnish(rng: Rng, half: Half, clear_radius: float, sunny: int) -> list[Mesh]:
-    """Stand furniture along the walls, and hang pictures, without touching the free circle."""
+    """Furniture along the walls and pictures, outside the free circle."""
     out: list[Mesh] = []
     for k in range(4):
         middle, _, length = _wall_frame(k, half)

@@ -1,4 +1,4 @@
-"""A user's folder of pictures, shown on the floors and walls of a place."""
+"""Textures for floors and walls from a user's folder of pictures."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from egocap_sim.environment.place import Place
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp")
 TEXTURED = ("floor", "yard", "wall", "picture", "house", "pavement", "court")
-"""Names of the meshes that take a picture."""
+"""Names of the meshes whose texture is replaced."""
 
 
 def picture_files(folder: Path) -> list[Path]:
-    """The pictures in a folder, sorted. Raises FileError where there are none."""
+    """The picture files in a folder, sorted. Raises FileError if there are none."""
     if not folder.is_dir():
         raise FileError(folder, "no such folder", valid="a folder of pictures")
     found = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
@@ -32,7 +32,7 @@ def picture_files(folder: Path) -> list[Path]:
 
 
 def decode_picture(path: Path, valid: str) -> UInt8[Array, "H W 3"]:
-    """A picture as it is (RGB). Raises FileError, which names what is `valid`, if unreadable."""
+    """Decode a picture (RGB). Raises FileError with the hint `valid` if it cannot be read."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as error:
@@ -47,13 +47,13 @@ def decode_picture(path: Path, valid: str) -> UInt8[Array, "H W 3"]:
 
 
 def read_picture(path: Path) -> UInt8[Array, "S S 3"]:
-    """A picture as a texture (RGB). Raises FileError for one that cannot be read."""
+    """A picture resized to a texture (RGB). Raises FileError if it cannot be read."""
     image = decode_picture(path, "JPEG, PNG, WebP or BMP")
     return cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
 
 
 def with_pictures(place: Place, files: Sequence[Path], rng: np.random.Generator) -> Place:
-    """A place whose floor, walls and pictures show pictures drawn from files."""
+    """The place with random pictures as textures of its floor, walls and pictures."""
     read = cache(read_picture)
     meshes = tuple(
         replace(mesh, texture=read(files[int(rng.integers(len(files)))]))

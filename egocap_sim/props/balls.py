@@ -1,4 +1,4 @@
-"""Balls in flight between hands and floor: exact parabolas that start and end at the palms."""
+"""Balls that fly between palms and floor on exact parabolas."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from egocap_sim.motion.generators.ball_handling import (
 from egocap_sim.props.performance import Performance
 
 BASKETBALL_R, JUGGLING_R = 0.12, 0.034  # metres
-BOUNCE = 0.85  # speed kept at the floor, of a basketball on a hard court
+BOUNCE = 0.85  # coefficient of restitution of a basketball on a hard court
 _G = -float(GRAVITY[2])
 Rng = np.random.Generator
 
 
 def basketball(performance: Performance, rng: Rng) -> list[AnimatedActor]:
-    """A ball that is dribbled: held, pushed, bouncing off the floor, caught again."""
+    """A dribbled ball: held, pushed, bouncing off the floor, caught."""
     start, times = performance.start_s, performance.times
     plan = plan_touches(performance.rng, performance.parameters, start + float(times[-1]))
     plan = [Touch(k.caught - start, k.pushed - start, k.hand) for k in plan]
@@ -72,7 +72,7 @@ def juggling_balls(performance: Performance, rng: Rng) -> list[AnimatedActor]:
 
 
 class _Hands:
-    """Middles of a ball in the palms of a performance, `period` [s] being the motion's."""
+    """Positions of a ball held in each palm; `period` is that of the motion (s)."""
 
     def __init__(self, performance: Performance, radius: float, period: float) -> None:
         self.performance, self.period = performance, period
@@ -87,7 +87,7 @@ class _Hands:
 def thrown_path(
     start: Float[Array, "3"], end: Float[Array, "3"], t: Float[Array, "N"], flight: float
 ) -> Float[Array, "N 3"]:
-    """Free flight from one point to another in `flight` seconds, at times t since the throw."""
+    """Free flight between two points in `flight` seconds, at times t since the throw."""
     straight = start + (t / flight)[:, None] * (end - start)
     straight[:, 2] += 0.5 * _G * t * (flight - t)
     return straight
@@ -96,10 +96,10 @@ def thrown_path(
 def bounced(
     start: Float[Array, "3"], end: Float[Array, "3"], t: Float[Array, "N"], flight: float
 ) -> Float[Array, "N 3"]:
-    """A ball pushed down, bouncing once, and back up to `end` in `flight` seconds.
+    """Path of a ball pushed down from `start` that bounces once and reaches `end` after `flight` s.
 
-    The push is as hard as the bounce needs: found by bisection so that the floor gives back
-    `BOUNCE` of the speed, or as near to that as the time allows.
+    Bisection finds the initial speed for which the restitution is `BOUNCE`, or as close to it as
+    the time of flight allows.
     """
     high, low = start[2] - BASKETBALL_R, end[2] - BASKETBALL_R
 
@@ -136,7 +136,7 @@ def _ball(
 
 
 def _leather(rng: Rng) -> UInt8[Array, "S S 3"]:
-    """Orange, with dark seams."""
+    """Texture of a basketball: orange, with dark seams."""
     v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
     seam = np.minimum.reduce([
         np.abs((u * 4) % 1.0 - 0.5) / 4 * np.sin(np.pi * v), np.abs(v - 0.5),
@@ -147,7 +147,7 @@ def _leather(rng: Rng) -> UInt8[Array, "S S 3"]:
 
 
 def _beanbag(rng: Rng) -> UInt8[Array, "64 64 3"]:
-    """Panels of two bright colours."""
+    """Texture of panels in two colours."""
     u = np.arange(64)[None, :] * 4 // 64 % 2
     one, two = rng.uniform(0.1, 0.95, (2, 3))
     return to_bytes(np.broadcast_to(np.where(u[..., None] > 0, one, two), (64, 64, 3)))

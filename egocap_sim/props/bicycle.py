@@ -1,4 +1,4 @@
-"""A bicycle under a rider: frame, fork with bar, wheels, cranks and pedals, each moving."""
+"""A bicycle under a rider: frame, fork with handlebar, wheels, cranks and pedals."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _moving_parts(
 
 
 def _saddle_top(performance: Performance, T_world_bike: Float[Array, "T 4 4"]) -> Float[Array, "3"]:
-    """Top of the saddle: under the lowest skin of the pelvis, in the bicycle's frame."""
+    """Top of the saddle in the bicycle's frame: under the lowest skin of the pelvis."""
     person, pelvis = performance.person, performance.bodies[0, INDEX["pelvis"]]
     skin = person.body_vertices[person.body_owner == INDEX["pelvis"]] - person.joints[0]
     local = transform(inverse(T_world_bike[0]) @ pelvis, skin)

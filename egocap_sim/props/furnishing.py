@@ -1,4 +1,4 @@
-"""Furniture and stairs that the wearer uses or that are in the way, fitted to the motion."""
+"""Furniture and stairs, fitted to the wearer's motion."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from egocap_sim.motion.generators.cycling import leg_scale
 from egocap_sim.motion.generators.stairs import stair_boxes
 from egocap_sim.props.performance import Performance
 
-_FLESH = 0.10  # metres of skin and cloth around the points inside limbs
-_FARTHEST = 1.3  # metres ahead: farther off, a table is not in the way of anything
-_RAIL_M = 0.90  # over the treads' edges
-_EDGE = 0.02  # metres by which a tread sticks out over its riser
-_SEATED = 0.8  # of the standing pelvis' height: lower, the wearer sits
+_FLESH = 0.10  # metres of skin and cloth around `limb_points`
+_FARTHEST = 1.3  # metres ahead, largest distance of a table
+_RAIL_M = 0.90  # height above the edges of the treads
+_EDGE = 0.02  # metres by which a tread overhangs its riser
+_SEATED = 0.8  # share of the standing pelvis height below which the wearer sits
 
 Rng = np.random.Generator
 
 
 def table(performance: Performance, rng: Rng) -> list[Mesh]:
-    """A table before the wearer, with books on it."""
+    """A table in front of the wearer, with books."""
     wide, deep, high = rng.uniform(1.2, 1.6), rng.uniform(0.6, 0.8), rng.uniform(0.70, 0.76)
     front = _front(performance, wide, high - 0.12, high)
     meshes = _bare_table(rng, front, (deep, wide, high))
@@ -46,7 +46,7 @@ def table(performance: Performance, rng: Rng) -> list[Mesh]:
 
 
 def desk(performance: Performance, rng: Rng) -> list[Mesh]:
-    """A desk under the hands of a wearer who sits, the legs below it; otherwise a table."""
+    """A desk under the hands and over the knees of a sitting wearer; otherwise a table."""
     bodies = performance.bodies
     if bodies[:, 0, 2, 3].max() > _SEATED * performance.person.joints[0, 2]:
         return table(performance, rng)
@@ -76,7 +76,7 @@ def desk(performance: Performance, rng: Rng) -> list[Mesh]:
 
 
 def counter(performance: Performance, rng: Rng) -> list[Mesh]:
-    """A kitchen counter before the wearer, with pans and bowls; as high as the hands allow."""
+    """A kitchen counter with pots in front of the wearer, under the hands."""
     points = limb_points(performance.bodies)
     hands = np.concatenate([path[:, 2] for path in performance.palm_paths])
     busy = hands[hands > 0.75]
@@ -85,7 +85,7 @@ def counter(performance: Performance, rng: Rng) -> list[Mesh]:
     below = points[points[..., 2] < high - 0.1]
     front = float(below[:, 0].max()) + 0.03 if len(below) else 0.3
     if front > _FARTHEST:
-        raise InputError("there is no room for a counter: the wearer walks about")
+        raise InputError("no room for a counter: the wearer walks around")
     wood, top = textures.wood(rng), replace(textures.lacquer(rng), shininess=0.3)
     wide, deep = rng.uniform(1.8, 2.4), 0.6
     x = front + deep / 2
@@ -129,23 +129,23 @@ def sofa(performance: Performance, rng: Rng) -> list[Mesh]:
 
 
 def _front(performance: Performance, wide: float, low: float, high: float) -> float:
-    """Nearest x at which a top between two heights touches no limb in any frame."""
+    """Least x at which a top between two heights touches no limb in any frame."""
     points = limb_points(performance.bodies).reshape(-1, 3)
     level = (points[:, 2] > low - _FLESH) & (points[:, 2] < high + _FLESH)
     beside = np.abs(points[:, 1]) < wide / 2 + _FLESH
     near = points[level & beside, 0]
     front = float(near.max()) + _FLESH if len(near) else 0.3
     if front > _FARTHEST:
-        raise InputError("there is no room for a table: the wearer walks or reaches about")
+        raise InputError("no room for a table: the wearer walks around or reaches too far")
     return front
 
 
 def _seat(performance: Performance, kind: str) -> tuple[Float[Array, "3"], float, float]:
-    """Where (on the floor), which way and how high the wearer sits: under the lowest pelvis."""
+    """Position on the floor, yaw and height of the seat, from the frame with the lowest pelvis."""
     person, pelvis = performance.person, performance.bodies[:, 0]
     k = int(pelvis[:, 2, 3].argmin())
     if pelvis[k, 2, 3] > _SEATED * person.joints[0, 2]:
-        raise InputError(f"nobody sits on the {kind}", valid="a motion in which one sits down")
+        raise InputError(f"the wearer does not sit on the {kind}", valid="a motion with sitting")
     skin = person.body_vertices[person.body_owner == INDEX["pelvis"]] - person.joints[0]
     lowest = float(transform(pelvis[k], skin)[:, 2].min())
     forward = pelvis[k, :2, 0]
@@ -154,7 +154,7 @@ def _seat(performance: Performance, kind: str) -> tuple[Float[Array, "3"], float
 
 
 def _bare_table(rng: Rng, front: float, size: tuple[float, float, float]) -> list[Mesh]:
-    """A table of a depth, width and height whose front edge is at x = `front`."""
+    """A table of a size (depth, width, height) with its front edge at x = `front`."""
     (deep, wide, high), wood = size, textures.wood(rng)
     top = box("top", (front + deep / 2, 0, high - 0.015), (deep, wide, 0.03), wood)
     x, y = (front + 0.05, front + (deep - 0.05)), (-wide / 2 + 0.06, wide / 2 - 0.06)
@@ -162,7 +162,7 @@ def _bare_table(rng: Rng, front: float, size: tuple[float, float, float]) -> lis
 
 
 def stairs(performance: Performance, rng: Rng) -> list[Mesh]:
-    """Solid steps as large as the wearer's feet were laid on, with rails along both sides."""
+    """The steps that the motion climbs, with rails along both sides."""
     make = (textures.concrete, textures.wood, textures.planks)[int(rng.integers(3))]
     stone, edge = replace(make(rng), part=ROOM), textures.lacquer(rng)
     edge = replace(edge, part=ROOM, casts_shadow=False)
@@ -194,7 +194,7 @@ def _rails(steps: Sequence[GroundBox], rng: Rng) -> list[Mesh]:
 
 
 def _sloped(material: Material, start: Sequence[float], end: Sequence[float]) -> Mesh:
-    """A bar between two points of one y."""
+    """A rail between two points with equal y."""
     way = np.subtract(end, start)
     mesh = box("rail", (0, 0, 0), (float(np.linalg.norm(way)) + 0.03, 0.05, 0.04), material)
     R = axis_angle(LEFT, -float(np.arctan2(way[2], way[0])))

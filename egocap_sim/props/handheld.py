@@ -1,4 +1,4 @@
-"""Props in the hand: they lie in the palm wherever it goes."""
+"""Handheld props, fixed to the palm."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PAPER = (0.46, 0.34)
 
 
 def phone(performance: Performance, rng: np.random.Generator, hand: int) -> AnimatedActor:
-    """A phone lying in the palm, its screen away from it."""
+    """A phone in the palm, its screen facing away from it."""
     size = np.array([rng.uniform(0.07, 0.078), rng.uniform(0.14, 0.16), 0.008])
     case = replace(textures.even(rng.uniform(0.05, 0.6, 3)), part=OBJECT, shininess=0.3)
     lit = replace(textures.picture(rng), part=OBJECT, glows=True)
@@ -32,7 +32,7 @@ def phone(performance: Performance, rng: np.random.Generator, hand: int) -> Anim
 
 
 def cup(performance: Performance, rng: np.random.Generator, hand: int) -> AnimatedActor:
-    """A cup across the palm, its opening on the thumb's side."""
+    """A cup in the palm, its opening on the side of the thumb."""
     glaze = replace(textures.even(rng.uniform(0.2, 0.95, 3)), part=OBJECT, shininess=0.4)
     tea = replace(textures.even((0.25, 0.13, 0.06)), part=OBJECT)
     body = cylinder("cup", (0, 0, -_CUP_H / 2), (0.85 * _CUP_R, _CUP_R), _CUP_H, glaze)
@@ -41,7 +41,7 @@ def cup(performance: Performance, rng: np.random.Generator, hand: int) -> Animat
 
 
 def newspaper(performance: Performance, rng: np.random.Generator) -> list[AnimatedActor]:
-    """An open newspaper between both hands, turned to the face."""
+    """An open newspaper between both hands, facing the head."""
     w, h = _PAPER
     print_ = Material(_print(rng), part=OBJECT)
     front = sheet("page", (-w / 2, h / 2, 0.001), (w, 0, 0), (0, -h, 0), print_)
@@ -49,7 +49,7 @@ def newspaper(performance: Performance, rng: np.random.Generator) -> list[Animat
     back = sheet("page", (w / 2, h / 2, -0.001), (-w, 0, 0), (0, -h, 0), print_)
     left, right = performance.palm_paths
     head = performance.bodies[:, INDEX["head"], :3, 3]
-    middle, x = (left + right) / 2, unit(right - left)  # of a page read from the head's side
+    middle, x = (left + right) / 2, unit(right - left)  # x of the page, seen from the head
     towards = head - middle
     z = unit(towards - (towards * x).sum(1, keepdims=True) * x)
     pose = rigid(np.stack([x, np.cross(z, x), z], -1), middle)
@@ -65,8 +65,10 @@ def _in_hand(
     away: float = 0.0,
     upright: bool = False,
 ) -> AnimatedActor:
-    """Meshes on a palm, `away` metres off it: their y to the fingertips, z away from the palm; of
-    `upright` ones z to the thumb."""
+    """Meshes `away` metres off a palm: y to the fingertips, z the palm's normal.
+
+    With `upright`, y is the palm's normal and z points to the thumb.
+    """
     palm = performance.palms[hand]
     z, y = (palm.thumb, palm.normal) if upright else (palm.normal, palm.fingers)
     y = unit(y - (y @ z) * z)

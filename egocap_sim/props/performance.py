@@ -1,4 +1,4 @@
-"""What props are fitted to: the wearer's bodies at every frame, and the motion's parameters."""
+"""The wearer's bodies in every frame and the parameters of the motion, for fitting props."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from egocap_sim.scene.config import MotionTable
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """A wearer's recorded motion, with what it was made from."""
+    """A wearer's recorded motion, and the settings that produced it."""
 
     person: Person
     motion: MotionTable
@@ -30,7 +30,7 @@ class Performance:
 
     @property
     def start_s(self) -> float:
-        """The first frame's time in the motion."""
+        """Time of the first frame in the motion (s)."""
         return self.motion.start_s
 
     @property
@@ -41,7 +41,7 @@ class Performance:
 
     @property
     def rng(self) -> np.random.Generator:
-        """The generator the motion was made with, as it was at the beginning."""
+        """The random generator of the motion in its initial state."""
         return make_rng(self.seed, "motion")
 
     @cached_property
@@ -51,7 +51,7 @@ class Performance:
 
     @property
     def palm_paths(self) -> tuple[Float[Array, "T 3"], Float[Array, "T 3"]]:
-        """World paths of the middles of the left and the right palm."""
+        """World paths of the centres of the left and the right palm."""
         left, right = (self.held(hand, palm.centre) for hand, palm in enumerate(self.palms))
         return left, right
 
@@ -63,10 +63,9 @@ class Performance:
     def held_at(
         self, hand: int, offset: Float[Array, "3"], times: Float[Array, "*n"], period_s: float
     ) -> Float[Array, "*n 3"]:
-        """The same at any times, between frames too.
+        """Like `held`, interpolated at any times.
 
-        Before the first and after the last frame a motion goes on as one period later or earlier,
-        moved with the pelvis.
+        Outside the recording the motion is continued periodically relative to the pelvis.
         """
         times = np.asarray(times, float)
         last = float(self.times[-1])

@@ -1,4 +1,4 @@
-"""Every kind of prop by name, and the making of a scene's props."""
+"""Kinds of props by name, and how to make them."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ Maker = Callable[[Performance, Rng], list[AnimatedActor]]
 
 @dataclass(frozen=True)
 class Kind:
-    """How a kind of prop is made, and the motion that it needs, if any."""
+    """The function that makes a kind of prop, and the motion that it requires, if any."""
 
     make: Maker
     motion: str | None = None
 
 
 def at_rest(make: Callable[[Performance, Rng], list[Mesh]]) -> Maker:
-    """A maker of meshes as a maker of one actor that stays where it is."""
+    """Wrap a function that returns meshes into one that returns an actor at rest."""
     return lambda performance, rng: [
         resting(make.__name__, make(performance, rng), len(performance.times))
     ]
 
 
 HELD: dict[str, Callable[[Performance, Rng, int], AnimatedActor]] = {"phone": phone, "cup": cup}
-"""Kinds that lie in one hand, 0 the left and 1 the right."""
+"""Kinds held in one hand: 0 left, 1 right."""
 KINDS: dict[str, Kind] = {
     "ball": Kind(basketball, "dribble"),
     "bicycle": Kind(bicycle, "cycle"),
@@ -52,7 +52,7 @@ KINDS: dict[str, Kind] = {
 
 
 def check_prop(table: ThingTable, motion: str | None) -> None:
-    """Raise InputError for an unknown kind, a motion that does not go with it, or unused keys."""
+    """Raise InputError for an unknown kind, an unsuitable motion, or unused keys."""
     name = table.kind
     if name not in KINDS.keys() | HELD.keys():
         raise InputError(f"unknown kind '{name}'", valid=[*KINDS, *HELD])

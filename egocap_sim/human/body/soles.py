@@ -14,7 +14,7 @@ from egocap_sim.core.bodies import FEET, INDEX
 from egocap_sim.human.body.person import Person
 
 _HALF_HEIGHT = 0.02  # metres; only the bottom face matters
-_LOW = 0.06  # metres above the floor: skin below this belongs to the sole, not to the ankle
+_LOW = 0.06  # metres above the floor: skin below belongs to the sole
 _TOE_LENGTH = 0.07  # metres, where a person has no toe vertices
 
 
@@ -40,7 +40,7 @@ class Sole:
 
 
 def foot_yaw(person: Person, side: str) -> float:
-    """Direction in which a foot points at rest: angle from +x about z in radians; side 'l', 'r'."""
+    """Yaw of a foot at rest: angle from +x about z in radians; side 'l' or 'r'."""
     d = person.joints[INDEX[f"{side}_toe"]] - person.joints[INDEX[f"{side}_foot"]]
     return float(np.arctan2(d[1], d[0]))
 

@@ -1,24 +1,22 @@
-"""Gloves, watches and glasses, and the table of everything worn beside clothes."""
+"""Gloves, watches and glasses, and the table of all accessories."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
-from egocap_sim.assets.textures import even
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.anny_model import anatomy
 from egocap_sim.human.body.anny_source import REGIONS
 from egocap_sim.human.body.body_chart import LEFT_ARM, BodyChart
-from egocap_sim.human.body.skin import rgb
 from egocap_sim.human.body.skinning import Worn, rigid_mesh
 from egocap_sim.human.body.triangles import ring_faces
-from egocap_sim.human.clothing.fabric import PALETTE, TILE_M, fabric_texture, one_color
-from egocap_sim.human.clothing.headwear import beanie, cap, sun_hat
+from egocap_sim.human.clothing.fabric import TILE_M, fabric_texture, one_color
+from egocap_sim.human.clothing.headwear import beanie, cap, plain_texture, sun_hat
 from egocap_sim.human.clothing.shell import ELSEWHERE, Pattern, make_shell
 from egocap_sim.human.clothing.tailoring import Cloth, sew
 
@@ -27,7 +25,7 @@ Fit = Callable[[BodyChart, np.random.Generator], Worn]
 GLOVE_COLORS = ("black", "charcoal", "brown", "navy", "red", "olive", "grey")
 FRAME_COLORS = ("black", "charcoal", "brown", "burgundy", "grey")
 STRAP_COLORS = ("black", "brown", "charcoal", "navy")
-EYE_FORWARD = 0.021  # m from the eyes' front to the rims
+EYE_FORWARD = 0.021  # m from the front of the eyes to the rims
 TURN = np.linspace(0, 2 * np.pi, 25)
 
 
@@ -35,10 +33,9 @@ def gloves(chart: BodyChart, rng: np.random.Generator) -> Worn:
     """Knitted or leather gloves up to the wrist."""
     edge = np.where(chart.on_arm, chart.along_arm - (chart.wrist - 0.03), -ELSEWHERE)
     pattern = Pattern([edge], np.full(len(edge), 0.0012), margin=0.01, rounds=1)
-    shell = make_shell(chart, pattern)
     cloth = one_color(str(rng.choice(["plain", "knit"])), str(rng.choice(GLOVE_COLORS)))
     knit = Cloth(fabric_texture(cloth, rng), TILE_M, rng, 0.2)
-    return Worn(sew("gloves", shell, chart.body, knit), shell.covered)
+    return sew("gloves", make_shell(chart, pattern), chart.body, knit)
 
 
 def watch(chart: BodyChart, rng: np.random.Generator) -> Worn:
@@ -62,7 +59,7 @@ def watch(chart: BodyChart, rng: np.random.Generator) -> Worn:
     rings += [centre + disc * s + e1 * (half[0] + h) for s, h in dial]
     rows = [0.05, 0.1, 0.2, 0.25, 0.45, 0.5, 0.6, 0.97]
     uv = np.stack([np.tile(TURN / (2 * np.pi), 8), np.repeat(rows, 25)], 1)
-    texture = _plain_texture(64, STRAP_COLORS, rng)
+    texture = plain_texture(64, str(rng.choice(STRAP_COLORS)))
     texture[26:38] = (178, 176, 170)
     texture[38:] = (24, 26, 30) if rng.uniform() < 0.6 else (232, 230, 224)
     faces = np.concatenate([ring_faces(4, 24), ring_faces(4, 24) + 100])
@@ -70,7 +67,7 @@ def watch(chart: BodyChart, rng: np.random.Generator) -> Worn:
 
 
 def glasses(chart: BodyChart, rng: np.random.Generator) -> Worn:
-    """Rims before the eyes, a bridge and temples; the lenses are clear."""
+    """Rims in front of the eyes, a bridge and temples, without lenses."""
     shape, skull = anatomy(), chart.skull
     eyes = []
     for side in ("eye_front.L", "eye_front.R"):
@@ -84,7 +81,7 @@ def glasses(chart: BodyChart, rng: np.random.Generator) -> Worn:
     tubes = []
     for eye in eyes:
         loop = np.column_stack([np.full(25, ahead), outline * half + eye[1:] - [0, 0.003]])
-        loop[:, 0] -= 0.25 * np.abs(loop[:, 1]) ** 2 / 0.05  # wrapped a little around the face
+        loop[:, 0] -= 0.25 * np.abs(loop[:, 1]) ** 2 / 0.05  # curved around the face
         tubes.append(loop)
     y = np.linspace(eyes[0][1] - half[0], eyes[1][1] + half[0], 7)
     z = eyes[0][2] + 0.004 + 0.004 * np.cos(np.linspace(-1.5, 1.5, 7))
@@ -100,7 +97,7 @@ def glasses(chart: BodyChart, rng: np.random.Generator) -> Worn:
     starts = np.cumsum([0, *map(len, vertices)])
     faces = [ring_faces(len(t), 4) + k for t, k in zip(tubes, starts[:-1], strict=True)]
     uv, points = np.full((starts[-1], 2), 0.5), np.concatenate(vertices)
-    texture = _plain_texture(8, FRAME_COLORS, rng)
+    texture = plain_texture(8, str(rng.choice(FRAME_COLORS)))
     return _over_skin(
         chart, points, np.concatenate(faces).astype(np.int32), uv, texture, "glasses", "head"
     )
@@ -112,7 +109,7 @@ ACCESSORIES: dict[str, dict[str, Fit]] = {
     "glasses": {"glasses": glasses},
     "hat": {"cap": cap, "sun_hat": sun_hat, "beanie": beanie},
 }
-"""What may be worn beside clothes, by the part of the outfit it fills; 'none' fills none."""
+"""Accessories by the field of `Outfit` that they fill; 'none' is valid for each."""
 
 
 def _over_skin(
@@ -123,23 +120,15 @@ def _over_skin(
     return Worn(mesh, np.zeros(len(chart.vertices), bool))
 
 
-def _plain_texture(
-    size: int, names: tuple[str, ...], rng: np.random.Generator
-) -> UInt8[Array, "size size 3"]:
-    """A square of one of the named colours."""
-    color = even(rgb(PALETTE[str(rng.choice(names))])).texture
-    return np.tile(color, (size // 4, size // 4, 1))
-
-
 def _back_of_hand(chart: BodyChart) -> Float[Array, "3"]:
-    """Direction of the back of the left hand: away from where thumb and fingers bend."""
+    """Unit normal of the back of the left hand."""
     hand = chart.vertices[anatomy().owner == INDEX["l_hand"]]
     flat = np.linalg.svd(hand - hand.mean(0), full_matrices=False)[2][2]
     return flat if flat @ [0.2, 1.0, 0.6] > 0 else -flat
 
 
 def _tube_around(path: Float[Array, "R 3"], radius: float) -> Float[Array, "5*R 3"]:
-    """Points of a four-sided tube around a line."""
+    """Vertices of a four-sided tube around a line."""
     along = unit(np.gradient(path, axis=0))
     side = unit(np.cross(along, [0.35, 0.2, 0.91]))
     up = np.cross(side, along)

@@ -1,4 +1,4 @@
-"""Details painted on cloth: seams, hems, cuffs, plackets with buttons, zips, pockets, belts."""
+"""Details painted on garments: seams, hems, cuffs, plackets, zips, pockets, belts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FRONT = 0.5  # turn of the middle of the front
 
 @dataclass(frozen=True)
 class Marks:
-    """Places along the pieces (m): heights on the torso, minus ways down the limbs."""
+    """Positions of details (m): heights on the torso, minus distances along limbs."""
 
     crotch: float = 0.8
     waist: float = 1.0
@@ -31,21 +31,21 @@ class Marks:
     accent: tuple[float, float, float] = (40.0, 36.0, 34.0)  # sRGB 0-255 of belt, buttons, print
 
     def creases(self, panel: Panel) -> list[tuple[float, float, float]]:
-        """Where cloth crumples on a panel: centre (m), width (m), strength."""
+        """Bands of folds on a panel: centre (m), width (m), strength."""
         if panel.piece == TORSO:
             return [(self.waist, 0.07, 0.6), (panel.bottom, 0.05, 0.3)]
         joint = self.elbow if panel.piece in ARMS else self.knee
         found = [(panel.top, 0.06, 0.5)]
         if panel.bottom < joint:
             found.append((joint, 0.055, 1.0))
-        if panel.bottom < 1.6 * joint:  # long ones bunch at the wrist and the ankle
+        if panel.bottom < 1.6 * joint:  # long sleeves and legs bunch at the end
             found.append((panel.bottom + 0.03, 0.05, 0.9))
         return found
 
 
 @dataclass(eq=False)
 class Canvas:
-    """A panel while it is painted: its colours (0-255) and the relief that will shade them."""
+    """A panel being painted: colours (0-255) and a relief that shades them later."""
 
     panel: Panel
     image: Float[Array, "H W 3"]
@@ -67,36 +67,36 @@ class Canvas:
         return self.panel.bottom
 
     def px(self, turn: float, along: float) -> tuple[int, int]:
-        """Pixel of a place."""
+        """Pixel of a position on the panel."""
         return round(float(self.panel.x(turn))), round(float(self.panel.y(along)))
 
     def rows(self, length: float) -> int:
-        """Rows that so many metres take, at least one."""
+        """Length (m) in rows, at least one."""
         return max(1, round(length / (self.top - self.bottom) * self.panel.height))
 
     def columns(self, length: float) -> int:
-        """Columns that so many metres take."""
+        """Length (m) in columns."""
         return round(float(self.panel.x(self.turns(length))))
 
     def turns(self, length: float) -> float:
-        """Turn that so many metres take around the piece."""
+        """Length (m) around the piece in turns."""
         return length / GIRTH[self.panel.piece]
 
     def line(self, places: list[tuple[float, float]], strength: float, width: int = 1) -> None:
-        """Press a line into the cloth."""
+        """Draw a polyline into the relief."""
         points = np.array([self.px(*p) for p in places], np.int32)
         cv2.polylines(self.relief, [points], False, strength, width, LINE)
 
     def line_around(self, along: float, strength: float, width: int = 1) -> None:
-        """Press a line around the piece at a place along it."""
+        """Draw a line around the piece into the relief."""
         self.line([(0, along), (REACH, along)], strength, width)
 
     def line_down(self, turn: float, strength: float, width: int = 1) -> None:
-        """Press a line from the upper to the lower edge."""
+        """Draw a line from the upper to the lower edge into the relief."""
         self.line([(turn, self.top), (turn, self.bottom)], strength, width)
 
     def band(self, low: float, high: float) -> slice:
-        """Rows between two places along the piece."""
+        """Rows between two positions along the piece."""
         first, last = sorted((self.px(0, high)[1], self.px(0, low)[1]))
         return slice(max(first, 0), max(last, 0))
 
@@ -123,7 +123,7 @@ def ribs(canvas: Canvas) -> None:
 
 
 def side_seams(canvas: Canvas) -> None:
-    """Seams at the sides of the torso, inside and outside of the legs, under the arms."""
+    """Seams at the sides of torso and legs, and under the arms."""
     for turn in (0.02,) if canvas.panel.piece in ARMS else (0.25, 0.75):
         canvas.line_down(turn, SEAM)
 
@@ -143,7 +143,7 @@ def placket(canvas: Canvas) -> None:
 
 
 def _button(canvas: Canvas) -> tuple[float, float, float]:
-    """Light buttons on dark cloth and on light cloth alike are common; never invisible."""
+    """Colour (0-255) of buttons; darker on dark cloth."""
     dark = canvas.image.mean() < 110
     return (205.0, 200.0, 190.0) if dark else (238.0, 236.0, 230.0)
 
@@ -167,14 +167,14 @@ def zipper(canvas: Canvas) -> None:
 
 
 def edges(canvas: Canvas) -> None:
-    """The stitched edges of a front that stands open, patch pockets low at its sides."""
+    """Stitched edges of an open front, and patch pockets at its sides."""
     for side in (-1, 1):
         canvas.line_down(FRONT + side * canvas.turns(0.075), STITCH)
         _patch(canvas, FRONT + side * canvas.turns(0.16), canvas.bottom + 0.2, 0.12, 0.13)
 
 
 def kangaroo(canvas: Canvas) -> None:
-    """A hoodie's pocket over the belly, and the hood's cords."""
+    """The belly pocket and the cords of a hoodie."""
     low = max(canvas.bottom + 0.06, canvas.marks.crotch)
     high, wide, narrow = low + 0.19, canvas.turns(0.15), canvas.turns(0.09)
     outline = [(FRONT - wide, low), (FRONT - wide, low + 0.07), (FRONT - narrow, high),
@@ -235,7 +235,7 @@ def belt(canvas: Canvas) -> None:
 
 
 def faded(canvas: Canvas) -> None:
-    """Denim worn light on the thighs and the knees."""
+    """Denim faded on the thighs and knees."""
     turns, along = canvas.panel.turns % 1, canvas.panel.along
     front = np.exp(-0.5 * ((turns - FRONT) / 0.13) ** 2)[None, :]
     thigh = np.exp(-0.5 * ((along + 0.2) / 0.12) ** 2)
@@ -270,7 +270,7 @@ def motif(canvas: Canvas) -> None:
 
 
 def gradient(canvas: Canvas) -> None:
-    """Dip-dyed: the colour runs into the accent toward the lower edge."""
+    """A gradient to the accent colour at the lower edge."""
     start = canvas.marks.chest if canvas.panel.piece == TORSO else -0.08
     share = np.clip((start - canvas.panel.along) / max(start - canvas.bottom, 0.05), 0, 1)
     share = (share * share * (3 - 2 * share)).astype(np.float32)[:, None, None]
@@ -302,4 +302,4 @@ DETAILS: dict[str, Mapping[int, Paint]] = {
     "motif": _on(_TORSO, motif),
     "gradient": _on(_ALL, gradient),
 }
-"""Details by name, and by the piece of the garment on which they are painted."""
+"""Painting functions of details by name and by piece of the garment."""

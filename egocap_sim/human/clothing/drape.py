@@ -1,4 +1,4 @@
-"""Drape of loose cloth: straight down from chest and hips, spanning hollows and legs."""
+"""Drape of loose cloth: it hangs from chest and hips and bridges hollows and legs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 ANGLES = 48  # directions around the body
 LEVELS = 20  # heights
-INWARD = 0.35  # m by which falling cloth comes closer to the body's axis in each metre
+INWARD = 0.35  # largest inward slope of hanging cloth, metres per metre
 
 
 def drape(
@@ -18,8 +18,7 @@ def drape(
     span: tuple[float, float],
     freedom: float,
 ) -> Float[Array, "N 3"]:
-    """Let cloth between two heights (m, the upper first) fall freely, as far as `freedom` (0 to 1)
-    allows."""
+    """Let cloth between two heights (m, upper first) hang by a share `freedom` (0 to 1)."""
     top, bottom = span
     heights = np.linspace(top, bottom - 0.03, LEVELS)
     here = where & (cloth[:, 2] < top) & (cloth[:, 2] > bottom - 0.06)
@@ -38,9 +37,9 @@ def drape(
 def girth(
     points: Float[Array, "N 3"], centre: Float[Array, "2"], heights: Float[Array, "L"]
 ) -> Float[Array, "L A"]:
-    """Reach (m) of points from a vertical axis at some heights, in directions from -pi to pi.
+    """Radius (m) of the convex outline of points about a vertical axis, by height and azimuth.
 
-    The outline at each height is convex: cloth spans from hip to hip and from leg to leg.
+    The azimuths run from -pi to pi.
     """
     step = abs(heights[1] - heights[0])
     angles = 2 * np.pi * np.arange(ANGLES) / ANGLES - np.pi
@@ -52,15 +51,15 @@ def girth(
         if not len(near):
             reach[i] = reach[i - 1]
             continue
-        support = (near @ axes).max(0)  # distance of the tangent in each direction
-        # The convex outline's reach: the nearest tangent met along each direction.
+        support = (near @ axes).max(0)  # support function of the outline
+        # Radius of the convex outline: the nearest tangent along each direction.
         met = np.where(cosine > 0.2, support[None, :] / np.maximum(cosine, 0.2), np.inf)
         reach[i] = met.min(1)
     return reach
 
 
 def fallen(reach: Float[Array, "L A"], heights: Float[Array, "L"]) -> Float[Array, "L A"]:
-    """Reach of cloth that is carried by what is above it; `heights` run downward."""
+    """Radius of cloth that hangs from the levels above; `heights` run downward."""
     result = reach.copy()
     for i in range(1, len(heights)):
         drop = heights[i - 1] - heights[i]
@@ -74,7 +73,7 @@ def sample(
     angle: Float[Array, "N"],
     z: Float[Array, "N"],
 ) -> Float[Array, "N"]:
-    """Reach at angles and heights between those of the table."""
+    """Interpolate the radius at angles and heights."""
     row = np.clip((heights[0] - z) / (heights[0] - heights[1]), 0, len(heights) - 1.001)
     column = (angle + np.pi) / (2 * np.pi) * ANGLES
     r, c = row.astype(int), column.astype(int)

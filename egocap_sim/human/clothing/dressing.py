@@ -1,4 +1,4 @@
-"""Dress a body: skin, clothes, shoes and hair, the inner ones without what the outer ones hide."""
+"""Dress a body: skin, clothes, shoes and hair, each without the faces that outer layers hide."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from egocap_sim.human.clothing.shoes import SHOES, make_shoes, shoe_texture
 from egocap_sim.human.clothing.skirts import Skirt, make_skirt
 from egocap_sim.human.clothing.tailoring import Cloth, sew
 
-UNDER_TROUSERS = 1.9  # length of trousers (`Bottom.leg`) from which shoes are worn under them
+UNDER_TROUSERS = 1.9  # least `Bottom.leg` of trousers that cover the shoe's collar
 Rng = np.random.Generator
 Mask = Bool[Array, "N"]  # of the skin's vertices
 
@@ -43,7 +43,7 @@ Mask = Bool[Array, "N"]  # of the skin's vertices
 def dress(
     chart: BodyChart, outfit: Outfit, tone: float, headgear: str | None, rng: Rng
 ) -> list[Mesh]:
-    """Everything drawn of a person but the headgear; hair is flattened under it."""
+    """All meshes of a person except headgear, under which hair is flattened."""
     hair, hair_color = HAIRCUTS[outfit.hair], rgb(HAIR_COLORS[outfit.hair_color])
     male = chart.body.phenotype.gender < 0.5
     beard = float(np.clip(rng.uniform(-0.8, 0.8), 0, 0.75)) * male
@@ -63,36 +63,32 @@ def _union(chart: BodyChart, worn: Iterable[Worn]) -> Mask:
     return np.any([np.zeros(len(chart.vertices), bool), *(w.hidden for w in worn)], axis=0)
 
 
-def _sewn(name: str, chart: BodyChart, shell: Shell, cloth: Cloth) -> Worn:
-    return Worn(sew(name, shell, chart.body, cloth), shell.covered)
-
-
 def _upper(chart: BodyChart, outfit: Outfit, rng: Rng) -> list[Worn]:
-    """The top, the one under it, its collar and its skirt."""
+    """The top, its inner layer, its collar and its skirt."""
     top, second = TOPS[outfit.top], outfit.top_fabric.colors[1]
     tucked = isinstance(BOTTOMS[outfit.bottom], Skirt)
     shell = fit_top(chart, top, tucked)
     marks = _marks(chart, rgb(PALETTE[second]))
     cloth = _cloth(top, outfit.top_fabric, marks, rng)
-    worn = [_sewn("top", chart, shell, cloth)]
+    worn = [sew("top", shell, chart.body, cloth)]
     if top.inner is not None:
         under = replace(TOPS[top.inner], hem=min(1.0, top.hem + 0.12), trim=None)
         inner = fit_top(chart, under, tucked)
         inner = replace(inner, faces=_shown(inner, chart, shell.covered))
         plain = _cloth(under, one_color("plain", second), marks, rng)
-        worn.append(_sewn("inner", chart, inner, plain))
+        worn.append(sew("inner", inner, chart.body, plain))
     if top.trim is not None:
         collar = replace(fit_trim(chart, top), covered=shell.covered)
         if len(collar.faces):
-            worn.append(_sewn("collar", chart, collar, replace(cloth, details=(), crumple=0.3)))
+            worn.append(sew("collar", collar, chart.body, replace(cloth, details=(), crumple=0.3)))
     if top.skirt is not None:
         skirt = make_skirt(chart, top.skirt, chart.waist + 0.012, top.gap + 0.012)
-        worn.append(_sewn("skirt", chart, skirt, replace(cloth, details=("hems",))))
+        worn.append(sew("skirt", skirt, chart.body, replace(cloth, details=("hems",))))
     return worn
 
 
 def _shown(inner: Shell, chart: BodyChart, covered: Mask) -> Array:
-    """The triangles of inner cloth that lie over skin not `covered` by the outer one."""
+    """Triangles of inner cloth over skin that the outer layer leaves visible."""
     _, near = KDTree(chart.vertices).query(inner.skin)
     return inner.faces[~covered[near].take(inner.faces.T).all(0)]
 
@@ -110,7 +106,7 @@ def _lower(chart: BodyChart, outfit: Outfit, under_top: Mask, rng: Rng) -> list[
     else:
         shell = fit_bottom(chart, bottom, under_top)
         cloth = _cloth(bottom, outfit.bottom_fabric, marks, rng)
-    return [_sewn("bottom", chart, shell, cloth)]
+    return [sew("bottom", shell, chart.body, cloth)]
 
 
 def _feet(chart: BodyChart, outfit: Outfit, under_bottom: Mask, rng: Rng) -> list[Worn]:
@@ -120,19 +116,21 @@ def _feet(chart: BodyChart, outfit: Outfit, under_bottom: Mask, rng: Rng) -> lis
     leather = fabric_texture(one_color("plain", outfit.shoe_color), rng)
     shoe, bottom = SHOES[outfit.shoes], BOTTOMS[outfit.bottom]
     if isinstance(bottom, Bottom) and bottom.leg > UNDER_TROUSERS:
-        shoe = replace(shoe, collar=min(shoe.collar, 0.02))  # or it would stand out at the heel
+        shoe = replace(
+            shoe, collar=min(shoe.collar, 0.02)
+        )  # a higher collar would pass through the cloth at the heel
     texture = shoe_texture(leather, rgb(PALETTE[outfit.sole_color]), shoe.laced)
     worn = [make_shoes(chart.body, shoe, texture)]
     if outfit.socks != NO_SOCKS:
         socks = fit_socks(chart, SOCKS[outfit.socks], worn[0].hidden | under_bottom)
         wool = fabric_texture(one_color("knit", outfit.sock_color), rng)
-        if len(socks.faces):  # boots and trousers may hide them whole
-            worn.append(_sewn("socks", chart, socks, Cloth(wool, TILE_M, rng, 0.2, ("ribs",))))
+        if len(socks.faces):  # boots and trousers may hide them completely
+            worn.append(sew("socks", socks, chart.body, Cloth(wool, TILE_M, rng, 0.2, ("ribs",))))
     return worn
 
 
 def _cloth(garment: Top | Bottom, fabric: Fabric, marks: Marks, rng: Rng) -> Cloth:
-    """Fabric and finish of a garment: jeans are faded, gradients run down it."""
+    """Fabric, folds and painted details of a garment."""
     dyed = {"denim": ("faded",), "gradient": ("gradient",)}.get(fabric.pattern, ())
     details = (*dyed, *garment.details)
     crumple = garment.crumple * (0.6 + 0.8 * fabric.wear)
@@ -140,7 +138,7 @@ def _cloth(garment: Top | Bottom, fabric: Fabric, marks: Marks, rng: Rng) -> Clo
 
 
 def _marks(chart: BodyChart, accent: Float[Array, "3"]) -> Marks:
-    """Where details go on a person; `accent` is the sRGB colour (0 to 1) of belts and prints."""
+    """Positions of details; `accent` is the sRGB colour (0 to 1) of belts and prints."""
     red, green, blue = (float(255 * c) for c in accent)
     return Marks(
         crotch=chart.crotch,

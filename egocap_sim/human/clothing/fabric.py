@@ -14,8 +14,8 @@ from egocap.errors import InputError
 from egocap_sim.human.body.noise import smooth_noise
 from egocap_sim.human.body.skin import rgb
 
-SIZE = 256  # px in which patterns are drawn; textures have half of it, each pixel the mean of four
-TILE_M = 0.24  # metres of cloth a texture shows, so that stripes are centimetres wide
+SIZE = 256  # px of drawn patterns; textures are downsampled to half
+TILE_M = 0.24  # metres of cloth that a texture covers
 
 PALETTE: dict[str, str] = {
     "white": "#e8e6e1", "cream": "#ded3ba", "sand": "#b9a684", "grey": "#8c8d8f",
@@ -66,7 +66,7 @@ def fabric_texture(fabric: Fabric, rng: np.random.Generator) -> UInt8[Array, "12
 def _shaded(
     image: Float[Array, "256 256 3"], shade: Float[Array, "256 256"]
 ) -> UInt8[Array, "128 128 3"]:
-    """The product, each pixel the mean of four."""
+    """The product as bytes, downsampled by 2."""
     half = SIZE // 2
     texture = np.empty((half, half, 3), np.uint8)
     for y in range(half):
@@ -82,7 +82,7 @@ def _shaded(
 
 
 def _weave() -> Float[Array, "256 256"]:
-    """Threads over and under each other, four pixels apart."""
+    """Plain weave with a period of four pixels."""
     k = np.arange(SIZE) // 2 % 2
     return np.where(k[:, None] == k[None, :], 0.04, -0.04).astype(np.float32)
 
@@ -145,7 +145,7 @@ def shapes(colors: Colors, rng: np.random.Generator) -> Image:
 
 
 def camouflage(colors: Colors, rng: np.random.Generator) -> Image:
-    """Three colours in blots."""
+    """Patches of three colours."""
     blots = smooth_noise(SIZE, 7, rng) + 0.5 * smooth_noise(SIZE, 16, rng)
     return colors[np.digitize(blots, [-0.15, 0.25])]
 
@@ -174,12 +174,12 @@ PATTERNS: dict[str, Callable[[Colors, np.random.Generator], Image]] = {
     "plain": plain, "stripes": stripes, "pinstripes": pinstripes, "checks": checks,
     "gingham": gingham, "dots": dots, "shapes": shapes, "camouflage": camouflage,
     "denim": denim, "marl": marl, "knit": knit,
-    "gradient": plain,  # garments let it run into the second colour: `details.gradient`
+    "gradient": plain,  # `details.gradient` blends in the second colour
 }  # fmt: skip
 
 
 def _bands(colors: Colors, rng: np.random.Generator) -> Float[Array, "256 3"]:
-    """One line of coloured bands, made of an equal run repeated over the tile."""
+    """One line of coloured bands, a random sequence repeated over the tile."""
     runs = int(rng.integers(2, 9))
     edges = np.sort(rng.uniform(0.15, 0.95, 3))
     place = (np.arange(SIZE) * runs / SIZE) % 1

@@ -21,7 +21,7 @@ TROUSERS = ("side_seams", "hems", "front_pockets", "back_pockets")
 
 @dataclass(frozen=True)
 class Top:
-    """A garment of the upper body; lengths are shares, cloth distances metres."""
+    """A garment of the upper body; sleeve and hem are shares, other lengths metres."""
 
     sleeve: float  # 0 shoulder, 1 elbow, 2 wrist
     hem: float  # 0 crotch, 1 waist
@@ -31,10 +31,10 @@ class Top:
     sleeve_ease: float
     details: tuple[str, ...] = PLAIN  # of `egocap_sim.human.clothing.details`
     crumple: float = 1.0  # depth of folds
-    armhole: float | None = None  # m around the shoulder joint left bare, in place of a sleeve
+    armhole: float | None = None  # m, bare radius around the shoulder, instead of a sleeve
     opening: float | None = None  # m, half the width of an open front
     inner: str | None = None  # the top worn under an open front
-    trim: str | None = None  # of `TRIMS`: what lies around the neck
+    trim: str | None = None  # collar, of `TRIMS`
     skirt: Skirt | None = None  # of a dress
 
 
@@ -55,8 +55,8 @@ class Trim:
 
     width: float  # m from the garment's edge down
     gap: float  # m over the garment
-    bulge: float = 0.0  # m more behind, in its middle
-    notch: float | None = None  # m it stands open at the throat
+    bulge: float = 0.0  # m added to the gap at the back
+    notch: float | None = None  # m, half the width of the opening at the throat
 
 
 TRIMS: dict[str, Trim] = {
@@ -110,19 +110,19 @@ BOTTOMS: dict[str, Bottom | Skirt | None] = {
 UNDER_DRESSES = ("none", "leggings", "tight_shorts")
 
 SOCKS: dict[str, float] = {"ankle_socks": 0.06, "crew_socks": 0.16}  # m above the ankle
-LOOSE = 0.008  # m of ease from which cloth falls freely
-NECK_RADIUS, STRAP = 0.06, 0.04  # m: of the ring that `BodyChart.neck` counts from, of a shoulder
-THIGH_GRIP = 0.5  # how much a hanging hem still follows the thighs under it
+LOOSE = 0.008  # m, least ease of cloth that hangs freely
+NECK_RADIUS, STRAP = 0.06, 0.04  # m: ring of `BodyChart.neck`; least width of a strap
+THIGH_GRIP = 0.5  # share of the thighs' skin weights that a hanging hem keeps
 
 
 def fit_top(chart: BodyChart, top: Top, tucked: bool = False) -> Shell:
-    """Put a top on a person; `tucked` into a skirt, it ends tight at the waist."""
+    """Shell of a top; if `tucked` into a skirt, it ends tight at the waist."""
     z, arm = chart.vertices[:, 2], chart.on_arm
     at_waist = tucked or top.skirt is not None
     rise = chart.waist - chart.crotch - 0.03
     hem = chart.waist - 0.02 if at_waist else chart.crotch + 0.03 + top.hem * rise
     drop = np.clip((chart.chest - z) / (chart.chest - hem), 0, 1)
-    # Shoulders carry the cloth; it falls freely from the chest down and along the sleeves.
+    # Cloth rests on the shoulders and hangs from the chest down and along the sleeves.
     ease = top.ease * (0.25 + 0.75 * drop)
     if at_waist:
         ease = ease * np.clip((z - hem - 0.02) / 0.10, 0.05, 1)
@@ -160,7 +160,7 @@ def _top_edges(chart: BodyChart, top: Top) -> list[Float[Array, "N"]]:
 
 
 def fit_trim(chart: BodyChart, top: Top) -> Shell:
-    """What lies around the neck of a top, outside it."""
+    """Shell of the collar, ribbing or hood of a top."""
     assert top.trim is not None
     trim, torso = TRIMS[top.trim], chart.piece == TORSO
     inside = top.collar + 0.002 - chart.neck
@@ -181,13 +181,13 @@ def _armholes(chart: BodyChart, radius: float, collar: float) -> Float[Array, "N
     """Distance inside the edges around both shoulders."""
     joints = chart.body.joints[[INDEX["l_upperarm"], INDEX["r_upperarm"]]] - [0, 0, 0.01]
     away = np.min([np.linalg.norm(chart.vertices - joint, axis=1) for joint in joints], axis=0)
-    # Narrow shoulders and a wide neck leave less: the straps keep their width.
+    # The straps keep their width on narrow shoulders and with wide collars.
     radius = min(radius, joints[0, 1] - NECK_RADIUS - max(-collar, 0) - STRAP)
     return np.where(chart.on_arm, np.minimum(-0.01 - chart.along_arm, away - radius), away - radius)
 
 
 def _open_front(chart: BodyChart, half: Array | float) -> Float[Array, "N"]:
-    """Distance inside the edges of a front that stands open by `half` (m) on each side."""
+    """Distance inside the edges of a front that is open by `half` (m) on each side."""
     spine = np.array([chart.joint(b) for b in ("pelvis", "spine", "chest", "neck", "head")])
     middle = np.interp(chart.vertices[:, 2], spine[:, 2], spine[:, 0])
     front = chart.vertices[:, 0] > middle
@@ -195,7 +195,7 @@ def _open_front(chart: BodyChart, half: Array | float) -> Float[Array, "N"]:
 
 
 def _let_go(weights: Float[Array, "M 21"]) -> Float[Array, "M 21"]:
-    """Give half of the thighs' hold on a hem back to the pelvis."""
+    """Move part of the thighs' skin weights to the pelvis."""
     loose = weights.copy()
     for thigh in (INDEX["l_thigh"], INDEX["r_thigh"]):
         loose[:, INDEX["pelvis"]] += (1 - THIGH_GRIP) * loose[:, thigh]
@@ -204,7 +204,7 @@ def _let_go(weights: Float[Array, "M 21"]) -> Float[Array, "M 21"]:
 
 
 def fit_bottom(chart: BodyChart, bottom: Bottom, buried: Bool[Array, "N"]) -> Shell:
-    """Put trousers or shorts on a person; `buried` is what the top hides of them."""
+    """Shell of trousers or shorts; `buried` marks skin under the top."""
     arm, leg = chart.on_arm, chart.on_leg
     length = _reach(bottom.leg, chart.knee, chart.ankle)
     pattern = Pattern(
@@ -222,7 +222,7 @@ def fit_bottom(chart: BodyChart, bottom: Bottom, buried: Bool[Array, "N"]) -> Sh
 
 
 def fit_socks(chart: BodyChart, rise: float, buried: Bool[Array, "N"]) -> Shell:
-    """Put socks on a person; `buried` is what shoes and trousers hide of them."""
+    """Shell of socks; `buried` marks skin under shoes and trousers."""
     leg = chart.on_leg
     edge = np.where(leg, chart.along_leg - (chart.ankle - rise), -ELSEWHERE)
     pattern = Pattern([edge], np.full(len(leg), 0.0025), margin=0.012, rounds=4)
@@ -230,17 +230,17 @@ def fit_socks(chart: BodyChart, rise: float, buried: Bool[Array, "N"]) -> Shell:
 
 
 def _margin(ease: float) -> float:
-    """How deep (m) under its hems skin can be seen: less under tight cloth."""
+    """Depth (m) to which skin is visible under hems: less under tight cloth."""
     return 0.02 + 0.8 * ease
 
 
 def _hips(chart: BodyChart) -> Float[Array, "N"]:
-    """1 from the crotch to the waist and 0 elsewhere: where cloth spans from leg to leg."""
+    """1 from the crotch to the waist, where cloth bridges the legs, and 0 elsewhere."""
     z = chart.vertices[:, 2]
     above, below = (z - chart.crotch + 0.05) / 0.08, (chart.waist + 0.1 - z) / 0.1
     return np.where(chart.on_arm, 0.0, np.clip(above, 0, 1) * np.clip(below, 0, 1))
 
 
 def _reach(share: float, first: float, second: float) -> float:
-    """Metres along a limb from a share: 1 is its first joint below the root, 2 the second."""
+    """Metres along a limb from a share: 1 at its middle joint, 2 at its end joint."""
     return float(np.interp(share, [0, 1, 2], [0, first, second]))

@@ -1,4 +1,4 @@
-"""Hair: a shell over the scalp, and locks that fall over the back, the shoulders and the chest."""
+"""Hair: a shell over the scalp, and locks that hang over the back, the shoulders and the chest."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Hair:
     top: float
     edge: float
     nape: float
-    fall: float = 0.0  # m below the skull's middle that locks fall
-    front: bool = False  # locks fall before the shoulders too
-    tail: bool = False  # one lock behind, bound
+    fall: float = 0.0  # length (m) of locks below the middle of the skull; 0 for none
+    front: bool = False  # locks hang in front of the shoulders too
+    tail: bool = False  # one bound lock behind
 
 
 HAIRCUTS: dict[str, Hair | None] = {
@@ -49,9 +49,9 @@ HAIR_COLORS: dict[str, str] = {
     "blond": "#b08f5c", "red": "#7d3b1f", "grey": "#86837e", "white": "#cfcbc4",
 }  # fmt: skip
 EAR = (-0.1, -0.45)  # middle of the ears, forward and up, in halves of the skull
-FLAT = {"helmet": 0.012, "headset": 0.018}  # m of hair that headgear leaves on top
+FLAT = {"helmet": 0.012, "headset": 0.018}  # m, largest thickness under headgear
 ROWS, SIDES = 9, 6  # of a lock
-CLEAR = 0.022  # m between the skin and the middle of a lock: room for cloth
+CLEAR = 0.022  # m between the skin and the middle of a lock; leaves room for cloth
 
 
 def make_hair(
@@ -65,18 +65,16 @@ def make_hair(
     if headgear is not None:
         hair = replace(hair, top=min(hair.top, FLAT[headgear]))
     texture = hair_texture(color, rng)
-    shell = fit_hair(chart, hair)
-    cloth = Cloth(texture, TILE_M, rng, 0)
-    worn = [Worn(sew("hair", shell, chart.body, cloth, 0.2), shell.covered)]
-    if hair.fall:
-        worn.append(Worn(_locks(chart, hair, texture, rng), shell.covered))
-    return worn
+    scalp = sew("hair", fit_hair(chart, hair), chart.body, Cloth(texture, TILE_M, rng, 0), 0.2)
+    if not hair.fall:
+        return [scalp]
+    return [scalp, Worn(_locks(chart, hair, texture, rng), scalp.hidden)]
 
 
 def fit_hair(chart: BodyChart, hair: Hair) -> Shell:
-    """Hair over the scalp; it goes round the ears.
+    """Hair over the scalp; the ears stay free.
 
-    The hairline is high on the forehead, runs down before the ears, and is low at the nape.
+    The hairline is high on the forehead, descends in front of the ears, and is low at the nape.
     """
     skull = chart.skull
     x, y, z = (chart.vertices - skull.centre).T / skull.half[:, None]
@@ -105,7 +103,7 @@ def hair_texture(color: Float[Array, "3"], rng: np.random.Generator) -> UInt8[Ar
 def _locks(
     chart: BodyChart, hair: Hair, texture: UInt8[Array, "H W 3"], rng: np.random.Generator
 ) -> Mesh:
-    """Flat tubes that start on the scalp and lie on the body below it."""
+    """Flat tubes from the scalp downward, outside the body."""
     centre = chart.skull.centre
     starts = [(np.pi, 0.030, 0.026)]  # angle, half the width and the thickness
     if not hair.tail:
@@ -135,14 +133,14 @@ def _locks(
 
 
 def _path(chart: BodyChart, angle: float, length: float, hair: Hair) -> Float[Array, "R 3"]:
-    """The middle line of a lock: from the scalp down, outside head, neck and shoulders."""
+    """Centre line of a lock: from the scalp down, outside head, neck and shoulders."""
     skull, along = chart.skull, np.array([np.cos(angle), np.sin(angle)])
     share = np.linspace(0, 1, ROWS)
     start, scale = (0.1, 1.25) if hair.tail else (0.35, 0.97)
     z = skull.centre[2] + start * skull.half[2] - share * (length + start * skull.half[2])
     reach = skull.half[:2] * scale
     path = np.column_stack([skull.centre[:2] + along * reach + np.zeros((ROWS, 2)), z])
-    # Below the ears hair gathers: locks at the sides go before or behind the shoulders.
+    # Below the ears, locks at the sides move to the front or the back of the shoulders.
     gather = np.clip((skull.centre[2] - 0.3 * skull.half[2] - z) / 0.16, 0, 1)
     sign, side, away = (1.0, 0.095, 0.055) if np.cos(angle) > 0 else (-1.0, 0.085, -0.055)
     path[:, 1] += gather * (np.sin(angle) * side - path[:, 1])
@@ -159,7 +157,7 @@ def _path(chart: BodyChart, angle: float, length: float, hair: Hair) -> Float[Ar
 
 
 def _weights(chart: BodyChart, path: Float[Array, "R 3"], hair: Hair) -> Float[Array, "R 21"]:
-    """Locks follow the head above the chin and the chest where they lie on it."""
+    """Locks follow the head above the chin and the chest below it."""
     chest = chart.joint("neck")[2]
     share = np.clip((chest + 0.09 - path[:, 2]) / 0.14, 0, 1) * (0.5 if hair.tail else 1.0)
     weights = np.zeros((len(path), len(BODIES)))

@@ -1,4 +1,4 @@
-"""Hats, and what carries the rig: a bicycle helmet, a headset. All are stacks of rings."""
+"""Hats, and the headgear that carries the rig: a bicycle helmet, a headset. All are ring meshes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.assets.mesh import Mesh
@@ -15,14 +15,15 @@ from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.part_labels import RIG
 from egocap_sim.human.body.anny_model import anatomy
 from egocap_sim.human.body.body_chart import BodyChart, Skull
+from egocap_sim.human.body.skin import rgb
 from egocap_sim.human.body.skinning import Worn, rigid_mesh
 from egocap_sim.human.body.triangles import ring_faces
 from egocap_sim.human.clothing.fabric import PALETTE, fabric_texture, one_color
 
-AROUND = 48  # of a helmet and a headset
+AROUND = 48  # segments of each ring of a helmet and a headset
 
 
-def make_helmet(skull: Skull, color: Float[Array, "3"]) -> Mesh:
+def make_helmet(skull: Skull, rng: np.random.Generator) -> Mesh:
     """A bicycle helmet around the top of the skull, its rim just above the brows."""
     rings, turn = 12, np.linspace(0, 2 * np.pi, AROUND + 1)
     rim = np.radians(100)
@@ -31,20 +32,21 @@ def make_helmet(skull: Skull, color: Float[Array, "3"]) -> Mesh:
     for angle in np.linspace(0.02, rim, rings):
         ribs = 1 + 0.03 * np.cos(6 * turn) * np.sin(angle) ** 2
         out = np.stack([np.cos(turn), np.sin(turn)], 1) * (np.sin(angle) * ribs)[:, None]
-        tilt = 0.014 * np.cos(turn) * (angle / rim) ** 4  # the rim is lower at the nape
+        tilt = 0.014 * np.cos(turn) * (angle / rim) ** 4  # lowers the rim at the nape
         points.append(np.column_stack([out * half[:2], half[2] * np.cos(angle) + tilt]))
     points.append(points[-1] * [0.86, 0.86, 1] - [0, 0, 0.006])  # the rim's edge, turned inward
     vertices = np.concatenate(points) + skull.centre + [0.002, 0, 0.2 * skull.half[2]]
     rows = np.append(np.arange(rings) / rings, 0.99)
-    texture = _plain_texture(color)
+    names = list(PALETTE)
+    texture = plain_texture(128, names[rng.integers(len(names))])
     y, x = np.mgrid[0:128, 0:128] / 128
     vents = ((x * 6 + 0.5) % 1 - 0.5) ** 2 / 0.03 + (y - 0.48) ** 2 / 0.035 < 1
     texture[vents | (y > 0.95)] = 24
     return _headgear("helmet", vertices, rows, texture)
 
 
-def make_headset(skull: Skull, color: Float[Array, "3"]) -> Mesh:
-    """A box before the eyes and a strap around the head."""
+def make_headset(skull: Skull, _rng: np.random.Generator) -> Mesh:
+    """A black box in front of the eyes and a strap around the head."""
     turn = np.linspace(0, 2 * np.pi, AROUND + 1)
     front = np.clip(2.2 * np.cos(turn) - 1.0, 0, 1)
     around_head = np.stack([np.cos(turn), np.sin(turn)], 1)
@@ -57,7 +59,8 @@ def make_headset(skull: Skull, color: Float[Array, "3"]) -> Mesh:
         height = side * (0.016 + 0.030 * front) - 0.40 * skull.half[2] * front
         points.append(np.column_stack([ring, height]))
     vertices = np.concatenate(points) + skull.centre
-    mesh = _headgear("headset", vertices, np.array([0.0, 0.3, 0.7, 1.0]), _plain_texture(color))
+    texture = plain_texture(128, "black")
+    mesh = _headgear("headset", vertices, np.array([0.0, 0.3, 0.7, 1.0]), texture)
     return replace(mesh, faces=mesh.faces[:, ::-1])
 
 
@@ -65,7 +68,7 @@ HEADGEAR = {"helmet": make_helmet, "headset": make_headset}
 
 
 def cap(chart: BodyChart, rng: np.random.Generator) -> Worn:
-    """A cap with a peak over the eyes."""
+    """A cap with a visor."""
     return _hat(
         "cap", chart, rng, lambda turn: 0.075 * np.clip(1.6 * np.cos(turn) - 0.6, 0, 1) ** 0.5, 1.0
     )
@@ -89,7 +92,7 @@ def _hat(
     crown: float,
     pattern: str = "plain",
 ) -> Worn:
-    """A dome around the skull and hair, and a brim of some width (m) by direction (0 ahead)."""
+    """A dome around skull and hair; `brim` gives its width (m) by azimuth (0 forward)."""
     skull, around, rings = chart.skull, 40, 8
     turn = np.linspace(0, 2 * np.pi, around + 1)
     half = skull.half + [0.020, 0.018, 0.022]
@@ -114,12 +117,13 @@ def _hat(
     return Worn(rigid_mesh(name, vertices, faces, uv, texture, "head", 0.05), hidden)
 
 
-def _plain_texture(color: Float[Array, "3"]) -> UInt8[Array, "128 128 3"]:
-    return np.tile(even(color).texture, (32, 32, 1))
+def plain_texture(size: int, color: str) -> UInt8[Array, "size size 3"]:
+    """A square of one colour of `PALETTE`."""
+    return np.tile(even(rgb(PALETTE[color])).texture, (size // 4, size // 4, 1))
 
 
 def _headgear(name: str, vertices: Array, rows: Array, texture: Array) -> Mesh:
-    """Rings on the head that count as the rig; `rows` are their v in the texture."""
+    """A mesh of rings on the head, labelled as the rig; `rows` are their v in the texture."""
     u = np.tile(np.arange(AROUND + 1) / AROUND, len(rows))
     uv = np.stack([u, np.repeat(rows, AROUND + 1)], 1)
     mesh = rigid_mesh(name, vertices, ring_faces(len(rows), AROUND), uv, texture, "head", 0.4)

@@ -1,4 +1,4 @@
-"""Outfits by name: sampled from a seed, changed by the user, validated."""
+"""Outfits by name: sampled from a generator, changed by the user, validated."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ VALID: dict[str, Collection[str]] = {
 
 @dataclass(frozen=True)
 class Outfit:
-    """Garments and fabrics by name; socks are worn in shoes only.
+    """Garments and fabrics by name; bare feet have no socks.
 
-    Raises InputError for a name that does not exist.
+    Raises InputError for unknown names and impossible combinations.
     """
 
     top: str
@@ -67,7 +67,7 @@ class Outfit:
             raise InputError(f"'{self.bottom}' under a {self.top}", valid=UNDER_DRESSES)
         if TOPS[self.top].skirt is None and BOTTOMS[self.bottom] is None:
             raise InputError(
-                "no bottom is worn with a dress only",
+                "the bottom 'none' needs a dress",
                 valid=[name for name, top in TOPS.items() if top.skirt is not None],
             )
 
@@ -80,7 +80,7 @@ class Outfit:
 
 
 def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Generator) -> Outfit:
-    """Draw clothes, hair and accessories; hair greys with age and darkens with skin."""
+    """Draw clothes, hair and accessories; hair colour depends on age and skin tone."""
     female = sex == "female"
     tops = {t: 1.0 if TOPS[t].skirt is None else 0.7 for t in TOPS}
     top = _weighted({t: w for t, w in tops.items() if female or TOPS[t].skirt is None}, rng)
@@ -109,8 +109,9 @@ def sample_outfit(sex: str, age_years: float, tone: float, rng: np.random.Genera
 def change_outfit(outfit: Outfit, changes: Mapping[str, str], hatless: bool = False) -> Outfit:
     """Replace parts of an outfit by name; fabrics as 'pattern:color[,color[,color]]'.
 
-    A bottom that is not given is removed under a dress and added without one. A `hatless`
-    person wears headgear: no hat. Raises InputError for names and parts that do not exist.
+    A bottom that is not given is removed under a dress and added without one; a dress is replaced
+    when a bottom is given. A `hatless` person wears headgear, so no hat. Raises InputError for
+    unknown names and fields.
     """
     names = [field.name for field in fields(Outfit)]
     for key in changes:
@@ -159,7 +160,7 @@ def _fabric(
 
 
 def _bottom(top: str, female: bool, rng: np.random.Generator) -> str:
-    """Skirts for women only, as most seen on streets; little or nothing under dresses."""
+    """Draw a bottom: skirts for women only; leggings, tight shorts or none under a dress."""
     if TOPS[top].skirt is not None:
         return str(rng.choice(UNDER_DRESSES, p=[0.7, 0.22, 0.08]))
     usual = {"shorts": 20, "tight_shorts": 5, "slim_trousers": 25, "trousers": 30,

@@ -1,8 +1,8 @@
-"""Cloth unrolled: where each piece of a garment lies in the garment's texture, in metres.
+"""Texture layout of a garment: one rectangular panel for each piece of cloth.
 
-A piece (torso, sleeve, trouser leg) is a cylinder cut open on its hidden side. Across it runs the
-turn (0 to 1) around the piece, down it the metres along it, so that folds, seams and pockets can
-be painted where they belong. Sleeves and legs lie side by side below the torso.
+A piece (torso, sleeve, trouser leg) is a cylinder cut open on its hidden side. The columns of its
+panel are the turn (0 to 1) around the piece, the rows metres along it. Panels of sleeves and legs
+lie side by side below the torso.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from egocap_sim.human.body.anny_model import BareBody
 from egocap_sim.human.body.body_chart import ARMS, LEGS, LIMBS, TORSO
 
 SIZE = 512  # px of a garment's texture
-REACH = 1.12  # turns a panel shows: triangles on the seam run beyond the first
+REACH = 1.12  # turns that a panel covers: triangles on the cut extend beyond one turn
 GIRTH = {TORSO: 0.96, **dict.fromkeys(ARMS, 0.30), **dict.fromkeys(LEGS, 0.48)}  # m
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A piece's rectangle in the texture (px) and what it shows: `along` falls down the rows."""
+    """A piece's rectangle in the texture (px) and its extent; `along` decreases down the rows."""
 
     piece: int
     column: int
@@ -48,11 +48,11 @@ class Panel:
         return self.top + rows * (self.bottom - self.top)
 
     def x(self, turn: Array | float) -> Array | float:
-        """Column, from the panel's left edge, of a turn."""
+        """Column of a turn, from the left edge of the panel."""
         return np.asarray(turn) / REACH * self.width
 
     def y(self, along: Array | float) -> Array | float:
-        """Row, from the panel's upper edge, of a place along the piece."""
+        """Row of a position along the piece, from the upper edge of the panel."""
         return (np.asarray(along) - self.top) / (self.bottom - self.top) * self.height
 
     @property
@@ -64,14 +64,14 @@ class Panel:
         )
 
     def uv(self, turn: Array, along: Array) -> Float[Array, "N 2"]:
-        """Texture coordinates, half a pixel away from the neighbours' rows."""
+        """Texture coordinates, at least a pixel away from the rows of other panels."""
         x = self.column + self.x(turn)
         y = self.row + np.clip(self.y(along), 1.0, self.height - 1.0)
         return np.stack([x, y], 1) / SIZE
 
 
 def lay_out(spans: Mapping[int, tuple[float, float]]) -> dict[int, Panel]:
-    """Give pieces their panels; `spans` is the greatest and the least `along` of each."""
+    """Place the panels of pieces; `spans` holds the largest and the smallest `along` of each."""
     limbs = sorted(p for p in spans if p != TORSO)
     rows = 0  # of the torso
     panels = {}
@@ -91,14 +91,14 @@ def unroll(
 ) -> tuple[Float[Array, "N"], Float[Array, "N"]]:
     """Turns (0 to 1) around a piece's axis, from its hidden side, and metres along it.
 
-    Half a turn is the front of the torso and of the legs and the outer side of the arms. `along`
-    is the height on the torso, and minus the way from the shoulder or hip on a limb.
+    The turn 0.5 is the front of torso and legs and the outer side of arms. `along` is the height
+    on the torso, and minus the distance from shoulder or hip on a limb.
     """
     if piece == TORSO:
         low, high = body.joints[INDEX["pelvis"]], body.joints[INDEX["neck"]]
         x = points[:, 0] - (low[0] + high[0]) / 2
         radius = np.hypot(x, points[:, 1])
-        # Over the shoulders cloth runs inward rather than up: count both ways as length.
+        # Cloth on the shoulders runs inward as well as up: both count as length.
         slope = np.clip((points[:, 2] - (high[2] - 0.16)) / 0.10, 0, 1)
         turn = np.arctan2(points[:, 1], x) / (2 * np.pi) + 0.5
         return turn, points[:, 2] + slope * np.maximum(0, 0.2 - radius)

@@ -1,4 +1,4 @@
-"""Garment shells: the skin's surface offset outward, smoothed, cut along hems and turned in."""
+"""Garment shells: the skin offset outward, smoothed, cut along hems, with hems folded inward."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from egocap_sim.core.bodies import BODIES
 from egocap_sim.human.body.anny_model import anatomy
 from egocap_sim.human.body.body_chart import TORSO, BodyChart
 from egocap_sim.human.body.skin_patch import make_patch
-from egocap_sim.human.body.triangles import distinct
+from egocap_sim.human.body.triangles import distinct, edge_counts
 
-APRON = 0.06  # m of cloth beyond the hems while smoothing, so that edges are shaped like the rest
-ELSEWHERE = 1.0  # m inside an edge: of the parts of the body that the edge does not concern
+APRON = 0.06  # m of cloth beyond the hems while smoothing, to avoid boundary effects
+ELSEWHERE = 1.0  # m, depth inside an edge of vertices that the edge does not concern
 TIGHT, WIDE = 2, 24  # rounds of averaging of the skin weights
-HEM_FOLD = 0.7  # share of the gap to the skin by which a hem's edge is turned in
+HEM_FOLD = 0.7  # share of the gap to the skin by which a hem is folded inward
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """An edge at one height (m) of the cloth itself: cloth lies above it, or below it."""
+    """An edge at one height (m) of the draped cloth; cloth lies above it or below it."""
 
     height: float
     above: bool
@@ -40,14 +40,13 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Where a garment lies, and how far from the skin.
+    """Extent of a garment, and its distance from the skin.
 
-    `edges` are distances (m) inside each edge; cloth lies where all are above 0, and on its side
-    of `level`. Skin more than `margin` inside every edge is hidden: enough for hems to move.
-    `gap` (m) is the least distance to the skin along its normal; `looseness` (m) is added to it
-    before the cloth is smoothed in so many `rounds` of averaging, which bridge hollows. `span` (0
-    to 1) is how far the cloth bends wider than the skin under it, as between the legs. `fall`
-    moves the smoothed cloth before it is cut.
+    `edges` are distances (m) inside each edge; cloth lies where all are positive, and on its side
+    of `level`. Skin more than `margin` (m) inside every edge is hidden. `gap` (m) is the least
+    distance to the skin along its normal; `looseness` (m) is added before `rounds` of averaging
+    smooth the cloth and bridge hollows. `span` (0 to 1) blends in widely averaged skin weights, as
+    between the legs. `fall` moves the smoothed cloth before it is cut.
     """
 
     edges: Sequence[Float[Array, "N"]]
@@ -60,21 +59,21 @@ class Pattern:
     fall: Callable[[Float[Array, "N 3"]], Float[Array, "N 3"]] | None = None
 
     def edges_at(self, points: Float[Array, "N 3"]) -> list[Float[Array, "N"]]:
-        """Distances inside each edge of cloth (or skin) whose vertices are at these points."""
+        """Distances inside each edge of vertices at these points."""
         return [*self.edges, *([self.level.inside(points)] if self.level else [])]
 
 
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """Cloth at rest, before its fabric is laid on."""
+    """Cloth at rest, without a texture."""
 
     vertices: Float[Array, "M 3"]
     skin: Float[Array, "M 3"]  # the point of the skin under each vertex
     faces: Int[Array, "F 3"]
     weights: Float[Array, "M 21"]
     piece: Int[Array, "M"]  # of `body_chart`
-    light: Float[Array, "M"]  # openness of the body there: dark in armpits and between the legs
-    covered: Bool[Array, "N"]  # vertices of the bare skin that cannot be seen under it
+    light: Float[Array, "M"]  # openness (0 to 1): low in armpits and between the legs
+    covered: Bool[Array, "N"]  # hidden vertices of the bare skin
 
 
 def make_shell(chart: BodyChart, pattern: Pattern, buried: Bool[Array, "N"] | None = None) -> Shell:
@@ -84,7 +83,7 @@ def make_shell(chart: BodyChart, pattern: Pattern, buried: Bool[Array, "N"] | No
     """
     depth, skin = np.min(pattern.edges_at(chart.vertices), axis=0), chart.vertices
     near, covered = depth > -APRON, depth > pattern.margin
-    # Far from its edges, where no skin is drawn, the torso's cloth may come closer: bumps flatten.
+    # Far from its edges, where no skin is drawn, cloth on the torso may come closer to the skin.
     closer = np.maximum(pattern.gap - 0.006, 0.0015)
     least = np.where(covered & (chart.piece == TORSO), closer, pattern.gap)
     patch = make_patch(near)
@@ -101,7 +100,6 @@ def make_shell(chart: BodyChart, pattern: Pattern, buried: Bool[Array, "N"] | No
     faces = faces[near.take(faces.T).all(0)]
     if buried is not None:
         faces = faces[~buried.take(faces.T).all(0)]
-    # Cloth bridges the skin's small hollows.
     light = patch.smoothed(anatomy().openness.astype(float)[:, None], 4)[:, 0]
     mix = sp.csr_matrix(sp.identity(len(near)))
     for edge in pattern.edges_at(cloth):
@@ -127,12 +125,12 @@ def clip(
 ) -> tuple[Int[Array, "G 3"], sp.csr_matrix]:
     """Cut triangles along the line where `value` is zero and keep the side above it.
 
-    Returns the new triangles and the matrix (M, N) that makes attributes of the new vertices from
-    those of the old.
+    Returns the new triangles and the matrix (M, N) that maps attributes of the old vertices to
+    the new ones.
     """
     inside = value > 0
     count = inside.take(faces.T).sum(0)
-    # Turn the partly kept triangles so that the corner that stands alone comes first.
+    # Rotate the cut triangles so that the corner that is alone on its side comes first.
     lone = _alone_first(faces[count == 1], inside)
     pair = _alone_first(faces[count == 2], ~inside)
     crossed = np.concatenate([lone[:, [0, 1]], lone[:, [0, 2]], pair[:, [0, 1]], pair[:, [0, 2]]])
@@ -157,10 +155,8 @@ def clip(
 
 def border(faces: Int[Array, "F 3"]) -> Int[Array, "E 2"]:
     """Directed edges that have a triangle on one side only."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    key = np.minimum(*edges.T) * (faces.max(initial=0) + 1) + np.maximum(*edges.T)
-    _, index, count = np.unique(key, return_inverse=True, return_counts=True)
-    return edges[count[index] == 1]
+    edges, count = edge_counts(faces)
+    return edges[count == 1]
 
 
 def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array, "F 3"]:
@@ -169,7 +165,7 @@ def _alone_first(faces: Int[Array, "F 3"], mask: Bool[Array, "N"]) -> Int[Array,
 
 
 def _turn_hems(shell: Shell) -> Shell:
-    """Add a narrow strip inside every edge, so that cloth has a thickness where it ends."""
+    """Add a narrow strip inside every edge, so that cloth shows a thickness there."""
     edges, count = border(shell.faces), len(shell.vertices)
     rim = np.unique(edges)
     place = np.zeros(count, int)

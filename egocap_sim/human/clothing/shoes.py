@@ -1,4 +1,4 @@
-"""Shoes: closed hulls around the feet, their soles flat on the floor."""
+"""Shoes: closed hulls around the feet with flat soles on the floor."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from egocap_sim.human.body.skinning import Worn, skinned_mesh
 from egocap_sim.human.clothing.shell import skin_weights
 
 DIRECTIONS = 28  # corners of each ring
-SOLE_ROWS = 0.25  # share of the texture, from its foot, that shows the sole
+SOLE_ROWS = 0.25  # share of the texture, at the bottom, that shows the sole
 
 
 @dataclass(frozen=True)
 class Shoe:
-    """A shoe: how high it reaches above the ankle joint (m) and how thick its sole is drawn (m)."""
+    """A shoe: collar height above the ankle joint (m) and drawn thickness of the sole (m)."""
 
     collar: float
     sole: float
@@ -41,9 +41,9 @@ SHOES: dict[str, Shoe] = {
 def make_shoes(body: BareBody, shoe: Shoe, texture: UInt8[Array, "H W 3"]) -> Worn:
     """Both shoes as one mesh.
 
-    Every level is the outline, seen from above, of what the foot has at or above that level, so
-    that the shell is wider below and nothing of the foot can stand out of it. The foot's own
-    lowest point is on the floor and so is the sole: its thickness is only drawn.
+    The ring at each level is the outline, seen from above, of the foot at or above that level, so
+    that it encloses the foot. The lowest point of foot and sole is on the floor: the thickness of
+    the sole is only a texture.
     """
     owner, z = anatomy().owner, body.vertices[:, 2]
     vertices, faces, uv = [], [], []
@@ -87,7 +87,7 @@ def shoe_texture(
 def _rings(
     foot: Float[Array, "N 3"], top: float, shoe: Shoe
 ) -> tuple[Float[Array, "L D 3"], Float[Array, "L D 2"]]:
-    """Rings from the middle of the sole, up around the foot, to the collar turned inward."""
+    """Rings from the centre of the sole, around the foot, to the folded collar; and their uv."""
     base, sole, edge = _outline(foot, 0.0, shoe.room + 0.004), shoe.sole, 1 - SOLE_ROWS
     middle = base.mean(0)
     rings = [  # outline, height (m), row of the texture
@@ -117,7 +117,7 @@ def _outline(foot: Float[Array, "N 3"], z: float, room: float) -> Float[Array, "
     circle = room * np.stack([np.cos(angle), np.sin(angle)], 1)
     rounded = (corners[:, None] + circle).reshape(-1, 2)
     loop = rounded[ConvexHull(rounded).vertices]
-    # Rings start at the heel so that corresponding corners lie above each other.
+    # Rings start at the heel, so that their corners correspond.
     loop = np.roll(loop, -int(loop[:, 0].argmin()), 0)
     closed = np.concatenate([loop, loop[:1]])
     travelled = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
@@ -136,7 +136,7 @@ def _ring_faces(count: int) -> Int[Array, "F 3"]:
 
 
 def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "M 21"]:
-    """Skin weights of the nearest skin, averaged, each shoe following its own leg only."""
+    """Mean skin weights of the nearest skin on the same leg."""
     weights, low = _smooth_weights(), body.vertices[:, 2] < body.joints[INDEX["l_calf"], 2]
     result = np.zeros((len(points), weights.shape[1]))
     for sign in (1, -1):
@@ -148,6 +148,6 @@ def _weights_near(body: BareBody, points: Float[Array, "M 3"]) -> Float[Array, "
 
 @cache
 def _smooth_weights() -> Float[Array, "N 21"]:
-    """Weights of the skin, averaged, so that shoes bend less sharply."""
+    """Smoothed skin weights, so that shoes bend less sharply."""
     weights = skin_weights()
     return make_patch(np.ones(len(weights), bool)).smoothed(weights, 4)

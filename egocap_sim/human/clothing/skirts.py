@@ -1,4 +1,4 @@
-"""Skirts and the lower half of dresses: a tube around both legs that follows hips and thighs."""
+"""Skirts and the lower half of dresses: a tube around both legs, skinned to hips and legs."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ AROUND, ROWS = 64, 13
 
 @dataclass(frozen=True)
 class Skirt:
-    """How long a skirt is (1 to the knee, 2 to the ankle), how it widens, and how it is folded."""
+    """Length (1 to the knee, 2 to the ankle), flare and folds of a skirt."""
 
     length: float
-    flare: float  # m further from the axis for each metre of fall
-    fold: float  # m, half the depth of its folds at the hem
+    flare: float  # increase of the radius, metres per metre of length
+    fold: float  # half the depth of folds at the hem (m)
     count: int = 9  # folds around
 
 
 def make_skirt(chart: BodyChart, skirt: Skirt, waist: float, gap: float) -> Shell:
     """A skirt from the waist (height, m), `gap` (m) away from the skin there.
 
-    It lies outside the convex outline of hips and legs at every height. Its left half follows the
-    left leg and its right half the right one, softly across the middle: in front wholly, as the
-    thigh pushes it when lifted, behind a little less.
+    It lies outside the convex outline of hips and legs at every height. Each half follows the leg
+    on its side, with a smooth transition in the middle; the back follows less than the front,
+    which a lifted thigh pushes.
     """
     hip, knee, ankle = (chart.joint(b)[2] for b in ("l_thigh", "l_calf", "l_foot"))
     hem = float(np.interp(skirt.length, [0, 1, 2], [hip, knee, ankle]))
@@ -70,9 +70,9 @@ def make_skirt(chart: BodyChart, skirt: Skirt, waist: float, gap: float) -> Shel
 
 
 def _covered(chart: BodyChart, waist: float, hem: float) -> Bool[Array, "N"]:
-    """The skin deep enough inside a skirt never to be seen."""
+    """The skin that is always hidden inside a skirt."""
     z = chart.vertices[:, 2]
-    depth = 0.10 + 0.25 * max(0.0, waist - hem - 0.45)  # long ones open wider below
+    depth = 0.10 + 0.25 * max(0.0, waist - hem - 0.45)  # long skirts open wider at the hem
     inside = (z < waist - 0.03) & (z > hem + depth)
     return ~chart.on_arm & inside & (anatomy().owner != INDEX["head"])
 

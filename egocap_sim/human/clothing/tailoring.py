@@ -1,4 +1,4 @@
-"""Garment meshes: panels, and the texture painted on them: fabric, details, folds and shade."""
+"""Garment meshes and their textures: fabric, details, folds and ambient shade on panels."""
 
 from __future__ import annotations
 
@@ -10,37 +10,36 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap_sim.assets.mesh import Mesh
 from egocap_sim.human.body.anny_model import BareBody
 from egocap_sim.human.body.body_chart import ARMS, TORSO
 from egocap_sim.human.body.noise import stretched, wrapped_noise
-from egocap_sim.human.body.skinning import skinned_mesh
+from egocap_sim.human.body.skinning import Worn, skinned_mesh
 from egocap_sim.human.body.triangles import distinct
 from egocap_sim.human.clothing.details import DETAILS, Canvas, Marks
 from egocap_sim.human.clothing.panels import GIRTH, REACH, SIZE, Panel, lay_out, unroll
 from egocap_sim.human.clothing.shell import Shell
 
-FOLD = 0.55  # strength of painted folds in the crumpled places
-SHADE = 0.62  # share of its light that cloth loses where no light comes in
-SHADE_CELLS = 28  # a panel's shade is binned into so many cells a side
+FOLD = 0.55  # strength of painted folds where cloth crumples
+SHADE = 0.62  # largest share of light lost to ambient occlusion
+SHADE_CELLS = 28  # cells along each side of a panel's shade grid
 
 
 @dataclass(frozen=True, eq=False)
 class Cloth:
-    """What a garment is made of and how it is finished."""
+    """Fabric, folds and painted details of a garment."""
 
-    tile: UInt8[Array, "N N 3"]  # seamless picture of the fabric
-    tile_m: float  # metres it shows
+    tile: UInt8[Array, "N N 3"]  # seamless image of the fabric
+    tile_m: float  # metres that the tile covers
     rng: np.random.Generator
-    crumple: float = 1.0  # depth of its folds: 0 tight, 1 as cotton
+    crumple: float = 1.0  # depth of folds: 0 for tight cloth, 1 for cotton
     details: tuple[str, ...] = ()  # of `details.DETAILS`
     marks: Marks = field(default_factory=Marks)
 
 
-def sew(name: str, shell: Shell, body: BareBody, cloth: Cloth, shininess: float = 0.0) -> Mesh:
+def sew(name: str, shell: Shell, body: BareBody, cloth: Cloth, shininess: float = 0.0) -> Worn:
     """Make the mesh of a shell and paint its texture.
 
-    Vertices are doubled where two pieces of cloth meet and at the hidden side of each.
+    Vertices are duplicated along the seams between pieces and along the cut of each piece.
     """
     corner_piece = np.repeat(shell.piece.take(shell.faces.T).max(0), 3)
     corner_vertex = shell.faces.ravel()
@@ -62,10 +61,11 @@ def sew(name: str, shell: Shell, body: BareBody, cloth: Cloth, shininess: float 
         here = pieces == piece
         uv[here] = panel.uv(turn[here], along[here])
         samples[piece] = turn[here], along[here], light[here]
-    return skinned_mesh(
+    mesh = skinned_mesh(
         name, shell.vertices[vertex], index.reshape(-1, 3), uv, paint(panels, samples, cloth),
         shell.weights[vertex], shininess,
     )  # fmt: skip
+    return Worn(mesh, shell.covered)
 
 
 def paint(
@@ -88,7 +88,7 @@ def paint(
 def _shade(
     image: Float[Array, "H W 3"], shade: Float[Array, "H W"], out: UInt8[Array, "H W 3"]
 ) -> None:
-    """Multiply a picture (0 to 255) by its shade."""
+    """Multiply an image (0 to 255) by its shade."""
     height, width, channels = image.shape
     for y in range(height):
         for x in range(width):
@@ -121,7 +121,7 @@ def _repeated(
 
 
 def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, "H W"]:
-    """Light and dark of folds, as lit from above: deep at joints, hems and the waist."""
+    """Shading of folds lit from above; folds are deep at joints, hems and the waist."""
     turns, along = panel.turns.astype(np.float32), panel.along.astype(np.float32)
     around = max(2, round(GIRTH[panel.piece] / 0.16))
     length = panel.top - panel.bottom
@@ -153,7 +153,7 @@ def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, 
 def _slopes(
     noise: Float[Array, "H w"], shift: Int[Array, "H"], width: int, steepness: float
 ) -> Float[Array, "H width"]:
-    """How the ridges along the zeros of noise rise down the rows, each of which is shifted."""
+    """Slope, down the rows, of ridges along the zeros of noise; each row is shifted."""
     height, around = noise.shape
     ridge = np.empty((height, width), np.float32)
     for y in range(height):
@@ -171,14 +171,14 @@ def _slopes(
 def shadow(
     panel: Panel, turn: Float[Array, "N"], along: Float[Array, "N"], light: Float[Array, "N"]
 ) -> Float[Array, "H W"]:
-    """Darkening (0 to 1) where little light comes in, spread from vertices over the panel."""
+    """Brightness (0 to 1) from ambient occlusion, interpolated from vertices over the panel."""
     n = SHADE_CELLS
     x = np.clip((np.asarray(panel.x(turn)) / panel.width * n).astype(int), 0, n - 1)
     y = np.clip((np.asarray(panel.y(along)) / panel.height * n).astype(int), 0, n - 1)
     cell = y * n + x
     grids = np.stack([np.bincount(cell, light, n * n), np.bincount(cell, minlength=n * n)])
     grids = grids.reshape(2, n, n)  # the sum of the vertices' light, and their number
-    for reach in (1, 1, 2, 4, 8):  # empty cells take the mean of those around
+    for reach in (1, 1, 2, 4, 8):  # empty cells take the mean of their neighbours
         wide = _blurred(grids, reach)
         grids = np.where(grids[1] == 0, wide, grids) if reach > 1 else wide
     value = (grids[0] / np.maximum(grids[1], 1e-9)).astype(np.float32)
@@ -195,7 +195,7 @@ def _blurred(grids: Float[Array, "2 H W"], reach: int) -> Float[Array, "2 H W"]:
 
 
 def _steps(size: int) -> tuple[Int[Array, "size"], Float[Array, "size"]]:
-    """The cell of the shade before each of `size` places, and the way from it to the next."""
+    """The cell before each of `size` pixels, and the fraction of the way to the next cell."""
     cells = SHADE_CELLS
     at = np.clip((np.arange(size, dtype=np.float32) + 0.5) * cells / size - 0.5, 0, cells - 1.001)
     low = at.astype(int)

@@ -1,4 +1,4 @@
-"""Make a whole person from a seed: shape, skin, hair, clothes and headgear."""
+"""Make a person from a seed: shape, skin, hair, clothes and headgear."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ from egocap_sim.human.body.anny_model import BareBody, anatomy, bare_body, landm
 from egocap_sim.human.body.body_chart import make_chart
 from egocap_sim.human.body.person import Person
 from egocap_sim.human.body.phenotype import ADULT_YEARS, PHENOTYPE_NAMES, Phenotype, age_from_years
-from egocap_sim.human.body.skin import rgb
 from egocap_sim.human.clothing.dressing import dress
-from egocap_sim.human.clothing.fabric import PALETTE
 from egocap_sim.human.clothing.headwear import HEADGEAR
 from egocap_sim.human.clothing.outfit import change_outfit, sample_outfit
 
@@ -25,8 +23,8 @@ HEIGHTS_M = (1.40, 2.10)  # valid
 SAMPLED_HEIGHTS_M = (1.50, 2.00)
 SAMPLED_BMI = (18.0, 35.0)  # kg/m^2
 SEXES = ("female", "male")
-DENSITY = (1010.0, 985.0)  # kg/m^3 with air in the lungs, of phenotype weights 0 and 1
-SHAPE, SKIN, OUTFIT, FABRIC, GEAR = range(5)  # streams of random numbers of one seed
+DENSITY = (1010.0, 985.0)  # kg/m^3 with air in the lungs, at phenotype weights 0 and 1
+SHAPE, SKIN, OUTFIT, FABRIC, GEAR = range(5)  # random number streams of one seed
 
 
 def make_person(
@@ -42,54 +40,59 @@ def make_person(
     bystander: bool = False,
     name: str = "person",
 ) -> Person:
-    """Make the person of a seed; a seed always gives the same one.
+    """Make the person of a seed; the same arguments always give the same person.
 
-    What is not given is drawn from the seed. `sex` is 'female' or 'male'; `skin_tone` 0 (light)
+    Values that are None are drawn from the seed. `sex` is 'female' or 'male'; `skin_tone` 0 (light)
     to 1 (dark); `phenotype` fixes values of `Phenotype` other than age and height (weight, muscle,
     proportions, gender, ...); `outfit` fixes parts of `Outfit` by name (top='hoodie',
     top_fabric='stripes:white,navy', shoes='barefoot', hair='bob', ...); `headgear` is None,
-    'helmet' or 'headset'. A `bystander` gets the part label of other people throughout.
+    'helmet' or 'headset'. All vertices of a `bystander` have the part label of other people.
 
-    Raises InputError for impossible values, naming what is possible.
+    Raises InputError, with the valid values, for invalid ones.
     """
     if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed is {seed!r}", valid="a whole number from 0")
-    _check("sex", sex, SEXES)
+        raise InputError(f"seed is {seed!r}", valid="an integer of at least 0")
     _check("headgear", headgear, tuple(HEADGEAR))
-    _check_range("height_m", height_m, HEIGHTS_M)
-    _check_range("age_years", age_years, ADULT_YEARS)
     _check_range("skin_tone", skin_tone, (0.0, 1.0))
 
     shape_rng = _stream(seed, SHAPE)
-    sampled_sex, years, body = _sample_body(shape_rng, sex, height_m, age_years, phenotype or {})
+    sex, years, body = _sample_body(shape_rng, sex, height_m, age_years, phenotype or {})
     tone = _tone(body.phenotype, _stream(seed, SKIN)) if skin_tone is None else float(skin_tone)
-    clothes = sample_outfit(sampled_sex, years, tone, _stream(seed, OUTFIT))
+    clothes = sample_outfit(sex, years, tone, _stream(seed, OUTFIT))
     clothes = change_outfit(clothes, outfit or {}, hatless=headgear is not None)
     chart = make_chart(body)
     meshes = dress(chart, clothes, tone, headgear, _stream(seed, FABRIC))
     if headgear:
-        names = list(PALETTE)
-        drawn = names[_stream(seed, GEAR).integers(len(names))]
-        color = drawn if headgear == "helmet" else "black"
-        meshes.append(HEADGEAR[headgear](chart.skull, rgb(PALETTE[color])))
+        meshes.append(HEADGEAR[headgear](chart.skull, _stream(seed, GEAR)))
     if bystander:
         meshes = [replace(m, parts=np.full_like(m.parts, OTHER_PERSON)) for m in meshes]
-    actor = Actor(name, tuple(meshes))
-    mass, owner = _mass(body), anatomy().owner
-    described = {
-        "seed": int(seed),
-        "sex": sampled_sex,
-        "age_years": round(years, 1),
-        "height_m": round(body.height_m, 4),
-        "mass_kg": round(mass, 2),
-        "phenotype": {k: round(v, 6) for k, v in asdict(body.phenotype).items()},
-        "scale": round(body.scale, 6),
+    drawn = {
         "skin_tone": round(tone, 4),
         "outfit": clothes.describe(),
         "headgear": headgear,
     }
-    joints, skin = body.joints, body.vertices
-    return Person(name, body.height_m, mass, joints, landmarks(body), skin, owner, actor, described)
+    return Person(
+        name=name,
+        height_m=body.height_m,
+        mass_kg=_mass(body),
+        joints=body.joints,
+        landmarks=landmarks(body),
+        body_vertices=body.vertices,
+        body_owner=anatomy().owner,
+        actor=Actor(name, tuple(meshes)),
+        description={"seed": int(seed), **_describe(sex, years, body), **drawn},
+    )
+
+
+def _describe(sex: str, years: float, body: BareBody) -> dict[str, object]:
+    return {
+        "sex": sex,
+        "age_years": round(years, 1),
+        "height_m": round(body.height_m, 4),
+        "mass_kg": round(_mass(body), 2),
+        "phenotype": {k: round(v, 6) for k, v in asdict(body.phenotype).items()},
+        "scale": round(body.scale, 6),
+    }
 
 
 def _stream(seed: int, purpose: int) -> np.random.Generator:
@@ -103,7 +106,13 @@ def _sample_body(
     age_years: float | None,
     fixed: Mapping[str, float],
 ) -> tuple[str, float, BareBody]:
-    """Draw a shape until its body mass index is plausible (at once if weight is fixed)."""
+    """Sex, age and shape, drawn until the body mass index is plausible.
+
+    The first draw is taken if weight or muscle is fixed.
+    """
+    _check("sex", sex, SEXES)
+    _check_range("height_m", height_m, HEIGHTS_M)
+    _check_range("age_years", age_years, ADULT_YEARS)
     free = [n for n in PHENOTYPE_NAMES if n not in ("age", "height")]
     for key, value in fixed.items():
         _check("phenotype", key, free)
@@ -141,7 +150,7 @@ def _mass(body: BareBody) -> float:
 
 
 def _tone(shape: Phenotype, rng: np.random.Generator) -> float:
-    """Skin tone of an ancestry, widely spread: 0 light to 1 dark."""
+    """Draw a skin tone, 0 light to 1 dark, around the mean of an ancestry."""
     shares = np.array([shape.african, shape.asian, shape.caucasian])
     usual = float(shares @ [0.78, 0.42, 0.25] / shares.sum())
     return float(np.clip(usual + rng.normal(0, 0.13), 0.0, 1.0))

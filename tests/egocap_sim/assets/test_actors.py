@@ -47,7 +47,7 @@ def test_two_workers_write_the_same_bytes(folder, tmp_path):
     assert checksums(tmp_path / "two") == checksums(folder)
 
 
-def test_others_and_things_are_drawn_and_hide_joints(folder):
+def test_bystanders_and_props_are_drawn_and_occlude_joints(folder):
     sequence = Sequence(folder)
     labels = {
         part: np.mean([(sequence.mask(t, view) == part).mean() for t in range(len(sequence))])
@@ -58,12 +58,12 @@ def test_others_and_things_are_drawn_and_hide_joints(folder):
     assert (sequence.truth.visibility == OCCLUDED).any()  # the ball before a foot or hand
 
 
-def test_the_scene_file_comes_back_as_it_was(tmp_path):
+def test_scene_file_round_trip(tmp_path):
     (tmp_path / "scene.toml").write_text(to_toml(scene()))
     assert load_scene(tmp_path / "scene.toml") == scene()
 
 
-def test_a_thing_that_does_not_go_with_the_motion_is_told_before_anything_is_written(tmp_path):
+def test_prop_with_unsuitable_motion_raises_before_writing(tmp_path):
     wrong = scene(motion={"name": "walk"})
     with pytest.raises(InputError, match=r"things\.0.*needs the motion 'dribble'"):
         generate(wrong, tmp_path / "none")

@@ -32,7 +32,7 @@ def wearer(stand_in) -> np.ndarray:
     return played(stand_in, "handshake")
 
 
-def test_both_right_palms_meet_while_the_hand_is_out(stand_in, wearer):
+def test_right_palms_meet_while_the_hand_is_extended(stand_in, wearer):
     handshake = find_handshake(stand_in, wearer)
     assert handshake is not None and 0.1 < (handshake.share > 0.95).mean() < 0.9
     clip = handshake_clip(handshake, TIMES, np.random.default_rng(0), 60.0)
@@ -52,12 +52,12 @@ def test_both_right_palms_meet_while_the_hand_is_out(stand_in, wearer):
     assert np.median((normals[0] * normals[1]).sum(1)) < -0.7
 
 
-def test_nobody_shakes_a_hand_that_is_not_held_out(stand_in):
+def test_no_handshake_without_an_extended_hand(stand_in):
     assert find_handshake(stand_in, played(stand_in, "idle")) is None
     assert find_handshake(stand_in, played(stand_in, "wave")) is None
 
 
-def test_a_crowd_has_one_who_shakes_hands(stand_in, wearer, monkeypatch):
+def test_crowd_contains_a_handshake(stand_in, wearer, monkeypatch):
     def make(seed, *, bystander, name):  # in place of a dressed person, who takes long
         return SimpleNamespace(**vars(stand_in) | {"name": name, "actor": Actor(name, ())})
 

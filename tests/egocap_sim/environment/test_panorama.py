@@ -28,7 +28,7 @@ def colour_towards(meshes, direction) -> np.ndarray:
     return colour
 
 
-def test_a_made_up_panorama_is_bright_above_and_closes_around():
+def test_procedural_panorama_is_bright_above_and_periodic():
     image = make_panorama(np.random.default_rng(4))
     assert image.shape == (HEIGHT, WIDTH, 3) and image.dtype == np.uint8
     assert image[:300].mean() > image[700:].mean() + 20
@@ -62,7 +62,7 @@ def test_a_users_panorama_replaces_the_sky(tmp_path):
     assert len(skies) == 8 and all((m.texture == (200, 20, 10)).all() for m in skies)
 
 
-def test_what_is_no_panorama_is_refused(tmp_path):
+def test_invalid_panorama_raises(tmp_path):
     square, broken = tmp_path / "square.png", tmp_path / "broken.png"
     cv2.imwrite(str(square), np.zeros((50, 50, 3), np.uint8))
     broken.write_bytes(b"nothing")

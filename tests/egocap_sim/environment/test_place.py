@@ -28,7 +28,7 @@ def test_the_same_generator_gives_the_same_place(name):
 
 @pytest.mark.parametrize("name", PLACES)
 @pytest.mark.parametrize("radius", [1.0, 2.5])
-def test_nothing_stands_in_the_free_circle(name, radius):
+def test_free_circle_is_empty(name, radius):
     for seed in range(2):
         place = make_place(name, np.random.default_rng(seed), radius)
         for m in place.meshes:
@@ -39,7 +39,7 @@ def test_nothing_stands_in_the_free_circle(name, radius):
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_meshes_are_whole_and_light_comes_from_above(name):
+def test_meshes_are_valid_and_light_comes_from_above(name):
     place = make_place(name, np.random.default_rng(1))
     for m in place.meshes:
         assert m.faces.min() >= 0 and m.faces.max() < len(m.vertices), m.name
@@ -71,7 +71,7 @@ def test_the_window_is_on_the_side_the_light_comes_from(rooms):
         assert window.vertices.mean(axis=0)[:2] @ place.light.direction[:2] < 0
 
 
-def test_unknown_names_and_radii_are_refused():
+def test_unknown_names_and_radii_raise():
     with pytest.raises(InputError, match=r"room, studio, .* street, grass, court"):
         make_place("kitchen", np.random.default_rng(0))
     with pytest.raises(InputError, match=r"0\.5 to 15"):
@@ -122,7 +122,7 @@ def test_dusk_is_darker_redder_and_lower():
     assert sky[1] < 0.5 * sky[0]
 
 
-def test_pictures_of_a_user_cover_the_walls(tmp_path):
+def test_user_pictures_cover_the_walls(tmp_path):
     cv2.imwrite(str(tmp_path / "red.png"), np.full((30, 40, 3), (0, 0, 255), np.uint8))
     room = make_place("room", np.random.default_rng(1))
     covered = with_pictures(room, picture_files(tmp_path), np.random.default_rng(0))
@@ -133,7 +133,7 @@ def test_pictures_of_a_user_cover_the_walls(tmp_path):
             assert after.texture is before.texture
 
 
-def test_a_broken_picture_is_named(tmp_path):
+def test_broken_picture_raises_with_its_path(tmp_path):
     with pytest.raises(FileError, match="no such folder"):
         picture_files(tmp_path / "none")
     with pytest.raises(FileError, match="has no pictures"):

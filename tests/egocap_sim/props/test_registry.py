@@ -114,7 +114,7 @@ def test_feet_stay_on_the_pedals_and_hands_on_the_bar(stand_in):
     assert wheels.min() > 0.2 and wheels.max() < 0.5
 
 
-def test_a_ride_leans_into_its_bends_and_comes_back():
+def test_ride_leans_into_curves_and_returns():
     params = motion_parameters("cycle", {})
     ride = Ride(np.random.default_rng(0), params)
     t = np.arange(0.0, 20.0, 0.02)
@@ -131,7 +131,7 @@ def test_the_figure_is_as_long_as_itself(stand_in):
 
 
 @pytest.mark.parametrize("kind", ["phone", "cup"])
-def test_a_held_thing_stays_in_its_hand(stand_in, kind):
+def test_handheld_prop_stays_in_the_hand(stand_in, kind):
     performance = perform(stand_in, "hold", seconds=2.0)
     for hand, name in enumerate(("left", "right")):
         (thing,) = make_prop(
@@ -154,7 +154,7 @@ def test_no_limb_is_inside_a_table(stand_in, kind, motion):
         assert low[0] < 1.0  # near enough to hide legs
 
 
-def test_a_seat_is_under_who_sits(stand_in):
+def test_seat_is_under_the_sitting_wearer(stand_in):
     performance = perform(stand_in, "sit")
     for kind, name in (("chair", "seat"), ("sofa", "cushion")):
         (thing,) = make_prop(ThingTable(kind=kind), performance, np.random.default_rng(0))
@@ -164,11 +164,11 @@ def test_a_seat_is_under_who_sits(stand_in):
         low, high = seat.vertices.min(0), seat.vertices.max(0)
         assert (low[:2] < pelvis[:2]).all() and (pelvis[:2] < high[:2]).all()
         assert 0.3 < high[2] < pelvis[2]
-    with pytest.raises(InputError, match="nobody sits"):
+    with pytest.raises(InputError, match="does not sit"):
         make_prop(ThingTable(kind="sofa"), perform(stand_in, "idle"), np.random.default_rng(0))
 
 
-def test_wrong_things_are_told():
+def test_invalid_props_raise():
     with pytest.raises(InputError, match=r"unknown kind 'elephant'.*bicycle"):
         check_prop(ThingTable(kind="elephant"), "walk")
     with pytest.raises(InputError, match="a ball needs the motion 'dribble', not 'walk'"):

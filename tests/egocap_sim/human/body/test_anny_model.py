@@ -21,7 +21,7 @@ def winding_number(vertices, faces, point):
 
 @pytest.mark.parametrize("gender", [0.0, 1.0])
 @pytest.mark.parametrize("height", [1.40, 1.50, 1.75, 2.00, 2.10])
-def test_asked_height_is_met(gender, height):
+def test_requested_height_is_reached(gender, height):
     body = bare_body(Phenotype(gender=gender), height)
     assert body.height_m == pytest.approx(height, abs=0.002)
     assert np.ptp(body.vertices[:, 2]) == pytest.approx(height, abs=0.002)
@@ -32,7 +32,7 @@ def test_asked_height_is_met(gender, height):
 @pytest.mark.parametrize(
     "shape", [Phenotype(gender=0), Phenotype(gender=1, weight=0.9), Phenotype(muscle=0.9, age=0.9)]
 )
-def test_joints_are_inside_and_where_anatomy_has_them(shape):
+def test_joints_are_inside_the_body_in_anatomical_order(shape):
     body = bare_body(shape, 1.75)
     faces = anatomy().faces
     for name, joint in zip(BODIES, body.joints, strict=True):
@@ -83,7 +83,7 @@ def test_skin_weights():
     assert near.mean() > 0.9  # what bends together hangs together
 
 
-def test_volume_is_that_of_a_person():
+def test_volume_is_plausible():
     body = bare_body(Phenotype(gender=0), 1.75)
     assert 55 < body.volume_m3 * 1000 < 80
     heavy = bare_body(Phenotype(gender=0, weight=1.0, muscle=0.3), 1.75)

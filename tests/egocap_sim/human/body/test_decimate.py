@@ -36,7 +36,7 @@ def test_ball_stays_a_ball():
     assert 0.93 * 4 * np.pi / 3 < volume < 4 * np.pi / 3
 
 
-def test_only_the_removable_go():
+def test_only_removable_vertices_are_removed():
     points, faces = sphere()
     removable = points[:, 2] > 0.2
     few, _, _ = decimate(points, faces, faces.copy(), removable, 10_000)
@@ -44,7 +44,7 @@ def test_only_the_removable_go():
     assert len(few) < 0.8 * len(faces)
 
 
-def test_what_stands_above_takes_light_away():
+def test_an_occluder_above_reduces_openness():
     points, faces = sphere()
     points = 0.1 * points
     assert openness(points, faces).min() > 0.8  # nothing shades a ball alone

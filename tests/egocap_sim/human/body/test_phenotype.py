@@ -43,11 +43,11 @@ def test_ages():
 
 
 @pytest.mark.parametrize("bad", [{"weight": 1.2}, {"muscle": -0.1}, {"gender": float("nan")}])
-def test_values_outside_zero_to_one_are_refused(bad):
+def test_values_outside_zero_to_one_raise(bad):
     with pytest.raises(InputError, match="0 to 1"):
         Phenotype(**bad)
 
 
-def test_no_ancestry_is_refused():
+def test_no_ancestry_raises():
     with pytest.raises(InputError, match="ancestry"):
         Phenotype(african=0, asian=0, caucasian=0)

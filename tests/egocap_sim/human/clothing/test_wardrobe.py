@@ -151,7 +151,7 @@ def test_nothing_tears_when_posed(pose):
         assert (after - length).max() < 0.06, mesh.name
 
 
-def test_headgear_and_bystanders_are_labelled():
+def test_part_labels_of_headgear_and_bystanders():
     helmet = person(3, headgear="helmet").actor.meshes[-1]
     assert helmet.name == "helmet"
     assert (helmet.parts == RIG).all()
@@ -161,7 +161,7 @@ def test_headgear_and_bystanders_are_labelled():
         assert (mesh.parts == OTHER_PERSON).all()
 
 
-def test_wishes_are_met():
+def test_given_values_are_used():
     someone = person(
         7,
         sex="female",
@@ -197,7 +197,7 @@ def test_socks_show_between_shoe_and_trousers():
 
 
 @pytest.mark.parametrize("top", ["dress", "summer_dress"])
-def test_dresses_take_the_place_of_trousers(top):
+def test_dresses_replace_trousers(top):
     for seed in (3, 4):
         someone = person(seed, outfit=freeze(top=top))
         assert someone.description["outfit"]["bottom"] in UNDER_DRESSES
@@ -256,7 +256,7 @@ def test_every_haircut_can_be_worn():
         ({"seed": "x"}, "from 0"),
     ],
 )
-def test_impossible_wishes_name_what_is_possible(wish, valid):
+def test_invalid_values_raise_with_the_valid_ones(wish, valid):
     with pytest.raises(InputError, match=valid):
         make_person(**({"seed": 3} | wish))
 

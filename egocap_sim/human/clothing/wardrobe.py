@@ -51,7 +51,7 @@ def make_person(
     Raises InputError, with the valid values, for invalid ones.
     """
     if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed is {seed!r}", valid="an integer of at least 0")
+        raise InputError(f"seed is {seed!r}", valid="an integer from 0")
     _check("headgear", headgear, tuple(HEADGEAR))
     _check_range("skin_tone", skin_tone, (0.0, 1.0))
 

@@ -32,7 +32,7 @@ def kinematic_tree(proportions: HasOffsets) -> KinematicTree:
     )  # fmt: skip
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]
 def forward_kinematics(tree, angles, points, axes, R):
     """Pose a skeleton; all but the first two arguments are outputs, in the head frame.
 
@@ -40,7 +40,6 @@ def forward_kinematics(tree, angles, points, axes, R):
     positions of the first N points, at least of all joints; `axes` (37, 3) the posed axis of every
     angle; `R` (17, 3, 3) the rotation of every joint.
     """
-    Q = np.empty((3, 3))
     for i in range(len(points)):
         parent = tree.parents[i]
         for r in range(3):
@@ -60,14 +59,15 @@ def forward_kinematics(tree, angles, points, axes, R):
             x, y, z = tree.axes[d, 0], tree.axes[d, 1], tree.axes[d, 2]
             sin, cos = np.sin(angles[d]), np.cos(angles[d])
             v = 1.0 - cos
-            Q[0, 0], Q[0, 1], Q[0, 2] = cos + x * x * v, x * y * v - z * sin, x * z * v + y * sin
-            Q[1, 0], Q[1, 1], Q[1, 2] = x * y * v + z * sin, cos + y * y * v, y * z * v - x * sin
-            Q[2, 0], Q[2, 1], Q[2, 2] = x * z * v - y * sin, y * z * v + x * sin, cos + z * z * v
+            q00, q01, q02 = cos + x * x * v, x * y * v - z * sin, x * z * v + y * sin
+            q10, q11, q12 = x * y * v + z * sin, cos + y * y * v, y * z * v - x * sin
+            q20, q21, q22 = x * z * v - y * sin, y * z * v + x * sin, cos + z * z * v
             for r in range(3):
-                a, b, c3 = R[i, r, 0], R[i, r, 1], R[i, r, 2]
-                axes[d, r] = a * x + b * y + c3 * z
-                for c in range(3):
-                    R[i, r, c] = a * Q[0, c] + b * Q[1, c] + c3 * Q[2, c]
+                a, b, c = R[i, r, 0], R[i, r, 1], R[i, r, 2]
+                axes[d, r] = a * x + b * y + c * z
+                R[i, r, 0] = a * q00 + b * q10 + c * q20
+                R[i, r, 1] = a * q01 + b * q11 + c * q21
+                R[i, r, 2] = a * q02 + b * q12 + c * q22
 
 
 @njit(cache=True)

@@ -58,8 +58,6 @@ def live(
     out: Path | None = None,
     run: Annotated[LiveOptions, tyro.conf.OmitArgPrefixes] = LiveOptions(),
     settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = LIVE,
-    config: Path | None = None,
-    advanced: bool = False,
     json: bool = False,
 ) -> int:
     """Track live from cameras or video files, one per view, in the order of the rig.
@@ -74,8 +72,6 @@ def live(
         out: Track to write at the end, npz.
         run: How long to track, by what, and what to show.
         settings: Settings of the tracker, which uses past frames only.
-        config: TOML file of the tracker's settings; flags override it.
-        advanced: Accept all settings of the tracker as flags; --advanced --help lists them.
         json: Print the summary as JSON.
     """
     from egocap.body.proportions import Proportions

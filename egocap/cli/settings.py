@@ -28,6 +28,16 @@ BASIC = (
     "synchronise", "align_cameras",
 )  # fmt: skip
 """Settings that are flags without --advanced."""
+_SOURCES = (
+    StructFieldSpec(
+        name="config", type=Path | None, default=None,
+        helptext="TOML file of the tracker's settings; flags override it.",
+    ),
+    StructFieldSpec(
+        name="advanced", type=bool, default=False,
+        helptext="Accept all settings of the tracker as flags; --advanced --help lists them.",
+    ),
+)  # fmt: skip
 COMMANDS = ("track", "live")
 registry = ConstructorRegistry()
 
@@ -43,15 +53,18 @@ def _flags(info: StructTypeInfo) -> StructConstructorSpec | None:
         default = read_settings(file, default)
     docs, types = _field_docs(), get_type_hints(TrackerConfig)
     shown = [f.name for f in fields(TrackerConfig)] if advanced else BASIC
-    specs = tuple(
+    specs = [
         StructFieldSpec(
             name=name, type=_flag_type(types[name]), default=getattr(default, name),
             helptext=_flag_help(docs[name], getattr(default, name)),
         )
         for name in shown
-    )  # fmt: skip
-    return StructConstructorSpec(instantiate=lambda **changed: replace(default, **changed),
-                                 fields=specs)  # fmt: skip
+    ]  # fmt: skip
+
+    def make(config: Path | None, advanced: bool, **changed: Any) -> TrackerConfig:
+        return replace(default, **changed)  # both options were read above
+
+    return StructConstructorSpec(instantiate=make, fields=(*_SOURCES, *specs))
 
 
 def read_settings(path: Path, default: TrackerConfig) -> TrackerConfig:

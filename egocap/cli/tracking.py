@@ -29,8 +29,6 @@ def track(
     detections: str = "learned",
     solver: SolverName = "fast",
     settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
-    config: Path | None = None,
-    advanced: bool = False,
     seed: int = 0,
     body: Path | None = None,
     save_detections: Path | None = None,
@@ -51,8 +49,6 @@ def track(
             all pixels; stochastic: its 50 steps over random pixels. Of the settings, the paper's
             solvers have the smoothing alone.
         settings: the tracker's settings.
-        config: TOML file of the tracker's settings; flags override it.
-        advanced: take all settings of the tracker as flags; --advanced --help lists them.
         seed: seed of simulated detections.
         body: the person's proportions, as fit-body writes them; by default the sequence's own.
         save_detections: also write the detections used, npz.

@@ -8,8 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from egocap.body.kinematics import pose_skeleton
-from egocap.posterior.kernel import log_prior, project, scaled, to_camera
+from egocap.posterior.kernel import (
+    log_prior,
+    make_scratch,
+    pose,
+    project,
+    residual,
+    to_camera,
+)
 
 
 @njit(cache=True)
@@ -23,44 +29,37 @@ def derivatives(body, prior, optics, data, theta, expected, H, g):
     H[:] = 0.0
     g[:] = 0.0
     _prior_derivatives(prior, theta, H, g)
-    R, J, B = np.empty((3, 3)), np.empty((2, 3)), np.empty((2, 3))
-    x, turned, pixel = np.empty(3), np.empty(3), np.empty(2)
+    B = np.empty((2, 3))
     which = np.empty(37 + prior.scales + 6, np.int64)
     D = np.empty((37 + prior.scales + 6, 3))  # derivatives of X by parameters, head frame
     E = np.empty((37 + prior.scales + 6, 2))  # of the whitened residual
-    points, axes = pose_skeleton(scaled(body, prior, theta, np.empty((22, 3))), theta[:37])
+    scratch = make_scratch(body)
+    pose(body, prior, theta, scratch)
+    points, axes, R, J = scratch.points, scratch.axes, scratch.turn, scratch.J
     total = log_prior(prior, theta)
     for label in range(len(body.label_points)):
-        point = body.label_points[label]
-        X = points[point]
+        X = points[body.label_points[label]]
         count = _point_derivatives(body, prior, points, axes, label, which, D)
         for v in range(len(optics.t)):
             weight = data.weights[v, label]
             if weight <= 0.0:
                 continue
-            to_camera(optics, prior, theta, v, X, R, turned, x)
-            project(optics, v, x, J, pixel)
-            a, b = pixel[0] - data.pixels[v, label, 0], pixel[1] - data.pixels[v, label, 1]
-            W = data.whiten[v, label]
-            e0, e1 = W[0, 0] * a + W[0, 1] * b, W[1, 0] * a + W[1, 1] * b
-            squared = e0 * e0 + e1 * e1
-            pull = weight
-            if np.isinf(data.degrees):
-                total -= 0.5 * weight * squared
-            else:
-                nu = data.degrees
-                total -= 0.5 * weight * (nu + 2.0) * np.log1p(squared / (nu - 2.0))
-                pull = weight * (nu + 2.0) / (nu - 2.0 + squared)
-            curve = pull
-            if expected and not np.isinf(data.degrees):
-                nu = data.degrees
-                curve = min(pull, weight * (nu + 2.0) / (nu + 4.0) * nu / (nu - 2.0))
+            to_camera(optics, prior, theta, v, X, scratch)
+            project(optics, v, scratch)
+            W, nu = data.whiten[v, label], data.degrees
+            e0, e1, loss = residual(data, v, label, scratch.pixel)
+            total -= loss
+            pull = curve = weight
+            if not np.isinf(nu):
+                pull = curve = weight * (nu + 2.0) / (nu - 2.0 + (e0 * e0 + e1 * e1))
+                if expected:
+                    curve = min(pull, weight * (nu + 2.0) / (nu + 4.0) * nu / (nu - 2.0))
             for r in range(2):  # B = W J R_error R_camera
                 for c in range(3):
                     B[r, c] = W[r, 0] * J[0, c] + W[r, 1] * J[1, c]
             n = count
             if optics.errors > 0:
-                n = _rig_derivatives(prior, theta, v, turned, B, n, which, E)
+                n = _rig_derivatives(prior, theta, v, scratch.turned, B, n, which, E)
                 _times(B, R)
             _times(B, optics.R[v])
             for i in range(count):

@@ -15,7 +15,12 @@ from jaxtyping import Float, Int
 from numba import njit, prange
 from numpy import ndarray as Array
 
-from egocap.body.kinematics import KinematicTree, pose_skeleton
+from egocap.body.kinematics import KinematicTree, forward_kinematics
+
+BLOCK = 8
+"""Vectors that a thread evaluates with one working memory."""
+LEAF = {"cache": True, "_nrt": False}
+"""Functions that allocate nothing: without reference counts, for which threads would compete."""
 
 
 class Prior(NamedTuple):
@@ -68,9 +73,48 @@ class Data(NamedTuple):
     degrees: float  # inf: Gaussian
 
 
+class Scratch(NamedTuple):
+    """Working memory: a posed skeleton, and a point on its way to a pixel."""
+
+    offsets: Float[Array, "22 3"]
+    points: Float[Array, "22 3"]
+    axes: Float[Array, "37 3"]
+    R: Float[Array, "17 3 3"]
+    turn: Float[Array, "3 3"]  # of a camera's rig error
+    turned: Float[Array, "3"]  # point turned by it, before the camera's shift
+    x: Float[Array, "3"]  # point in the camera's frame
+    pixel: Float[Array, "2"]
+    J: Float[Array, "2 3"]  # pixel by x
+
+
 @njit(cache=True)
-def project(optics, v, x, J, pixel):
-    """Pixel (2,) of a point (3,) in camera v's frame and its derivative J (2, 3); both output."""
+def make_scratch(body):
+    """Working memory for one thread."""
+    points, joints = len(body.parents), len(body.first_dof) - 1
+    return Scratch(
+        np.empty((points, 3)), np.empty((points, 3)), np.empty((len(body.axes), 3)),
+        np.empty((joints, 3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(2),
+        np.empty((2, 3)),
+    )  # fmt: skip
+
+
+@njit(**LEAF)
+def pose(body, prior, theta, scratch):
+    """Pose a skeleton, into the scratch, with its bones scaled by theta."""
+    offsets = scratch.offsets
+    for i in range(len(offsets)):
+        group = body.scale_group[i] if prior.scales > 0 else -1
+        factor = np.exp(theta[37 + group]) if group >= 0 else 1.0
+        for c in range(3):
+            offsets[i, c] = factor * body.offsets[i, c]
+    tree = KinematicTree(offsets, body.parents, body.axes, body.first_dof)
+    forward_kinematics(tree, theta[:37], scratch.points, scratch.axes, scratch.R)
+
+
+@njit(**LEAF)
+def project(optics, v, scratch):
+    """Pixel of the point x in camera v's frame, and its derivative J."""
+    x, pixel, J = scratch.x, scratch.pixel, scratch.J
     rho = max(np.sqrt(x[0] * x[0] + x[1] * x[1]), 1e-15)
     theta = np.arctan2(rho, x[2])
     inner = min(theta, optics.limit[v])
@@ -95,7 +139,7 @@ def project(optics, v, x, J, pixel):
         J[r, 2] = (a * dx + b * dy) * sink
 
 
-@njit(cache=True)
+@njit(**LEAF)
 def _turn(w, R):
     """Rotation matrix R (3, 3), output, of a rotation vector w (3,)."""
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
@@ -114,23 +158,10 @@ def _turn(w, R):
     R[2, 1] += a * w[0]
 
 
-@njit(cache=True)
-def scaled(body, prior, theta, offsets):
-    """The skeleton with its bones at the lengths that theta says; offsets (22, 3) is scratch."""
-    offsets[:] = body.offsets
-    if prior.scales > 0:
-        for i in range(len(offsets)):
-            group = body.scale_group[i]
-            if group >= 0:
-                factor = np.exp(theta[37 + group])
-                for c in range(3):
-                    offsets[i, c] *= factor
-    return KinematicTree(offsets, body.parents, body.axes, body.first_dof)
-
-
-@njit(cache=True)
-def to_camera(optics, prior, theta, v, X, R, turned, x):
-    """Point x (3,), output, in camera v's frame; `turned` (3,) is it before the camera's shift."""
+@njit(**LEAF)
+def to_camera(optics, prior, theta, v, X, scratch):
+    """Transform a point X (3,) of the head frame to camera v's frame."""
+    x, R, turned = scratch.x, scratch.turn, scratch.turned
     for r in range(3):
         x[r] = optics.t[v, r]
         for c in range(3):
@@ -144,7 +175,7 @@ def to_camera(optics, prior, theta, v, X, R, turned, x):
             x[r] = turned[r] + theta[first + 3 + r]
 
 
-@njit(cache=True)
+@njit(**LEAF)
 def log_prior(prior, theta):
     """Log prior density of one parameter vector, up to a constant."""
     total = 0.0
@@ -162,44 +193,50 @@ def log_prior(prior, theta):
     return total
 
 
-@njit(cache=True)
-def log_likelihood(body, prior, optics, data, theta):
+@njit(**LEAF)
+def residual(data, v, label, pixel):
+    """Whitened residual of a projected label, and its weighted loss."""
+    a, b = pixel[0] - data.pixels[v, label, 0], pixel[1] - data.pixels[v, label, 1]
+    W, weight = data.whiten[v, label], data.weights[v, label]
+    e0, e1 = W[0, 0] * a + W[0, 1] * b, W[1, 0] * a + W[1, 1] * b
+    squared = e0 * e0 + e1 * e1
+    if np.isinf(data.degrees):
+        return e0, e1, 0.5 * weight * squared
+    nu = data.degrees
+    return e0, e1, 0.5 * weight * (nu + 2.0) * np.log1p(squared / (nu - 2.0))
+
+
+@njit(**LEAF)
+def _log_likelihood(body, prior, optics, data, theta, scratch):
     """Log likelihood of one parameter vector, up to a constant."""
-    R, J = np.empty((3, 3)), np.empty((2, 3))
-    x, turned, pixel = np.empty(3), np.empty(3), np.empty(2)
-    points, _ = pose_skeleton(scaled(body, prior, theta, np.empty((22, 3))), theta[:37])
+    pose(body, prior, theta, scratch)
     total = 0.0
     for v in range(len(optics.t)):
         for label in range(len(body.label_points)):
-            weight = data.weights[v, label]
-            if weight <= 0.0:
+            if data.weights[v, label] <= 0.0:
                 continue
-            to_camera(optics, prior, theta, v, points[body.label_points[label]], R, turned, x)
-            project(optics, v, x, J, pixel)
-            a, b = pixel[0] - data.pixels[v, label, 0], pixel[1] - data.pixels[v, label, 1]
-            W = data.whiten[v, label]
-            e0, e1 = W[0, 0] * a + W[0, 1] * b, W[1, 0] * a + W[1, 1] * b
-            squared = e0 * e0 + e1 * e1
-            if np.isinf(data.degrees):
-                total -= 0.5 * weight * squared
-            else:
-                nu = data.degrees
-                total -= 0.5 * weight * (nu + 2.0) * np.log1p(squared / (nu - 2.0))
+            X = scratch.points[body.label_points[label]]
+            to_camera(optics, prior, theta, v, X, scratch)
+            project(optics, v, scratch)
+            total -= residual(data, v, label, scratch.pixel)[2]
     return total
 
 
 @njit(cache=True, parallel=True)
 def log_probs(body, prior, optics, data, thetas, out):
     """Log posterior of vectors (W, N) into out (W,)."""
-    for w in prange(len(thetas)):
-        out[w] = log_prior(prior, thetas[w]) + log_likelihood(body, prior, optics, data, thetas[w])
+    for block in prange(-(-len(thetas) // BLOCK)):
+        scratch = make_scratch(body)
+        for w in range(block * BLOCK, min((block + 1) * BLOCK, len(thetas))):
+            likelihood = _log_likelihood(body, prior, optics, data, thetas[w], scratch)
+            out[w] = log_prior(prior, thetas[w]) + likelihood
 
 
 @njit(cache=True)
 def joints(body, prior, thetas, out):
     """Labelled joints (W, 18, 3), head frame, metres, of parameter vectors (W, N)."""
-    offsets = np.empty((22, 3))
+    scratch = make_scratch(body)
     for w in range(len(thetas)):
-        points, _ = pose_skeleton(scaled(body, prior, thetas[w], offsets), thetas[w, :37])
+        pose(body, prior, thetas[w], scratch)
         for label in range(len(body.label_points)):
-            out[w, label] = points[body.label_points[label]]
+            out[w, label] = scratch.points[body.label_points[label]]

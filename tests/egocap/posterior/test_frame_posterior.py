@@ -6,7 +6,7 @@ import numpy as np
 
 from egocap.data.sequence import open_sequence
 from egocap.detect.sources import detections_from
-from egocap.posterior import sampler
+from egocap.posterior import frame_posterior, sampler
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.frame_posterior import (
     colour_likelihood,
@@ -63,3 +63,14 @@ def test_images_enter_the_density_only_when_asked(tiny_sequence, monkeypatch):
         sample_posterior(footage, 1, found, colour=colour)
     assert extras[0] is None
     assert extras[1] is not None
+
+
+def test_start_pose_from_detections_with_modes(tiny_sequence, monkeypatch):
+    footage = open_sequence(tiny_sequence)
+    found = detections_from(footage, "simulated:1,wrong=0.2,modes=1", 0)
+    assert found.modes is not None and len(found.times) > 3
+    starts = []
+    monkeypatch.setattr(sampler, "sample", lambda *_, **options: starts.append(options["starts"]))
+    monkeypatch.setattr(frame_posterior, "CONTEXT", 1)  # fewer frames than the sequence has
+    sample_posterior(footage, 1, found)
+    assert starts[0].shape == (1, 37)

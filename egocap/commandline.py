@@ -1,4 +1,4 @@
-"""What the three commands share: exit codes, errors without tracebacks, logs and progress."""
+"""Exit codes, error reporting, logging and progress of the three commands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
-"""Exit codes: done; failed or the machine cannot; bad usage or file; a threshold missed; Ctrl-C."""
+"""Exit codes: done; failure of the machine; bad usage or file; a target missed; Ctrl-C."""
 
 _WRONG_PATH = (FileNotFoundError, NotADirectoryError, IsADirectoryError, FileExistsError)
 
@@ -32,15 +32,15 @@ def run(
 ) -> int:
     """Run one command of `app` and return the process's exit code.
 
-    A command returns None (done) or an exit code. Its EgocapError becomes one line on stderr and
-    the error's own exit code; so do a full disk, a path that leads nowhere, a closed pipe and
-    Ctrl-C. Any other exception is a bug of ours and keeps its traceback.
+    A command returns None (done) or an exit code. An EgocapError becomes one line on stderr and the
+    error's exit code; so do a full disk, a missing path, a closed pipe and Ctrl-C. Any other
+    exception is a bug and keeps its traceback.
 
     Args:
         app: subcommands; booleans become flags without a `--no-` twin.
         prog: the command's name in its help.
-        description: what the command is, for its help.
-        args: words of the command line; the process's own when None.
+        description: summary in its help.
+        args: command line; that of the process when None.
     """
     import tyro
 
@@ -53,13 +53,13 @@ def run(
     except SystemExit as stop:  # tyro: --help is 0, wrong usage 2
         return stop.code if isinstance(stop.code, int) else (USAGE if stop.code else DONE)
     except EgocapError as error:
-        _complain(prog, str(error))
+        _report(prog, str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        _complain(prog, "interrupted")
+        _report(prog, "interrupted")
         return INTERRUPTED
     except BrokenPipeError:
-        # whoever read our output has gone (`| head`); keep Python from complaining at exit
+        # the reader of stdout has closed the pipe (`| head`): avoid a second error at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except OSError as error:
@@ -67,8 +67,8 @@ def run(
             raise
         where = f"{error.filename}: " if error.filename else ""
         hint = "; free some space and run the same command again" * (error.errno == errno.ENOSPC)
-        _complain(prog, f"{where}{error.strerror}{hint}")
-        log.debug("where it came from", exc_info=True)
+        _report(prog, f"{where}{error.strerror}{hint}")
+        log.debug("traceback", exc_info=True)
         return USAGE if isinstance(error, _WRONG_PATH) else FAILED
     return DONE if code is None else int(code)
 
@@ -77,11 +77,10 @@ def run(
 def progress(
     what: str, total: int, *, unit: str = "frames", every: float = 5.0
 ) -> Iterator[Advance]:
-    """Show how far some work is, on stderr: a bar on a terminal, a line now and then elsewhere.
+    """Show progress on stderr: a bar on a terminal, otherwise a line every `every` seconds.
 
-    Yields a function to call with the number of units just finished (1 by default). The rate counts
-    from its first call on, which may tell what an earlier run left. `every` is the least time in
-    seconds between two lines.
+    Yields a function to call with the number of units just finished (1 by default). The rate is
+    measured from its first call on, which may report units finished by an earlier run.
     """
     report = _bar if sys.stderr.isatty() else _lines
     with report(what, _Pace(total, unit), every) as advance:
@@ -89,7 +88,7 @@ def progress(
 
 
 class _Pace:
-    """How far work is, how fast it goes, and how long the rest takes at that rate."""
+    """Units done, rate, and remaining time at that rate."""
 
     def __init__(self, total: int, unit: str) -> None:
         self.total, self.unit, self.done = total, unit, 0
@@ -105,7 +104,7 @@ class _Pace:
         shown = f"{self.done}/{self.total} {self.unit}"
         before, since = self._from or (0, self._start)
         if before == self.done:
-            if self.done < self.total:  # nothing to go by yet
+            if self.done < self.total:  # no rate yet
                 return shown
             before, since = 0, self._start
         rate = (self.done - before) / max(time.monotonic() - since, 1e-9)
@@ -137,34 +136,34 @@ def _bar(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
 
 @contextmanager
 def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
-    last, said = time.monotonic(), 0
+    last, shown = time.monotonic(), 0
 
     def advance(count: int = 1) -> None:
         nonlocal last
         pace.add(count)
         if pace.done < pace.total and time.monotonic() - last >= every:
             last = time.monotonic()
-            say()
+            show()
 
-    def say() -> None:
-        nonlocal said
-        said = pace.done
+    def show() -> None:
+        nonlocal shown
+        shown = pace.done
         print(f"{what}: {pace}", file=sys.stderr, flush=True)
 
     try:
         yield advance
     finally:
-        if pace.done != said:
-            say()
+        if pace.done != shown:
+            show()
 
 
-def _complain(prog: str, message: str) -> None:
+def _report(prog: str, message: str) -> None:
     sys.stdout.flush()
     print(f"{prog}: {message}", file=sys.stderr, flush=True)
 
 
 def _log_to_stderr() -> None:
-    """Messages of this project at INFO, of other packages at WARNING; EGOCAP_LOG=DEBUG for more."""
+    """Log this project at INFO (or $EGOCAP_LOG), other packages at WARNING."""
     logging.basicConfig(stream=sys.stderr, format="%(name)s: %(message)s", level=logging.WARNING)
     level = os.environ.get("EGOCAP_LOG", "INFO").upper()
     for name in ("egocap", "egocap_sim", "egocap_eval"):

@@ -1,4 +1,4 @@
-"""What a user can cause: one root, children that build their own message."""
+"""Errors that a user's input or machine can cause."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ class EgocapError(Exception):
 
     exit_code = 2
 
-    def __reduce__(
-        self,
-    ) -> tuple[object, ...]:  # children build their message, so args are not theirs
+    def __reduce__(self) -> tuple[object, ...]:
+        # Subclasses build the message, so `args` are not their constructor's.
         return _rebuild, (type(self), str(self), self.__dict__)
 
 
 class InputError(EgocapError):
-    """A value given by the user is wrong: says what, and what would be valid."""
+    """A value given by the user is wrong. The message names it and the valid values."""
 
     def __init__(self, problem: str, *, valid: str | Iterable[str] | None = None) -> None:
         super().__init__(problem + _valid(valid))
 
 
 class FileError(EgocapError):
-    """A file is missing, damaged or says something impossible.
+    """A file is missing, damaged or has invalid content.
 
-    The message names the file, the key or line, what was wrong and what would be valid.
+    The message names the file, the key or line, the problem and the valid values.
     """
 
     def __init__(
@@ -52,7 +51,7 @@ class FileError(EgocapError):
 
 
 class MachineError(EgocapError):
-    """The machine cannot do what was asked: no OpenGL, a full disk, a missing package."""
+    """The machine cannot run the command: no OpenGL, a full disk, a missing package."""
 
     exit_code = 1
 
@@ -61,7 +60,7 @@ class MachineError(EgocapError):
 
 
 def _rebuild(kind: type[EgocapError], message: str, state: dict[str, object]) -> EgocapError:
-    """An error as it was in the process that raised it."""
+    """Restore an error pickled in another process."""
     error = kind.__new__(kind, message)
     error.__dict__.update(state)
     return error

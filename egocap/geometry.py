@@ -1,4 +1,4 @@
-"""Rigid geometry and the project's conventions, written once.
+"""Rigid transforms, rotations, and the coordinate conventions of the project.
 
 World: right-handed, metres, z up, gravity along -z; the person at rest faces +x, left is +y.
 Camera frame (OpenCV): x right, y down, z forward. Pixel (0, 0) is the centre of the top-left pixel.
@@ -66,7 +66,7 @@ def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def quaternion_to_matrix(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """Rotation matrices of quaternions (w, x, y, z); any length but zero."""
+    """Rotation matrices of nonzero quaternions (w, x, y, z), which need not be of unit length."""
     w, x, y, z = np.moveaxis(unit(np.asarray(q, float)), -1, 0)
     rows = [
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
@@ -77,7 +77,7 @@ def quaternion_to_matrix(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 
 
 
 def matrix_to_quaternion(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
-    """Quaternions (w, x, y, z), w >= 0, of rotation matrices."""
+    """Unit quaternions (w, x, y, z), w >= 0, of rotation matrices."""
     from scipy.spatial.transform import Rotation
 
     R = np.asarray(R, float)

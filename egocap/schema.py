@@ -1,7 +1,6 @@
-"""Files people write: read TOML and JSON, check them against a model, name file and key in errors.
+"""Reading TOML and JSON files and validating them; errors name file and key.
 
-pydantic models derive from `Strict`; `checked` turns whatever is wrong with the data into one
-FileError.
+pydantic models derive from `Strict`; `checked` turns a validation error into one FileError.
 """
 
 from __future__ import annotations
@@ -16,11 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from egocap.errors import FileError
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-"""A finite number; text and booleans are not numbers."""
+"""A finite number; text and booleans are refused."""
 
 
 class Strict(BaseModel):
-    """Base of everything read from a file: unknown keys, NaN and infinity are refused."""
+    """Base of models read from files: unknown keys, NaN and infinity are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -31,9 +30,9 @@ M = TypeVar("M", bound=Strict)
 def checked(
     model: type[M], data: Any, where: str | Path, prefix: str = "", line: int | None = None
 ) -> M:
-    """The model instance that `data` describes. `prefix` is the key in front of the data's own.
+    """Validate `data` and make the model instance. `prefix` is the key of `data` in its file.
 
-    Raises FileError naming the first wrong key, and how many more there are.
+    Raises FileError with the first wrong key and the number of further errors.
     """
     try:
         return model.model_validate(data)
@@ -42,32 +41,32 @@ def checked(
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The table in a TOML file. Raises FileError."""
+    """Read a TOML file. Raises FileError."""
     try:
         return tomllib.loads(read_text(path))
     except ValueError as error:  # a TOMLDecodeError, or a number beyond what Python converts
         raise FileError(path, f"not TOML: {error}") from None
     except RecursionError:
-        raise FileError(path, "not TOML we read: nested too deeply") from None
+        raise FileError(path, "TOML nested too deeply") from None
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
-    """The object in a JSON file. Raises FileError, also when it holds anything but an object."""
+    """Read a JSON object from a file. Raises FileError, also for JSON that is not an object."""
     try:
         data = json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise FileError(path, f"not JSON: {error.msg}", line=error.lineno) from None
     except ValueError as error:  # a number with more digits than Python converts
-        raise FileError(path, f"not JSON we read: {error}") from None
+        raise FileError(path, f"not readable JSON: {error}") from None
     except RecursionError:
-        raise FileError(path, "not JSON we read: nested too deeply") from None
+        raise FileError(path, "JSON nested too deeply") from None
     if not isinstance(data, dict):
         raise FileError(path, f"holds a {type(data).__name__}", valid="a JSON object")
     return data
 
 
 def read_text(path: str | Path) -> str:
-    """The text of a file. Raises FileError when it is missing, a folder, or not UTF-8."""
+    """Read a text file. Raises FileError if it is missing, a folder, or not UTF-8."""
     try:
         return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -103,7 +102,7 @@ def _sentence(item: Any) -> str:
 
 
 def _fields_at(model: Any, loc: tuple[Any, ...]) -> list[str] | None:
-    """Names a (nested) model knows, found by walking down the error's location."""
+    """Field names of the (nested) model at an error's location."""
     for step in loc:
         field = getattr(model, "model_fields", {}).get(step)
         if field is None and not isinstance(step, int):
@@ -122,16 +121,13 @@ def _model_in(annotation: Any) -> Any:
     return None
 
 
-def refuse_newer(data: dict[str, Any], newest: int, path: Path) -> None:
-    """Raise FileError if a file's `schema_version` says that a later release wrote it.
-
-    To be asked before the contents are checked, which a later release may have changed.
-    """
-    version = data.get("schema_version")
+def refuse_newer(
+    data: dict[str, Any], newest: int, path: str | Path, key: str = "schema_version"
+) -> None:
+    """Raise FileError if a later release wrote the file. Call before validating the content."""
+    version = data.get(key)
     if isinstance(version, int) and version > newest:
         raise FileError(
-            path,
-            f"written by a newer version (schema {version})",
-            key="schema_version",
+            path, f"written by a newer version (schema {version})", key=key,
             valid=f"up to {newest}; upgrade egocap",
-        )
+        )  # fmt: skip

@@ -1,9 +1,9 @@
 """The volumetric body: 91 isotropic Gaussians attached to the tracker's skeleton.
 
-A limb is a row of Gaussians along its bone, the trunk six rows of three, sized from a person's
-proportions and everyday girths. Each has a density at its centre per metre of ray and a colour. The
-sum of all densities is a smooth occupancy of space: a ray through the axis of a limb is absorbed,
-one that passes at the limb's radius is half absorbed.
+A limb is a row of Gaussians along its bone, the trunk six rows of three, sized by a person's
+proportions and average girths. Each has a peak density per metre of ray and a colour. The sum of
+all densities is a smooth occupancy of space: a ray through the axis of a limb is absorbed, a ray at
+the limb's radius is half absorbed.
 
 Source: EgoCap 2016, section 4.1; Rhodin et al. 2015, "A versatile scene model with differentiable
 visibility applied to generative pose estimation". Girths: rounded from the ANSUR II survey of
@@ -22,24 +22,23 @@ from numpy import ndarray as Array
 from pydantic import Field
 
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import JOINTS, POINT_INDEX, POINT_PARENTS, POINTS
+from egocap.body.skeleton import JOINTS, POINT_INDEX, POINTS
 from egocap.errors import FileError, InputError
 from egocap.files import write_json
-from egocap.schema import Number, Strict, checked, read_json
+from egocap.schema import Number, Strict, checked, read_json, refuse_newer
 
 SCHEMA = 1
-GAUSSIAN_COUNT = 91
 SKULL = -1
 """Carrier of the Gaussians of the head: the head frame itself."""
 
 RADIUS_SIGMAS = 1.8
-"""Radius of the outline, where half of the light passes, in standard deviations."""
+"""Radius of the outline, where the transmittance is one half, in standard deviations."""
 CORE_DEPTH = float(np.log(2.0) * np.exp(RADIUS_SIGMAS**2 / 2.0))
-"""Optical depth through the axis of a limb that leaves half the light at its radius: 3.5."""
+"""Optical depth through the axis of a limb with transmittance one half at its radius: 3.5."""
 
 _STATURE_SHARES = {"upper_spine": 0.062, "lower_spine": 0.18, "hip": 0.11, "knee": 0.245,
                    "ankle": 0.246}  # fmt: skip
-"""Heights of the segments between neck and ankle, as `Proportions.from_lengths` has them."""
+"""Heights of the segments between neck and ankle, as in `Proportions.from_lengths`."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class _Limb:
 
     joint: str
     tip: str
-    places: tuple[float, ...]  # 0 at the joint, 1 at the tip; may reach beyond
+    places: tuple[float, ...]  # 0 at the joint, 1 at the tip, possibly beyond
     radii: tuple[float, ...]
 
 
@@ -71,7 +70,7 @@ _LIMBS: dict[str, _Limb] = {
     ),
     "foot": _Limb("ankle", "foot", (0.0, 0.5, 1.0, 1.4), (0.025, 0.023, 0.022, 0.018)),
 }  # fmt: skip
-"""Left and right alike."""
+"""Limbs of either side."""
 
 _TRUNK: tuple[tuple[str, float, float, float], ...] = (
     ("upper_spine", 0.06, 0.085, 0.058),
@@ -96,7 +95,7 @@ _HEAD = (
 class GaussianBody:
     """91 Gaussians on a skeleton. Offsets are in the carrying joint's rest frame (head axes).
 
-    Raises InputError for shapes or numbers that make no body.
+    Raises InputError for wrong shapes or values out of range.
     """
 
     proportions: Proportions
@@ -122,15 +121,15 @@ class GaussianBody:
         if not (self.density.min() >= 0.0 and self.density.max() <= 1e4):
             raise InputError("a Gaussian's density is out of range", valid="0 to 10000 per metre")
         if self.joint.min() < SKULL or self.joint.max() >= len(JOINTS):
-            raise InputError("a Gaussian hangs on no joint", valid=f"-1 to {len(JOINTS) - 1}")
+            raise InputError("a Gaussian's joint is out of range", valid=f"-1 to {len(JOINTS) - 1}")
         if self.colour.min() < 0.0 or self.colour.max() > 1.0:
             raise InputError("a colour is out of range", valid="hue, saturation, value from 0 to 1")
 
     @classmethod
     def from_proportions(cls, proportions: Proportions, girth: float = 0.98) -> GaussianBody:
-        """The Gaussians of a person of average build, grey all over.
+        """Grey Gaussians of a person of average build.
 
-        `girth` multiplies every radius; the default fits clothed people of the simulator best.
+        `girth` scales every radius; the default fits the simulator's clothed people best.
         """
         if not 0.5 <= girth <= 2.0:
             raise InputError(f"a girth of {girth}", valid="0.5 to 2")
@@ -145,18 +144,15 @@ class GaussianBody:
         return cls(proportions, parts, joint, offset, sigma, density, grey)
 
     def with_colour(self, colour: Float[Array, "91 3"]) -> GaussianBody:
-        """The same body in other colours (hue, saturation, value)."""
+        """The same body with other colours (hue, saturation, value)."""
         return replace(self, colour=colour)
 
     def save(self, path: str | Path) -> None:
         """Write gaussians.json with exact numbers. Raises as `egocap.files.disk_errors`."""
         entries = [
             {
-                "part": part,
-                "joint": "skull" if joint == SKULL else JOINTS[joint].name,
-                "offset": offset.tolist(),
-                "sigma": float(sigma),
-                "density": float(density),
+                "part": part, "joint": "skull" if joint == SKULL else JOINTS[joint].name,
+                "offset": offset.tolist(), "sigma": float(sigma), "density": float(density),
                 "hsv": colour.tolist(),
             }
             for part, joint, offset, sigma, density, colour in zip(
@@ -172,13 +168,10 @@ class GaussianBody:
 
     @classmethod
     def load(cls, path: str | Path) -> GaussianBody:
-        """Read gaussians.json. FileError names the key that is missing, unknown or impossible."""
+        """Read gaussians.json. FileError names the missing, unknown or invalid key."""
         path = Path(path)
         data = read_json(path)
-        version = data.get("schema_version")
-        if isinstance(version, int) and version > SCHEMA:
-            raise FileError(path, f"written by a newer version (schema {version})",
-                            key="schema_version", valid=f"up to {SCHEMA}")  # fmt: skip
+        refuse_newer(data, SCHEMA, path)
         file = checked(_GaussiansFile, data, path)
         if set(file.body) != set(POINTS):
             wrong = sorted(set(file.body) ^ set(POINTS))
@@ -204,10 +197,8 @@ class GaussianBody:
 
 def stature(proportions: Proportions) -> float:
     """Height in metres of an average person with these bones from neck to ankle."""
-    drop = {"upper_spine": "upper_spine", "lower_spine": "lower_spine"} | {
-        name: f"left_{name}" for name in ("hip", "knee", "ankle")
-    }
-    length = sum(abs(proportions.offsets[POINT_INDEX[point]][2]) for point in drop.values())
+    segments = ("upper_spine", "lower_spine", "left_hip", "left_knee", "left_ankle")
+    length = sum(abs(proportions.offsets[POINT_INDEX[point]][2]) for point in segments)
     return float(length / sum(_STATURE_SHARES.values()))
 
 
@@ -238,8 +229,8 @@ def _head_rows(scale: float) -> list[_Row]:
 
 
 def _trunk_rows(proportions: Proportions, scale: float) -> list[_Row]:
-    """Neck and trunk. The trunk follows the line from mid-shoulder to mid-hip, not the spine."""
-    rest = _rest(proportions)
+    """Neck and trunk; trunk rows lie on the line from mid-shoulder to mid-hip."""
+    rest = proportions.rest_points
     rows: list[_Row] = []
     for place, radius in _NECK:
         rows.append(("neck", "neck", place * proportions.offsets[POINT_INDEX["upper_spine"]],
@@ -267,17 +258,10 @@ def _limb_rows(proportions: Proportions) -> list[_Row]:
     return rows
 
 
-def _rest(proportions: Proportions) -> Float[Array, "22 3"]:
-    where = np.zeros_like(proportions.offsets)
-    for i, parent in enumerate(POINT_PARENTS):
-        where[i] = proportions.offsets[i] + (where[parent] if parent >= 0 else 0.0)
-    return where
-
-
 def _overlap(
     parts: tuple[str, ...], offset: Float[Array, "G 3"], sigma: Float[Array, "G"]
 ) -> Float[Array, "G"]:
-    """How many Gaussians of its own part a Gaussian's centre feels: they share the depth."""
+    """Summed weight of a part's Gaussians at each centre, by which its density is divided."""
     names = np.array(parts)
     same = names[:, None] == names[None]
     squared = np.sum((offset[:, None] - offset[None]) ** 2, axis=-1)

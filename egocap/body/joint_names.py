@@ -1,8 +1,7 @@
-"""Other data sets' joint names for the labels, and the joint sets that errors are averaged over.
+"""Joint names of other data sets, and the joint sets over which errors are averaged.
 
-The one table: readers of data sets, prediction files and protocols all use it. A name means the
-centre of rotation that its data set puts there ("hand_l" of UnrealEgo turns about the wrist). Heads
-differ most: a label there is a point of the skull, and no two data sets choose the same one.
+A name maps to the label at its centre of rotation ("hand_l" of UnrealEgo is the wrist). Data sets
+differ most in the point of the skull that is called head.
 
 Source: the data sets' own code and documents; the paper, section 5.4 (17 joints).
 """
@@ -16,7 +15,7 @@ from egocap.errors import InputError
 
 
 def _both(right: str, left: str, template: str, parts: Mapping[str, str]) -> dict[str, str]:
-    """Names of both sides: theirs (`template` with {side} and {part}) -> ours."""
+    """Map names of both sides (`template` with {side} and {part}) to labels."""
     return {
         template.format(side=side, part=theirs): f"{ours_side}_{ours}"
         for side, ours_side in ((left, "left"), (right, "right"))
@@ -42,32 +41,32 @@ DATASET_NAMES: Mapping[str, Mapping[str, str]] = {
     "mo2cap2": {"Neck": "neck",
                 **_both("Right", "Left", "{side}{part}", {**_LIMBS, "Toe": "foot"})},
 }  # fmt: skip
-"""Data set -> its joint name -> our label. UnrealEgo2 and -RW use UnrealEgo's names; EgoRear uses
+"""Data set -> its joint name -> label. UnrealEgo2 and -RW use UnrealEgo's names; EgoRear uses
 Ego4View's; SceneEgo, EgoPW and EgoWholeMocap use Mo2Cap2's."""
 
 
-def _labels_of(dataset: str) -> tuple[int, ...]:
+def _label_indices(dataset: str) -> tuple[int, ...]:
     return tuple(sorted(LABEL_INDEX[label] for label in DATASET_NAMES[dataset].values()))
 
 
 JOINT_SETS: Mapping[str, tuple[int, ...]] = {
     "egocap-17": EVALUATED,
     "egocap-18": tuple(range(len(LABELS))),
-    "unrealego-16": _labels_of("unrealego"),
-    "mo2cap2-15": _labels_of("mo2cap2"),
+    "unrealego-16": _label_indices("unrealego"),
+    "mo2cap2-15": _label_indices("mo2cap2"),
 }
-"""Joints whose errors are averaged: EgoCap's without the head; all labels; UnrealEgo's (also
+"""Joints over which errors are averaged: EgoCap's without the head; all labels; UnrealEgo's (also
 Ego4View's: no finger tips); Mo2Cap2's (also SceneEgo's and EgoPW's: no head, no finger tips)."""
 
 
-def label_of(names: Sequence[str], dataset: str = "egocap") -> dict[int, int]:
-    """Position in `names` -> index of the label; names that stand for no label are left out.
+def match_labels(names: Sequence[str], dataset: str = "egocap") -> dict[int, int]:
+    """Map positions in `names` to label indices; names without a label are omitted.
 
-    Case and a missing underscore do not matter.
+    Case, spaces and underscores are ignored.
 
     Raises:
-        InputError: no such data set; a joint named twice; not one name is known, or another data
-            set knows more of them.
+        InputError: an unknown data set; a joint named twice; no known name, or more names known in
+            another data set.
     """
     if dataset not in DATASET_NAMES:
         raise InputError(f"no joint names of '{dataset}'", valid=DATASET_NAMES)
@@ -77,7 +76,7 @@ def label_of(names: Sequence[str], dataset: str = "egocap") -> dict[int, int]:
         if (label := table.get(_key(name))) is None:
             continue
         if label in found.values():
-            raise InputError(f"joint '{name}' is there twice")
+            raise InputError(f"joint '{name}' occurs twice")
         found[i] = label
     if len(found) < (most := max(_known(names, other) for other in DATASET_NAMES)) or not most:
         others = [d for d in DATASET_NAMES if most and _known(names, d) == most]
@@ -90,7 +89,7 @@ def label_of(names: Sequence[str], dataset: str = "egocap") -> dict[int, int]:
 
 
 def _known(names: Sequence[str], dataset: str) -> int:
-    """How many of the names the data set has."""
+    """Number of names that the data set has."""
     return len({_key(name) for name in names} & {_key(name) for name in DATASET_NAMES[dataset]})
 
 

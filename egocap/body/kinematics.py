@@ -1,6 +1,6 @@
-"""Forward kinematics, compiled, for the kernels of tracker, image model and posterior.
+"""Compiled forward kinematics for the kernels of tracker, image model and posterior.
 
-`egocap.body.skeleton.forward` is the readable form, and its oracle.
+`egocap.body.skeleton.forward` is the readable reference implementation.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from egocap.body.skeleton import AXES, DOF_JOINT, JOINTS, POINT_PARENTS, HasOffs
 
 
 class KinematicTree(NamedTuple):
-    """Skeleton of a person as plain arrays. Joints come first among the points."""
+    """Skeleton of a person as plain arrays. Joints precede end points."""
 
     offsets: Float[Array, "22 3"]  # from each point's parent at rest, metres
     parents: Int[Array, "22"]  # -1: the head
     axes: Float[Array, "37 3"]
-    first_dof: Int[Array, "18"]  # of each joint, and the total at the end
+    first_dof: Int[Array, "18"]  # of each joint; the last entry is the total
 
 
 def kinematic_tree(proportions: HasOffsets) -> KinematicTree:
@@ -72,7 +72,7 @@ def forward_kinematics(tree, angles, points, axes, R):
 
 @njit(cache=True)
 def pose_skeleton(tree, angles):
-    """Positions (22, 3) of all points and posed axes (37, 3) of all angles, newly made."""
+    """Positions (22, 3) of all points and posed axes (37, 3) of all angles, as new arrays."""
     points, axes = np.empty((len(tree.parents), 3)), np.empty((len(angles), 3))
     forward_kinematics(tree, angles, points, axes, np.empty((len(tree.first_dof) - 1, 3, 3)))
     return points, axes

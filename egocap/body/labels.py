@@ -1,4 +1,4 @@
-"""The detection labels: names, order, mirror pairs and joint groups. The one table of them."""
+"""The detection labels: names, order, mirror pairs and joint groups."""
 
 from __future__ import annotations
 
@@ -13,17 +13,20 @@ LABELS: tuple[str, ...] = (
 LABEL_INDEX: dict[str, int] = {name: i for i, name in enumerate(LABELS)}
 
 EVALUATED: tuple[int, ...] = tuple(range(1, 18))
-"""The 17 joints that count in 3-D errors: every label but the head."""
+"""The 17 joints of 3-D errors: every label but the head."""
 
 UPPER: tuple[int, ...] = tuple(i for i in EVALUATED if LABELS[i].split("_")[-1] in
                                ("neck", "shoulder", "elbow", "wrist", "hand"))  # fmt: skip
 LOWER: tuple[int, ...] = tuple(i for i in EVALUATED if i not in UPPER)
 
-MIRROR: tuple[int, ...] = tuple(
-    LABEL_INDEX[n.replace("left_", "?").replace("right_", "left_").replace("?", "right_")]
-    for n in LABELS
-)
-"""Index of each label's partner on the other side of the body."""
+
+def other_side(name: str) -> str:
+    """Swap left and right in a name, e.g. 'left_elbow' -> 'right_elbow'."""
+    return name.replace("left_", "?").replace("right_", "left_").replace("?", "right_")
+
+
+MIRROR: tuple[int, ...] = tuple(LABEL_INDEX[other_side(name)] for name in LABELS)
+"""Index of each label's counterpart on the other side of the body."""
 
 LIMBS: tuple[tuple[int, int], ...] = tuple(
     (LABEL_INDEX[a], LABEL_INDEX[b])
@@ -34,9 +37,9 @@ LIMBS: tuple[tuple[int, int], ...] = tuple(
                      ("hip", "knee"), ("knee", "ankle"), ("ankle", "foot"), ("shoulder", "hip"))
     ] + [("neck", "left_shoulder"), ("neck", "right_shoulder"), ("left_hip", "right_hip")]
 )  # fmt: skip
-"""Pairs of labels to join with a line when a pose is drawn."""
+"""Pairs of labels joined by a line in drawings."""
 
 
 def without_side(name: str) -> str:
-    """'elbow' of 'left_elbow': a joint's or body part's name on either side."""
+    """Remove the side from a name, e.g. 'left_elbow' -> 'elbow'."""
     return name.removeprefix("left_").removeprefix("right_")

@@ -1,4 +1,4 @@
-"""The proportions of one person on the tracker's skeleton, and body.json that holds them."""
+"""Proportions of a person on the tracker's skeleton, and their file body.json."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from pydantic import Field
 
-from egocap.body.labels import LABELS, without_side
+from egocap.body.labels import LABELS, other_side, without_side
 from egocap.body.skeleton import LABEL_POINTS, POINT_COUNT, POINT_INDEX, POINT_PARENTS, POINTS
 from egocap.errors import FileError, InputError
 from egocap.files import write_json
@@ -25,7 +25,7 @@ LIMB_BONES: tuple[str, ...] = tuple(
     for side in ("left_", "right_")
     for end in ("elbow", "wrist", "hand", "knee", "ankle")
 )
-"""Points whose bone hangs straight down in the rest pose."""
+"""Points whose bone is vertical in the rest pose."""
 
 _RANGES: dict[str, tuple[float, float]] = {
     "head": (0.0, 0.30), "neck": (0.0, 0.25), "upper_spine": (0.03, 0.25),
@@ -33,7 +33,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "elbow": (0.12, 0.50), "wrist": (0.10, 0.45), "hand": (0.02, 0.25), "hip": (0.03, 0.45),
     "knee": (0.20, 0.70), "ankle": (0.18, 0.65), "foot": (0.04, 0.30),
 }  # fmt: skip
-"""Possible length in metres of the offset to each kind of point, child to giant."""
+"""Valid length of the offset to each kind of point, metres."""
 
 
 class _BodyFile(Strict):
@@ -48,7 +48,7 @@ class Proportions:
     """Rest offset of each of `skeleton.POINTS` from the joint that carries it, head axes, metres.
 
     The rest pose stands upright with the arms hanging. Offsets of the trunk, the hips and the feet
-    are general vectors. Raises InputError for shapes or lengths that no person has.
+    are general vectors. Raises InputError for a wrong shape or a length out of range.
     """
 
     offsets: Float[Array, "22 3"]
@@ -68,12 +68,9 @@ class Proportions:
         object.__setattr__(self, "offsets", offsets)
 
     def __repr__(self) -> str:
-        lengths = self.bone_lengths
-        arm = sum(lengths[f"left_{part}"] for part in ("elbow", "wrist"))
-        leg = sum(lengths[f"left_{part}"] for part in ("knee", "ankle"))
-        return (
-            f"Proportions(arm {arm:.2f} m, leg {leg:.2f} m, trunk {lengths['lower_spine']:.2f} m)"
-        )
+        m = self.bone_lengths
+        arm, leg = m["left_elbow"] + m["left_wrist"], m["left_knee"] + m["left_ankle"]
+        return f"Proportions(arm {arm:.2f} m, leg {leg:.2f} m, trunk {m['lower_spine']:.2f} m)"
 
     @property
     def bone_lengths(self) -> dict[str, float]:
@@ -84,24 +81,32 @@ class Proportions:
     @property
     def rest_joints(self) -> Float[Array, "18 3"]:
         """The labelled points of the rest pose in the head frame, metres."""
-        return _rest_points(self.offsets)[list(LABEL_POINTS)]
+        return self.rest_points[list(LABEL_POINTS)]
+
+    @property
+    def rest_points(self) -> Float[Array, "22 3"]:
+        """All `skeleton.POINTS` of the rest pose in the head frame, metres."""
+        where = np.zeros((POINT_COUNT, 3))
+        for i, parent in enumerate(POINT_PARENTS):
+            where[i] = self.offsets[i] + (where[parent] if parent >= 0 else 0.0)
+        return where
 
     @property
     def mirrored(self) -> Proportions:
-        """The same person seen in a mirror: left and right change places."""
-        partner = [POINT_INDEX[_other_side(name)] for name in POINTS]
-        return Proportions(self.offsets[partner] * [1.0, -1.0, 1.0])
+        """The mirrored person: left and right are swapped."""
+        mirror = [POINT_INDEX[other_side(name)] for name in POINTS]
+        return Proportions(self.offsets[mirror] * [1.0, -1.0, 1.0])
 
     @classmethod
     def from_lengths(cls, height: float = 1.75, **lengths: float) -> Proportions:
-        """An average person of a height in metres, some bones replaced by measured lengths.
+        """An average person of a height in metres, with measured lengths of some bones.
 
         `lengths` are metres by the name of the point at the bone's far end, without the side:
         elbow (upper arm), wrist (forearm), hand (wrist to knuckles), knee (thigh), ankle (shank),
         foot (ankle to ball), shoulder (clavicle to shoulder), hip, lower_spine, upper_spine.
 
         Source: segment lengths of Drillis & Contini 1966 as printed in Winter, Biomechanics and
-        Motor Control of Human Movement, fig. 4.1; the trunk's inner joints are set by proportion.
+        Motor Control of Human Movement, fig. 4.1; joints inside the trunk by proportion.
         """
         if not 1.0 <= height <= 2.4:
             raise InputError(f"a height of {height} m", valid="1.0 to 2.4 m")
@@ -131,11 +136,11 @@ class Proportions:
 
     @classmethod
     def from_rest_joints(cls, joints: Mapping[str, Float[Array, "3"]]) -> Proportions:
-        """A person measured standing upright, facing +x, at the position of each of `POINTS`.
+        """A person from positions of all `POINTS`, standing upright and facing +x.
 
-        Positions are metres in head axes; the origin is the head frame's. Arms and legs may be bent
-        or held away: they are straightened by their lengths; the trunk, the hips' places and the
-        feet are kept as they are. Raises InputError for missing or unknown points.
+        Positions are in the head frame, metres. Arms and legs may be bent: only their lengths are
+        used. Trunk, hips and feet are kept as given. Raises InputError for missing or unknown
+        points.
         """
         if set(joints) != set(POINTS):
             wrong = sorted(set(joints) ^ set(POINTS))
@@ -151,7 +156,7 @@ class Proportions:
         return cls(offsets)
 
     def to_dict(self) -> dict[str, object]:
-        """The content of body.json."""
+        """Content of body.json."""
         return {
             "kind": "egocap-body",
             "schema_version": SCHEMA,
@@ -165,7 +170,7 @@ class Proportions:
 
     @classmethod
     def load(cls, path: str | Path) -> Proportions:
-        """Read body.json; FileError names the key that is missing, unknown or impossible."""
+        """Read body.json. FileError names the missing, unknown or invalid key."""
         path = Path(path)
         data = read_json(path)
         refuse_newer(data, SCHEMA, path)
@@ -180,19 +185,6 @@ class Proportions:
             return cls(np.array([offsets[name] for name in POINTS]))
         except InputError as error:
             raise FileError(path, str(error), key="offsets") from None
-
-
-def _other_side(point: str) -> str:
-    if point.startswith("left_"):
-        return "right_" + point.removeprefix("left_")
-    return "left_" + point.removeprefix("right_") if point.startswith("right_") else point
-
-
-def _rest_points(offsets: Float[Array, "22 3"]) -> Float[Array, "22 3"]:
-    where = np.zeros((POINT_COUNT, 3))
-    for i, parent in enumerate(POINT_PARENTS):
-        where[i] = offsets[i] + (where[parent] if parent >= 0 else 0.0)
-    return where
 
 
 assert len(LABEL_POINTS) == len(LABELS)

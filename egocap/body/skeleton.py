@@ -1,35 +1,34 @@
 """The tracker's skeleton: 17 joints with 37 rotational degrees of freedom, rooted at the head.
 
-The cameras ride on the skull, so the skull is the root and the body hangs from it like a puppet:
-the neck turns the trunk under the head, the lower spine turns the pelvis under the chest. A pose is
-37 angles p in radians; p = 0 stands upright with the arms hanging. Every angle is a twist about an
-axis that is fixed in the rest pose, and a joint's transform is the product of the exponentials of
-its twists, outermost first, after those of its ancestors.
+The cameras are fixed to the skull, so it is the root of the kinematic tree: the neck rotates the
+trunk relative to the head, the lower spine the pelvis relative to the chest. A pose is 37 angles p
+in radians; p = 0 stands upright with the arms hanging. Every angle is a twist about an axis that is
+fixed in the rest pose, and a joint's transform is the product of the exponentials of its twists,
+outermost first, after those of its ancestors.
 
 Signs: flexion, abduction, elevation, protraction and external rotation are positive on both sides;
-the right side is the mirror image of the left, so equal angles are mirror-symmetric poses. Turning
-and leaning of the spine are positive when the body below turns or leans to the person's left.
+the right side mirrors the left, so equal angles are mirror-symmetric poses. Turning and leaning of
+the spine are positive when the body below turns or leans to the person's left.
 
-Orders are chosen so that a joint's two outer axes align (gimbal lock) where people seldom are:
-spine, neck and hip lock at 90 degrees of side bend or abduction. The shoulder is written as raising
-in the plane of the scapula (45 degrees between forward and sideways), then swinging out of that
-plane, then turning about the upper arm: it locks with the arm level and 45 degrees across the chest
-or 45 degrees behind the frontal plane, both at the end of its range, and is regular with the arm
-hanging, forward, sideways and overhead.
+Axes are ordered so that gimbal lock occurs in rare poses: for spine, neck and hip at 90 degrees of
+side bend or abduction. The shoulder is raised in the plane of the scapula (45 degrees between
+forward and sideways), swung out of that plane, then rotated about the upper arm: it locks with the
+arm level and 45 degrees across the chest or 45 degrees behind the frontal plane, both at the end of
+its range, and is regular with the arm hanging, forward, sideways and overhead.
 
 Source: EgoCap 2016, sections 4.1 and 4.2.1; Murray, Li & Sastry 1994, ch. 3.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
-from egocap.body.labels import LABELS
+from egocap.body.labels import LABELS, other_side
 from egocap.geometry import axis_angle, unit
 
 DOF_COUNT = 37
@@ -43,13 +42,13 @@ class Dof:
     axis: tuple[float, float, float]
     lower_deg: float
     upper_deg: float
-    spread_deg: float  # how far everyday poses scatter about the rest pose; scales the pose prior
-    agility_deg: float  # scatter of its acceleration, deg/s^1.5 (see AGILITY); scales smoothing
+    spread_deg: float  # standard deviation of everyday poses; scales the pose prior
+    agility_deg: float  # of its acceleration, deg/s^1.5 (see AGILITY); scales smoothing
 
 
 @dataclass(frozen=True)
 class Joint:
-    """An articulated joint: where it hangs and its angles, outermost first."""
+    """An articulated joint: its parent and its angles, outermost first."""
 
     name: str
     parent: str | None  # None: fixed to the skull
@@ -171,36 +170,26 @@ _LEFT = (
 
 
 def _mirrored(joint: Joint) -> Joint:
-    """The right-hand joint of a left one; a twist's axis is a pseudo-vector, so x and z flip."""
-    swap = lambda name: name.replace("left_", "right_")  # noqa: E731
-    return Joint(
-        swap(joint.name),
-        swap(joint.parent),
-        tuple(
-            Dof(swap(d.name), (-d.axis[0], d.axis[1], -d.axis[2]), *_numbers(d)) for d in joint.dofs
-        ),
-        joint.source,
+    """Right-hand joint of a left one; a twist's axis is a pseudo-vector, so x and z are negated."""
+    dofs = tuple(
+        replace(d, name=other_side(d.name), axis=(-d.axis[0], d.axis[1], -d.axis[2]))
+        for d in joint.dofs
     )
+    name, parent = other_side(joint.name), other_side(joint.parent or "")
+    return replace(joint, name=name, parent=parent, dofs=dofs)
 
 
-def _numbers(dof: Dof) -> tuple[float, float, float, float]:
-    return dof.lower_deg, dof.upper_deg, dof.spread_deg, dof.agility_deg
-
-
+_ARM, _LEG = _LEFT[:4], _LEFT[4:]
 JOINTS: tuple[Joint, ...] = (
-    _SPINE
-    + _LEFT[:4]
-    + tuple(_mirrored(j) for j in _LEFT[:4])
-    + _LEFT[4:]
-    + tuple(_mirrored(j) for j in _LEFT[4:])
-)
+    *_SPINE, *_ARM, *map(_mirrored, _ARM), *_LEG, *map(_mirrored, _LEG)
+)  # fmt: skip
 """The 17 joints, parents before children."""
 
 END_POINTS: dict[str, str | None] = {
     "head": None, "left_hand": "left_wrist", "right_hand": "right_wrist",
     "left_foot": "left_ankle", "right_foot": "right_ankle",
 }  # fmt: skip
-"""Points at the ends of the skeleton and the joint each follows (None: the skull)."""
+"""End points of the skeleton and the joint that carries each (None: the skull)."""
 
 POINTS: tuple[str, ...] = tuple(j.name for j in JOINTS) + tuple(END_POINTS)
 POINT_INDEX: dict[str, int] = {name: i for i, name in enumerate(POINTS)}
@@ -222,16 +211,13 @@ LIMITS: Float[Array, "37 2"] = np.deg2rad(
 )
 SPREAD: Float[Array, "37"] = np.deg2rad([d.spread_deg for j in JOINTS for d in j.dofs])
 AGILITY: Float[Array, "37"] = np.deg2rad([d.agility_deg for j in JOINTS for d in j.dofs])
-"""Root of the spectral density of each angle's acceleration taken as white noise, rad/s^1.5.
+"""Root of the spectral density of each angle's acceleration as white noise, rad/s^1.5.
 
-Second differences at 30 frames/s have the scatter AGILITY * sqrt(30) rad/s^2. Measured, without the
-largest hundredth, over walking, running, jumping, ball games and gestures of the CMU database.
+Second differences at 30 frames/s have the standard deviation AGILITY * sqrt(30) rad/s^2. Measured,
+without the largest 1 %, over walking, running, jumping, ball games and gestures of the CMU data.
 """
 
-MIRROR_DOFS: tuple[int, ...] = tuple(
-    DOF_INDEX[n.replace("left_", "?").replace("right_", "left_").replace("?", "right_")]
-    for n in DOFS
-)
+MIRROR_DOFS: tuple[int, ...] = tuple(DOF_INDEX[other_side(name)] for name in DOFS)
 MIRROR_SIGNS: Float[Array, "37"] = np.array(
     [
         -1.0 if n.endswith(("spine_turn", "spine_lean", "neck_turn", "neck_lean")) else 1.0
@@ -243,7 +229,7 @@ MIRROR_SIGNS: Float[Array, "37"] = np.array(
 LABEL_POINTS: tuple[int, ...] = tuple(
     POINT_INDEX["upper_spine" if label == "neck" else label] for label in LABELS
 )
-"""Index of the point that each detection label marks: joints, and the ends of head, hands, feet."""
+"""Index of the point of each detection label: joints, and the ends of head, hands and feet."""
 
 
 def _ancestry() -> Bool[Array, "22 37"]:
@@ -255,11 +241,11 @@ def _ancestry() -> Bool[Array, "22 37"]:
 
 
 MOVES: Bool[Array, "22 37"] = _ancestry()
-"""Whether an angle moves a point."""
+"""Whether each angle moves each point."""
 
 
 class HasOffsets(Protocol):
-    """What the kinematics need of a person: `egocap.body.proportions.Proportions` has it."""
+    """Rest offsets of a person, e.g. `egocap.body.proportions.Proportions`."""
 
     @property
     def offsets(self) -> Float[Array, "22 3"]:
@@ -278,7 +264,7 @@ def points(
     proportions: HasOffsets, angles: Float[Array, "*batch 37"]
 ) -> Float[Array, "*batch 22 3"]:
     """Positions of all `POINTS` in the head frame, metres."""
-    return _chain(proportions, angles)[0]
+    return _chain(proportions.offsets, angles)[0]
 
 
 def jacobian(
@@ -286,10 +272,10 @@ def jacobian(
 ) -> tuple[Float[Array, "*batch 18 3"], Float[Array, "*batch 18 3 37"]]:
     """Joint positions and their derivatives by the angles, metres per radian.
 
-    An angle turns what hangs below it about its posed axis a through its joint o, so the derivative
+    An angle rotates its descendants about its posed axis a through its joint o, so the derivative
     of a point x is a x (x - o).  Source: Murray, Li & Sastry 1994, section 3.4 (spatial Jacobian).
     """
-    positions, axes = _chain(proportions, angles)
+    positions, axes, _ = _chain(proportions.offsets, angles)
     centres = positions[..., DOF_JOINT, :]
     labels = positions[..., LABEL_POINTS, :]
     arms = labels[..., :, None, :] - centres[..., None, :, :]  # (..., 18, 37, 3)
@@ -298,29 +284,17 @@ def jacobian(
 
 
 def joint_rotations(angles: Float[Array, "*batch 37"]) -> Float[Array, "*batch 17 3 3"]:
-    """Rotation of every joint's frame in the head frame: what hangs below it at rest, turned."""
-    angles = np.asarray(angles, float)
-    rotations: list[Float[Array, "*batch 3 3"]] = []
-    for i, parent in enumerate(POINT_PARENTS[: len(JOINTS)]):
-        R = (
-            np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
-            if parent < 0
-            else rotations[parent]
-        )
-        for d in np.flatnonzero(np.array(DOF_JOINT) == i):
-            R = R @ axis_angle(AXES[d], angles[..., d])
-        rotations.append(R)
-    return np.stack(rotations, -3)
+    """Rotation of every joint's frame in the head frame; identity in the rest pose."""
+    return _chain(np.zeros((POINT_COUNT, 3)), angles)[2]
 
 
 def _chain(
-    proportions: HasOffsets, angles: Float[Array, "*batch 37"]
-) -> tuple[Float[Array, "*batch 22 3"], Float[Array, "*batch 37 3"]]:
-    """Positions of all points and the posed axis of every angle, head frame."""
+    offsets: Float[Array, "22 3"], angles: Float[Array, "*batch 37"]
+) -> tuple[Float[Array, "*batch 22 3"], Float[Array, "*batch 37 3"], Float[Array, "*batch 17 3 3"]]:
+    """Positions of all points, posed axes of all angles and joint rotations, head frame."""
     angles = np.asarray(angles, float)
     assert angles.shape[-1] == DOF_COUNT, angles.shape
     batch = angles.shape[:-1]
-    offsets = proportions.offsets
     positions = np.zeros((*batch, POINT_COUNT, 3))
     axes = np.zeros((*batch, DOF_COUNT, 3))
     rotations: list[Float[Array, "*batch 3 3"]] = []
@@ -333,7 +307,7 @@ def _chain(
                 axes[..., d, :] = R @ AXES[d]
                 R = R @ axis_angle(AXES[d], angles[..., d])
             rotations.append(R)
-    return positions, axes
+    return positions, axes, np.stack(rotations, -3)
 
 
 assert len(DOFS) == DOF_COUNT and len(JOINTS) == 17

@@ -1,4 +1,4 @@
-"""Camera and rig files in; cameras that project points and cast rays, and rigs of them, out.
+"""Camera and rig files in; cameras and rigs that project points and cast rays out.
 
-Lens models are rows of `lens.MODELS`; file formats live in `camera_files` and `rig_files` alone.
+A new lens model is one function in `lens.MODELS`; `camera_files`, `rig_files` hold the formats.
 """

@@ -8,7 +8,7 @@ their own precision, on their own device, differentiable).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import degrees, isfinite, pi
 from typing import Any
@@ -20,17 +20,17 @@ from egocap.errors import InputError
 
 Affine = tuple[tuple[float, float], tuple[float, float]]
 
-MAX_PIXELS = 65536  # a side of the image; more is a mistake in a file
-_TINY = 1e-30  # squared length under which a point counts as on the axis, or at the camera
-_ANGLE_SLACK = 1e-9  # rad; a point exactly on the rim of the field of view is in it
+MAX_PIXELS = 65536  # largest side of an image
+_TINY = 1e-30  # squared distance below which a point is on the optical axis, or at the camera
+_ANGLE_SLACK = 1e-9  # rad; includes points on the edge of the field of view
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A calibrated camera. Equal when every number is.
+    """A calibrated camera.
 
-    Raises InputError for an impossible one. `max_angle` None is replaced by the widest angle that
-    falls into the image.
+    `max_angle` None is replaced by the largest angle within the image. Raises InputError for values
+    out of range.
     """
 
     model: str  # a key of egocap.cameras.lens.MODELS
@@ -70,21 +70,21 @@ class Camera:
 
     @cached_property
     def radial(self) -> Radial:
-        """The lens's r(theta)."""
-        raise AssertionError("set when the camera is made")
+        """The radial function r(theta) of the lens."""
+        raise AssertionError("set by __post_init__")
 
     def project(self, points: Any) -> tuple[Any, Any]:
         """Pixels (..., 2) and validity (...) of points (..., 3) [m] in the camera frame.
 
         Valid: not at the camera, within `max_angle`, inside the image. Pixels of invalid points are
-        finite, go on growing with the angle, and are never clamped to the border.
+        finite and not clamped; their radius grows with the angle.
         """
         points = _floating(points)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         rho, theta = _polar(x, y, z)
         radius, _ = self.radial.radius(theta)
         pixels = self._to_pixels(x * (radius / rho), y * (radius / rho))
-        return pixels, self._sees(x, y, z, theta) & self._inside(pixels)
+        return pixels, self._in_field(x, y, z, theta) & self._inside(pixels)
 
     def project_jacobian(self, points: Any) -> tuple[Any, Any, Any]:
         """`project` with its derivative: pixels (..., 2), J (..., 2, 3) [px/m], validity (...)."""
@@ -96,10 +96,10 @@ class Camera:
         m = radius / rho
         dx, dy = x / rho, y / rho  # direction in the image plane; zero on the axis
         d2 = rho * rho + z * z
-        bend = slope * z / d2 - m
-        sink = -slope * rho / d2
-        row_x = (m + dx * dx * bend, dx * dy * bend, dx * sink)
-        row_y = (dx * dy * bend, m + dy * dy * bend, dy * sink)
+        radial = slope * z / d2 - m
+        axial = -slope * rho / d2
+        row_x = (m + dx * dx * radial, dx * dy * radial, dx * axial)
+        row_y = (dx * dy * radial, m + dy * dy * radial, dy * axial)
         (a, b), (c, d) = self.affine
         J = xp.stack(
             [
@@ -109,12 +109,12 @@ class Camera:
             -2,
         )
         pixels = self._to_pixels(x * m, y * m)
-        return pixels, J, self._sees(x, y, z, theta) & self._inside(pixels)
+        return pixels, J, self._in_field(x, y, z, theta) & self._inside(pixels)
 
     def ray(self, pixels: Any) -> tuple[Any, Any]:
         """Unit rays (..., 3) in the camera frame and validity (...) of pixels (..., 2).
 
-        Valid: inside the image and within `max_angle`. `project` undoes it.
+        Valid: inside the image and within `max_angle`. The inverse of `project`.
         """
         pixels = _floating(pixels)
         xp = namespace(pixels)
@@ -130,7 +130,7 @@ class Camera:
     def resized(self, width: int, height: int) -> Camera:
         """The same camera with its image scaled to width x height pixels.
 
-        Scaling keeps the image's outer border, half a pixel outside the outermost pixel centres.
+        The outer border of the image, half a pixel beyond the outermost pixel centres, is kept.
         """
         sx, sy = width / self.width, height / self.height
         (a, b), (c, d) = self.affine
@@ -143,21 +143,13 @@ class Camera:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready form; `camera_from_dict` gives an equal camera back."""
-        d: dict[str, Any] = {
-            "model": self.model,
-            "width": self.width,
-            "height": self.height,
-            "centre": list(self.centre),
-            "affine": [list(row) for row in self.affine],
-            "max_angle": self.max_angle,
-        }
-        if self.parameters:
-            d["parameters"] = list(self.parameters)
-        return d
+        """JSON-ready form, read by `camera_from_dict`."""
+        d = {name: value for name, value in asdict(self).items() if name != "parameters"}
+        d |= {"centre": list(self.centre), "affine": [list(row) for row in self.affine]}
+        return d | ({"parameters": list(self.parameters)} if self.parameters else {})
 
     def _image_radius(self) -> float:
-        """Lens radius of the farthest image corner from the centre."""
+        """Largest lens radius of an image corner."""
         (cx, cy), (w, h) = self.centre, (self.width - 0.5, self.height - 0.5)
         corners = np.array([(u - cx, v - cy) for u in (-0.5, w) for v in (-0.5, h)])
         return float(np.linalg.norm(corners @ np.linalg.inv(np.array(self.affine)).T, axis=1).max())
@@ -167,7 +159,7 @@ class Camera:
         u, v = a * x + b * y + self.centre[0], c * x + d * y + self.centre[1]
         return namespace(x).stack([u, v], -1)
 
-    def _sees(self, x: Any, y: Any, z: Any, theta: Any) -> Any:
+    def _in_field(self, x: Any, y: Any, z: Any, theta: Any) -> Any:
         return (x * x + y * y + z * z > _TINY) & (theta <= self.max_angle + _ANGLE_SLACK)
 
     def _inside(self, pixels: Any) -> Any:
@@ -180,7 +172,7 @@ def _floating(array: Any) -> Any:
 
 
 def _length(x: Any, y: Any) -> Any:
-    """|(x, y)|, tiny instead of zero: ratios to it and their derivatives stay finite."""
+    """|(x, y)|, bounded away from zero so that ratios and derivatives stay finite."""
     xp = namespace(x)
     squared = x * x + y * y
     return xp.sqrt(xp.where(squared > _TINY, squared, xp.full_like(squared, _TINY)))

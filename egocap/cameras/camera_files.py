@@ -1,8 +1,8 @@
 """Calibration files: OCamCalib text, EgoRear / EgoWholeMocap JSON, and our own form.
 
-OCamCalib (Scaramuzza) writes x along the image's rows and y along its columns, and looks along -z:
+OCamCalib (Scaramuzza) has x along the image's rows, y along its columns, and views along -z:
 a pixel is row = c x + d y + row0, column = e x + y + column0, and its ray is (x, y, f(rho)). In the
-OpenCV frame used here x and y change places and z its sign, so that
+OpenCV frame used here x and y are swapped and z is negated, so that
 [column, row] = [column0, row0] + [[1, e], [d, c]] @ [x, y] and theta = atan2(rho, -f(rho)).
 The EgoRear and EgoWholeMocap files hold the same numbers with the centre as (column, row); their
 own code does not use `affine` (at most 0.2 px in the published files), which is read as OCamCalib's
@@ -28,7 +28,7 @@ Side = Annotated[int, Field(strict=True, ge=1, le=MAX_PIXELS, description="pixel
 
 
 class CameraSpec(Strict):
-    """A camera as our own files describe it."""
+    """A camera in EgoCap's own format."""
 
     model: Literal["equidistant", "kannala_brandt", "ocam"]
     width: Side
@@ -39,12 +39,12 @@ class CameraSpec(Strict):
     focal: Number | Pair | None = Field(
         default=None, description="pixels per radian, one or (x, y)"
     )
-    affine: tuple[Pair, Pair] | None = Field(default=None, description="2x2, in place of focal")
+    affine: tuple[Pair, Pair] | None = Field(default=None, description="2x2, instead of focal")
     fov: Number | None = Field(
-        default=None, gt=0, le=360, description="degrees, the whole cone seen"
+        default=None, gt=0, le=360, description="full field of view, degrees"
     )
     max_angle: Number | None = Field(
-        default=None, gt=0, le=pi, description="radians, in place of fov"
+        default=None, gt=0, le=pi, description="radians off axis, instead of fov"
     )
     parameters: tuple[Number, ...] = Field(
         default=(), max_length=32, description="of the lens model"
@@ -65,7 +65,7 @@ class CameraSpec(Strict):
         return self
 
     def camera(self) -> Camera:
-        """The camera described. Without focal lengths, `fov` spans the width of the image."""
+        """Make the camera. Without focal lengths, `fov` spans the width of the image."""
         affine = self.affine
         if affine is None:
             focal = self.focal
@@ -85,14 +85,14 @@ class CameraSpec(Strict):
 
 
 class OCamFile(Strict):
-    """The JSON of EgoRear and EgoWholeMocap; keys that say nothing of the lens are ignored."""
+    """The JSON of EgoRear and EgoWholeMocap; keys without lens data are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
     size: tuple[Side, Side] = Field(description="width, height")
     image_center: Pair | None = Field(default=None, description="column, row")
     intrinsic: list[list[Number]] | None = Field(
-        default=None, description="its last column in place of it"
+        default=None, description="its last column replaces image_center"
     )
     polynomialC2W: tuple[Number, ...] = Field(min_length=1, max_length=32)
     affine: tuple[Number, Number, Number] = (1.0, 0.0, 0.0)
@@ -106,7 +106,7 @@ class OCamFile(Strict):
         return self
 
     def camera(self) -> Camera:
-        """The camera described, seeing what lies within the image circle."""
+        """Make the camera; its field of view ends at the image circle."""
         centre = self.image_center
         if centre is None:
             assert self.intrinsic is not None
@@ -115,7 +115,7 @@ class OCamFile(Strict):
 
 
 def camera_from_dict(data: Any, where: str | Path = "camera", prefix: str = "") -> Camera:
-    """The camera a dictionary describes: `Camera.to_dict`'s form, `focal` and `fov`, or EgoRear's.
+    """Make a camera from a dictionary: a `CameraSpec` (as `Camera.to_dict`) or an `OCamFile`.
 
     `where` names the file and `prefix` the key in errors. Raises FileError.
     """
@@ -131,10 +131,7 @@ def camera_from_dict(data: Any, where: str | Path = "camera", prefix: str = "") 
 
 
 def load_camera(path: str | Path) -> Camera:
-    """The camera in a calibration file: .json, or OCamCalib text under any other ending.
-
-    Raises FileError.
-    """
+    """Read a calibration file: .json, or OCamCalib text with any other suffix. Raises FileError."""
     path = Path(path)
     if path.suffix.lower() == ".json":
         return camera_from_dict(read_json(path), path)
@@ -142,9 +139,9 @@ def load_camera(path: str | Path) -> Camera:
 
 
 def parse_ocam_text(text: str, where: str | Path) -> Camera:
-    """OCamCalib's calib_results.txt: '#' comments and five lines of numbers.
+    """Parse OCamCalib's calib_results.txt: '#' comments and five lines of numbers.
 
-    The lines: polynomial (its length first), inverse polynomial (the same; not used), centre as row
+    The lines: polynomial (after its length), inverse polynomial (likewise; not used), centre as row
     and column, affine c d e, height and width. Raises FileError naming the line.
     """
     names = ("polynomial", "inverse polynomial", "centre (row column)", "affine (c d e)", "size")

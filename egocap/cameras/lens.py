@@ -1,9 +1,9 @@
-"""How far from the image centre a lens draws what it sees: r(theta), for every camera model.
+"""Radial projection functions r(theta) of the camera models.
 
 theta is the angle off the optical axis [rad], r the radius in the lens's own unit (pixels for OCam,
-radians for the others; the camera's affine matrix makes pixels of it). All models share one form,
-r = theta * q(s) with q a polynomial in s = (theta - middle) / half, so that one formula projects,
-one inverts, and both take numpy arrays and torch tensors.
+radians for the others; the camera's affine matrix maps it to pixels). All models share one form,
+r = theta * q(s) with q a polynomial in s = (theta - middle) / half. Projection and its inverse take
+numpy arrays and torch tensors.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ import numpy as np
 
 from egocap.errors import InputError
 
-FIT_TOLERANCE = 1e-5  # pixels; what the inverse of an OCam polynomial may be off
+FIT_TOLERANCE = 1e-5  # pixels; largest error of an inverted OCam polynomial
 _FIT_DEGREES = (8, 12, 16, 20, 24, 28, 32)
-_SHORTEST = 0.001  # pixels; an OCam focal length under it is a mistake
-_REACH = 16.0  # times the farthest image corner: how far out an OCam polynomial is looked at
-_NEWTON_STEPS = 60  # bisection alone would need about 52 in float64
+_SHORTEST = 0.001  # pixels; smallest OCam focal length
+_REACH = 16.0  # search range of an OCam polynomial, times the radius of the farthest corner
+_NEWTON_STEPS = 60  # bisection alone needs about 52 in float64
 
 
 def namespace(array: Any) -> ModuleType:
-    """The module whose functions take this array: torch for its tensors, else numpy."""
+    """torch for a tensor, numpy for any other array."""
     torch = sys.modules.get("torch")
     return torch if torch is not None and isinstance(array, torch.Tensor) else np
 
 
 @dataclass(frozen=True)
 class Radial:
-    """r(theta) = theta * q((theta - middle) / half) up to `limit`, straight on beyond it.
+    """r(theta) = theta * q((theta - middle) / half) up to `limit`, linear beyond it.
 
-    The straight line keeps r growing and differentiable for every angle: a point just outside the
-    lens still tells a solver which way to go, where a polynomial of high degree would explode.
+    The linear extension is monotone and differentiable, so that solvers get useful gradients for
+    points outside the field of view.
     """
 
     coefficients: tuple[float, ...]  # of q, lowest order first
-    limit: float  # rad; r grows strictly on [0, limit]
+    limit: float  # rad; r increases strictly on [0, limit]
     middle: float = 0.0
     half: float = 1.0
 
     def radius(self, theta: Any) -> tuple[Any, Any]:
-        """Radius and its slope dr/dtheta at angles of any shape; array and tensor alike."""
+        """Radius and slope dr/dtheta at angles [rad] of any shape."""
         inner = namespace(theta).clip(theta, None, self.limit)
         s = (inner - self.middle) / self.half
         q, dq = 0.0 * s, 0.0 * s
@@ -57,10 +57,10 @@ class Radial:
         return inner * q + slope * (theta - inner), slope
 
     def angle(self, radius: Any) -> Any:
-        """Angles [rad] at which the lens draws these radii (>= 0), the inverse of `radius`.
+        """Angles [rad] of radii (>= 0), the inverse of `radius`.
 
-        The search itself is not differentiated: one last Newton step from its fixed result carries
-        the exact derivative of the inverse to autograd.
+        The search is not differentiated: a last Newton step from its detached result gives autograd
+        the exact derivative of the inverse.
         """
         xp = namespace(radius)
         edge, slope = (float(v) for v in self.radius(np.float64(self.limit)))
@@ -73,9 +73,10 @@ class Radial:
 
 
 def invert(function: Callable[[Any], tuple[Any, Any]], target: Any, high: float, start: Any) -> Any:
-    """Solve function(x) = target for x in [0, high], function growing; Newton inside a bracket.
+    """Solve function(x) = target for x in [0, high] by bracketed Newton steps.
 
-    `function` gives value and slope. A step that leaves the bracket is replaced by a bisection.
+    `function` is increasing and returns value and slope. A step out of the bracket is replaced by a
+    bisection.
     """
     xp = namespace(target)
     low, x, top = 0.0 * target, start, 0.0 * target + high
@@ -92,7 +93,7 @@ def invert(function: Callable[[Any], tuple[Any, Any]], target: Any, high: float,
 
 
 def equidistant(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
-    """r = theta. Without `max_angle` the lens sees as far as `radius`, 180 degrees at most."""
+    """r = theta. `max_angle` defaults to `radius`, at most 180 degrees."""
     if parameters:
         raise InputError("an equidistant lens has no parameters")
     return Radial((1.0,), min(radius, pi) if max_angle is None else max_angle)
@@ -101,13 +102,13 @@ def equidistant(parameters: tuple[float, ...], max_angle: float | None, radius: 
 def kannala_brandt(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
     """r = theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9.
 
-    Raises InputError when r does not grow all the way to `max_angle`, or, without one, half the way
-    to the image's farthest corner.
+    Raises InputError unless r increases up to `max_angle` or, without one, to half the radius of
+    the farthest image corner.
     Source: Kannala and Brandt 2006, as in OpenCV's fisheye module.
     """
     if len(parameters) != 4:
         raise InputError(f"{len(parameters)} distortion coefficients", valid="k1, k2, k3, k4")
-    powers = (0.0, *(c for k in parameters for c in (0.0, k)))  # of r / theta, beyond the leading 1
+    powers = (0.0, *(c for k in parameters for c in (0.0, k)))  # of r / theta, after the constant 1
     coefficients = (1.0, *powers[1:])
     slope = [c * (i + 1) for i, c in enumerate(coefficients)]
     lens = Radial(coefficients, min(_first_root(slope, pi), pi))
@@ -115,15 +116,14 @@ def kannala_brandt(parameters: tuple[float, ...], max_angle: float | None, radiu
 
 
 def ocam(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
-    """The lens whose pixel at radius rho looks along [u, v, f(rho)], f(rho) = sum a_k rho^k.
+    """The lens whose pixel at radius rho has the ray [u, v, f(rho)], f(rho) = sum a_k rho^k.
 
-    OCamCalib's sign: a_0 < 0, so theta(rho) = atan2(rho, -f(rho)). This polynomial defines the
-    camera; r(theta), its inverse, has no closed form and is interpolated at Chebyshev points to
-    `FIT_TOLERANCE`. Rays come from the interpolant's own inverse, so that project and ray undo each
-    other to rounding and both are within the tolerance of the definition.
+    OCamCalib's sign: a_0 < 0, so theta(rho) = atan2(rho, -f(rho)). Its inverse r(theta) has no
+    closed form and is interpolated at Chebyshev points to `FIT_TOLERANCE`. Rays use the inverse of
+    the interpolant, so that project and ray are inverse to rounding error.
 
-    Raises InputError when theta(rho) does not grow all the way to `max_angle`, or, without one,
-    half the way to the image's farthest corner.
+    Raises InputError unless theta(rho) increases up to `max_angle` or, without one, to half the
+    radius of the farthest image corner.
     Source: Scaramuzza et al. 2006, Eq. 6; EgoCap paper, section 4.2.
     """
     a = np.array(parameters, float)
@@ -138,7 +138,7 @@ def ocam(parameters: tuple[float, ...], max_angle: float | None, radius: float) 
         dz = -np.polynomial.polynomial.polyval(rho, np.polynomial.polynomial.polyder(a))
         return np.arctan2(rho, z), (z - rho * dz) / (rho * rho + z * z)
 
-    # theta grows while z - rho dz/drho > 0, itself a polynomial in rho.
+    # theta increases while the polynomial z - rho dz/drho > 0.
     reach = _REACH * radius
     high = min(reach, _first_root([-c * (1 - k) for k, c in enumerate(parameters)], reach))
     widest = float(angle(np.float64(high))[0])
@@ -191,15 +191,15 @@ def _limited(lens: Radial, max_angle: float | None, radius: float) -> Radial:
 
 
 def _refuse_early_turn(angle: float, turn: float, radius: float) -> None:
-    """A lens may stop growing in the dark corners, not in the middle of the image."""
+    """Raise InputError unless r increases to half the radius of the farthest corner."""
     if turn < 0.5 * radius:
-        raise _not_growing(angle, "the image goes on")
+        raise _not_growing(angle, "the image extends further")
 
 
 def _not_growing(turn: float, but: str) -> InputError:
     return InputError(
-        f"the lens polynomial is not monotone: it grows up to {degrees(turn):.2f} degrees off axis "
-        f"only, and {but}",
+        f"the lens polynomial is not monotone: it increases up to {degrees(turn):.2f} degrees off "
+        f"axis only, and {but}",
         valid=f"a field of view under {2 * degrees(turn):.2f} degrees, or another polynomial",
     )
 
@@ -207,7 +207,7 @@ def _not_growing(turn: float, but: str) -> InputError:
 def _first_root(coefficients: list[float], high: float) -> float:
     """Smallest root in (0, high] of a polynomial, lowest order first; inf without one.
 
-    Terms that change nothing on that interval are dropped: dividing by them would overflow.
+    Negligible leading terms are dropped: dividing by them would overflow.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.array(coefficients) * high ** np.arange(len(coefficients))

@@ -1,4 +1,4 @@
-"""Rigs: cameras fixed to the head, and what they see of points in the head frame."""
+"""Rigs: cameras fixed to the head. Points and rays are in the head frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCHEMA = 1  # of rig.json
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """One camera of a rig and where it sits on the head."""
+    """One camera of a rig and its pose on the head."""
 
     name: str
     camera: Camera
@@ -92,14 +92,11 @@ class Rig:
 
     def project(self, points_head: Any) -> tuple[Any, Any]:
         """Pixels (V, ..., 2) and validity (V, ...) of points (..., 3) [m] in the head frame."""
-        results = [
-            mount.camera.project(_move(T, points_head))
-            for mount, T in zip(self.mounts, self.T_camera_head, strict=True)
-        ]
-        return _stack(results)
+        pairs = zip(self.mounts, self.T_camera_head, strict=True)
+        return _stack([mount.camera.project(_move(T, points_head)) for mount, T in pairs])
 
     def project_jacobian(self, points_head: Any) -> tuple[Any, Any, Any]:
-        """`project` with J (V, ..., 2, 3) [px/m], the derivative by the point in the head frame."""
+        """`project` with J (V, ..., 2, 3) [px/m], the derivative by the points."""
         results = []
         for mount, T in zip(self.mounts, self.T_camera_head, strict=True):
             pixels, J, valid = mount.camera.project_jacobian(_move(T, points_head))
@@ -124,17 +121,11 @@ class Rig:
         return replace(self, mounts=tuple(mounts))
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready form; `rig_files.parse_rig` gives an equal rig back."""
-        mounts = [
-            {
-                "name": m.name,
-                "camera": m.camera.to_dict(),
-                "T_head_camera": m.T_head_camera.tolist(),
-            }
-            for m in self.mounts
-        ]
+        """JSON-ready form, read by `rig_files.parse_rig`."""
         return {
-            "schema": SCHEMA, "name": self.name, "frame_rate": self.frame_rate, "mounts": mounts,
+            "schema": SCHEMA, "name": self.name, "frame_rate": self.frame_rate,
+            "mounts": [{"name": m.name, "camera": m.camera.to_dict(),
+                        "T_head_camera": m.T_head_camera.tolist()} for m in self.mounts],
         }  # fmt: skip
 
     def to_json(self, path: str | Path) -> None:
@@ -149,7 +140,7 @@ def _move(T_camera_head: Float[Array, "4 4"], points_head: Any) -> Any:
 
 
 def _like(values: Array, example: Any) -> Any:
-    """numpy values as the example's kind: array, or tensor of its precision and device."""
+    """Convert numpy values to the array type, precision and device of `example`."""
     return values if namespace(example) is np else example.new_tensor(values.tolist())
 
 

@@ -1,8 +1,8 @@
 """Rig files: TOML for people, JSON (also with exact matrices) for programs.
 
-Angles are in degrees here and nowhere else. A camera without
-rotation looks straight ahead, image up = head up; `pitch` turns the optical axis down, `yaw` to the
-left, `roll` turns the camera clockwise about its optical axis as seen from behind it.
+Angles are in degrees. A camera without rotation points along the head's forward axis, image up =
+head up; `pitch` turns the optical axis down, `yaw` to the left, `roll` turns the camera clockwise
+about its optical axis as seen from behind it.
 """
 
 from __future__ import annotations
@@ -19,32 +19,30 @@ from egocap.cameras.camera_files import camera_from_dict, load_camera
 from egocap.cameras.rig import SCHEMA, Mount, Rig
 from egocap.errors import FileError, InputError
 from egocap.geometry import LEFT, UP, axis_angle, rigid
-from egocap.schema import Number, Strict, checked, read_json, read_toml
+from egocap.schema import Number, Strict, checked, read_json, read_toml, refuse_newer
 
-MAX_FOV = 300.0  # degrees; no lens sees more, and past it the polynomial models lose meaning
+MAX_FOV = 300.0  # degrees; beyond any lens and the valid range of the polynomial models
 
 Metres = tuple[Number, Number, Number]
 Matrix = tuple[Metres, Metres, Metres]
 Row4 = tuple[Number, Number, Number, Number]
 
-# Columns: where the camera's x (right), y (down) and z (ahead) point in the head frame.
+# Columns: the camera's x (right), y (down) and z (forward) in the head frame.
 R_HEAD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 class CameraEntry(Strict):
-    """One camera of a rig: where it sits, where it looks, and its lens."""
+    """One camera of a rig: position, orientation and lens."""
 
     name: str = Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9_-]+$")
     position: Metres = Field(description="metres, head frame: forward, left, up of the skull base")
     pitch: Number = Field(default=0.0, ge=-180, le=180, description="degrees below horizontal")
     yaw: Number = Field(default=0.0, ge=-180, le=180, description="degrees to the left")
     roll: Number = Field(default=0.0, ge=-180, le=180, description="degrees about the optical axis")
-    rotation: Matrix | None = Field(
-        default=None, description="R_head_camera, in place of the angles"
-    )
-    lens: dict[str, Any] | None = Field(default=None, description="in place of the rig's lens")
+    rotation: Matrix | None = Field(default=None, description="R_head_camera instead of the angles")
+    lens: dict[str, Any] | None = Field(default=None, description="overrides the rig's lens")
     calibration: str | None = Field(
-        default=None, description="file beside the rig's, in place of a lens"
+        default=None, description="file in the rig file's folder, instead of a lens"
     )
 
     @model_validator(mode="after")
@@ -64,13 +62,13 @@ class CameraEntry(Strict):
     def T_head_camera(self) -> np.ndarray:
         """Pose of the camera in the head frame."""
         if self.rotation is not None:
-            u, _, v = np.linalg.svd(np.array(self.rotation))  # a file's digits are rounded
+            u, _, v = np.linalg.svd(np.array(self.rotation))  # the digits are rounded
             return rigid(u @ v, np.array(self.position))
-        return rigid(looking(self.pitch, self.yaw, self.roll), np.array(self.position))
+        return rigid(camera_rotation(self.pitch, self.yaw, self.roll), np.array(self.position))
 
 
 class Stereo(Strict):
-    """Two cameras, mirror images of each other: 'left' and 'right'."""
+    """Two mirror-symmetric cameras, 'left' and 'right'."""
 
     baseline: Number = Field(gt=0, le=2, description="metres between the cameras")
     forward: Number = Field(ge=-2, le=2, description="metres in front of the skull base")
@@ -82,7 +80,7 @@ class Stereo(Strict):
     calibration: tuple[str, str] | None = Field(default=None, description="files: left, right")
 
     def entries(self) -> tuple[CameraEntry, CameraEntry]:
-        """The two cameras written out."""
+        """The left and the right camera."""
         files = self.calibration or (None, None)
         left, right = (
             CameraEntry(
@@ -98,12 +96,12 @@ class Stereo(Strict):
 
 
 class RigFile(Strict):
-    """A rig as people write it."""
+    """A rig file written by hand."""
 
     name: str = Field(min_length=1, max_length=80)
     description: str = ""
     frame_rate: Number = Field(default=30.0, gt=0, le=1000, description="Hz")
-    lens: dict[str, Any] | None = Field(default=None, description="of every camera without its own")
+    lens: dict[str, Any] | None = Field(default=None, description="of cameras without their own")
     stereo: Stereo | None = None
     cameras: tuple[CameraEntry, ...] | None = Field(default=None, min_length=1, max_length=16)
 
@@ -131,22 +129,22 @@ class ExactRig(Strict):
     mounts: tuple[ExactMount, ...] = Field(min_length=1, max_length=16)
 
 
-def looking(pitch: float, yaw: float = 0.0, roll: float = 0.0) -> np.ndarray:
-    """R_head_camera (3, 3) of a camera turned by angles in degrees (see the module's text)."""
-    ahead = np.array([0.0, 0.0, 1.0])
+def camera_rotation(pitch: float, yaw: float = 0.0, roll: float = 0.0) -> np.ndarray:
+    """R_head_camera (3, 3) from angles in degrees, as the module docstring defines them."""
+    optical_axis = np.array([0.0, 0.0, 1.0])
     turned = axis_angle(UP, radians(yaw)) @ axis_angle(LEFT, radians(pitch))
-    return turned @ R_HEAD_AHEAD @ axis_angle(ahead, radians(roll))
+    return turned @ R_HEAD_AHEAD @ axis_angle(optical_axis, radians(roll))
 
 
 def load_rig(path: str | Path) -> Rig:
-    """The rig in a file: .json, or TOML under any other ending. Raises FileError."""
+    """Read a rig file: .json, or TOML with any other suffix. Raises FileError."""
     path = Path(path)
     data = read_json(path) if path.suffix.lower() == ".json" else read_toml(path)
     return parse_rig(data, path)
 
 
 def parse_rig(data: Any, where: str | Path) -> Rig:
-    """The rig a dictionary describes; calibration files are looked for beside `where`."""
+    """Make a rig from a dictionary. Calibration paths are relative to the folder of `where`."""
     if isinstance(data, dict) and "mounts" in data:
         return _exact(data, where)
     if isinstance(data, dict) and not {"stereo", "cameras"} & data.keys():
@@ -165,7 +163,7 @@ def parse_rig(data: Any, where: str | Path) -> Rig:
 
 
 def _refuse_camera(data: dict[str, Any], where: str | Path) -> None:
-    """Raise FileError when what should be a rig is the calibration of a single camera."""
+    """Raise FileError if `data` is the calibration of a single camera."""
     try:
         camera_from_dict(data, where)
     except FileError:
@@ -175,10 +173,7 @@ def _refuse_camera(data: dict[str, Any], where: str | Path) -> None:
 
 
 def _exact(data: dict[str, Any], where: str | Path) -> Rig:
-    schema = data.get("schema")
-    if isinstance(schema, int) and schema > SCHEMA:
-        raise FileError(where, f"written by a newer version (schema {schema})", key="schema",
-                        valid=f"up to {SCHEMA}")  # fmt: skip
+    refuse_newer(data, SCHEMA, where, key="schema")
     file = checked(ExactRig, data, where)
     mounts = []
     for i, entry in enumerate(file.mounts):

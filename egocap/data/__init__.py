@@ -1,4 +1,4 @@
-"""Files in; sequences, data sets, detections and tracks out, and the same back to disk.
+"""Files in; sequences, data sets, detections and tracks out, and back to files.
 
-Every file format of the pipeline is read and written here. Nothing here knows how poses are found.
+Every file format of the pipeline is read and written here; pose estimation is elsewhere.
 """

@@ -1,7 +1,7 @@
-"""Dataclasses of arrays as npz files, checked against the shapes and types of their annotations.
+"""Dataclasses of arrays as npz files, validated by the shapes and types of their annotations.
 
-`FrameArrays` holds what a simulation records; `save_record` and `load_record` write and read
-detections and tracks, with a kind and a version. A field of type `X | None` may be missing.
+`FrameArrays` is the base of simulated truth; `save_record` and `load_record` write and read
+detections and tracks with a kind and a version. A field of type `X | None` may be missing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from egocap.files import read_npz, write_atomically, write_npz
 SCHEMA = 3
 """Version of detections and tracks. 2: detections may have `modes` and `mode_weights`; tracks the
 skeleton's offsets, covariance, confidence, energies by term, and the world frame. 3: tracks may
-tell why a joint is hidden."""
+have the cause of occlusion."""
 
 _FINITE = {"times", "angles", "joints_head", "offsets", "covariance", "confidence", "T_world_head",
            "joints_world"}  # fmt: skip
@@ -43,7 +43,7 @@ Record = TypeVar("Record")
 class _Field(NamedTuple):
     kind: str  # of the dtype
     described: str
-    shape: tuple[int | str, ...]  # letters are free axes that must agree among arrays
+    shape: tuple[int | str, ...]  # letters: free axes, of equal size in all arrays
     optional: bool
 
 
@@ -66,11 +66,11 @@ class FrameArrays:
     """Base of records whose fields are all arrays of the same length T."""
 
     def save(self, path: Path) -> None:
-        """Write an npz file (uncompressed, the same bytes every time)."""
+        """Write `content` to a file, atomically."""
         write_atomically(path, self.content())
 
     def content(self) -> bytes:
-        """What `save` writes."""
+        """An uncompressed npz archive; equal arrays give equal bytes."""
         file = io.BytesIO()
         with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
             for name in _layout(type(self)):
@@ -81,12 +81,12 @@ class FrameArrays:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what `save` wrote; FileError names the array that is missing or of a wrong shape."""
+        """Read a file written by `save`. FileError names a missing or misshapen array."""
         return _checked(path, cls, read_npz(path))
 
 
 def save_record(path: str | Path, kind: str, record: Any) -> None:
-    """Write a dataclass of arrays, numbers, text and a `config` as npz, whole or not at all."""
+    """Write a dataclass of arrays, numbers, text and a `config` as npz, atomically."""
     arrays = {name: getattr(record, name) for name in _layout(type(record))}
     if "config" in arrays:
         arrays["config"] = json.dumps(arrays["config"])
@@ -94,7 +94,7 @@ def save_record(path: str | Path, kind: str, record: Any) -> None:
 
 
 def load_record(path: str | Path, kind: str, record: type[Record]) -> Record:
-    """Read what `save_record` wrote. Raises FileError for anything else, or a newer version."""
+    """Read a file of `save_record`. Raises FileError for other content or a newer version."""
     path = Path(path)
     arrays = read_npz(path)
     found = arrays.pop("kind", np.array("another kind of data"))
@@ -114,7 +114,7 @@ def load_record(path: str | Path, kind: str, record: type[Record]) -> Record:
 
 
 def _checked(path: Path, record: type[Record], arrays: dict[str, Array]) -> Record:
-    """The record of these arrays. Raises FileError unless they have their kinds and shapes."""
+    """Make a record of arrays. Raises FileError for a missing array, a wrong type or shape."""
     sizes: dict[str, int] = {}
     values = {}
     for name, field in _layout(record).items():

@@ -1,8 +1,8 @@
-"""A track as a BVH file, which Blender and other animation tools open.
+"""Export of a track as BVH, for Blender and other animation tools.
 
-The file's skeleton stands on its hips as such tools expect, though the tracker's hangs from the
-head: the same bodies and joints, told from the other end. Where the head pose is known the person
-moves through the world; else the head stays where it is. Metres; y up, facing z, left is x.
+The file's skeleton is rooted at the hips, as such tools expect; the tracker's at the head. With a
+known head pose the motion is in the world, otherwise in the head frame. Metres; y up, facing z,
+left is x.
 
 Source: the format, Meredith & Maddock 2001, "Motion capture file formats explained".
 """
@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.body.proportions import Proportions
 from egocap.body.skeleton import JOINTS, POINT_INDEX, joint_rotations, points
 from egocap.data.track import Track
 from egocap.errors import InputError
@@ -32,31 +33,30 @@ _LIMBS = {
     "wrist"), "wrist": ("Hand", "hand"), "hip": ("UpLeg", "knee"), "knee": ("Leg", "ankle"),
     "ankle": ("Foot", "foot"),
 }  # fmt: skip
-"""Joint -> its name in the file, and the point at the end of its bone."""
+"""Joint -> (name in the file, point at the end of its bone)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Node:
-    """One joint of the file: the body that it turns, and where it hangs in its parent's."""
+    """One joint of the file, its offset and its children."""
 
     name: str
-    body: str  # joint of the tracker whose frame it has, or `_HEAD`
+    body: str  # tracker joint with the same frame, or `_HEAD`
     offset: Float[Array, "3"]  # in the parent's frame at rest, metres
     children: list[_Node] = field(default_factory=list)
-    end: Float[Array, "3"] | None = None  # where its bone ends, for the last of a limb
+    end: Float[Array, "3"] | None = None  # end of the bone, for the last joint of a limb
 
 
 def write_bvh(path: str | Path, track: Track) -> None:
-    """Write a track as BVH, whole or not at all.
+    """Write a track as BVH, atomically.
 
-    Raises InputError when the track does not hold its skeleton or has uneven times, FileError or
-    MachineError where the file cannot be written.
+    Raises InputError as `bvh_text`; FileError or MachineError as `egocap.files.disk_errors`.
     """
     write_atomically(Path(path), bvh_text(track))
 
 
 def bvh_text(track: Track) -> str:
-    """The file's content. Raises InputError as `write_bvh`."""
+    """Content of the file. Raises InputError for a track without skeleton or with uneven times."""
     if track.offsets is None:
         raise InputError("the track does not hold its skeleton", valid="a track of schema 2")
     root = _hierarchy(np.asarray(track.offsets))
@@ -76,7 +76,7 @@ def bvh_text(track: Track) -> str:
 
 
 def _hierarchy(offsets: Float[Array, "22 3"]) -> _Node:
-    """Hips at the lower spine's joint; from there the legs, and the spine up to the head."""
+    """Joints from the hips (the lower spine's joint) to legs, spine, arms and head."""
     at = {name: offsets[i] for name, i in POINT_INDEX.items()}
     root = _Node("Hips", "lower_spine", np.zeros(3))
     spine = _Node("Spine", "upper_spine", np.zeros(3))
@@ -103,7 +103,7 @@ def _limb(
 
 
 def _walk(node: _Node) -> Iterator[_Node]:
-    """Nodes in the order of the file."""
+    """A node and its descendants in file order."""
     yield node
     for child in node.children:
         yield from _walk(child)
@@ -127,7 +127,7 @@ def _describe(node: _Node, depth: int, *, first: bool = False) -> list[str]:
 
 
 def _body_rotations(track: Track) -> dict[str, Float[Array, "T 3 3"]]:
-    """Rotation of every body, in the world where it is known, else in the head frame."""
+    """Rotation of every body in the world if known, else in the head frame."""
     frames = joint_rotations(track.angles)  # (T, 17, 3, 3)
     T = len(track.times)
     head = np.broadcast_to(np.eye(3), (T, 3, 3))
@@ -138,21 +138,15 @@ def _body_rotations(track: Track) -> dict[str, Float[Array, "T 3 3"]]:
 
 
 def _root_position(track: Track) -> Float[Array, "T 3"]:
-    proportions = _Offsets(np.asarray(track.offsets))
-    hips = points(proportions, track.angles)[:, POINT_INDEX["lower_spine"]]
+    hips = points(Proportions(track.offsets), track.angles)[:, POINT_INDEX["lower_spine"]]
     if track.T_world_head is not None:
         T = track.T_world_head
         hips = np.einsum("tij,tj->ti", T[:, :3, :3], hips) + T[:, :3, 3]
     return hips @ _TO_FILE.T
 
 
-@dataclass(frozen=True, eq=False)
-class _Offsets:
-    offsets: Float[Array, "22 3"]
-
-
 def _euler_degrees(R: Float[Array, "T 3 3"]) -> Float[Array, "T 3"]:
-    """Angles of turns about z, then the turned x, then the turned y, without jumps of a turn."""
+    """Intrinsic ZXY Euler angles, unwrapped over time."""
     from scipy.spatial.transform import Rotation
 
     angles = Rotation.from_matrix(R).as_euler("ZXY")
@@ -160,7 +154,7 @@ def _euler_degrees(R: Float[Array, "T 3 3"]) -> Float[Array, "T 3"]:
 
 
 def _frame_time(track: Track) -> float:
-    """Seconds a frame; BVH knows one for all."""
+    """Seconds per frame. Raises InputError for uneven times."""
     if len(track.times) < 2:
         return 1.0 / 30.0
     steps = np.diff(track.times)

@@ -1,8 +1,7 @@
-"""A recording in episodes, read: a folder of plain sequences, each of another person and place.
+"""Reading data sets: folders of sequences (episodes), each of another person and place.
 
-episodes.json lists them; each is a folder of its own (episode-00000) that `Sequence` opens like any
-other, with its own rig, body and truth. A folder of that name is always whole: it is made under
-another and renamed.
+episodes.json lists the episodes. Each is a sequence folder (episode-00000) with its own rig, body
+and truth, written under a temporary name and renamed when complete.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ class EpisodeEntry(Strict):
     index: int = Field(ge=0)
     frames: int = Field(ge=1)
     seed: int
-    bytes: int = Field(gt=0)  # of all its files but the manifest
+    bytes: int = Field(gt=0)  # of all its files except the manifest
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")  # of its manifest.json
 
 
@@ -39,47 +38,48 @@ class Dataset(Strict):
     schema_version: int = Field(ge=1)
     name: str
     frames: int = Field(ge=1)  # of all episodes together, when complete
-    parts: list[int]  # frames asked for at first, and appended each time
+    parts: list[int]  # frames requested at first and with each --append
     seed: int
-    config: dict[str, Any]  # everything the content depends on but the number of frames
+    config: dict[str, Any]  # everything the content depends on except the number of frames
     config_sha256: str
     code_version: str
     episodes: list[EpisodeEntry] = []
 
     @property
     def complete(self) -> bool:
-        """Whether every episode is there."""
+        """Whether every episode is recorded."""
         return sum(entry.frames for entry in self.episodes) == self.frames
 
     @property
     def bytes(self) -> int:
-        """Size of all that is there."""
+        """Size of the recorded episodes."""
         return sum(entry.bytes for entry in self.episodes)
 
 
 def episode_name(index: int) -> str:
-    """Folder of an episode."""
+    """Folder name of an episode."""
     return f"episode-{index:05d}"
 
 
 def load_dataset(folder: Path) -> Dataset:
-    """Read and check episodes.json, of a complete or an unfinished recording."""
+    """Read episodes.json of a complete or unfinished data set. Raises FileError."""
     path = folder / EPISODES
     if not path.exists():
-        raise FileError(folder, f"not a recording in episodes: it has no {EPISODES}")
+        raise FileError(folder, f"not a data set of episodes: it has no {EPISODES}")
     data = read_json(path)
     refuse_newer(data, SCHEMA, path)
     recording = checked(Dataset, data, path)
     indices = [entry.index for entry in recording.episodes]
     if len(set(indices)) < len(indices):
-        raise FileError(path, "an episode is there twice", key="episodes")
+        raise FileError(path, "an episode is listed twice", key="episodes")
     return recording
 
 
 def find_sequences(folders: Iterable[Path]) -> list[Path]:
-    """The sequences among folders and, where one is none itself, in the folders within it.
+    """Find sequences: the folders themselves, or the sequences inside them.
 
-    Those still being made lie in hidden folders and are left out.
+    Hidden folders hold unfinished episodes and are skipped. Raises FileError or InputError where a
+    folder is missing or has no sequence.
     """
     found: list[Path] = []
     for folder in folders:
@@ -88,13 +88,11 @@ def find_sequences(folders: Iterable[Path]) -> list[Path]:
         if (folder / MANIFEST).exists():
             inside = [folder]
         else:
-            inside = sorted(path.parent for path in folder.rglob(MANIFEST))
-            inside = [i for i in inside if not _hidden(i.relative_to(folder))]
+            inside = sorted(
+                path.parent for path in folder.rglob(MANIFEST)
+                if not any(part.startswith(".") for part in path.relative_to(folder).parts)
+            )  # fmt: skip
         if not inside:
-            raise InputError(f"{folder} holds no sequence", valid="what egocap-sim generate made")
+            raise InputError(f"{folder} holds no sequence", valid="output of egocap-sim generate")
         found += inside
     return list(dict.fromkeys(found))
-
-
-def _hidden(path: Path) -> bool:
-    return any(part.startswith(".") for part in path.parts)

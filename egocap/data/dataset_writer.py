@@ -1,7 +1,7 @@
-"""Writing a recording in episodes: a kill at any instant loses at most the episodes in work.
+"""Writing a data set of episodes, crash-safe up to the episodes in progress.
 
-One process owns the folder and enters what is there; others make episodes under hidden names, and
-rename them when they are whole.
+One process owns the folder and lists finished episodes; worker processes write episodes under
+hidden names and rename them when they are complete.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from pathlib import Path
 
 from egocap.data.dataset import EPISODES, Dataset, EpisodeEntry, episode_name, load_dataset
 from egocap.data.sequence import MANIFEST, load_manifest
-from egocap.data.sequence_writer import FolderLock, begun_alike
+from egocap.data.sequence_writer import FolderLock, refuse_other_files, require_same_config
 from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically
 
 
 class DatasetWriter:
-    """Creates a recording, or takes up one of the same configuration.
+    """Creates a data set, or resumes one with the same configuration.
 
-    Use as a context manager: it holds the folder's lock. With `append`, a recording of fewer frames
-    is taken up too, and made longer. Raises as `SequenceWriter` does.
+    Use as a context manager: it holds the folder's lock. With `append`, a data set of fewer frames
+    is extended. Raises as `SequenceWriter`.
     """
 
     def __init__(self, folder: Path, recording: Dataset, *, append: bool) -> None:
@@ -37,12 +37,7 @@ class DatasetWriter:
             if (self.folder / EPISODES).exists():
                 self._resume()
             else:
-                strangers = [p.name for p in self.folder.iterdir() if not p.name.endswith(".tmp")]
-                if strangers:
-                    raise InputError(
-                        f"{self.folder} holds other files ('{strangers[0]}')",
-                        valid="an empty or new folder, or the same unfinished recording",
-                    )
+                refuse_other_files(self.folder)
         except BaseException:
             self._lock.release()
             raise
@@ -52,15 +47,15 @@ class DatasetWriter:
         self._lock.release()
 
     def begin(self) -> None:
-        """Put the list in place."""
+        """Write episodes.json."""
         self._replace(self.recording)
 
     def done(self) -> set[int]:
-        """Indices of the episodes that are there."""
+        """Indices of the recorded episodes."""
         return {entry.index for entry in self.recording.episodes}
 
-    def enter(self, entry: EpisodeEntry) -> None:
-        """Record an episode that is in place."""
+    def add(self, entry: EpisodeEntry) -> None:
+        """List a finished episode."""
         entries = sorted([*self.recording.episodes, entry], key=lambda e: e.index)
         self._replace(self.recording.model_copy(update={"episodes": entries}))
 
@@ -72,30 +67,27 @@ class DatasetWriter:
         elif asked.frames != there.frames:
             longer = "more frames with --append, or " if asked.frames > there.frames else ""
             raise InputError(
-                f"{self.folder} holds a recording of {there.frames} frames, not {asked.frames}",
+                f"{self.folder} holds a data set of {there.frames} frames, not {asked.frames}",
                 valid=f"{longer}another --out",
             )
-        begun_alike(self.folder, there, asked)
+        require_same_config(self.folder, there, asked)
         for leftover in self.folder.glob(".*.tmp"):
             if leftover.is_dir():
-                shutil.rmtree(leftover, ignore_errors=True)  # a worker may be about to die in it
+                shutil.rmtree(leftover, ignore_errors=True)  # a worker may still write
             else:
                 leftover.unlink(missing_ok=True)
         known = {entry.index: entry for entry in there.episodes}
         for folder in self.folder.glob("episode-*"):
             index = int(folder.name.removeprefix("episode-"))
-            entry = episode_entry(folder, index)  # renamed, perhaps, but not entered yet
+            entry = episode_entry(folder, index)  # possibly renamed but not yet listed
             if entry is None or known.get(index, entry) != entry:
                 known.pop(index, None)
             else:
                 known[index] = entry
         present = [e for e in known.values() if (self.folder / e.name / MANIFEST).exists()]
+        episodes = sorted(present, key=lambda e: e.index)
         self.recording = asked.model_copy(
-            update={
-                "frames": sum(parts),
-                "parts": parts,
-                "episodes": sorted(present, key=lambda e: e.index),
-            }
+            update={"frames": sum(parts), "parts": parts, "episodes": episodes}
         )
 
     def _replace(self, recording: Dataset) -> None:
@@ -105,7 +97,7 @@ class DatasetWriter:
 
 
 def episode_entry(folder: Path, index: int) -> EpisodeEntry | None:
-    """The entry of an episode's folder; None unless every file is there in its recorded size."""
+    """Entry of an episode's folder; None unless every file has its recorded size."""
     if not (folder / MANIFEST).exists():
         return None
     manifest = load_manifest(folder)
@@ -127,8 +119,8 @@ def episode_entry(folder: Path, index: int) -> EpisodeEntry | None:
     )
 
 
-def put_in_place(made: Path, folder: Path) -> None:
-    """Give an episode that is whole its name; one that is there under it is replaced."""
+def replace_episode(made: Path, folder: Path) -> None:
+    """Rename a complete episode to its final name, replacing an existing one."""
     with disk_errors(folder):
         if folder.exists():
             shutil.rmtree(folder)

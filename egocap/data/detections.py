@@ -1,4 +1,4 @@
-"""Body parts detected in every view, in memory and as npz files."""
+"""Detections of body parts in every view, and their npz file."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from egocap.errors import FileError
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """Body parts found in every view, in pixels of the rig's own image size.
+    """Body parts detected in every view, in pixels of the rig's image size.
 
-    A missing detection has `valid` False; its other values mean nothing. A joint that the camera
-    does not see but whose place was guessed is a detection too: low `confidence`, wide `sigma`.
+    Where `valid` is False there is no detection and the other values are meaningless. A hidden
+    joint whose position was estimated is a detection with low `confidence` and large `sigma`.
     """
 
     times: Float[Array, "T"]  # seconds
     points: Float[Array, "T V 18 2"]  # pixels
     sigma: Float[Array, "T V 18"]  # standard deviation of a point along each axis, pixels
-    confidence: Float[Array, "T V 18"]  # probability that the camera sees the joint
-    valid: Bool[Array, "T V 18"]  # a detection was made, of a seen joint or of a hidden one
-    source: str  # how they were made, e.g. "simulated:2.0"
-    modes: Float[Array, "T V 18 K 2"] | None = None  # pixels, where else it may be; likeliest first
-    mode_weights: Float[Array, "T V 18 K"] | None = None  # of each mode, 0 for none; sum up to 1
+    confidence: Float[Array, "T V 18"]  # visibility probability
+    valid: Bool[Array, "T V 18"]  # there is a detection, of a visible or hidden joint
+    source: str  # of the detections, e.g. "simulated:2.0"
+    modes: Float[Array, "T V 18 K 2"] | None = None  # pixels; most probable first
+    mode_weights: Float[Array, "T V 18 K"] | None = None  # 0: no mode; the sum is at most 1
 
     def __repr__(self) -> str:
         frames, views = self.valid.shape[:2]
@@ -36,26 +36,26 @@ class Detections:
                 f"{self.valid.sum() / max(frames, 1):.1f} per frame, {self.source})")  # fmt: skip
 
     def __getitem__(self, rows: slice) -> Detections:
-        """Detections of some of the frames; arrays are views of these."""
+        """Detections of a range of frames; arrays are views of these."""
         arrays = {name: a[rows] for name, a in vars(self).items() if isinstance(a, np.ndarray)}
         return replace(self, **arrays)
 
     @property
     def candidates(self) -> tuple[Float[Array, "T V 18 K 2"], Float[Array, "T V 18 K"]]:
-        """Modes and their weights; the point alone, with weight 1, where no modes were kept."""
+        """Modes and weights; without modes, the point with weight 1."""
         if self.modes is None or self.mode_weights is None:
             return self.points[..., None, :], self.valid[..., None].astype(float)
         return self.modes, self.mode_weights
 
 
 def save_detections(path: str | Path, detections: Detections) -> None:
-    """Write detections as npz, whole or not at all."""
+    """Write detections as npz, atomically."""
     save_record(path, "egocap-detections", detections)
 
 
 def load_detections(path: str | Path) -> Detections:
-    """Read detections; FileError names the array that is missing, damaged, of a wrong shape, or
-    holds something impossible for a valid detection."""
+    """Read detections. FileError names an array that is missing, damaged, misshapen or has an
+    invalid value for a valid detection."""
     found = load_record(path, "egocap-detections", Detections)
     if (found.modes is None) != (found.mode_weights is None):
         raise FileError(path, "has one of 'modes' and 'mode_weights'", valid="both or none")
@@ -72,6 +72,6 @@ def load_detections(path: str | Path) -> Detections:
         bad = np.argwhere(found.valid & ~good)
         if len(bad):
             frame, view, joint = bad[0]
-            what = f"wrong for label {joint} in view {view} of frame {frame}"
+            what = f"invalid for label {joint} in view {view} of frame {frame}"
             raise FileError(path, what, key=name, valid=f"{valid} wherever 'valid' is true")
     return found

@@ -1,7 +1,7 @@
-"""Head poses from elsewhere (SLAM, structure from motion, a headset), put to a track.
+"""Head poses from other sources (SLAM, structure from motion, a headset).
 
 A file is an npz with `time` (N,) in seconds, increasing, and `T_world_head` (N, 4, 4): rigid maps
-from the head frame to a world of the user's choice. Other arrays in it are left alone.
+from the head frame to a world frame of the user's choice. Other arrays are ignored.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from egocap.errors import FileError, InputError
 from egocap.files import read_npz
 from egocap.geometry import rigid, transform
 
-_SLACK = 1.0  # of the usual time between poses, by which the track may reach beyond them
+_SLACK = 1.0  # allowed extrapolation, in median steps between poses
 
 
 def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N 4 4"]]:
-    """Times and poses in a file. FileError names what is missing, damaged or not rigid."""
+    """Read times and poses. FileError names an array that is missing, damaged or not rigid."""
     found = read_npz(Path(path), only=("time", "T_world_head"))
     for name in ("time", "T_world_head"):
         if name not in found:
@@ -43,12 +43,12 @@ def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N
     return times, poses
 
 
-def poses_at(
+def interpolate_poses(
     times: Float[Array, "T"], known: Float[Array, "N"], poses: Float[Array, "N 4 4"]
 ) -> Float[Array, "T 4 4"]:
-    """Poses at other times: turned evenly and moved straight between the known ones.
+    """Interpolate poses: spherical linear for rotations, linear for translations.
 
-    Raises InputError where the times reach beyond the known ones by more than one step of them.
+    Raises InputError where `times` exceed `known` by more than the median step of `known`.
     """
     from scipy.spatial.transform import Rotation, Slerp
 
@@ -67,7 +67,7 @@ def poses_at(
 
 
 def in_world(track: Track, path: str | Path) -> Track:
-    """The track with head poses of a file, and its joints in the world."""
-    T_world_head = poses_at(track.times, *load_head_pose(path))
+    """Add head poses from a file, and the joints in the world, to a track."""
+    T_world_head = interpolate_poses(track.times, *load_head_pose(path))
     joints = transform(T_world_head, track.joints_head)
     return replace(track, T_world_head=T_world_head, joints_world=joints)

@@ -1,4 +1,4 @@
-"""Refusal of input that would score as something it is not."""
+"""Checks of shapes, finite values and frame times of inputs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from egocap.errors import InputError
 
 
 def require_shape(points: Array, shape: tuple[str | int, ...], what: str) -> None:
-    """InputError unless the array has this shape; strings in `shape` name free axes."""
+    """Raise InputError unless the array has a shape; strings in `shape` name free axes."""
     fits = points.ndim == len(shape) and all(
         isinstance(n, str) or n == m for n, m in zip(shape, points.shape, strict=True)
     )
@@ -23,9 +23,9 @@ def require_shape(points: Array, shape: tuple[str | int, ...], what: str) -> Non
 def require_finite(
     points: Float[Array, "T *axes 18 C"], what: str, where: Bool[Array, "T *axes 18"] | None = None
 ) -> None:
-    """InputError that names the first frame and joint whose coordinates are NaN or infinite.
+    """Raise InputError with the first frame and joint whose coordinates are NaN or infinite.
 
-    `where` restricts the check to entries that are going to be read.
+    `where` restricts the check to entries that are used.
     """
     bad = ~np.isfinite(points).all(-1)
     if where is not None:
@@ -34,7 +34,7 @@ def require_finite(
         frame, *view, joint = (int(i) for i in np.argwhere(bad)[0])
         place = f"frame {frame}" + (f", view {view[0]}" if view else "") + f", {LABELS[joint]}"
         raise InputError(
-            f"{what} are not finite at {place} (in {int(bad.sum())} places altogether)",
+            f"{what} are not finite at {place} ({int(bad.sum())} in total)",
             valid="finite numbers",
         )
 
@@ -42,13 +42,13 @@ def require_finite(
 def require_same_times(
     times: Float[Array, "T"], truth_times: Float[Array, "T"], what: str, tolerance: float = 1e-3
 ) -> None:
-    """InputError unless both have the same frames at the same times (to `tolerance` seconds)."""
+    """Raise InputError unless both have the same frame times (to `tolerance` seconds)."""
     if len(times) != len(truth_times):
         raise InputError(
             f"{what} has {len(times)} frames, the sequence {len(truth_times)}",
             valid="made from this very sequence",
         )
-    apart = ~(np.abs(np.asarray(times) - truth_times) <= tolerance)  # NaN counts as apart
+    apart = ~(np.abs(np.asarray(times) - truth_times) <= tolerance)  # also true for NaN
     if apart.any():
         frame = int(np.argmax(apart))
         raise InputError(

@@ -1,12 +1,12 @@
-"""How another detector or tracker plugs in: two call signatures and two entry-point groups.
+"""Plug-ins for other detectors and trackers: two call signatures, two entry-point groups.
 
 A package names its function in its pyproject.toml,
 
     [project.entry-points."egocap.trackers"]
     mine = "my_package:track"
 
-and `egocap-eval pose SEQ --tracker mine` (or `--tracker my_package:track`, without installing
-anything) runs and scores it. Neither kind is ever handed the truth.
+and `egocap-eval pose SEQ --tracker mine` (or, without installation, `--tracker my_package:track`)
+runs and scores it. Plug-ins have no access to the truth.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ DETECTORS, TRACKERS = "egocap.detectors", "egocap.trackers"
 
 
 class SequenceView:
-    """The part of a sequence that a method may use: images, times, cameras, body proportions."""
+    """A sequence without truth: images, times, cameras, body proportions."""
 
     def __init__(self, sequence: Sequence) -> None:
         self._frame = sequence.frame
@@ -44,7 +44,7 @@ class SequenceView:
         return (self._frame(i) for i in range(len(self)))
 
     def frame(self, index: int) -> Frame:
-        """The pictures of one frame."""
+        """Images of one frame."""
         return self._frame(index)
 
     def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
@@ -59,9 +59,9 @@ class DetectorPlugin(Protocol):
 
 
 class TrackerPlugin(Protocol):
-    """Finds joints in 3-D, in the head frame: an array (T, 18, 3) in metres, labels in the order of
-    `labels.LABELS`, NaN for a joint it does not know; or a `Track`. `detections` are those
-    that were asked for with --detections, None when none were."""
+    """Estimates joints in the head frame: an array (T, 18, 3) in metres, in the order of
+    `labels.LABELS`, NaN for unknown joints; or a `Track`. `detections` are those of --detections,
+    None without that option."""
 
     def __call__(self, sequence: SequenceView, detections: Detections | None) -> Any: ...
 
@@ -72,10 +72,10 @@ def installed(group: str) -> list[str]:
 
 
 def find_plugin(group: str, name: str) -> Callable[..., Any]:
-    """The function of an installed plug-in, or of "module:function".
+    """Find the function of an installed plug-in, or of "module:function".
 
     Raises:
-        InputError: there is none, it cannot be imported, or it is no function.
+        InputError: it is missing, cannot be imported, or is not a function.
     """
     for point in entry_points(group=group):
         if point.name == name:

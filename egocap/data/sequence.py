@@ -1,10 +1,10 @@
-"""A sequence on disk, read: frames for trackers, truth for evaluations, and never mixed.
+"""Reading sequences: frames for trackers and, separately, truth for evaluations.
 
-A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz [rig.true.json
-sensor.npz others.npz] and WebDataset shards
-(shard-00000.tar with KEY.left.jpg KEY.right.jpg [KEY.left.mask.png KEY.left.depth.png] KEY.json).
-The manifest holds the byte range of every file in every shard, so that any frame is one seek away.
-`egocap.data.sequence_writer` makes such folders.
+A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz [rig.true.json sensor.npz
+others.npz] and WebDataset shards (shard-00000.tar with KEY.left.jpg KEY.right.jpg
+[KEY.left.mask.png KEY.left.depth.png] KEY.json).
+The manifest holds the byte range of every file in every shard, for random access to frames.
+`egocap.data.sequence_writer` writes such folders.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from egocap.schema import Strict, checked, read_json, refuse_newer
 
 SCHEMA = 1
 MANIFEST = "manifest.json"
-TRUE_RIG = "rig.true.json"  # beside a rig.json that is off
+TRUE_RIG = "rig.true.json"  # where rig.json has a calibration error
 SENSOR = "sensor.npz"
-OTHERS = "others.npz"  # where there are other people
+OTHERS = "others.npz"  # in scenes with other people
 
 BLACK = -1  # `SensorTruth.source` of a dropped frame that is recorded black
 VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED = range(4)
-"""Values of `Truth.visibility`: seen, outside image or lens, behind the wearer, behind others."""
+"""Values of `Truth.visibility`; out of view: of the image or lens; OCCLUDED: by other things."""
 
 
 class ShardEntry(Strict):
-    """One shard: its checksum, and where each file of each of its frames lies."""
+    """One shard: its checksum, and the byte range of every file of its frames."""
 
     name: str = Field(pattern=r"^shard-\d{5}\.tar$")
     first: int = Field(ge=0)  # index of its first frame
@@ -76,18 +76,18 @@ class Manifest(Strict):
 
     @property
     def shard_count(self) -> int:
-        """How many shards the complete sequence has."""
+        """Number of shards of the complete sequence."""
         return -(-self.frames // self.shard_frames)
 
     @property
     def complete(self) -> bool:
-        """Whether every shard and the truth are there."""
+        """Whether every shard and the truth are recorded."""
         return len(self.shards) == self.shard_count and "truth.npz" in self.files
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What the cameras saw at one instant, and nothing else."""
+    """Images of all cameras at one instant, without truth."""
 
     index: int
     time: float  # seconds
@@ -114,30 +114,32 @@ class Truth(FrameArrays):
 
 @dataclass(frozen=True, eq=False)
 class SensorTruth(FrameArrays):
-    """What the sensor did to every frame; sequences recorded by a perfect one have none.
+    """Sensor effects on every frame; absent for an ideal sensor.
 
     `Truth` holds joints_camera, joints_2d, in_view and visibility at the instant at which the view
-    exposed each joint, everything else at the frame's own time. A dropped frame's truth is that of
-    the picture that was lost.
+    exposed each joint, everything else at the frame's time. The truth of a dropped frame is that of
+    the lost image.
     """
 
     time: Float[Array, "T V"]  # s, middle of the exposure of the view's middle row
-    joint_time: Float[Array, "T V 18"]  # s, middle of the exposure of the row the joint is in
-    exposure_ev: Float[Array, "T V"]  # stops brighter than rendered, lamps' flicker included
-    source: Int64[Array, "T V"]  # the frame whose picture is shown; BLACK: none
-    subframes: Int64[Array, "T"]  # of which each view's picture was put together
+    joint_time: Float[Array, "T V 18"]  # s, middle of the exposure of the joint's row
+    exposure_ev: Float[
+        Array, "T V"
+    ]  # exposure relative to the rendered image, stops; includes flicker
+    source: Int64[Array, "T V"]  # index of the frame whose image is recorded; BLACK: none
+    subframes: Int64[Array, "T"]  # number of subframes averaged per image
 
     @property
     def dropped(self) -> Bool[Array, "T V"]:
-        """Whether a frame was dropped and something else stands in for it."""
+        """Whether a frame was dropped and another image is recorded for it."""
         return self.source != np.arange(len(self.source))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
 class OthersTruth(FrameArrays):
-    """Where the other people are at every frame's own time; axis O follows `[others]`, float32.
+    """Joints of other people at every frame's time; axis O follows `[others]`, float32.
 
-    Sequences without other people have none.
+    Absent in sequences without other people.
     """
 
     joints_world: Float[Array, "T O 18 3"]
@@ -145,9 +147,9 @@ class OthersTruth(FrameArrays):
 
 
 class Sequence:
-    """A complete sequence folder, opened for reading.
+    """A complete sequence folder, open for reading.
 
-    Raises FileError when the folder is not a sequence, is of a newer schema, or is incomplete.
+    Raises FileError if the folder is not a sequence, is incomplete, or has a newer schema.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -157,7 +159,7 @@ class Sequence:
             done, all_ = len(self.manifest.shards), self.manifest.shard_count
             raise FileError(
                 self.folder,
-                f"unfinished: {done} of {all_} shards are there; "
+                f"unfinished: {done} of {all_} shards are recorded; "
                 "run the same generate command again to complete it",
             )
 
@@ -176,35 +178,37 @@ class Sequence:
 
     @cached_property
     def rig(self) -> Rig:
-        """The cameras as trackers know them: exactly as rendered, unless the scene's sensor has a
-        calibration error. Raises FileError where the manifest has other views."""
+        """Calibrated cameras for trackers: as rendered, unless the sensor has a calibration error.
+
+        Raises FileError if the manifest has other views.
+        """
         return self._rig("rig.json")
 
     @cached_property
     def true_rig(self) -> Rig:
-        """The cameras exactly as rendered, for evaluations."""
+        """Cameras as rendered, for evaluations."""
         return self._rig(TRUE_RIG) if TRUE_RIG in self.manifest.files else self.rig
 
     @cached_property
     def sensor(self) -> SensorTruth | None:
-        """What the sensor did to every frame; None for a perfect one."""
+        """Sensor effects; None for an ideal sensor."""
         if SENSOR not in self.manifest.files:
             return None
         return SensorTruth.load(self.folder / SENSOR)
 
     @cached_property
     def body(self) -> Proportions:
-        """The person's skeleton dimensions, as a tracker may know them."""
+        """Body proportions of the wearer, available to trackers."""
         return Proportions.load(self.folder / "body.json")
 
     @cached_property
     def truth(self) -> Truth:
-        """The simulated truth. Not reachable from a Frame: detectors and trackers never see it."""
+        """Simulated truth, for evaluations; not part of a Frame."""
         return Truth.load(self.folder / "truth.npz")
 
     @cached_property
     def others(self) -> OthersTruth | None:
-        """Other people's joints; None where there are none. As hidden from trackers as truth."""
+        """Joints of other people, for evaluations; None without other people."""
         if OTHERS not in self.manifest.files:
             return None
         return OthersTruth.load(self.folder / OTHERS)
@@ -231,7 +235,7 @@ class Sequence:
         return self._plane(index, f"{view}.depth.png")
 
     def annotation(self, index: int) -> dict[str, Any]:
-        """The frame's KEY.json."""
+        """Content of the frame's KEY.json."""
         return json.loads(self.read(index, "json"))
 
     def read(self, index: int, suffix: str) -> bytes:
@@ -263,7 +267,7 @@ class Sequence:
         return rig
 
     def files(self, index: int) -> dict[str, tuple[int, int]]:
-        """What is recorded of a frame: suffix -> offset and size in its shard."""
+        """Recorded files of a frame: suffix -> offset and size in its shard."""
         if not 0 <= index < self.manifest.frames:
             raise InputError(
                 f"no frame {index} in {self.folder}", valid=f"0 to {self.manifest.frames - 1}"
@@ -274,8 +278,16 @@ class Sequence:
     def _image(self, index: int, view: str) -> UInt8[Array, "H W 3"]:
         import cv2
 
-        suffix = _image_suffix(view, self.files(index), self.folder)
-        return self._decoded(index, suffix, cv2.IMREAD_COLOR_RGB)
+        return self._decoded(index, self.image_suffix(index, view), cv2.IMREAD_COLOR_RGB)
+
+    def image_suffix(self, index: int, view: str) -> str:
+        """Suffix of the image of a view for `read`: 'left.jpg' or 'left.png'. Raises FileError."""
+        suffixes = self.files(index)
+        for suffix in (f"{view}.jpg", f"{view}.png"):
+            if suffix in suffixes:
+                return suffix
+        path = self.folder / MANIFEST
+        raise FileError(path, f"no image of view '{view}'", valid=sorted(suffixes))
 
     def _plane(self, index: int, suffix: str) -> Any:
         import cv2
@@ -301,17 +313,14 @@ def open_sequence(folder: str | Path) -> Sequence:
 
 
 def load_manifest(folder: Path) -> Manifest:
-    """Read and check manifest.json, of a complete or an unfinished sequence."""
+    """Read manifest.json of a complete or unfinished sequence. Raises FileError."""
     path = folder / MANIFEST
     if not folder.is_dir():
         raise FileError(folder, "no such folder", valid="a sequence made by egocap-sim generate")
     if not path.exists():
         if (folder / "episodes.json").exists():
-            raise FileError(
-                folder,
-                "holds many sequences, not one",
-                valid=f"one of them: {folder}/episode-00000",
-            )
+            raise FileError(folder, "holds a data set of several sequences",
+                            valid=f"one of them, e.g. {folder}/episode-00000")  # fmt: skip
         raise FileError(folder, f"not a sequence: it has no {MANIFEST}")
     data = read_json(path)
     refuse_newer(data, SCHEMA, path)
@@ -322,12 +331,8 @@ def load_manifest(folder: Path) -> Manifest:
 
 def _check_index(manifest: Manifest, path: Path) -> None:
     if len(manifest.shards) > manifest.shard_count:
-        raise FileError(
-            path,
-            f"lists {len(manifest.shards)} shards for {manifest.frames} frames",
-            key="shards",
-            valid=f"at most {manifest.shard_count}",
-        )
+        raise FileError(path, f"lists {len(manifest.shards)} shards for {manifest.frames} frames",
+                        key="shards", valid=f"at most {manifest.shard_count}")  # fmt: skip
     last = -1
     for i, shard in enumerate(manifest.shards):
         index, rest = divmod(shard.first, manifest.shard_frames)
@@ -336,23 +341,11 @@ def _check_index(manifest: Manifest, path: Path) -> None:
             raise FileError(
                 path, f"entry of {shard.name} does not fit the frame count", key=f"shards.{i}"
             )
-        if index <= last:  # frames are found by their shard's place in the list
-            raise FileError(path, f"{shard.name} is there twice or out of order", key=f"shards.{i}")
+        if index <= last:  # shards are indexed by position
+            raise FileError(path, f"{shard.name} is repeated or out of order", key=f"shards.{i}")
         last = index
 
 
 def shard_name(index: int) -> str:
     """File name of a shard."""
     return f"shard-{index:05d}.tar"
-
-
-def image_suffix(sequence: Sequence, index: int, view: str) -> str:
-    """Under what suffix `Sequence.read` has the image of a view: 'left.jpg' or 'left.png'."""
-    return _image_suffix(view, sequence.files(index), sequence.folder)
-
-
-def _image_suffix(view: str, suffixes: dict[str, tuple[int, int]], folder: Path) -> str:
-    for extension in ("jpg", "png"):
-        if f"{view}.{extension}" in suffixes:
-            return f"{view}.{extension}"
-    raise FileError(folder / MANIFEST, f"no image of view '{view}'", valid=sorted(suffixes))

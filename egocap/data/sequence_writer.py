@@ -1,8 +1,8 @@
-"""Writing a sequence so that a kill at any instant loses at most the shards in work.
+"""Writing a sequence, crash-safe up to the shards in progress.
 
-Every file is written under a temporary name, synced and renamed, and only then entered in the
-manifest, which is itself replaced atomically. One process owns the folder (an advisory lock on it);
-any number of worker processes may write shards for it with `write_shard`.
+Every file is written under a temporary name, synced and renamed, and then listed in the manifest,
+which is replaced atomically. One process owns the folder (an advisory lock on it); any number of
+worker processes may write shards with `write_shard`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import io
 import json
 import os
 import tarfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -34,11 +34,11 @@ _TAR_BLOCK = 512  # bytes; the header of a USTAR member is one block
 
 
 class SequenceWriter:
-    """Creates a sequence folder, or takes up an unfinished one of the same configuration.
+    """Creates a sequence folder, or resumes an unfinished one with the same configuration.
 
-    Use as a context manager: it holds the folder's lock. Raises InputError when the folder holds
-    something else or another sequence, MachineError when another process is writing it. A new
-    sequence gets its first files from `begin`: what can fail before should be tried before.
+    Use as a context manager: it holds the folder's lock. Raises InputError if the folder holds
+    other files or another sequence, MachineError if another process is writing it. `begin` writes
+    the first files of a new sequence; preparations that may fail belong before it.
     """
 
     def __init__(
@@ -49,8 +49,8 @@ class SequenceWriter:
         *,
         append: bool = False,
     ) -> None:
-        """With `append`, a complete sequence of fewer frames is taken up too: `old_truth` is then
-        its truth, and `begin` makes it an unfinished one of more frames."""
+        """With `append`, a complete sequence of fewer frames is extended: `old_truth` is then its
+        truth, and `begin` turns it into an unfinished, longer one."""
         self.folder, self.manifest = folder, manifest
         self.old_truth: Truth | None = None
         self._append, self._longer = append, False
@@ -63,7 +63,7 @@ class SequenceWriter:
             if (self.folder / MANIFEST).exists():
                 self._resume()
             else:
-                self._refuse_strangers()
+                refuse_other_files(self.folder, self._side_files)
         except BaseException:
             self.__exit__()
             raise
@@ -73,51 +73,40 @@ class SequenceWriter:
         self._lock.release()
 
     def begin(self) -> None:
-        """Put the side files and the manifest of a new sequence in place; nothing when resuming."""
-        if self._longer:
-            self._begin_longer()
-        if (self.folder / MANIFEST).exists():
+        """Write side files and manifest of a new or extended sequence; no effect when resuming."""
+        if not self._longer and (self.folder / MANIFEST).exists():
             return
+        entries = {name: _file_entry(content) for name, content in self._side_files.items()}
+        manifest = self.manifest.model_copy(update={"files": entries})
+        if self._longer:  # first: the complete manifest has checksums of the old files
+            self._replace(manifest)
         for name, content in self._side_files.items():
             write_atomically(self.folder / name, content)
-        entries = {
-            name: FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
-            for name, content in self._side_files.items()
-        }
-        self._replace(self.manifest.model_copy(update={"files": entries}))
+        if not self._longer:
+            self._replace(manifest)
+        self._longer = False
 
     def pending(self) -> list[int]:
         """Indices of the shards still to be written."""
         done = {shard.first // self.manifest.shard_frames for shard in self.manifest.shards}
         return [i for i in range(self.manifest.shard_count) if i not in done]
 
-    def frames_of(self, shard: int) -> range:
+    def shard_range(self, shard: int) -> range:
         """Frame indices of a shard."""
         first = shard * self.manifest.shard_frames
         return range(first, min(first + self.manifest.shard_frames, self.manifest.frames))
 
-    def enter_shard(self, entry: ShardEntry) -> None:
-        """Record a shard that `write_shard` has put in place, after `begin`."""
+    def add_shard(self, entry: ShardEntry) -> None:
+        """List a shard written by `write_shard`, after `begin`."""
         assert (self.folder / MANIFEST).exists(), f"{self.folder} was not begun"
         shards = sorted([*self.manifest.shards, entry], key=lambda s: s.first)
         self._replace(self.manifest.model_copy(update={"shards": shards}))
 
     def write_file(self, name: str, content: bytes) -> None:
-        """Put a side file in place and record it."""
+        """Write a side file and list it."""
         write_atomically(self.folder / name, content)
-        entry = FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
-        self._replace(
-            self.manifest.model_copy(update={"files": self.manifest.files | {name: entry}})
-        )
-
-    def _refuse_strangers(self) -> None:
-        strangers = [p.name for p in self.folder.iterdir() if not p.name.endswith(".tmp")]
-        strangers = [name for name in strangers if name not in self._side_files]
-        if strangers:
-            raise InputError(
-                f"{self.folder} holds other files ('{strangers[0]}')",
-                valid="an empty or new folder, or the same unfinished sequence",
-            )
+        files = self.manifest.files | {name: _file_entry(content)}
+        self._replace(self.manifest.model_copy(update={"files": files}))
 
     def _resume(self) -> None:
         there = load_manifest(self.folder)
@@ -125,13 +114,13 @@ class SequenceWriter:
         if self._append and there.complete and there.frames < self.manifest.frames:
             asked = self.manifest.config | fewer
             same = digest(asked)
-            begun_alike(self.folder, there, self.manifest.model_copy(
+            require_same_config(self.folder, there, self.manifest.model_copy(
                 update={"config": asked, "config_sha256": same}))  # fmt: skip
             self.old_truth, self._longer = Truth.load(self.folder / "truth.npz"), True
             kept = [s for s in there.shards if len(s.frames) == there.shard_frames]
             self.manifest = self.manifest.model_copy(update={"shards": kept})
             return
-        begun_alike(self.folder, there, self.manifest)
+        require_same_config(self.folder, there, self.manifest)
         for leftover in self.folder.glob("*.tmp"):
             leftover.unlink()
         intact = [shard for shard in there.shards if shard_is_intact(self.folder, shard)]
@@ -141,17 +130,6 @@ class SequenceWriter:
             if name not in files:
                 self.write_file(name, content)
 
-    def _begin_longer(self) -> None:
-        """Turn the manifest of the complete sequence into that of an unfinished, longer one."""
-        entries = {
-            name: FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
-            for name, content in self._side_files.items()
-        }
-        self._replace(self.manifest.model_copy(update={"files": entries}))
-        for name, content in self._side_files.items():
-            write_atomically(self.folder / name, content)
-        self._longer = False
-
     def _replace(self, manifest: Manifest) -> None:
         text = json.dumps(manifest.model_dump(mode="json"), indent=None, separators=(",", ":"))
         write_atomically(self.folder / MANIFEST, text.encode())
@@ -159,7 +137,7 @@ class SequenceWriter:
 
 
 class FolderLock:
-    """The right to write in a folder, which is made where it is missing."""
+    """An exclusive advisory lock on a folder, which is made if missing."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -167,7 +145,7 @@ class FolderLock:
         self._made_folder = False
 
     def take(self) -> None:
-        """Raises MachineError when another process has it."""
+        """Acquire the lock. Raises MachineError if another process holds it."""
         with disk_errors(self.folder):
             self._made_folder = not self.folder.exists()
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -179,43 +157,54 @@ class FolderLock:
                 raise MachineError(f"{self.folder}: another process is writing it") from None
 
     def release(self) -> None:
-        """Give it back; a folder that was made and is still empty goes."""
+        """Release the lock, and remove the folder if it was made here and is empty."""
         if self._made_folder:
-            with suppress(OSError):  # it stays unless it is empty
+            with suppress(OSError):  # not empty
                 self.folder.rmdir()
         os.close(self._lock)
 
 
-class Begun(Protocol):
-    """What tells whether two recordings are the same one."""
+class Configured(Protocol):
+    """A manifest of a sequence or data set."""
 
     config: dict[str, Any]
     config_sha256: str
     code_version: str
 
 
-def begun_alike(folder: Path, there: Begun, asked: Begun) -> None:
-    """Raise InputError unless what is in the folder was begun with the same options and version."""
+def require_same_config(folder: Path, there: Configured, asked: Configured) -> None:
+    """Raise InputError unless both have the same options and version of the program."""
     if there.config_sha256 != asked.config_sha256:
         difference = _first_difference(there.config, asked.config)
         raise InputError(
             f"{folder} holds another sequence (it differs in {difference})",
-            valid="another --out, or the options it was begun with",
+            valid="another --out, or its original options",
         )
     if there.code_version != asked.code_version:
         raise InputError(
-            f"{folder} was begun by version {there.code_version}, this is "
+            f"{folder} was begun with version {there.code_version}, this is "
             f"{asked.code_version}: their frames may differ",
             valid="another --out, or that version",
+        )
+
+
+def refuse_other_files(folder: Path, own: Container[str] = ()) -> None:
+    """Raise InputError if the folder holds files other than `own` and temporary ones."""
+    names = (path.name for path in folder.iterdir())
+    other = [name for name in names if not name.endswith(".tmp") and name not in own]
+    if other:
+        raise InputError(
+            f"{folder} holds other files ('{other[0]}')",
+            valid="an empty or new folder, or the same unfinished recording",
         )
 
 
 def write_shard(
     folder: Path, index: int, first: int, frames: Iterable[Mapping[str, bytes]]
 ) -> ShardEntry:
-    """Write the frames of one shard, each a mapping of suffix to bytes, and put it in place.
+    """Write the frames of one shard, each a mapping of suffix to bytes, atomically.
 
-    The same frames give the same bytes. Returns the entry for `SequenceWriter.enter_shard`.
+    Equal frames give equal bytes. Returns the entry for `SequenceWriter.add_shard`.
     """
     path = folder / shard_name(index)
     ranges: list[dict[str, tuple[int, int]]] = []
@@ -232,6 +221,10 @@ def write_shard(
     return ShardEntry(
         name=path.name, first=first, bytes=file.size, sha256=file.digest.hexdigest(), frames=ranges
     )
+
+
+def _file_entry(content: bytes) -> FileEntry:
+    return FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
 
 
 def shard_is_intact(folder: Path, shard: ShardEntry) -> bool:
@@ -256,7 +249,7 @@ def digest(config: Mapping[str, Any]) -> str:
 
 
 class _HashingFile:
-    """A write-only file that keeps the checksum and size of what passes through."""
+    """A write-only file with running checksum and size."""
 
     def __init__(self, raw: BinaryIO) -> None:
         self.raw, self.digest, self.size = raw, hashlib.sha256(), 0
@@ -268,9 +261,9 @@ class _HashingFile:
 
 
 def _first_difference(old: object, new: object, at: str = "") -> str:
-    """Name the first key in which two configurations differ, with both values."""
+    """Describe the first key in which two configurations differ."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted(old.keys() | new.keys()):
             if old.get(key) != new.get(key):
                 return _first_difference(old.get(key), new.get(key), f"{at}.{key}" if at else key)
-    return f"{at}: {old!r} there, {new!r} asked for"
+    return f"{at}: {old!r} recorded, {new!r} requested"

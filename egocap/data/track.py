@@ -1,4 +1,4 @@
-"""A tracked motion, in memory and as an npz file."""
+"""A tracked motion and its npz file."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from egocap.errors import FileError
 from egocap.files import write_npz
 
 ENERGY_TERMS: tuple[str, ...] = ("detection", "prior", "smoothness", "colour")
-"""What `Track.energies` holds of every frame: equation 1's terms; the limits count as prior."""
+"""Columns of `Track.energies`: the terms of equation 1; joint limits are part of the prior."""
 
 HIDDEN: tuple[str, ...] = ("seen", "out of view", "own body", "object or unknown")
-"""What the codes of `Track.hidden` mean; the same as a simulated truth's visibility."""
+"""Meaning of the codes of `Track.hidden`, as in `Truth.visibility`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +31,16 @@ class Track:
     joints_head: Float[Array, "T 18 3"]  # metres, `egocap.body.labels.LABELS`
     energy: Float[Array, "T"]  # final energy of each frame's fit
     converged: Bool[Array, "T"]
-    detections_used: Float[Array, "T"]  # how many detections each frame had
+    detections_used: Float[Array, "T"]  # number of detections
     seconds_per_frame: float  # solver time, one core
     config: dict[str, object]  # solver and detection settings, time by stage, JSON-ready
-    offsets: Float[Array, "22 3"] | None = None  # rest offsets of the skeleton that was tracked, m
+    offsets: Float[Array, "22 3"] | None = None  # rest offsets of the tracked skeleton, m
     covariance: Float[Array, "T 18 3 3"] | None = None  # of joints_head, m^2
-    confidence: Float[Array, "T 18"] | None = None  # chance that a joint is within 5 cm, 0 to 1
+    confidence: Float[Array, "T 18"] | None = None  # probability that the error is below 5 cm
     energies: Float[Array, "T 4"] | None = None  # by term, `ENERGY_TERMS`
-    T_world_head: Float[Array, "T 4 4"] | None = None  # where the head pose is known
-    joints_world: Float[Array, "T 18 3"] | None = None  # metres, where the head pose is known
-    hidden: UInt8[Array, "T V 18"] | None = None  # why a view does not see a joint, `HIDDEN`
+    T_world_head: Float[Array, "T 4 4"] | None = None  # if the head pose is known
+    joints_world: Float[Array, "T 18 3"] | None = None  # metres, if the head pose is known
+    hidden: UInt8[Array, "T V 18"] | None = None  # why a joint is not visible in a view, `HIDDEN`
 
     def __repr__(self) -> str:
         frames, seconds = len(self.times), float(np.ptp(self.times)) if len(self.times) else 0.0
@@ -50,25 +50,24 @@ class Track:
 
 
 def save_track(path: str | Path, track: Track) -> None:
-    """Write a track as npz, whole or not at all."""
+    """Write a track as npz, atomically."""
     save_record(path, "egocap-track", track)
 
 
 def load_track(path: str | Path) -> Track:
-    """Read a track; FileError names the array that is missing, damaged or of a wrong shape."""
+    """Read a track. FileError names a missing, damaged or misshapen array."""
     found = load_record(path, "egocap-track", Track)
     if found.hidden is not None and found.hidden.max(initial=0) >= len(HIDDEN):
-        raise FileError(path, f"holds the cause {found.hidden.max()}", key="hidden",
+        raise FileError(path, f"holds the code {found.hidden.max()}", key="hidden",
                         valid=f"0 to {len(HIDDEN) - 1}")  # fmt: skip
     return found
 
 
 def write_arrays(path: str | Path, track: Track) -> None:
-    """Write times, joints, angles and their names as npz, for programs other than this one.
+    """Write times, joints, angles and their names as npz for other programs.
 
-    Joints are in metres, in the world where that is known (`frame` says which), angles in radians;
-    `hidden` gives for every view why it does not see a joint, by `hidden_names`. Raises FileError
-    or MachineError where the file cannot be written.
+    Joints are in metres, in the frame named by `frame` (the world if known, else the head); angles
+    in radians; `hidden` indexes `hidden_names`. Raises as `egocap.files.disk_errors`.
     """
     world = track.joints_world is not None
     write_npz(

@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 from pydantic import AfterValidator, Field
 
-from egocap.body.joint_names import DATASET_NAMES, label_of
+from egocap.body.joint_names import DATASET_NAMES, match_labels
 from egocap.body.labels import LABELS
 from egocap.data.input_checks import require_shape
 from egocap.errors import FileError, InputError
@@ -197,7 +197,7 @@ def _checked(path: Path, header: _Header, arrays: Mapping[str, Array]) -> Predic
     positions, valid = _checked_positions(path, arrays, names)
     frames, times = _checked_numbers(path, arrays, len(positions))
     try:
-        found = label_of(names, header.names)
+        found = match_labels(names, header.names)
     except InputError as error:
         raise FileError(path, str(error), key="joints") from None
     unused = [name for i, name in enumerate(names) if i not in found]

@@ -17,7 +17,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence, image_suffix
+from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
 from egocap.files import disk_errors, write_atomically
 from egocap_sim.core.part_labels import WEARER_FIRST, WEARER_LAST
 from egocap_sim.export.folders import new_folder
@@ -43,7 +43,7 @@ def write_coco(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) 
         for v, mount in enumerate(sequence.true_rig.mounts):
             if dropped is not None and dropped[frame, v]:
                 continue
-            suffix = image_suffix(sequence, frame, mount.name)
+            suffix = sequence.image_suffix(frame, mount.name)
             name = f"images/{mount.name}/{frame:06d}.{suffix.rpartition('.')[2]}"
             with disk_errors(out / name):
                 (out / name).write_bytes(sequence.read(frame, suffix))

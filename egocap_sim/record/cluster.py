@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from egocap.data.dataset_writer import put_in_place
+from egocap.data.dataset_writer import replace_episode
 from egocap.errors import MachineError
 from egocap.files import write_atomically
 from egocap_sim.core.version import code_version
@@ -106,7 +106,7 @@ def _write(files: Files, path: Path) -> None:
     made.mkdir()
     for name, content in files.items():
         write_atomically(made / name, content)
-    put_in_place(made, path)
+    replace_episode(made, path)
 
 
 _thread = ThreadPoolExecutor(1)  # a GL context belongs to one thread; Dask has several

@@ -19,7 +19,7 @@ from egocap.data.dataset import (
     episode_name,
     load_dataset,
 )
-from egocap.data.dataset_writer import DatasetWriter, episode_entry, put_in_place
+from egocap.data.dataset_writer import DatasetWriter, episode_entry, replace_episode
 from egocap.data.sequence_writer import digest
 from egocap.errors import InputError
 from egocap_sim.core.memory import release_memory
@@ -59,7 +59,7 @@ class EpisodeTask:
         self.make(job, made)
         entry = episode_entry(made, job.index)
         assert entry is not None, f"{made} is not complete"
-        put_in_place(made, folder / entry.name)
+        replace_episode(made, folder / entry.name)
         return entry
 
     def make(self, job: Job, folder: Path) -> None:
@@ -119,7 +119,7 @@ def record_episodes(
         jobs = [job for job in planned if job.index not in done]
 
         def enter(entry: EpisodeEntry) -> None:
-            writer.enter(entry)
+            writer.add(entry)
             on_frames(entry.frames)
 
         if jobs:

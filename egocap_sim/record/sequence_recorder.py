@@ -115,11 +115,11 @@ def record_sequence(
         writer.begin()
         if executor.separate:
             take.save(out)
-        jobs = [Job(i, writer.frames_of(i), scene.seed) for i in writer.pending()]
+        jobs = [Job(i, writer.shard_range(i), scene.seed) for i in writer.pending()]
         start = time.perf_counter()
 
         def enter(entry: ShardEntry) -> None:
-            writer.enter_shard(entry)
+            writer.add_shard(entry)
             on_frames(len(entry.frames))
 
         if jobs:

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.camera import Affine, Camera
 from egocap.cameras.rig import Mount, Rig
-from egocap.cameras.rig_files import looking
+from egocap.cameras.rig_files import camera_rotation
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid, unit
 from egocap_sim.core.resources import SAMPLED
@@ -43,7 +43,7 @@ def sample_rig(rng: np.random.Generator) -> Rig:
     lens = _Lens(rng, fov)
     mounts = []
     for name, side in (("left", 1.0), ("right", -1.0)):
-        R = looking(pitch, side * toe_out)
+        R = camera_rotation(pitch, side * toe_out)
         tilt = axis_angle(unit(rng.normal(size=3)), np.deg2rad(rng.normal(0, _MOUNT_DEG)))
         place = np.array([forward, side * baseline / 2, up]) + rng.normal(0, _MOUNT_M, 3)
         mounts.append(Mount(name, lens.made(rng), rigid(R @ tilt, place)))

@@ -27,7 +27,6 @@ from egocap.data.sequence import (
     OUT_OF_VIEW,
     VISIBLE,
     Sequence,
-    image_suffix,
     open_sequence,
 )
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
@@ -203,7 +202,7 @@ def _view(
     sequence: Sequence, index: int, v: int, view: CanonicalView, with_parts: bool
 ) -> tuple[Array, Array | None, tuple[Array, Array, Array]]:
     name = sequence.rig.views[v]
-    image = view.image(_decoded(sequence.read(index, image_suffix(sequence, index, name))))
+    image = view.image(_decoded(sequence.read(index, sequence.image_suffix(index, name))))
     parts = None
     if with_parts:
         mask = sequence.mask(index, name)

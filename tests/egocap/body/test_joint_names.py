@@ -1,6 +1,6 @@
 import pytest
 
-from egocap.body.joint_names import DATASET_NAMES, JOINT_SETS, label_of
+from egocap.body.joint_names import DATASET_NAMES, JOINT_SETS, match_labels
 from egocap.body.labels import LABELS
 from egocap.errors import InputError
 
@@ -21,7 +21,7 @@ def test_sizes_of_the_sets():
 
 
 def test_names_are_found_in_any_order_and_case_and_strangers_left_out():
-    found = label_of(["ball_r", "pelvis", "Hand_L", "neck01"], "unrealego")
+    found = match_labels(["ball_r", "pelvis", "Hand_L", "neck01"], "unrealego")
     assert {i: LABELS[j] for i, j in found.items()} == {
         0: "right_foot", 2: "left_wrist", 3: "neck",
     }  # fmt: skip
@@ -30,12 +30,12 @@ def test_names_are_found_in_any_order_and_case_and_strangers_left_out():
 def test_other_names_are_recognised():
     theirs = list(DATASET_NAMES["unrealego"])[1:]
     with pytest.raises(InputError, match="15 of them are names of unrealego"):
-        label_of(theirs)
+        match_labels(theirs)
     with pytest.raises(InputError, match="16 of them are names of unrealego"):
-        label_of(["head", *theirs])
+        match_labels(["head", *theirs])
     with pytest.raises(InputError, match="0 of the names nose, eye are joints of egocap"):
-        label_of(["nose", "eye"])
-    with pytest.raises(InputError, match="there twice"):
-        label_of(["neck", "Neck"])
+        match_labels(["nose", "eye"])
+    with pytest.raises(InputError, match="occurs twice"):
+        match_labels(["neck", "Neck"])
     with pytest.raises(InputError, match="ego4view"):
-        label_of(["neck"], "coco")
+        match_labels(["neck"], "coco")

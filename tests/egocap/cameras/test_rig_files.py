@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from egocap.cameras.rig import Rig
-from egocap.cameras.rig_files import load_rig, looking, parse_rig
+from egocap.cameras.rig_files import camera_rotation, load_rig, parse_rig
 from egocap.errors import EgocapError, FileError
 
 LENS = {"model": "equidistant", "width": 640, "height": 512, "fov": 180.0}
@@ -28,14 +28,16 @@ FREE = {
 
 
 def test_angles_turn_the_way_they_say() -> None:
-    np.testing.assert_allclose(looking(0), [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-15)
-    np.testing.assert_allclose(looking(90)[:, 2], [0, 0, -1], atol=1e-15)  # down
-    np.testing.assert_allclose(looking(90)[:, 1], [-1, 0, 0], atol=1e-15)  # image up = forward
-    np.testing.assert_allclose(looking(0, 90)[:, 2], [0, 1, 0], atol=1e-15)  # left
-    np.testing.assert_allclose(looking(0, 0, 90)[:, 0], [0, 0, -1], atol=1e-15)  # right side down
-    turned = looking(33.0, -20.0, 5.0)
+    np.testing.assert_allclose(camera_rotation(0), [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-15)
+    np.testing.assert_allclose(camera_rotation(90)[:, 2], [0, 0, -1], atol=1e-15)  # down
+    np.testing.assert_allclose(camera_rotation(90)[:, 1], [-1, 0, 0], atol=1e-15)  # up: forward
+    np.testing.assert_allclose(camera_rotation(0, 90)[:, 2], [0, 1, 0], atol=1e-15)  # left
+    np.testing.assert_allclose(
+        camera_rotation(0, 0, 90)[:, 0], [0, 0, -1], atol=1e-15
+    )  # right: down
+    turned = camera_rotation(33.0, -20.0, 5.0)
     expected = Rotation.from_euler("ZYX", [-20.0, 33.0, 5.0], degrees=True).as_matrix()
-    np.testing.assert_allclose(turned, expected @ looking(0), atol=1e-12)
+    np.testing.assert_allclose(turned, expected @ camera_rotation(0), atol=1e-12)
 
 
 def test_the_shorthand_is_two_cameras_written_out() -> None:
@@ -50,7 +52,7 @@ def test_the_shorthand_is_two_cameras_written_out() -> None:
 def test_a_rotation_matrix_replaces_the_angles() -> None:
     data = copy.deepcopy(FREE)
     for camera in data["cameras"]:
-        camera["rotation"] = looking(camera.pop("pitch")).round(6).tolist()
+        camera["rotation"] = camera_rotation(camera.pop("pitch")).round(6).tolist()
     written, angles = parse_rig(data, "a.toml"), parse_rig(FREE, "b.toml")
     np.testing.assert_allclose(written.T_head_camera, angles.T_head_camera, atol=1e-6)
     R = written.T_head_camera[0, :3, :3]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egocap.data.head_pose import in_world, load_head_pose, poses_at
+from egocap.data.head_pose import in_world, interpolate_poses, load_head_pose
 from egocap.errors import FileError, InputError
 from egocap.geometry import axis_angle, rigid, transform
 from tests.egocap.data.test_bvh import made
@@ -18,18 +18,18 @@ def known(count=5):
 
 def test_between_known_poses_the_head_turns_and_moves_evenly():
     times, poses = known()
-    at = poses_at(np.array([0.05, 0.12]), times, poses)
+    at = interpolate_poses(np.array([0.05, 0.12]), times, poses)
     expected = rigid(axis_angle(AXIS, np.array([0.15, 0.36])),
                      np.outer([0.05, 0.12], [1, 2, 3]))  # fmt: skip
     assert np.allclose(at, expected)
-    assert np.allclose(poses_at(times, times, poses), poses)
+    assert np.allclose(interpolate_poses(times, times, poses), poses)
 
 
 def test_beyond_the_known_poses_is_an_error():
     times, poses = known()
-    assert np.allclose(poses_at(np.array([0.0, 0.45]), times, poses)[1], poses[-1])
+    assert np.allclose(interpolate_poses(np.array([0.0, 0.45]), times, poses)[1], poses[-1])
     with pytest.raises(InputError, match=r"0 to 0\.4 s"):
-        poses_at(np.array([0.0, 0.8]), times, poses)
+        interpolate_poses(np.array([0.0, 0.8]), times, poses)
 
 
 def test_joints_move_into_the_world(tmp_path):

@@ -73,9 +73,9 @@ def write_all(folder, shards=range(3), **changes):
     with SequenceWriter(folder, manifest(**changes), side_files()) as writer:
         writer.begin()
         for i in shards:
-            frames = writer.frames_of(i)
+            frames = writer.shard_range(i)
             entry = write_shard(folder, i, frames.start, (frame_files(k) for k in frames))
-            writer.enter_shard(entry)
+            writer.add_shard(entry)
         if len(shards) == 3:
             truth().save(folder / "t.tmp")
             writer.write_file("truth.npz", (folder / "t.tmp").read_bytes())
@@ -148,9 +148,9 @@ def test_a_damaged_shard_is_made_again(folder):
 
 def test_another_sequence_is_not_overwritten(folder):
     other = manifest(config_sha256="1" * 64, config={"seed": 3, "motion": {"name": "run"}})
-    with pytest.raises(InputError, match=r"motion\.name: 'walk' there, 'run' asked for"):
+    with pytest.raises(InputError, match=r"motion\.name: 'walk' recorded, 'run' requested"):
         SequenceWriter(folder, other, {}).__enter__()
-    with pytest.raises(InputError, match="begun by version 1, this is 2"):
+    with pytest.raises(InputError, match="begun with version 1, this is 2"):
         SequenceWriter(folder, manifest(code_version="2"), {}).__enter__()
 
 
@@ -208,7 +208,7 @@ def test_shards_listed_twice_or_out_of_order_are_refused(folder, order):
     content = json.loads(path.read_text())
     content["shards"] = [content["shards"][i] for i in order]
     path.write_text(json.dumps(content))
-    with pytest.raises(FileError, match=r"'shards\.1': .* twice or out of order"):
+    with pytest.raises(FileError, match=r"'shards\.1': .* repeated or out of order"):
         Sequence(folder)
 
 

@@ -8,7 +8,7 @@ import pytest
 from egocap.body.labels import LABELS
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount
-from egocap.cameras.rig_files import looking
+from egocap.cameras.rig_files import camera_rotation
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.errors import InputError
 
@@ -24,7 +24,7 @@ def mounted(side: float, size=(640, 512), toe_out=8.0) -> Mount:
     if side < 0:  # the mirror image of the left camera
         camera = replace(camera, centre=(width - 1 - camera.centre[0], camera.centre[1]))
     T = np.eye(4)
-    T[:3, :3] = looking(80.0, side * toe_out)
+    T[:3, :3] = camera_rotation(80.0, side * toe_out)
     T[:3, 3] = 0.25, 0.17 * side, 0.08
     return Mount("left" if side > 0 else "right", camera, T)
 

@@ -98,7 +98,7 @@ def test_joints_that_are_not_scored_are_said(tmp_path, caplog):
         ({"times": None}, "neither frame numbers nor times"),
         ({"times": np.zeros(3)}, "key 'times'"),
         ({"frames": np.arange(4) * 0.5}, "key 'frames'.*whole numbers"),
-        ({"joints": ["head", *["x"] * 15, "head"]}, "there twice"),
+        ({"joints": ["head", *["x"] * 15, "head"]}, "occurs twice"),
         ({"seconds_per_frame": -1.0}, "key 'seconds_per_frame'"),
         ({"poses": np.zeros(3)}, "unknown key"),
     ],

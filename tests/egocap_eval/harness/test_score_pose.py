@@ -128,7 +128,7 @@ def folder(tmp_path_factory, truth):
     side = {name: json.dumps(content).encode() for name, content in side.items()}
     with SequenceWriter(folder, manifest, side) as writer:
         writer.begin()
-        writer.enter_shard(write_shard(folder, 0, 0, [{"json": b"{}"}] * FRAMES))
+        writer.add_shard(write_shard(folder, 0, 0, [{"json": b"{}"}] * FRAMES))
         truth.save(folder.parent / "truth.npz")
         writer.write_file("truth.npz", (folder.parent / "truth.npz").read_bytes())
     return folder

@@ -1,13 +1,14 @@
-"""Speed of `egocap-sim generate` for scenes in episodes, and what another episode costs.
+"""Measure the speed of `egocap-sim generate` for scenes in episodes, and the cost of an episode.
 
     python benchmarks/episodes.py                        # train-varied and train-chroma, 2 workers
     python benchmarks/episodes.py --motions CLIPS --frames 1000 --scene train-varied
 
-`fps` counts a whole run, start-up included, `steady_fps` from when every worker has finished an
-episode. `preparation` is the share of the time of one process, after its first episode, that goes
-into all but drawing and writing frames: person, motion, physics, place, other people and renderer;
-`renewal` is that less motion and physics, whose cost goes with the frames, not with the episodes.
-`--out FILE` keeps the result with command, machine and versions.
+`fps` is the rate of a whole run with start-up, `steady_fps` the rate after every worker has
+finished an episode. `preparation` is the share of one process's time, after its first episode, that is not
+spent on rendering and writing frames: person, motion, physics, place, bystanders and renderer.
+`renewal` leaves out motion and physics, whose cost grows with the frames, not with the episodes.
+Every worker needs more than one episode. `--out FILE` saves the result with command, machine and
+versions.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ SCENES = ("train-varied", "train-chroma")
 
 
 def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[str, Any]:
-    """Generate a recording into a temporary folder, then some of its episodes in this process."""
+    """Generate a recording into a temporary folder, then its episodes in this process."""
     from egocap_sim.core.resources import builtin_file
     from egocap_sim.record.recorder import generate
     from egocap_sim.scene.config import Scene, load_scene
@@ -42,6 +43,8 @@ def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[st
 
     with tempfile.TemporaryDirectory() as folder:
         summary = generate(scene, Path(folder) / "r", workers=workers, on_frames=on_frames)
+    if summary.episodes <= workers:
+        raise SystemExit(f"{summary.episodes} episodes for {workers} workers: use more --frames")
     begun, ended = marks[workers][0], marks[-1][0]
     steady = sum(count for _, count in marks[workers + 1 :]) / (ended - begun)
     return {
@@ -52,7 +55,7 @@ def measure(name: str, clips: Path | None, workers: int, frames: int) -> dict[st
 
 
 def _preparation(scene: Any) -> dict[str, float]:
-    """Time outside drawing and writing, as a share and in seconds an episode."""
+    """Time outside rendering and writing, as a share and in seconds an episode."""
     from egocap_sim.record import sequence_recorder
     from egocap_sim.record.episode_plan import find_clips, plan_episodes
     from egocap_sim.record.episode_recorder import EpisodeTask
@@ -92,7 +95,7 @@ def _preparation(scene: Any) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure and print one line a scene, or keep the result."""
+    """Measure, print one line a scene and save the result with --out."""
     from egocap_eval.harness.result_file import save_result
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])

@@ -1,13 +1,13 @@
-"""Speed and memory of `egocap-sim generate`, the whole path: physics, rendering, truth, JPEG, disk.
+"""Measure speed and memory of `egocap-sim generate`: physics, rendering, truth, JPEG and disk.
 
     python benchmarks/generation.py                          # both sizes, 1 and 2 workers
     python benchmarks/generation.py --frames 2000 --size 1280x1024 --workers 2    # memory over time
 
-The scene is validation-walk without part labels and depth. `fps` counts from the start of the
-workers to the last file in place, their start-up included, `steady_fps` from when every worker has
-finished a shard; `memory_mb` is the resident memory of the largest worker at each finished shard.
-`benchmarks/rendering.py` compares rendering alone with stock pyrender. `--out FILE` keeps the
-result with command, machine and versions.
+The scene is validation-walk without part labels and depth. `fps` is the rate from the start of the
+workers to the last file, `steady_fps` the rate after every worker has finished a shard; `memory_mb`
+is the resident memory of the largest worker at each finished shard. `benchmarks/rendering.py`
+compares rendering alone with stock pyrender. `--out FILE` saves the result with command, machine
+and versions.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _resident_mb(process: multiprocessing.process.BaseProcess) -> float:
 
 
 def main() -> None:
-    """Measure and print one line a row, or keep the result."""
+    """Measure, print one line a row and save the result with --out."""
     from egocap_eval.harness.result_file import save_result
 
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])

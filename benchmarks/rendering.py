@@ -1,13 +1,13 @@
-"""Frames a second and memory of the fisheye renderer, beside stock pyrender on the same scene.
+"""Measure speed and memory of the fisheye renderer and of stock pyrender on the same scene.
 
     python benchmarks/rendering.py                        # both sizes, 1 and 2 workers, the ratio
     python benchmarks/rendering.py --memory-frames 2000   # and memory over that many frames
 
-A dressed person swings arms and legs in a furnished room; every frame is posed, shadowed, drawn
-for both cameras, probed for 18 joints a view and encoded as JPEG (quality 95, 4:4:4). The stock
-loop draws the same meshes with `pyrender.OffscreenRenderer`, five cube faces a camera of the same
-density, and resamples them. `cpu_ms` is processor time a frame and worker, which other work on the
-machine disturbs less than the rate; compare within one run.
+A dressed person swings arms and legs in a furnished room. Every frame is posed, rendered with
+shadows for both cameras, tested for the visibility of 18 joints a view and encoded as JPEG (quality
+95, 4:4:4). The stock loop renders the same meshes with `pyrender.OffscreenRenderer`, five cube
+faces a camera of the same density, and resamples them. `cpu_ms` is processor time a frame and worker; it
+varies less with the load of the machine than the rate. Compare within one run.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ SWING = {
 }  # fmt: skip
 
 
-class Stage:
-    """The scene of the benchmark: person, room, rig and the pose at a time."""
+class BenchmarkScene:
+    """Person, room, rig and the pose at a time."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         from egocap.cameras.rig_files import load_rig
@@ -44,7 +44,7 @@ class Stage:
         self.place = make_place("room", np.random.default_rng(3))
 
     def triangles(self) -> int:
-        """Of person and room together."""
+        """Number of triangles of person and room."""
         return sum(len(m.faces) for m in (*self.person.actor.meshes, *self.place.meshes))
 
     def pose(self, seconds: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -73,11 +73,11 @@ def encode(images) -> int:
     )
 
 
-def ours(size: tuple[int, int], frames: int, barrier, results) -> None:
-    """One worker: render frames after all have made their first, report seconds and memory."""
+def render_fisheye(size: tuple[int, int], frames: int, barrier, results) -> None:
+    """Render frames after all workers have rendered their first, report seconds and memory."""
     from egocap_sim.render.renderer import FisheyeRenderer
 
-    stage = Stage(size)
+    stage = BenchmarkScene(size)
     rng = np.random.default_rng(0)
     joints = rng.uniform(0.2, 0.8, (2, 18, 2)) * size
     with FisheyeRenderer(stage.rig, [stage.person.actor], stage.place) as renderer:
@@ -100,18 +100,18 @@ def ours(size: tuple[int, int], frames: int, barrier, results) -> None:
         results.put(_outcome(start, busy, frames, memory))
 
 
-def stock(size: tuple[int, int], frames: int, barrier, results) -> None:
-    """The same with stock pyrender: one call a cube face, the person's meshes replaced a frame."""
+def render_stock(size: tuple[int, int], frames: int, barrier, results) -> None:
+    """The same with stock pyrender: one call a cube face, new meshes of the person a frame."""
     import cv2
 
     from egocap_sim.render.batch import merge
     from egocap_sim.render.fisheye import build_atlas
     from egocap_sim.render.gl import pyrender
 
-    stage = Stage(size)
+    stage = BenchmarkScene(size)
     atlas = build_atlas(stage.rig.cameras)
     face = round(2 * atlas.tiles[0].density)
-    # Without the crop to what the lens sees: the five faces of a cube before the camera.
+    # All five faces of a cube before the camera, without a crop to the field of view.
     turns = [_turn(y, x) for y, x in ((0, 0), (90, 0), (-90, 0), (0, 90), (0, -90))]
     maps = [_five_face_map(c, turns, face) for c in stage.rig.cameras]
     scene = pyrender.Scene(ambient_light=np.full(3, 0.35))
@@ -181,15 +181,15 @@ def main() -> None:
     parser.add_argument("--size", choices=SIZES, action="append")
     parser.add_argument("--workers", type=int, action="append")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--out", type=Path, help="keep the result with command and machine")
+    parser.add_argument("--out", type=Path, help="file for the result with command and machine")
     args = parser.parse_args()
     rows = []
     for name in args.size or SIZES:
         for workers in (args.workers or [1, 2]) if args.frames else []:
             row = {"size": name, "workers": workers}
-            row |= measure(ours, SIZES[name], workers, args.frames)
+            row |= measure(render_fisheye, SIZES[name], workers, args.frames)
             if args.stock_frames:
-                other = measure(stock, SIZES[name], workers, args.stock_frames)
+                other = measure(render_stock, SIZES[name], workers, args.stock_frames)
                 row |= {"stock_fps": other["fps"], "stock_cpu_ms": other["cpu_ms"]}
                 row["ratio"] = round(row["fps"] / other["fps"], 2)
                 row["cpu_ratio"] = round(other["cpu_ms"] / row["cpu_ms"], 2)
@@ -198,7 +198,8 @@ def main() -> None:
                 print({k: v for k, v in row.items() if k != "memory_mb"}, flush=True)
     result: dict = {"rows": rows}
     if args.memory_frames:
-        result["memory"] = measure(ours, SIZES[(args.size or [*SIZES])[0]], 1, args.memory_frames)
+        size = SIZES[(args.size or [*SIZES])[0]]
+        result["memory"] = measure(render_fisheye, size, 1, args.memory_frames)
     if args.out:
         from egocap_eval.harness.result_file import save_result
 

@@ -6,6 +6,7 @@ Paths in; bytes and arrays out. Every result file of the project is written thro
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import zipfile
@@ -79,6 +80,15 @@ def disk_errors(path: Path) -> Iterator[None]:
         if isinstance(error, IsADirectoryError):
             raise FileError(path, "is a folder", valid="the name of a file") from None
         raise
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's content. Raises FileError where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from None
 
 
 def cache_folder() -> Path:

@@ -1,4 +1,4 @@
-"""The simulator's Python functions: what `egocap-sim generate` and `preview` do, as calls."""
+"""Python functions for `egocap-sim generate` and `egocap-sim preview`."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def generate(
 ) -> Sequence:
     """Simulate a scene, render it into the folder `out` and open the result.
 
-    An unfinished run of the same scene is completed; a finished one is only opened.
+    Completes an unfinished run of the same scene and only opens a finished one.
 
     Args:
         scene: name of a built-in scene, a scene file, or a scene.
         out: folder of the sequence.
         rig: name of a built-in rig, a rig file, or 'sampled': drawn from the seed.
-        frames: number of stereo frames; with a motion file, by default all it has.
-        seed: seed of everything random: person, clothes, place, style of motion.
+        frames: number of stereo frames; of a motion file, by default all frames.
+        seed: seed of all random draws: person, clothes, place, style of motion.
         size: image width and height in pixels; the rig is scaled to it.
         motion: name of a procedural motion, or a BVH or npz file.
-        workers: processes that render; 0: this one. Scripts that start processes need
-            `if __name__ == "__main__":`, as with any use of multiprocessing.
+        workers: number of rendering processes; 0: render in this process. With processes, a script
+            needs `if __name__ == "__main__":`, as for any use of multiprocessing.
         append: extend a finished sequence of fewer frames.
         overrides: all other changes of the scene.
 
@@ -54,14 +54,13 @@ def generate(
         for key, value in given.items()
         if value is not None
     }
-    found = scene if isinstance(scene, Scene) else load_scene(find_file("scene", scene))
-    found = override_scene(found, replace(overrides, **named))
-    if found.episodes is not None:
+    changed = _resolve_scene(scene, replace(overrides, **named))
+    if changed.episodes is not None:
         raise InputError(
-            f"scene '{found.name}' is recorded in episodes, not as one sequence",
+            f"scene '{changed.name}' is recorded in episodes, not as one sequence",
             valid="Overrides(no_episodes=True), or egocap_sim.generate_episodes",
         )
-    record(found, Path(out), workers=workers, append=append)
+    record(changed, Path(out), workers=workers, append=append)
     return open_sequence(out)
 
 
@@ -73,10 +72,9 @@ def generate_episodes(
     append: bool = False,
     overrides: Overrides = UNCHANGED,
 ) -> list[Sequence]:
-    """Record a scene in episodes, as `generate` records one sequence, and open them all."""
-    found = scene if isinstance(scene, Scene) else load_scene(find_file("scene", scene))
-    found = override_scene(found, replace(overrides, episodes=not overrides.no_episodes))
-    record(found, Path(out), workers=workers, append=append)
+    """Record a scene in episodes and open them; the arguments are those of `generate`."""
+    changed = _resolve_scene(scene, replace(overrides, episodes=not overrides.no_episodes))
+    record(changed, Path(out), workers=workers, append=append)
     return [open_sequence(folder) for folder in find_sequences([Path(out)])]
 
 
@@ -93,3 +91,8 @@ def preview(
     """
     folder = sequence.folder if isinstance(sequence, Sequence) else Path(sequence)
     save_contact_sheet(find_sequences([folder]), Path(out), rows=rows, tile_width=width)
+
+
+def _resolve_scene(scene: str | Path | Scene, overrides: Overrides) -> Scene:
+    loaded = scene if isinstance(scene, Scene) else load_scene(find_file("scene", scene))
+    return override_scene(loaded, overrides)

@@ -1,4 +1,4 @@
-"""The command `egocap-sim`: generate sequences, preview, check, export and summarise them."""
+"""The command `egocap-sim`: generate, preview, verify, export and summarise sequences."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def generate(
 ) -> int:
     """Simulate scenes and render them into sequences.
 
-    The same command continues a run that was interrupted or killed.
+    Run the same command again to continue an interrupted run.
 
     Args:
         scenes: names of built-in scenes, or scene files.
@@ -43,7 +43,7 @@ def generate(
         workers: number of rendering processes.
         cluster: render on the workers of this Dask scheduler, e.g. tcp://host:8786.
         append: extend a finished sequence of fewer frames up to --frames.
-        strict: stop at a file in --motions that cannot be read, instead of leaving it out.
+        strict: stop at a file in --motions that cannot be read, instead of skipping it.
         json: print the summary as JSON; of several scenes, a list.
     """
     from egocap.errors import InputError
@@ -58,7 +58,7 @@ def generate(
     loaded = [override_scene(load_scene(file), overrides) for file in files]
     names = [scene.name for scene in loaded]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"two scenes are called '{twice[0]}'", valid="a folder for each name")
+        raise InputError(f"two scenes have the name '{twice[0]}'", valid="different names")
     done = []
     for file, scene in zip(files, loaded, strict=True):
         summary = _generate(
@@ -97,7 +97,7 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
     Args:
         sequence: folder of a sequence, or of a recording in episodes.
         json: print the result as JSON.
-        rays: also recompute the visibility of joints in this many frames, by rays cast in MuJoCo.
+        rays: also recompute joint visibility in this many frames by ray casting in MuJoCo.
     """
     from dataclasses import asdict
 
@@ -126,7 +126,7 @@ def export(
     out: Path,
     format: Annotated[str, shown("coco|unrealego|mp4")],
 ) -> int:
-    """Export a sequence with its truth to a format of other tools.
+    """Export a sequence with its ground truth to another format.
 
     Args:
         sequence: folder of a sequence, or a folder of sequences.
@@ -153,11 +153,11 @@ def export(
 def stats(
     folders: Positional[tuple[Path, ...]], out: Path | None = None, json: bool = False
 ) -> int:
-    """Summarise sequences: people, poses, visibility, image positions, contacts.
+    """Summarise the content of sequences: people, poses, visibility, image positions, contacts.
 
     Args:
         folders: sequences, or folders of sequences.
-        out: HTML page to write, a single file.
+        out: HTML page to write.
         json: print the numbers as JSON.
     """
     from egocap.data.dataset import find_sequences
@@ -188,7 +188,7 @@ def stats(
     print(f"{numbers['frames']} stereo frames in {numbers['sequences']} sequences, "
           f"{numbers['people']} people, {numbers['bytes'] / 1e6:.0f} MB")  # fmt: skip
     for name, joint in numbers["joints"].items():
-        print(f"{name:15} seen in {joint['visible']:5.1f} % of images, "
+        print(f"{name:15} visible in {joint['visible']:5.1f} % of images, "
               f"by any camera in {joint['seen_by_any']:5.1f} % of frames")  # fmt: skip
     return DONE
 

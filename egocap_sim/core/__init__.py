@@ -1,4 +1,4 @@
-"""What every room of the simulator needs: body names, random streams, resources, trajectories.
+"""Shared by the whole simulator: body names, random generators, resources, trajectories.
 
 Plain values without rendering or physics.
 """

@@ -14,7 +14,7 @@ THICKNESS = 0.04  # metres
 
 @dataclass(frozen=True)
 class GroundBox:
-    """A rectangle along the world's axes whose top can be stood on; metres."""
+    """An axis-aligned box whose top supports feet; metres."""
 
     low: tuple[float, float]  # x, y
     high: tuple[float, float]
@@ -22,20 +22,20 @@ class GroundBox:
 
     @property
     def centre(self) -> Float[Array, "3"]:
-        """Of the box."""
+        """Centre of the box."""
         x, y = np.add(self.low, self.high) / 2
         return np.array([x, y, self.top - THICKNESS / 2])
 
     @property
     def size(self) -> Float[Array, "3"]:
-        """Of the box."""
+        """Edge lengths of the box."""
         return np.array([*np.subtract(self.high, self.low), THICKNESS])
 
 
 def ground_height(
     ground_boxes: Sequence[GroundBox], xy: Float[Array, "*n 2"], margin_m: float = 0.0
 ) -> Float[Array, "*n"]:
-    """Height of the ground at points: the highest box there, widened by a margin, or the floor."""
+    """Height of the ground at points: of the highest box, widened by a margin, or the floor."""
     height = np.zeros(xy.shape[:-1])
     for box in ground_boxes:
         low, high = np.array(box.low) - margin_m, np.array(box.high) + margin_m

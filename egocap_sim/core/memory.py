@@ -9,10 +9,9 @@ from functools import cache
 
 
 def release_memory() -> None:
-    """Collect garbage and return freed memory to the system; glibc keeps it in small pieces.
+    """Collect garbage and, with glibc, return freed memory to the system.
 
-    A worker holds 3.5 GB after 160 episodes without this, 0.4 with it. Other C libraries: only the
-    garbage is collected.
+    A worker uses 3.5 GB after 160 episodes without this, 0.4 GB with it.
     """
     gc.collect()
     _freeze()
@@ -22,8 +21,5 @@ def release_memory() -> None:
 
 @cache
 def _freeze() -> None:
-    """Exempt the objects that outlive the first episode, mostly modules, from collection.
-
-    There are a quarter of a million of them: 0.05 s a collection.
-    """
+    """Exempt the 250,000 objects that outlive the first episode: saves 0.05 s a collection."""
     gc.freeze()

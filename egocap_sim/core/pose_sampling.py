@@ -18,9 +18,9 @@ from egocap.geometry import matrix_to_quaternion
 class SampledPoses:
     """Poses of bodies at `rate` samples a second, the first at time zero.
 
-    Between samples positions move straight and rotations turn evenly (slerp). At physics' rate
-    (250 Hz and more) and an acceleration of 100 m/s^2 that is within a dt^2 / 8 = 0.2 mm; before
-    the first and after the last sample the bodies stand still.
+    Positions are interpolated linearly, rotations by slerp. At the rate of the physics (at least
+    250 Hz) and an acceleration of 100 m/s^2 the error is within a dt^2 / 8 = 0.2 mm. The poses are
+    constant before the first and after the last sample.
     """
 
     rate: float  # Hz
@@ -37,20 +37,20 @@ class SampledPoses:
         return self.of_bodies(np.asarray(times)[..., None], np.arange(self.poses.shape[1]))
 
     def of_bodies(self, times: Float[Array, "*n"], bodies: Int[Array, "*n"]) -> Array:
-        """Poses (*n, 4, 4) of single bodies, each at its own time; the two shapes broadcast."""
+        """Poses (*n, 4, 4) of bodies, each at its own time; the two shapes broadcast."""
         place = np.clip(np.asarray(times, float) * self.rate, 0, len(self.poses) - 1)
         first = np.floor(place).astype(int)
         second = np.minimum(first + 1, len(self.poses) - 1)
         return between(self.poses[first, bodies], self.poses[second, bodies], place - first)
 
     def save(self, path: Path) -> None:
-        """Write the samples; `load` reads them as it needs them, not all at once."""
+        """Write the samples; `load` maps the file into memory."""
         with path.open("wb") as file:
             np.save(file, self.poses)
 
     @classmethod
     def load(cls, path: Path, rate: float) -> SampledPoses:
-        """Open what `save` wrote."""
+        """Open saved samples."""
         return cls(rate, np.load(path, mmap_mode="r"))
 
 
@@ -98,7 +98,7 @@ def _turn_towards(p: Float[Array, "N 4"], q: Float[Array, "N 4"], share: Float[A
             cosine, sign = -cosine, -1.0
         angle = math.acos(min(cosine, 1.0))
         wp, wq = 1.0 - share[n], share[n]
-        if angle >= 1e-6:  # the sines' ratio would be 0 / 0; straight on is as good
+        if angle >= 1e-6:  # otherwise linear weights: the ratio of sines would be 0 / 0
             sine = math.sin(angle)
             wp, wq = math.sin(wp * angle) / sine, math.sin(wq * angle) / sine
         for i in range(4):
@@ -107,7 +107,7 @@ def _turn_towards(p: Float[Array, "N 4"], q: Float[Array, "N 4"], share: Float[A
 
 @njit(cache=True)
 def _set_rotations(T: Float[Array, "N 4 4"], q: Float[Array, "N 4"]) -> None:
-    """`egocap.geometry.quaternion_to_matrix`, into transforms."""
+    """Like `egocap.geometry.quaternion_to_matrix`, in place."""
     for n in range(len(T)):
         w, x, y, z = q[n, 0], q[n, 1], q[n, 2], q[n, 3]
         s = 2.0 / (w * w + x * x + y * y + z * z)

@@ -10,9 +10,9 @@ from pathlib import Path
 from egocap.errors import InputError
 
 KINDS: dict[str, str] = {"scene": ".", "rig": "rigs"}
-"""Kinds of built-in file, and their folder under scenes/."""
+"""Kinds of built-in files, and their folder under scenes/."""
 SAMPLED = "sampled"
-"""The name of no file: a rig drawn from the scene's seed."""
+"""Rig name without a file: the rig is drawn from the scene's seed."""
 
 
 def builtin_folder() -> Path:
@@ -28,29 +28,29 @@ def builtin_names(kind: str) -> tuple[str, ...]:
 
 
 def builtin_file(kind: str, name: str) -> Path:
-    """The path of a built-in file. Raises InputError naming the ones there are."""
+    """Path of a built-in file. Raises InputError with the valid names."""
     if name not in builtin_names(kind):
         raise InputError(f"no built-in {kind} '{name}'", valid=builtin_names(kind))
     return builtin_folder() / KINDS[kind] / f"{name}.toml"
 
 
 def rig_names() -> tuple[str, ...]:
-    """What a rig may be called: the built-in files, and SAMPLED."""
+    """Valid names of rigs: the built-in ones and SAMPLED."""
     return (*builtin_names("rig"), SAMPLED)
 
 
 def rig_file(name: str) -> Path:
-    """The path of a built-in rig's file. Raises InputError naming all that a rig may be called."""
+    """Path of a built-in rig's file. Raises InputError with all valid names of rigs."""
     if name not in builtin_names("rig"):
         raise InputError(f"no rig '{name}'", valid=rig_names())
     return builtin_file("rig", name)
 
 
 def find_file(kind: str, name_or_path: str | Path) -> Path:
-    """A file given by path, or by the name of a built-in one.
+    """Find a file by its path or by the name of a built-in one.
 
-    Text that looks like a path (an ending or a slash), or names what is there, is a path.
-    Raises InputError for a name that is neither.
+    Text with a suffix or a slash, or the name of an existing file, is a path. Raises InputError for
+    an unknown name.
     """
     path = Path(name_or_path)
     if path.suffix or len(path.parts) > 1 or path.exists():

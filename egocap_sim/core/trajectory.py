@@ -10,16 +10,16 @@ from numpy import ndarray as Array
 
 @dataclass(frozen=True)
 class PhysicsStats:
-    """How faithful a simulated motion is to its reference, and how clean its contacts are."""
+    """Tracking error and contact quality of a simulated motion."""
 
     joint_error_cm: float  # mean over joints and frames, to the retargeted reference
     joint_error_p95_cm: float
     joint_error_max_cm: float
     planted_foot_speed_cm_s: float  # median horizontal speed of planted feet
-    penetration_cm: float  # median depth of the lowest sole point under the floor, 0 when above
+    penetration_cm: float  # median depth of the lowest sole point below the floor, at least 0
     penetration_max_cm: float
     residual_wrench_bw: float  # median force of the root's residual wrench, in body weights
-    ms_per_second: float  # processor time a simulated second
+    ms_per_second: float  # processor time per simulated second
 
 
 @dataclass(frozen=True, eq=False)

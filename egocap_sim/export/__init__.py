@@ -1,4 +1,4 @@
 """Sequences in; the formats of other tools, and contact sheets, out.
 
-`formats` names what writes each format.
+`formats` finds the writer of each format by its name.
 """

@@ -1,8 +1,8 @@
-"""COCO keypoints: annotations.json and the images, one annotation an image.
+"""Export to COCO keypoints: annotations.json and the images, one annotation an image.
 
-Keypoints are our 18 labels in their order, as x, y, v with v 0 outside the view (x = y = 0), 1
-hidden, 2 seen. Pixel (0, 0) is the centre of the top-left pixel, as everywhere here. Images of
-dropped frames show another moment than their labels and are left out.
+Keypoints are the 18 labels in their order, as x, y, v with v = 0 outside the view (x = y = 0), 1
+occluded, 2 visible. Pixel (0, 0) is the centre of the top-left pixel. Dropped frames are left out,
+since their images do not belong to their labels.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
 from egocap.files import disk_errors, write_atomically
 from egocap_sim.core.part_labels import WEARER_FIRST, WEARER_LAST
-from egocap_sim.export.folders import new_folder
+from egocap_sim.export.formats import new_folder
 
 _CATEGORY = {
     "id": 1,
@@ -29,6 +29,8 @@ _CATEGORY = {
     "keypoints": list(LABELS),
     "skeleton": [[a + 1, b + 1] for a, b in LIMBS],
 }
+
+_NO_BOX = [0.0, 0.0, 0.0, 0.0]
 
 
 def write_coco(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) -> None:
@@ -95,7 +97,7 @@ def _box_of_mask(mask: UInt8[Array, "H W"]) -> tuple[list[float], float]:
     """Box (x, y, width, height) and area of the wearer's pixels."""
     wearer = (mask >= WEARER_FIRST) & (mask <= WEARER_LAST)
     if not wearer.any():
-        return [0.0, 0.0, 0.0, 0.0], 0.0
+        return _NO_BOX, 0.0
     columns, rows = np.flatnonzero(wearer.any(0)), np.flatnonzero(wearer.any(1))
     x, y = float(columns[0]), float(rows[0])
     return [x, y, columns[-1] - x + 1.0, rows[-1] - y + 1.0], float(wearer.sum())
@@ -104,9 +106,9 @@ def _box_of_mask(mask: UInt8[Array, "H W"]) -> tuple[list[float], float]:
 def _box_of_points(
     points: Float[Array, "n 2"], width: int, height: int
 ) -> tuple[list[float], float]:
-    """Without part labels: the box around the joints in view, and its own area."""
+    """Box of the joints in view and its area, for sequences without part labels."""
     if not len(points):
-        return [0.0, 0.0, 0.0, 0.0], 0.0
+        return _NO_BOX, 0.0
     low = np.clip(points.min(0), 0, None)
     size = np.minimum(points.max(0), (width, height)) - low
     return [*low.tolist(), *size.tolist()], float(size.prod())

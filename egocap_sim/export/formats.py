@@ -25,5 +25,12 @@ def export(
     """
     if form not in FORMATS:
         raise InputError(f"unknown format '{form}'", valid=FORMATS)
-    module = import_module(f"egocap_sim.export.{form}")  # one format needs not the others' packages
+    module = import_module(f"egocap_sim.export.{form}")  # without the packages of the others
     getattr(module, f"write_{form}")(sequence, out, on_frames)
+
+
+def new_folder(out: Path) -> None:
+    """Create the folder of an export. Raises InputError if it exists and is not empty."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out} is not empty", valid="a new or an empty folder")
+    out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""A video of a sequence: the views side by side with the true joints drawn over them."""
+"""Export to a video: the views side by side with the true joints drawn over them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def write_mp4(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) -
     temporary = out.with_name(f".{out.stem}.{os.getpid()}.tmp.mp4")
     cameras = sequence.rig.cameras
     scale = min(1.0, WIDTH / max(c.width for c in cameras))
-    # MPEG-4 wants even sides.
+    # MPEG-4 requires even sides.
     sizes = [(round(c.width * scale / 2) * 2, round(c.height * scale / 2) * 2) for c in cameras]
     shape = sum(w for w, _ in sizes), max(h for _, h in sizes)
     fourcc = cv2.VideoWriter.fourcc(*"mp4v")

@@ -1,4 +1,4 @@
-"""Any of our cameras as the OCam calibration that other people's code reads."""
+"""Convert cameras of any model to OCam calibrations."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _INVERSE_DEGREE = 14
 def ocam_calibration(camera: Camera, name: str) -> dict[str, Any]:
     """The JSON of UnrealEgo, EgoWholeMocap and EgoRear: keys as in their calibration files.
 
-    `polynomialC2W` gives z of the ray through radius rho, `polynomialW2C` rho by the angle off the
-    axis less a right angle, lowest order first. A lens that is no OCam lens is fitted by least
-    squares over its field of view; for the lenses of common make that is good to 0.1 px.
+    `polynomialC2W` gives z of the ray at radius rho; `polynomialW2C` gives rho at the angle off the
+    axis minus a right angle; lowest order first. Other lens models are fitted by least squares over
+    their field of view, for common lenses within 0.1 px.
     """
     (a, b), (c, d) = camera.affine
     theta = np.linspace(1e-3, camera.max_angle, 2000)
@@ -44,7 +44,7 @@ def ocam_calibration(camera: Camera, name: str) -> dict[str, Any]:
 def _fitted(
     x: Float[Array, "n"], y: Float[Array, "n"], powers: tuple[int, ...]
 ) -> Float[Array, "m"]:
-    """Coefficients, lowest order first, of the polynomial of these powers nearest to y(x)."""
+    """Least-squares coefficients, lowest order first, of a polynomial of these powers."""
     scale = np.abs(x).max()
     found = np.linalg.lstsq((x[:, None] / scale) ** np.array(powers), y, rcond=None)[0]
     coefficients = np.zeros(max(powers) + 1)

@@ -67,15 +67,8 @@ def overlay(
     thickness = max(1, image.shape[1] // 240)
     for a, b in LIMBS:
         if drawn[a] and drawn[b]:
-            cv2.line(
-                canvas,
-                _point(joints[a]),
-                _point(joints[b]),
-                _colour(a, b),
-                thickness,
-                cv2.LINE_AA,
-                4,
-            )
+            ends = _point(joints[a]), _point(joints[b])
+            cv2.line(canvas, *ends, _colour(a, b), thickness, cv2.LINE_AA, 4)
     for j in np.flatnonzero(drawn):
         ring = _RING.get(int(visibility[j]), (128, 128, 128))
         cv2.circle(canvas, _point(joints[j]), 3 * thickness * 16, ring, thickness, cv2.LINE_AA, 4)
@@ -85,22 +78,16 @@ def overlay(
 def _row(sequence: Sequence, index: int, width: int) -> UInt8[Array, "h w 3"]:
     frame, truth = sequence.frame(index), sequence.truth
     tiles = list(zip(sequence.manifest.views, frame.images, strict=True))
+    visibility = truth.visibility[index, 0]
     joints = overlay(
-        frame.images[0],
-        truth.joints_2d[index, 0],
-        truth.visibility[index, 0] != OUT_OF_VIEW,
-        truth.visibility[index, 0],
+        frame.images[0], truth.joints_2d[index, 0], visibility != OUT_OF_VIEW, visibility
     )
     tiles.append((f"{tiles[0][0]}: joints", joints))
     mask = sequence.mask(index, sequence.manifest.views[0])
     if mask is not None:
         tiles.append((f"{tiles[0][0]}: parts", _palette()[mask]))
-    captions = [
-        f"{sequence.manifest.name} {index} ({frame.time:.2f} s) {title}" for title, _ in tiles
-    ]
-    return np.hstack(
-        [_tile(image, caption, width) for (_, image), caption in zip(tiles, captions, strict=True)]
-    )
+    prefix = f"{sequence.manifest.name} {index} ({frame.time:.2f} s)"
+    return np.hstack([_tile(image, f"{prefix} {title}", width) for title, image in tiles])
 
 
 def _tile(image: UInt8[Array, "H W 3"], caption: str, width: int) -> UInt8[Array, "h w 3"]:

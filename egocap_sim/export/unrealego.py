@@ -1,6 +1,6 @@
-"""UnrealEgo's folders: a JSON a frame in centimetres, PNG images, depth where it was recorded.
+"""Export to UnrealEgo's folders: a JSON file a frame in centimetres, PNG images, depth if recorded.
 
-Axes are ours, not Unreal's: world right-handed with z up, cameras x right, y down, z forward.
+Axes differ from Unreal's: world right-handed with z up, cameras x right, y down, z forward.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically
 from egocap.geometry import inverse, matrix_to_quaternion, transform
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
-from egocap_sim.export.folders import new_folder
+from egocap_sim.export.formats import new_folder
 from egocap_sim.export.ocam import ocam_calibration
 
 _SIDES = {"l": "left", "r": "right"}
@@ -30,7 +30,7 @@ JOINTS: dict[str, str] = {"head": "head", "neck_01": "neck"} | {
     f"{theirs}_{s}": f"{side}_{ours}" for theirs, ours in _PARTS.items()
     for s, side in _SIDES.items()
 }  # fmt: skip
-"""UnrealEgo's 16 joints, in its order, and our labels for them."""
+"""UnrealEgo's 16 joints, in its order, and their labels in EgoCap."""
 
 _README = """\
 {name}: a simulated sequence in UnrealEgo's layout, written by egocap-sim {version}.

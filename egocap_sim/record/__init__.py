@@ -1,4 +1,4 @@
 """A scene in; a sequence or a data set of episodes on disk out.
 
-Work is split into shards and episodes, done by local processes or a Dask cluster, and resumable.
+Shards and episodes are jobs for local processes or a Dask cluster. An interrupted run is resumable.
 """

@@ -1,8 +1,8 @@
-"""An executor of the workers of a Dask cluster; what they make comes back as bytes.
+"""An executor that runs jobs on the workers of a Dask cluster and receives their files as bytes.
 
-No folder need be shared. Every machine needs this program in the same version, the files that the
-scene names and, for the same bytes, the same GL driver. Dask gives the jobs of a worker that dies
-to another. Needs the extra `egocap[cluster]`.
+A shared folder is not required. Every machine needs the same version of EgoCap, the files that the
+scene names and, for the same bytes, the same GL driver. Dask restarts the jobs of a worker that
+dies. Requires the extra `egocap[cluster]`.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from egocap.files import write_atomically
 from egocap_sim.core.version import code_version
 from egocap_sim.record.jobs import E, Enter, Entry, Job, Task
 
-_PATIENCE_S = 10  # for the scheduler to answer
-_ATTEMPTS = 8
-"""To do jobs whose task the cluster lost: it goes with the last worker that holds it."""
+_TIMEOUT_S = 10  # for the connection to the scheduler
+_ATTEMPTS = 8  # to run jobs whose task the cluster lost, with the last worker that had it
 
 Files = bytes | dict[str, bytes]
 """Content of the file, or of each file in the folder, that a job made."""
@@ -39,8 +38,7 @@ class DaskCluster:
         self.address = address
 
     def run(self, task: Task[E], jobs: Sequence[Job], out: Path, enter: Enter[E]) -> None:
-        """Do the jobs. Raises MachineError where there is no such scheduler, Dask is not
-        installed, or the workers of a job keep dying."""
+        """Do the jobs. Raises MachineError without Dask or scheduler, or if workers keep dying."""
         portable, name = task.portable(), uuid4().hex[:16]
         left = {job.index: job for job in jobs}
 
@@ -71,18 +69,17 @@ def _client(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise MachineError(
-            "Dask is not installed", remedy="pip install 'egocap[cluster]'"
-        ) from None
+        remedy = "pip install 'egocap[cluster]'"
+        raise MachineError("Dask is not installed", remedy=remedy) from None
     try:
-        return Client(address, timeout=_PATIENCE_S)
+        return Client(address, timeout=_TIMEOUT_S)
     except (OSError, ValueError) as error:
         reason = str(error) or type(error).__name__
         raise MachineError(f"no Dask scheduler at '{address}': {reason}") from None
 
 
 def _gather(client: Any, futures: list[Any], place: Callable[[Any], None]) -> None:
-    """Place results as they arrive; futures whose input the cluster lost are cancelled."""
+    """Place results as they arrive. Dask cancels futures whose input the cluster lost."""
     from distributed import KilledWorker, as_completed
 
     try:
@@ -110,7 +107,7 @@ def _write(files: Files, path: Path) -> None:
 
 
 _thread = ThreadPoolExecutor(1)  # a GL context belongs to one thread; Dask has several
-_held: tuple[str, Task[Any]] | None = None  # the task that this worker does, and its name
+_held: tuple[str, Task[Any]] | None = None  # name and task of this worker
 
 
 def do_remotely(name: str, version: str, task: Task[Any], job: Job) -> tuple[int, Entry, Files]:

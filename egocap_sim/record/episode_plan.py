@@ -1,11 +1,10 @@
-"""The draw of each episode of a recording: frames, seed, motion, light and bystanders.
+"""Draw the episodes of a recording: frames, seed, motion, light and bystanders.
 
-It depends on the seed of the scene and the number of the episode alone.
+An episode depends only on the seed of the scene and the number of the episode.
 """
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,22 +14,23 @@ from typing import Any
 import numpy as np
 
 from egocap.errors import EgocapError, FileError, InputError
+from egocap.files import sha256
 from egocap_sim.core.rng import make_rng
 from egocap_sim.record.jobs import Job
 from egocap_sim.scene.config import EpisodesTable, MotionTable, Scene
 
 KINDS = (".bvh", ".npz")
 SPEEDS = (0.8, 1.25)
-_STARTS_S = (0.5, 6.0)  # where in a procedural motion an episode begins
-_SPARE_S = 0.5  # of motion beyond the last frame: for late cameras and for the smoothing
-_BLENDED = 0.25  # share of the clips that are joined with another
+_STARTS_S = (0.5, 6.0)  # range of start times in a procedural motion
+_SPARE_S = 0.5  # of motion beyond the last frame, for late cameras and smoothing
+_BLENDED = 0.25  # probability that a clip is joined with another
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class ClipFile:
-    """A motion file that can be used."""
+    """A readable motion file."""
 
     path: str
     seconds: float
@@ -38,7 +38,7 @@ class ClipFile:
 
 
 def plan_episodes(scene: Scene, parts: Sequence[int]) -> list[Job]:
-    """The episodes of a recording of `parts[0]` frames that was extended by each further part."""
+    """Plan a recording of `parts[0]` frames, extended by each further part."""
     assert scene.episodes is not None
     least, most = scene.episodes.frames
     jobs: list[Job] = []
@@ -53,7 +53,7 @@ def plan_episodes(scene: Scene, parts: Sequence[int]) -> list[Job]:
 
 
 def draw_episode(scene: Scene, job: Job, clips: Sequence[ClipFile], attempt: int = 0) -> Scene:
-    """Draw the scene of one episode; another `attempt` replaces a draw that is impossible."""
+    """Draw the scene of one episode; a new `attempt` replaces a draw that cannot be simulated."""
     table = scene.episodes
     assert table is not None
     seed = job.seed + attempt
@@ -97,19 +97,19 @@ def _clip_motion(
         float(np.round(rng.uniform(0, clip.seconds - speed * length - 0.05), 3))
         for clip in (first, second)
     ]
-    mirrored = bool(rng.random() < 0.5)
-    motion = {"file": first.path, "start_s": starts[0], "length_s": length, "speed": speed}
-    motion["mirrored"] = mirrored
+    motion = {
+        "file": first.path, "start_s": starts[0], "length_s": length, "speed": speed,
+        "mirrored": bool(rng.random() < 0.5),
+    }  # fmt: skip
     if rng.random() < _BLENDED:
         motion |= {"then": second.path, "then_start_s": starts[1]}
     return motion
 
 
 def find_clips(folder: Path, *, strict: bool) -> tuple[ClipFile, ...]:
-    """The motion files in a folder and its subfolders, read once.
+    """Read the motion files in a folder and its subfolders.
 
-    A file that cannot be read is left out with a warning or, if `strict`, raises. Raises FileError
-    where there is none.
+    Skips unreadable files with a warning, or raises if `strict`. Raises FileError if none is left.
     """
     from egocap_sim.motion.clips.clip_store import stored_clip
 
@@ -121,31 +121,25 @@ def find_clips(folder: Path, *, strict: bool) -> tuple[ClipFile, ...]:
         except EgocapError as error:
             if strict:
                 raise
-            log.warning("left out: %s", error)
+            log.warning("skipped: %s", error)
             continue
         seconds = (len(clip.positions) - 1) / clip.fps
-        found.append(ClipFile(str(path.absolute()), seconds, checksum(path)))
+        found.append(ClipFile(str(path.absolute()), seconds, sha256(path)))
     if not found:
-        raise FileError(folder, "none of its motion files can be used")
+        raise FileError(folder, "none of its motion files can be read")
     minutes = sum(clip.seconds for clip in found) / 60
     log.info("%s: %d of %d motion files, %.1f minutes", folder, len(found), len(files), minutes)
     return tuple(found)
 
 
 def clip_files(folder: Path) -> list[Path]:
-    """Motion files in a folder, by name. Raises FileError where there are none."""
+    """Motion files in a folder, sorted. Raises FileError if there are none."""
     if not folder.is_dir():
         raise FileError(folder, "no such folder", valid="a folder of .bvh and .npz files")
     files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in KINDS and p.is_file())
     if not files:
         raise FileError(folder, "holds no motion files", valid=".bvh, .npz")
     return files
-
-
-def checksum(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_motions(scene: Scene) -> None:

@@ -1,4 +1,4 @@
-"""Record a scene in episodes: each is a job, made in one process, with the same bytes in any."""
+"""Record a scene in episodes. Each is one job with the same bytes in any process."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from egocap.data.dataset import (
 from egocap.data.dataset_writer import DatasetWriter, episode_entry, replace_episode
 from egocap.data.sequence_writer import digest
 from egocap.errors import InputError
+from egocap.files import sha256
 from egocap_sim.core.memory import release_memory
 from egocap_sim.core.resources import SAMPLED
 from egocap_sim.core.version import code_version
 from egocap_sim.record.episode_plan import (
     ClipFile,
     check_motions,
-    checksum,
     clip_files,
     draw_episode,
     find_clips,
@@ -40,20 +40,20 @@ from egocap_sim.scene.config import Scene
 from egocap_sim.scene.scene_error import errors_name_key
 from egocap_sim.world.world import World
 
-ATTEMPTS = 8  # to draw an episode that can be simulated
+ATTEMPTS = 8  # draws of an episode
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class EpisodeTask:
-    """Makes episodes of a scene, some of them with the motion of a clip."""
+    """Makes episodes of a scene; `clips` are the motion files to draw from."""
 
     scene: Scene
     clips: tuple[ClipFile, ...]
 
     def do(self, job: Job, folder: Path) -> EpisodeEntry:
-        """Make an episode under a hidden name, then rename it."""
+        """Make an episode under a temporary name, then rename it."""
         made = folder / f".{episode_name(job.index)}.{os.getpid()}.tmp"
         shutil.rmtree(made, ignore_errors=True)
         self.make(job, made)
@@ -65,8 +65,8 @@ class EpisodeTask:
     def make(self, job: Job, folder: Path) -> None:
         """Make the sequence of an episode in a new folder, in this process.
 
-        A draw may be impossible (no room for a bystander, a clip that cannot be tracked). The
-        episode is then drawn again, in the same way by every worker.
+        If a draw cannot be simulated (no room for a bystander, a clip that cannot be tracked), the
+        episode is drawn again, with the same result in every worker.
         """
         for attempt in range(ATTEMPTS):
             try:
@@ -82,11 +82,11 @@ class EpisodeTask:
                 release_memory()
 
     def portable(self) -> EpisodeTask:
-        """The same task: it refers to nothing but the clips, which every machine has."""
+        """The same task: it refers only to the clips, which every machine has."""
         return self
 
     def close(self) -> None:
-        """Nothing is held between episodes."""
+        """Do nothing: an episode releases its own resources."""
 
 
 def record_episodes(
@@ -100,7 +100,7 @@ def record_episodes(
 ) -> Summary:
     """Make, or complete, the episodes of a scene in the folder `out`; see `recorder.generate`.
 
-    `world` is that of the scene itself: what its episodes are drawn from.
+    `world` is the world of the scene from which the episodes are drawn.
     """
     start, scene = time.perf_counter(), world.scene
     with errors_name_key(scene.name, "episodes.motions"):
@@ -132,7 +132,7 @@ def record_episodes(
 
 
 def _clips(scene: Scene, out: Path, strict: bool) -> tuple[ClipFile, ...]:
-    """The motion files: those of the unfinished recording if they are unchanged, or read anew."""
+    """The motion files: of the recording in `out` if they are unchanged, or else read again."""
     assert scene.episodes is not None
     if scene.episodes.clips is None:
         return ()
@@ -142,25 +142,22 @@ def _clips(scene: Scene, out: Path, strict: bool) -> tuple[ClipFile, ...]:
         files = {str(p.relative_to(folder)): p for p in clip_files(folder)}
         found = tuple(ClipFile(str(files[name].absolute()), about["seconds"], about["sha256"])
                       for name, about in known.items() if name in files)  # fmt: skip
-        if len(found) == len(known) and all(checksum(Path(c.path)) == c.sha256 for c in found):
+        if len(found) == len(known) and all(sha256(Path(c.path)) == c.sha256 for c in found):
             return found
     return find_clips(folder, strict=strict)
 
 
 def _config(world: World, clips: tuple[ClipFile, ...]) -> dict[str, Any]:
-    """What all episodes depend on but their number."""
+    """All that the episodes depend on except their number."""
     table, rig = world.scene.episodes, world.scene.rig
     config = {key: value for key, value in world.config.items() if key != "frames"}
-    if rig.name == SAMPLED:  # another one in every episode
+    if rig.name == SAMPLED:  # drawn for each episode
         config["rig"] = rig.model_dump(mode="json", exclude_none=True)
     if table is not None and table.clips is not None:
         folder = Path(table.clips).absolute()
         files = {
-            str(Path(clip.path).relative_to(folder)): {
-                "seconds": clip.seconds,
-                "sha256": clip.sha256,
-            }
-            for clip in clips
+            str(Path(c.path).relative_to(folder)): {"seconds": c.seconds, "sha256": c.sha256}
+            for c in clips
         }
         config["episodes"] = config["episodes"] | {"clips": files}
     return config

@@ -1,4 +1,4 @@
-"""From a pose to the files of one frame: images, part labels, depth and the annotation."""
+"""Render a frame and encode its files: images, part labels, depth and the annotation."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class FrameWriter:
             self._sensor = SensorSimulator(self.rig, plan, self._draw, **planes)
 
     def close(self) -> None:
-        """Give the GL context back."""
+        """Release the GL context."""
         self.renderer.close()
 
     def files(self, index: int) -> dict[str, bytes]:
-        """Suffix to content, for every file of one frame."""
+        """Content of every file of one frame, by suffix."""
         frame = self._sensor.capture(index) if self._sensor else self._instant(index)
         files: dict[str, bytes] = {}
         for view, image in zip(self.rig.views, frame.images, strict=True):
@@ -66,7 +66,7 @@ class FrameWriter:
         return files
 
     def _instant(self, index: int) -> CapturedFrame:
-        """The frame as perfect cameras see it."""
+        """Capture the frame with perfect cameras."""
         views, find_visible = self._draw(index, self.truth.time[index])
         parts = views.parts() if self.record.masks else ()
         depth = views.depth() if self.record.depth else ()
@@ -132,6 +132,6 @@ def _png(image: Array, how: Sequence[int] = _PNG) -> bytes:
 
 
 def _millimetres(depth: Float[Array, "H W"]) -> Array:
-    """16-bit millimetres; 0 where nothing was hit."""
+    """16-bit millimetres; 0 for background."""
     finite = np.where(np.isfinite(depth), depth * 1000.0, 0.0)
     return np.clip(np.rint(finite), 0, 65535).astype(np.uint16)

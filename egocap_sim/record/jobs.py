@@ -1,4 +1,4 @@
-"""What a recording is divided into: jobs, the task that does them, and executors that run tasks."""
+"""Jobs of a recording, the task that does them, and executors that run tasks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Job:
 
 
 class Entry(Protocol):
-    """What a finished job adds to a manifest; `name` is the file or folder that it made."""
+    """The manifest entry of a finished job; `name` is its file or folder."""
 
     @property
     def name(self) -> str: ...

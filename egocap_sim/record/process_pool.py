@@ -23,8 +23,8 @@ from egocap_sim.record.jobs import E, Enter, Entry, Job, Task
 
 _THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Thread counts of Mesa's software OpenGL and of the numeric libraries."""
-_DEATHS = 3  # of workers in succession without a new frame between them, before giving up
-_DEATHS_WITHOUT_JOB = 20  # the same without a finished job: one frame kills its workers
+_DEATHS = 3  # consecutive deaths of workers without a new frame, before an error
+_DEATHS_WITHOUT_JOB = 20  # the same without a finished job
 _UNFINISHED = (".shard-*.tmp", ".episode-*.tmp")  # left in the output folder by dead workers
 
 log = logging.getLogger(__name__)
@@ -41,12 +41,12 @@ class ProcessPool:
         self.workers = workers
 
     def run(self, task: Task[E], jobs: Sequence[Job], out: Path, enter: Enter[E]) -> None:
-        """Do the jobs; those of a worker that dies (out of memory, or killed) are started again.
+        """Do the jobs; restart those of a worker that dies (out of memory, or killed).
 
         Raises MachineError when workers keep dying without progress.
         """
         left = {job.index: job for job in jobs}
-        frames = mp.get_context("spawn").RawValue("Q", 0)  # no lock that a killed worker could keep
+        frames = mp.get_context("spawn").RawValue("Q", 0)  # no lock: a killed worker could keep it
         deaths = deaths_without_job = 0
         while left:
             before = len(left), frames.value
@@ -66,7 +66,7 @@ class ProcessPool:
     def _run_pool(
         self, task: Task[E], left: dict[int, Job], out: Path, enter: Enter[E], frames: Any
     ) -> None:
-        """Do what is left until a worker dies, removing each job when it is entered."""
+        """Do the jobs in `left` until a worker dies; remove each finished one."""
         workers = max(1, min(self.workers, len(left)))
         threads = max(1, (os.cpu_count() or 1) // workers)
         with _environment(dict.fromkeys(_THREADS, str(threads))):  # read as a worker starts
@@ -91,11 +91,11 @@ class ProcessPool:
 
 
 def count_frames(frames: Iterable[T]) -> Iterator[T]:
-    """Pass frames on as they are made; in a worker, the parent's count of them goes up."""
+    """Yield the frames; in a worker, increment the count that it shares with its parent."""
     for frame in frames:
         yield frame
         if _frames is not None:
-            _frames.value += 1  # two at once may count as one
+            _frames.value += 1  # not atomic: may miss one
 
 
 _task: tuple[Task[Any], Path]  # of this worker process
@@ -103,7 +103,7 @@ _frames: Any = None  # shared count of frames; None outside workers
 
 
 def _begin_worker(threads: int, frames: Any, task: Task[Any], out: Path) -> None:
-    """Set up a worker process, which ends by itself when its parent is gone."""
+    """Set up a worker process that exits when its parent exits."""
     global _frames, _task
     _frames, _task = frames, (task, out)
     parent = mp.parent_process()

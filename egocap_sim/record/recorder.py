@@ -1,4 +1,4 @@
-"""A scene in; its sequence, or its data set of episodes, on disk out."""
+"""Record a scene as a sequence or as a data set of episodes."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def generate(
     strict: bool = False,
     on_frames: Callable[[int], None] = lambda frames: None,
 ) -> Summary:
-    """Make the sequence of a scene, or its episodes, in the folder `out`; or complete it.
+    """Record the sequence or the episodes of a scene in the folder `out`, or complete them.
 
     Args:
-        scene: what is simulated.
+        scene: scene to simulate.
         out: folder of the sequence; it is created, or holds an unfinished run of the same scene.
         workers: processes that render; 0: this one.
         cluster: address of a Dask scheduler whose workers render instead.
         append: extend a finished sequence of fewer frames.
-        strict: raise for a motion file of [episodes] that cannot be read; else leave it out.
-        on_frames: called with the frames that an earlier run left, then with those that each
-            finished shard or episode adds.
+        strict: raise for a motion file of [episodes] that cannot be read, instead of skipping it.
+        on_frames: called with the number of frames of an earlier run, then with the number of
+            frames of each finished shard or episode.
 
     Raises SceneError, InputError or FileError for a bad scene, motion or output folder, before
     anything is written; MachineError when GL is missing, the disk is full or workers keep dying.

@@ -1,6 +1,6 @@
-"""Record one sequence: the motion is simulated once, then its shards are rendered as jobs.
+"""Record one sequence: simulate the motion once, then render its shards as jobs.
 
-One process owns the manifest. The bytes are the same for any executor and number of workers.
+One process writes the manifest. The bytes are the same for any executor and number of workers.
 """
 
 from __future__ import annotations
@@ -43,34 +43,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Summary:
-    """What one run recorded."""
+    """The result of one run."""
 
     folder: Path
     frames: int  # of the whole sequence
     rendered: int  # in this run
     seconds: float  # rendering wall time of this run
     bytes: int
-    physics: PhysicsStats | None  # None when nothing was left to do, and of episodes
+    physics: PhysicsStats | None  # None if the recording was complete, and of episodes
     episodes: int = 0  # 0: a single sequence
 
     @property
     def people(self) -> int:
-        """Number of wearers: every episode has another."""
+        """Number of wearers: one an episode."""
         return self.episodes or 1
 
     @property
     def frames_per_second(self) -> float:
-        """Stereo frames rendered and written a second in this run; nan when none were."""
+        """Stereo frames rendered and written a second in this run; nan without frames."""
         return self.rendered / self.seconds if self.rendered else float("nan")
 
 
 class ShardTask:
-    """Renders shards of a sequence; a worker makes its renderer for the first of them."""
+    """Renders shards of a sequence; a worker creates its renderer with the first shard."""
 
     def __init__(
         self, scene: Scene, drafts: Path | Mapping[str, bytes], world: World | None = None
     ) -> None:
-        """`drafts`: where the take was saved, or its files. `world`: given in its own process."""
+        """`drafts`: folder of the saved take, or its files. `world`: if it is in this process."""
         self._scene, self._drafts, self._world = scene, drafts, world
         self._writer: FrameWriter | None = None
 
@@ -84,7 +84,7 @@ class ShardTask:
         return write_shard(folder, job.index, job.frames.start, files)
 
     def portable(self) -> ShardTask:
-        """The same task with the content of the drafts in place of their folder."""
+        """The same task with the content of the drafts instead of their folder."""
         drafts = self._drafts
         return ShardTask(self._scene, read_drafts(drafts) if isinstance(drafts, Path) else drafts)
 
@@ -149,12 +149,12 @@ def _manifest(world: World) -> Manifest:
 
 
 def _check_start(world: World, old: Truth) -> None:
-    """Raise InputError unless a longer sequence begins like the shorter one that is there."""
+    """Raise InputError unless the longer sequence begins with the recorded shorter one."""
     frames = len(old.time)
     alike = np.array_equal(old.T_world_body, world.take.truth.T_world_body[:frames])
     if not alike or World(world.scene, Take(old, None)).clear_radius != world.clear_radius:
         raise InputError(
-            "the sequence cannot be made longer: with more frames its beginning would differ",
+            "the sequence cannot be extended: with more frames its beginning would differ",
             valid="another --out",
         )
 
@@ -179,7 +179,7 @@ def _json_file(content: object) -> bytes:
 
 
 def _finish(writer: SequenceWriter, take: Take) -> None:
-    """Add the visibility that rendering found to the truth, and record the truth last of all."""
+    """Add the rendered visibility to the truth and write the truth as the last file."""
     shards = _Shards(writer)
     annotations = [shards.annotation(i) for i in range(writer.manifest.frames)]
     views = writer.manifest.views
@@ -196,7 +196,7 @@ def _finish(writer: SequenceWriter, take: Take) -> None:
 
 
 class _Shards(Sequence):
-    """The frames of a sequence whose shards are all there but whose truth is not yet."""
+    """The frames of a sequence that has all shards but no truth yet."""
 
     def __init__(self, writer: SequenceWriter) -> None:
         self.folder, self.manifest = writer.folder, writer.manifest

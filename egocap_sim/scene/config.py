@@ -1,7 +1,7 @@
-"""Scene files: who, wearing which rig, does what, where, and what is recorded of it.
+"""Scene files: rig, person, motion, place, bystanders, props, sensor and recording.
 
 A scene is TOML; every key has a default but the name and the motion. Unknown keys, wrong types and
-impossible values are errors that name the file and the key.
+values out of range are errors that name the file and the key.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from egocap.schema import Number, Strict, checked, read_toml
 from egocap_sim.sensor.config import SensorTable, Share
 
 Whole = Annotated[int, Field(strict=True)]
-"""A whole number; text and booleans are not numbers."""
+"""An integer; text and booleans are refused."""
 Switch = Annotated[bool, Field(strict=True)]
 Pixels = Annotated[int, Field(strict=True, ge=64, le=8192)]
 
 
 def _plain(value: Any) -> Any:
-    """A value TOML can hold on one line; what a motion makes of it is the motion's affair."""
+    """Check that TOML can hold the value on one line; the motion checks its meaning."""
     if isinstance(value, list | tuple) and all(isinstance(item, str) for item in value):
         return list(value)
     if not isinstance(value, str | int | float):
@@ -47,36 +47,32 @@ class RigTable(Strict):
 
 
 class PersonTable(Strict):
-    """The wearer. What is left out is drawn from the seed."""
+    """The wearer. Missing values are drawn from the seed."""
 
     sex: Literal["female", "male"] | None = None
     height_m: Number | None = Field(default=None, ge=1.40, le=2.10)
     age_years: Number | None = Field(default=None, ge=18, le=90)
     skin_tone: Number | None = Field(default=None, ge=0, le=1)  # light to dark
     phenotype: dict[str, Number] = {}  # weight, muscle, ...: egocap_sim.human.body.phenotype
-    outfit: dict[
-        str, str
-    ] = {}  # top, bottom, shoes, hair, fabrics: egocap_sim.human.clothing.outfit
-    headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": what the rig is worn on
+    outfit: dict[str, str] = {}  # garments and fabrics: egocap_sim.human.clothing.outfit
+    headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": the one of the rig
 
 
 class MotionTable(Strict):
-    """What the person does: a procedural motion by name, or a clip file."""
+    """The wearer's motion: a procedural motion by name, or a clip file."""
 
     name: str | None = None
     parameters: dict[str, Parameter] = {}  # of a procedural motion
     file: str | None = None  # BVH or npz; path relative to the scene file
     start_s: Number = Field(default=0.0, ge=0)
-    up: Literal["y", "z"] | None = None  # None: recognised from the file
+    up: Literal["y", "z"] | None = None  # None: detected from the file
     unit: Literal["m", "cm", "mm", "inch", "foot", "cmu"] | None = None
     joint_names: str | None = None  # TOML file that maps bodies to the file's joint names
-    length_s: Number | None = Field(
-        default=None, ge=0.5, le=3600
-    )  # of it to make or use; None: all
-    mirrored: Switch = False  # a clip with left and right exchanged
-    speed: Number = Field(default=1.0, ge=0.5, le=2.0)  # a clip's, in its own
-    then: str | None = None  # clip that it passes into half-way through `length_s`
-    then_start_s: Number = Field(default=0.0, ge=0)  # where in that one
+    length_s: Number | None = Field(default=None, ge=0.5, le=3600)  # to make or use; None: all
+    mirrored: Switch = False  # exchange left and right of a clip
+    speed: Number = Field(default=1.0, ge=0.5, le=2.0)  # playback speed of a clip
+    then: str | None = None  # second clip, blended in half-way through `length_s`
+    then_start_s: Number = Field(default=0.0, ge=0)  # start time in the second clip
 
     @model_validator(mode="after")
     def _one_source(self) -> MotionTable:
@@ -95,29 +91,29 @@ class MotionTable(Strict):
         if self.file is not None and self.parameters:
             raise ValueError("'parameters' are for a procedural motion, not for a clip")
         if self.then is not None and self.length_s is None:
-            raise ValueError("'then' needs 'length_s': it passes into the other half-way")
+            raise ValueError("'then' requires 'length_s': the clips are joined half-way")
         return self
 
 
 class PlaceTable(Strict):
-    """Where it happens."""
+    """The surroundings."""
 
     name: str = "room"
-    clear_radius: Number = Field(default=2.0, ge=0.5, le=15)  # metres around the origin kept free
+    clear_radius: Number = Field(default=2.0, ge=0.5, le=15)  # metres around the origin, kept free
     light: Literal["day", "dusk"] = "day"
-    contact: Switch = True  # the floor is darker under what touches it
-    textures: str | None = None  # folder of pictures for floors and walls, relative to the file
-    panorama: str | None = None  # equirectangular picture of what is far away, in place of the sky
+    contact: Switch = True  # contact shadows on the floor
+    textures: str | None = None  # folder of images for floors and walls, relative to the file
+    panorama: str | None = None  # equirectangular image in place of the sky
 
 
 class OthersTable(Strict):
-    """Other people around the wearer; they take turns in the behaviours."""
+    """Bystanders; the behaviours are assigned to them in turn."""
 
     count: Whole = Field(default=0, ge=0, le=12)
     behaviours: tuple[Literal["walk_by", "stand", "gesture", "approach", "shake_hands"], ...] = (
         Field(default=("walk_by", "gesture", "approach", "stand"), min_length=1)
     )
-    nearest_m: Number = Field(default=0.75, ge=0.6, le=10)  # from the wearer, of those who stand
+    nearest_m: Number = Field(default=0.75, ge=0.6, le=10)  # from the wearer, of standing ones
     farthest_m: Number = Field(default=2.0, gt=0, le=14)  # as long as there is room
 
     @model_validator(mode="after")
@@ -128,31 +124,34 @@ class OthersTable(Strict):
 
 
 class ThingTable(Strict):
-    """Something used, or in the way: `egocap_sim.props.registry`."""
+    """A prop: `egocap_sim.props.registry`."""
 
     kind: str
-    hand: Literal["left", "right"] | None = None  # that holds it; None: the right
+    hand: Literal["left", "right"] | None = None  # hand that holds it; None: the right
 
 
 class EpisodesTable(Strict):
-    """Episodes instead of one sequence: each of another person, place, rig (if sampled) and motion,
-    drawn from the scene's seed and the episode's number. `[others] count` is then the most."""
+    """A data set of episodes instead of one sequence.
 
-    frames: tuple[Whole, Whole] = (25, 100)  # of each: least and most
-    motions: tuple[str, ...] = ()  # procedural ones, each as likely; empty: the scene's own
-    clips: str | None = None  # folder of BVH and npz files to mix in, relative to the file
-    clip_share: Share = 0.5  # of the episodes, where there are clips
-    dusk: Share = 0.0  # of the episodes
+    Person, place, motion and, if sampled, rig are drawn for each episode from the scene's seed and
+    the episode's number. `[others] count` is the maximum.
+    """
+
+    frames: tuple[Whole, Whole] = (25, 100)  # of each: minimum and maximum
+    motions: tuple[str, ...] = ()  # procedural, with equal probability; empty: the scene's own
+    clips: str | None = None  # folder of BVH and npz files, relative to the file
+    clip_share: Share = 0.5  # share of episodes with a clip, if there are clips
+    dusk: Share = 0.0  # share of episodes at dusk
 
     @model_validator(mode="after")
     def _least_before_most(self) -> EpisodesTable:
         if not 1 <= self.frames[0] <= self.frames[1] <= 10_000:
-            raise ValueError("'frames' must be the least and the most, 1 to 10000")
+            raise ValueError("'frames' must be the minimum and the maximum, 1 to 10000")
         return self
 
 
 class RecordTable(Strict):
-    """How it is rendered and what is written."""
+    """Rendering quality and recorded data."""
 
     image_format: Literal["jpg", "png"] = "jpg"
     jpeg_quality: Whole = Field(default=95, ge=1, le=100)
@@ -164,7 +163,7 @@ class RecordTable(Strict):
 
 
 class Scene(Strict):
-    """One scene, as its file says it."""
+    """The content of a scene file."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,79}$")
     frames: Whole = Field(default=250, ge=1, le=1_000_000)
@@ -177,18 +176,17 @@ class Scene(Strict):
     others: OthersTable = OthersTable()
     things: tuple[ThingTable, ...] = ()
     record: RecordTable = RecordTable()
-    sensor: SensorTable | None = None  # None: perfect pictures
+    sensor: SensorTable | None = None  # None: perfect cameras
     episodes: EpisodesTable | None = None  # None: one sequence
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene file; FileError names the key that is wrong. Paths in it become absolute."""
+    """Read a scene file and make its paths absolute. Raises FileError with the invalid key."""
     data = _with_absolute_paths(read_toml(path), path.resolve().parent)
     return checked(Scene, data, path)
 
 
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Scene files name other files relative to themselves."""
     for table, key in (
         ("rig", "file"),
         ("motion", "file"),
@@ -223,11 +221,8 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml_value, value)) + "]"
     if isinstance(value, dict):
-        return (
-            "{ "
-            + ", ".join(f"{_toml_value(k)} = {_toml_value(v)}" for k, v in value.items())
-            + " }"
-        )
+        pairs = ", ".join(f"{_toml_value(k)} = {_toml_value(v)}" for k, v in value.items())
+        return f"{{ {pairs} }}"
     return repr(value)
 
 

@@ -1,8 +1,7 @@
-"""Random stereo rigs, so that a detector need not know one rig only.
+"""Sample random stereo rigs, for training detectors on many rigs.
 
-What a rig of the literature or a workshop could be: two like cameras on a headset, glasses or a
-helmet's arms, never quite alike and never mounted quite as drawn. The numbers are made up within
-the ranges of the published rigs.
+A rig has two cameras of one lens design on a headset, glasses or helmet arms, with manufacturing
+and mounting tolerances. The ranges are those of published rigs.
 """
 
 from __future__ import annotations
@@ -19,24 +18,24 @@ from egocap.geometry import axis_angle, rigid, unit
 from egocap_sim.core.resources import SAMPLED
 
 SIZE = (1280, 1024)  # pixels
-BROW_M = 0.12  # of the skull base, forward: where a head ends and `forward` begins
+BROW_M = 0.12  # from the skull base forward to the brow
 BASELINE_M = (0.06, 0.50)
-FORWARD_M = (0.02, 0.30)  # past the brow
-UP_M = (0.04, 0.18)  # above the skull base: between the eyes and above the brow
+FORWARD_M = (0.02, 0.30)  # before the brow
+UP_M = (0.04, 0.18)  # above the skull base: from the eyes to above the brow
 PITCH_DEG = (50.0, 100.0)
 TOE_OUT_DEG = (-5.0, 20.0)
 FOV_DEG = (140.0, 220.0)
-FILL = (0.9, 1.2)  # diameter of the lens's circle, in image widths
+FILL = (0.9, 1.2)  # diameter of the image circle, in image widths
 MODELS = ("equidistant", "kannala_brandt", "ocam")
 
-_MOUNT_DEG, _MOUNT_M = 1.5, 0.003  # standard deviations of how a camera was put on
-_BEND = (-0.07, 0.03)  # of r = theta + bend theta^3: from equisolid's -1/24 past stereographic's
+_MOUNT_DEG, _MOUNT_M = 1.5, 0.003  # standard deviations of the mounting error
+_BEND = (-0.07, 0.03)  # in r = theta + bend theta^3; equisolid: -1/24
 _TRIES = 100
-_HEADSET_M, _HELMET_M = 0.10, 0.05  # past the brow: where cameras are clear of what is worn
+_HEADSET_M, _HELMET_M = 0.10, 0.05  # before the brow: cameras farther out are clear of it
 
 
 def sample_rig(rng: np.random.Generator) -> Rig:
-    """A rig of two cameras, 'left' and 'right', that every part of the program accepts."""
+    """Sample a rig of two cameras, 'left' and 'right'."""
     baseline, forward = rng.uniform(*BASELINE_M), BROW_M + rng.uniform(*FORWARD_M)
     up, pitch = rng.uniform(*UP_M), rng.uniform(*PITCH_DEG)
     toe_out, fov = rng.uniform(*TOE_OUT_DEG), rng.uniform(*FOV_DEG)
@@ -46,12 +45,12 @@ def sample_rig(rng: np.random.Generator) -> Rig:
         R = camera_rotation(pitch, side * toe_out)
         tilt = axis_angle(unit(rng.normal(size=3)), np.deg2rad(rng.normal(0, _MOUNT_DEG)))
         place = np.array([forward, side * baseline / 2, up]) + rng.normal(0, _MOUNT_M, 3)
-        mounts.append(Mount(name, lens.made(rng), rigid(R @ tilt, place)))
+        mounts.append(Mount(name, lens.sample_camera(rng), rigid(R @ tilt, place)))
     return Rig(SAMPLED, tuple(mounts))
 
 
 def headgear_for(rig: Rig, rng: np.random.Generator) -> str:
-    """What such a rig may be worn on: 'helmet', 'headset' or 'none', clear of its cameras."""
+    """Sample what the rig is mounted on, clear of its cameras: 'helmet', 'headset' or 'none'."""
     forward = rig.T_head_camera[:, 0, 3].min() - BROW_M
     choices = ["none"]
     if forward > _HELMET_M:
@@ -62,7 +61,7 @@ def headgear_for(rig: Rig, rng: np.random.Generator) -> str:
 
 
 class _Lens:
-    """A product: every camera made of it differs a little from the others."""
+    """A lens design; its cameras differ by manufacturing tolerances."""
 
     def __init__(self, rng: np.random.Generator, fov_deg: float) -> None:
         self.model = str(rng.choice(MODELS))
@@ -70,12 +69,12 @@ class _Lens:
         self.circle = SIZE[0] * rng.uniform(*FILL) / 2
         for _ in range(_TRIES):
             self.bend = (rng.uniform(*_BEND), rng.normal(0, 0.002))
-            if self._grows():
+            if self._valid():
                 return
-        raise AssertionError(f"no lens grows to {fov_deg} degrees")
+        raise AssertionError(f"no monotonic lens of {fov_deg} degrees found")
 
-    def made(self, rng: np.random.Generator) -> Camera:
-        """One camera."""
+    def sample_camera(self, rng: np.random.Generator) -> Camera:
+        """Sample a camera with this lens."""
         width, height = SIZE
         centre = (np.array(SIZE) - 1) / 2 + rng.normal(0, 0.01 * width, 2)
         focal = self.circle / float(self._radius(self.max_angle)) * (1 + rng.normal(0, 0.005))
@@ -95,19 +94,19 @@ class _Lens:
         bend = (0.0, 0.0) if self.model == "equidistant" else self.bend
         return np.asarray(theta + bend[0] * theta**3 + bend[1] * theta**5)
 
-    def _grows(self) -> bool:
-        """Whether the lens grows clearly to its rim, and its model can say so."""
+    def _valid(self) -> bool:
+        """Whether the radius grows with the angle up to the rim, and Camera accepts the lens."""
         theta = np.linspace(0, 1.05 * self.max_angle, 200)
         if np.diff(self._radius(theta)).min() < 0.3 * (theta[1] - theta[0]):
             return False
         try:
-            self.made(np.random.default_rng(0))
+            self.sample_camera(np.random.default_rng(0))
         except InputError:
             return False
         return True
 
     def _polynomial(self, focal: float) -> tuple[float, ...]:
-        """OCam's f(rho) of this lens, without a linear term as in OCamCalib, by least squares."""
+        """Fit OCam's f(rho), without the linear term as in OCamCalib, by least squares."""
         theta = np.linspace(0.01, self.max_angle, 200)
         rho = focal * self._radius(theta)
         powers = np.array([0, 2, 3, 4, 5, 6])

@@ -1,4 +1,4 @@
-"""A scene's rig table in; the rig, and what it is worn on, out."""
+"""Resolve a scene's rig table to a rig and the headgear that carries it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from egocap_sim.scene.config import RigTable
 from egocap_sim.scene.rig_sampler import headgear_for, sample_rig
 
 DEFAULT_RIG = "egorig1"
-_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # that the built-in rigs are mounted on
+_HEADGEAR = {"egorig1": "helmet", "egorig2": "headset"}  # of the built-in rigs
 
 
 def resolve_rig(table: RigTable, seed: int) -> Rig:
@@ -25,7 +25,7 @@ def resolve_rig(table: RigTable, seed: int) -> Rig:
 
 
 def resolve_headgear(table: RigTable, rig: Rig, seed: int) -> str:
-    """What carries the rig: 'helmet', 'headset' or 'none'; drawn from the seed if it is sampled."""
+    """The rig's carrier: 'helmet', 'headset' or 'none'; of a sampled rig, drawn from the seed."""
     if table.name == SAMPLED:
         return headgear_for(rig, make_rng(seed, "headgear"))
     return _HEADGEAR.get(rig.name, "helmet")

@@ -1,4 +1,4 @@
-"""The error of a scene that cannot be simulated: it names the table or key at fault."""
+"""The error of a scene that cannot be simulated; it names the invalid table or key."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from egocap.errors import InputError
 
 
 class SceneError(InputError):
-    """A table of a scene, `key`, asks for something that cannot be made."""
+    """The value of `key` in a scene cannot be simulated."""
 
     def __init__(self, scene: str, key: str, problem: str) -> None:
         super().__init__(f"scene '{scene}', key '{key}': {problem}")
@@ -20,7 +20,7 @@ class SceneError(InputError):
 def errors_name_key(scene: str, key: str) -> Iterator[None]:
     """Turn an InputError into a SceneError for a key of the scene of this name.
 
-    Errors of files pass, since they name the file, and so do those that name a key already.
+    FileErrors, which name the file, and SceneErrors pass unchanged.
     """
     try:
         yield

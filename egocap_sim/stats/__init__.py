@@ -1,4 +1,4 @@
-"""Sequences in; counts of what they contain, and one HTML page of them, out.
+"""Sequences in; statistics of their content, and one HTML page of them, out.
 
-They are read one by one: memory does not grow with their number.
+One sequence is in memory at a time.
 """

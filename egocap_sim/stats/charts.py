@@ -1,4 +1,4 @@
-"""The page's pictures, each an SVG drawn from the counts."""
+"""Charts of the statistics page, as SVG."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy import ndarray as Array
 
@@ -33,13 +32,13 @@ _STYLE = {
 }  # fmt: skip
 
 
-def visibility(stats: Statistics) -> str:
-    """Per joint, in what share of frames and views it is seen, or why not; a dot for any view."""
+def visibility(figure: Figure, stats: Statistics) -> None:
+    """Draw the shares of visible, occluded and out of view of each joint; a dot for any view."""
     total = stats.total
     share = 100 * total / total.sum(1, keepdims=True)
-    figure, axes = _figure(8.6, 4.6)
+    axes = figure.subplots()
     left = np.zeros(len(LABELS))
-    order = (0, 2, 3, 1)  # seen, hidden twice, out of view
+    order = (0, 2, 3, 1)  # visible, both kinds of occlusion, out of view
     for cause in order:
         axes.barh(_NAMES, share[:, cause], left=left, color=_CAUSE_COLORS[cause],
                   label=CAUSES[cause], height=0.78)  # fmt: skip
@@ -49,23 +48,19 @@ def visibility(stats: Statistics) -> str:
     axes.set(xlim=(0, 100), xlabel="% of images")
     axes.invert_yaxis()
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
-    return _svg(figure)
 
 
-def heat_maps(stats: Statistics, view: str) -> str:
-    """Where in the image of a view each joint is, of the frames in which it is in view."""
-    figure = Figure(figsize=(8.6, 4.0), layout="constrained")
+def heat_maps(figure: Figure, stats: Statistics, view: str) -> None:
+    """Draw image-position histograms of each joint in view."""
     grid = figure.subplots(3, 6)
     for axes, name, heat in zip(grid.flat, _NAMES, stats.heat[view], strict=True):
         axes.imshow(np.sqrt(heat), cmap="magma", interpolation="nearest", aspect="equal")
         axes.set_title(name, fontsize=8)
         axes.set(xticks=[], yticks=[])
-    return _svg(figure)
 
 
-def people(stats: Statistics) -> str:
-    """Heights and ages of the distinct people."""
-    figure = Figure(figsize=(8.6, 2.3), layout="constrained")
+def people(figure: Figure, stats: Statistics) -> None:
+    """Draw histograms of height, age and mass of the distinct people."""
     first, second, third = figure.subplots(1, 3)
     people_ = list(stats.persons.values())
     for axes, key, bins, label in (
@@ -79,12 +74,10 @@ def people(stats: Statistics) -> str:
         axes.set(xlabel=label)
     first.set_ylabel("people")
     first.legend(frameon=False, fontsize=8)
-    return _svg(figure)
 
 
-def hands(stats: Statistics) -> str:
-    """Where the hands are, seen from above and from the left, the head at the cross."""
-    figure = Figure(figsize=(8.6, 2.5), layout="constrained")
+def hands(figure: Figure, stats: Statistics) -> None:
+    """Draw hand positions from above and from the left; the cross is the head."""
     grid = figure.subplots(1, 4)
     low = -2 * REACH_M + 0.4
     titles = [f"{side} hand, {how}" for side in ("left", "right")
@@ -103,12 +96,10 @@ def hands(stats: Statistics) -> str:
         axes.set(xlabel="m to the left" if above else "m forward")
     grid[0].set_ylabel("m forward")
     grid[1].set_ylabel("m up")
-    return _svg(figure)
 
 
-def angles(stats: Statistics) -> str:
-    """How far joints are bent."""
-    figure = Figure(figsize=(8.6, 2.3), layout="constrained")
+def angles(figure: Figure, stats: Statistics) -> None:
+    """Draw histograms of joint angles."""
     grid = figure.subplots(1, len(ANGLES) // 2)
     edges = np.linspace(0, 180, stats.angles.shape[1] + 1)
     for i, axes in enumerate(grid):
@@ -120,12 +111,10 @@ def angles(stats: Statistics) -> str:
         axes.set(xlim=(0, 180), xticks=(0, 60, 120, 180), xlabel="degrees")
     grid[0].set_ylabel("% of frames")
     grid[0].legend(frameon=False, fontsize=8)
-    return _svg(figure)
 
 
-def contacts(stats: Statistics) -> str:
-    """On which feet people stand, and with what force."""
-    figure = Figure(figsize=(8.6, 2.2), layout="constrained")
+def contacts(figure: Figure, stats: Statistics) -> None:
+    """Draw foot contacts and the ground force."""
     first, second, third = figure.subplots(1, 3)
     first.bar(("none", "left", "right", "both"), _percent(stats.stance), color=_BAR)
     first.set(ylabel="% of frames", title="feet on the ground")
@@ -136,36 +125,34 @@ def contacts(stats: Statistics) -> str:
     third.stairs(_percent(stats.force), np.linspace(0, FORCE_MOST, len(stats.force) + 1),
                  color=_BAR, fill=True)  # fmt: skip
     third.set(title="ground force, body weights", xlim=(0, FORCE_MOST))
-    return _svg(figure)
 
 
-CHARTS: dict[str, Callable[[Statistics], str]] = {
-    "people": people, "hands": hands, "angles": angles, "visibility": visibility,
-    "contacts": contacts,
-}  # fmt: skip
-"""Name in the page's template -> what draws it."""
+CHARTS: dict[str, tuple[float, Callable[[Figure, Statistics], None]]] = {
+    "people": (2.3, people),
+    "hands": (2.5, hands),
+    "angles": (2.3, angles),
+    "visibility": (4.6, visibility),
+    "contacts": (2.2, contacts),
+}
+"""Name in the page's template: height in inches, and the function that draws the chart."""
 
 _NAMES = [label.replace("_", " ") for label in LABELS]
 
 
-def _percent(counts: Array) -> Float[Array, "n"]:
-    return 100 * counts / max(counts.sum(), 1)
+def draw(stats: Statistics) -> dict[str, str]:
+    """Draw every chart as an SVG data URL, by name, and 'heat VIEW' for each view."""
+    with rc_context(_STYLE):  # pyright: ignore[reportArgumentType]
+        charts = {name: _svg(height, chart, stats) for name, (height, chart) in CHARTS.items()}
+        return charts | {f"heat {view}": _svg(4.0, heat_maps, stats, view) for view in stats.heat}
 
 
-def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots()
-
-
-def _svg(figure: Figure) -> str:
-    """The figure as a data address for an <img>."""
+def _svg(height: float, chart: Callable[..., None], *arguments: object) -> str:
+    figure = Figure(figsize=(8.6, height), layout="constrained")
+    chart(figure, *arguments)
     content = io.BytesIO()
     figure.savefig(content, format="svg", metadata={"Date": None})
     return "data:image/svg+xml;base64," + base64.b64encode(content.getvalue()).decode()
 
 
-def draw(stats: Statistics) -> dict[str, str]:
-    """Every chart, and 'heat VIEW' for the views."""
-    with rc_context(_STYLE):  # pyright: ignore[reportArgumentType]
-        drawn = {name: make(stats) for name, make in CHARTS.items()}
-        return drawn | {f"heat {view}": heat_maps(stats, view) for view in stats.heat}
+def _percent(counts: Array) -> Float[Array, "n"]:
+    return 100 * counts / max(counts.sum(), 1)

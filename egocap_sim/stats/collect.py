@@ -1,4 +1,4 @@
-"""Count what sequences contain, one at a time: only one sequence's truth is in memory."""
+"""Collect statistics of sequences, with the truth of one at a time in memory."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from egocap.data.sequence import VISIBLE, Manifest, Sequence, Truth
 from egocap.geometry import GRAVITY, unit
 from egocap.schema import read_json
 
-CAUSES = ("visible", "out of view", "hidden by the wearer", "hidden by others")
+CAUSES = ("visible", "out of view", "hidden by the wearer", "hidden by others")  # by code
 HEAT = (40, 50)  # rows, columns of the image position maps
-REACH_M = 1.1  # of the hand maps, from the head, to every side
+REACH_M = 1.1  # half the width of the hand maps, centred on the head
 HAND_BINS = 44
 ANGLE_BINS = 36  # over 180 degrees
 FORCE_BINS = 40
 FORCE_MOST = 4.0  # body weights
 
-_ANGLES = {  # joint: the three points whose bend it is
+_ANGLES = {  # name: three labels; the angle is at the second
     f"{side} {joint}": (f"{side}_{a}", f"{side}_{b}", f"{side}_{c}")
     for joint, (a, b, c) in {
         "elbow": ("shoulder", "elbow", "wrist"),
@@ -39,7 +39,7 @@ ANGLES = tuple(_ANGLES)
 
 @dataclass(frozen=True)
 class Row:
-    """One sequence in a line."""
+    """The table row of one sequence."""
 
     folder: str
     name: str
@@ -77,12 +77,12 @@ class Statistics:
 
     @property
     def total(self) -> Int[Array, "J 4"]:
-        """How often each joint has each cause, over all views."""
+        """Counts of each cause for each joint, over all views."""
         return np.sum(list(self.causes.values()), axis=0)
 
     @property
     def visible(self) -> Float[Array, "J"]:
-        """Share of frames and views in which each joint is seen."""
+        """Share of frames and views in which each joint is visible."""
         return self.total[:, VISIBLE] / self.total.sum(1)
 
     @property
@@ -92,7 +92,7 @@ class Statistics:
         return np.sqrt(np.maximum(square - mean**2, 0.0).sum(1))
 
     def add(self, folder: Path) -> None:
-        """Count the sequence in a folder in. Raises FileError for a broken one."""
+        """Add the sequence in a folder. Raises FileError for a broken one."""
         recording = Sequence(folder)
         truth, manifest = recording.truth, recording.manifest
         person = _person(recording.folder)
@@ -128,7 +128,7 @@ class Statistics:
             self.hands[h, 1] += np.histogram2d(x, z, HAND_BINS, below)[0].astype(int)
         for a, points in enumerate(_ANGLES.values()):
             bend = joint_bend(*(joints[:, LABEL_INDEX[p]] for p in points))
-            if ANGLES[a].endswith("raised"):  # against the trunk: a hanging arm is at 0
+            if ANGLES[a].endswith("raised"):  # measured from the trunk: 0 for a hanging arm
                 bend = np.pi - bend
             self.angles[a] += np.histogram(np.degrees(bend), ANGLE_BINS, (0, 180))[0]
 
@@ -136,13 +136,13 @@ class Statistics:
 def joint_bend(
     a: Float[Array, "T 3"], b: Float[Array, "T 3"], c: Float[Array, "T 3"]
 ) -> Float[Array, "T"]:
-    """Radians by which the path a-b-c bends at b: 0 where it is straight."""
+    """Angle in radians by which the path a-b-c bends at b; 0 for a straight path."""
     cosine = (unit(b - a) * unit(c - b)).sum(-1)
     return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 def _heat(pixels: Array, in_view: Array, size: tuple[int, int]) -> Array:
-    """How often each joint is in each cell of the image (J, *HEAT)."""
+    """Counts of each joint in each cell of the image (J, *HEAT)."""
     rows, columns = HEAT
     cell = (pixels + 0.5) / size * (columns, rows)
     heat = np.zeros((pixels.shape[1], rows * columns), int)

@@ -1,4 +1,4 @@
-"""One self-contained HTML page of what a set of sequences contains."""
+"""Summarise statistics as numbers and as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ROWS_SHOWN = 200
 
 
 def summary(stats: Statistics) -> dict[str, Any]:
-    """The numbers of the page, JSON-ready. Shares are percentages."""
+    """The numbers of the page, as JSON values. Shares are percentages."""
     heights = [p["height_m"] for p in stats.persons.values() if "height_m" in p]
     total = stats.total
     share = 100 * total / total.sum(1, keepdims=True)
@@ -27,10 +27,7 @@ def summary(stats: Statistics) -> dict[str, Any]:
         "bytes": sum(row.bytes for row in stats.rows),
         "people": len(stats.persons),
         "height_m": [min(heights), float(np.mean(heights)), max(heights)] if heights else None,
-        "rigs": _tally(row.rig for row in stats.rows),
-        "places": _tally(row.place for row in stats.rows),
-        "motions": _tally(row.motion for row in stats.rows),
-        "sensors": _tally(row.sensor for row in stats.rows),
+        **{f"{key}s": _tally(stats, key) for key in ("rig", "place", "motion", "sensor")},
         "dropped_images": 100 * stats.dropped / images,
         "joints": {
             label: dict(zip((c.replace(" ", "_") for c in CAUSES), share[j].tolist(), strict=True))
@@ -44,7 +41,7 @@ def summary(stats: Statistics) -> dict[str, Any]:
 
 
 def render_page(stats: Statistics) -> str:
-    """The page as HTML; it needs nothing beside itself."""
+    """Render the page as HTML with embedded charts."""
     from jinja2 import Environment, StrictUndefined
 
     from egocap_sim.stats.charts import draw
@@ -61,6 +58,6 @@ def render_page(stats: Statistics) -> str:
     )
 
 
-def _tally(values: Any) -> dict[str, int]:
-    """How many sequences have each value, the commonest first."""
-    return dict(Counter(value for value in values if value).most_common())
+def _tally(stats: Statistics, key: str) -> dict[str, int]:
+    """Number of sequences with each value of a column, in descending order."""
+    return dict(Counter(filter(None, (getattr(row, key) for row in stats.rows))).most_common())

@@ -1,7 +1,7 @@
 """A simulated person's proportions on the tracker's skeleton.
 
-The two skeletons differ on purpose: the simulated trunk bends at two joints below the chest, the
-tracker's at one, and the simulated joints are balls where the tracker has hinges.
+The skeletons differ on purpose: the simulated trunk bends at two joints below the chest, the
+tracker's at one, and simulated ball joints correspond to hinges of the tracker.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _SIDE_JOINTS = {
 def measure_proportions(person: Person) -> Proportions:
     """Measure a person at rest; the head frame's origin is the simulated head joint.
 
-    Raises InputError when the person has bones that no person has.
+    Raises InputError for bone lengths outside the human range.
     """
     joint = {name: person.joints[i] - person.joints[INDEX["head"]] for name, i in INDEX.items()}
     points = {

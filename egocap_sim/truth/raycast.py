@@ -1,31 +1,29 @@
 """Joint visibility by rays cast in MuJoCo: an independent check of the renderer's.
 
-The surfaces are posed here without the renderer's code and intersected by `mju_raySkin`. The rule
-is that of `truth.visibility` over five times as many points of skin, so that the two differ only
-where a joint is partly hidden.
+This module poses the surfaces without the renderer's code and intersects them by `mju_raySkin`. It
+applies the rule of `truth.visibility` to five times as many points of skin, so that the two results
+differ only for partly hidden joints.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
-from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
+from egocap.data.sequence import OUT_OF_VIEW
 from egocap.geometry import inverse, transform
 from egocap_sim.assets.mesh import Actor, Mesh
 from egocap_sim.core.bodies import INDEX
-from egocap_sim.core.part_labels import BACKGROUND, RIG, WEARER_FIRST, WEARER_LAST
+from egocap_sim.core.part_labels import BACKGROUND
 from egocap_sim.human.body.person import Person
-from egocap_sim.truth.visibility import CLOTH_M, PATCH, SHARE, parts_around, patch_around
+from egocap_sim.truth.visibility import CLOTH_M, SkinPoints, classify, parts_around
 
 EVERY = 2  # one in so many vertices of a patch is tested
-BORDER = 0.12  # a share of visible points this near to the threshold depends on the sampling
+BORDER = 0.12  # a visible share closer to the threshold than this depends on the sampling
 
 
 class Surfaces:
@@ -41,7 +39,7 @@ class Surfaces:
         self._vertices = np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float32)
 
     def pose(self, skinning: Mapping[str, Float[Array, "B 4 4"]]) -> None:
-        """Move the actors' vertices: v' = sum_k w_k S[b_k] v. Rigid ones stay."""
+        """Move the actors' vertices: v' = sum_k w_k S[b_k] v. Meshes without bones stay."""
         first = 0
         for actor in self._actors:
             for mesh in actor.meshes:
@@ -69,49 +67,38 @@ class Surfaces:
         return distance, part
 
 
-@dataclass(frozen=True, eq=False)
-class RayResult:
-    """Visibility of the joints in one frame, by rays."""
-
-    visibility: UInt8[Array, "V 18"]
-    share: Float[Array, "V 18"]  # of the points around each joint that are visible
-
-
 class RayVisibility:
     """Computes the visibility of one person's joints by rays."""
 
     def __init__(self, person: Person, rig: Rig, surfaces: Surfaces) -> None:
         self._rig, self._surfaces = rig, surfaces
-        chosen = np.array([patch_around(person, label)[:PATCH:EVERY] for label in LABELS])
-        self._body = person.body_owner[chosen].astype(int)  # (18, S)
-        self._offset = person.body_vertices[chosen] - person.joints[self._body]
+        self._points = SkinPoints.around_joints(person, EVERY)
 
     def at(
         self,
         T_world_body: Float[Array, "21 4 4"],
         skinning: Mapping[str, Float[Array, "B 4 4"]],
         in_view: Bool[Array, "V 18"],
-    ) -> RayResult:
-        """Visibility at one instant; `in_view`: joints inside lens and image."""
+    ) -> tuple[UInt8[Array, "V 18"], Float[Array, "V 18"]]:
+        """Visibility at one instant, and the share of the points around each joint that show.
+
+        `in_view`: joints inside lens and image. The share is 0 outside the view.
+        """
         self._surfaces.pose(skinning)
-        skin = transform(T_world_body[self._body], self._offset[..., None, :])[..., 0, :]
+        points = self._points.pose(T_world_body)
         visibility = np.full(in_view.shape, OUT_OF_VIEW, np.uint8)
         share = np.zeros(in_view.shape)
         for v, mount in enumerate(self._rig.mounts):
+            wanted = in_view[v]
             T_world_camera = T_world_body[INDEX["head"]] @ mount.T_head_camera
+            skin = points[wanted]
             inside = mount.camera.project(transform(inverse(T_world_camera), skin))[1]
-            for j in np.flatnonzero(in_view[v]):
-                away = skin[j] - T_world_camera[:3, 3]
-                depth = np.linalg.norm(away, axis=-1)
-                surface, part = self._surfaces.hit(T_world_camera[:3, 3], away / depth[:, None])
-                own = parts_around()[j, part] | (part == BACKGROUND)
-                shows = inside[j] & (depth <= surface + CLOTH_M) & own
-                mine = (part >= WEARER_FIRST) & (part <= WEARER_LAST) | (part == RIG)
-                hidden = ~shows & inside[j]
-                by_others = (hidden & ~mine).sum() > (hidden & mine).sum()
-                share[v, j] = shows.mean()
-                if share[v, j] >= SHARE:
-                    visibility[v, j] = VISIBLE
-                else:
-                    visibility[v, j] = OCCLUDED if by_others else SELF_OCCLUDED
-        return RayResult(visibility, share)
+            away = skin - T_world_camera[:3, 3]
+            depth = np.linalg.norm(away, axis=-1)
+            rays = (away / depth[..., None]).reshape(-1, 3)
+            hits = self._surfaces.hit(T_world_camera[:3, 3], rays)
+            surface, part = (a.reshape(depth.shape) for a in hits)
+            own = np.take_along_axis(parts_around()[wanted], part, 1) | (part == BACKGROUND)
+            shows = inside & (depth <= surface + CLOTH_M) & own
+            visibility[v, wanted], share[v, wanted] = classify(shows, inside, part)
+        return visibility, share

@@ -1,4 +1,4 @@
-"""A sequence on disk in; a list of what is damaged or inconsistent out.
+"""A sequence on disk in; a list of its damages and inconsistencies out.
 
 `crosscheck` recomputes the truth from pixels, rays and forces.
 """

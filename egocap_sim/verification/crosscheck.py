@@ -1,6 +1,6 @@
-"""Independent checks of a sequence's truth: recorded pixels, cast rays, Newton's law.
+"""Independent checks of a sequence's truth by recorded pixels, cast rays and Newton's law.
 
-Each check returns figures; `integrity` has their thresholds. The truth is made without this code.
+Each check returns figures; `integrity` has the thresholds. The recorder does not use this code.
 """
 
 from __future__ import annotations
@@ -19,34 +19,32 @@ from egocap.geometry import GRAVITY
 from egocap_sim.core.bodies import BODIES, PARENTS
 from egocap_sim.truth.visibility import parts_around
 
-BEFORE_M = 0.30  # at most, from the surface at a joint's pixel to the joint: half a clothed chest
-BEHIND_M = 0.06  # a surface farther than the joint by more is not the joint's: a slim wrist's edge
-AROUND_M = (
-    0.06  # of a joint: the skin there is what a joint is seen by (`egocap_sim.truth.visibility`)
-)
-MOST_FRAMES = 100  # whose planes are read
+BEFORE_M = 0.30  # largest depth of a joint behind the surface at its pixel: half a clothed chest
+BEHIND_M = 0.06  # largest depth of the surface behind the joint, at the edge of a slim wrist
+AROUND_M = 0.06  # radius around a joint searched for its body, as in `truth.visibility`
+MOST_FRAMES = 100  # whose part labels and depth are read
 
 
 @dataclass(frozen=True)
 class PixelCheck:
     """Visible joints, and how many have their own body at their pixel.
 
-    A joint is visible when a quarter of the skin around it is, so its body may show beside it.
+    A joint is visible when a quarter of the skin around it is; its own pixel may show another body.
     """
 
     joints: int
-    labelled: int  # of them: within AROUND_M a part label is the joint's body or a neighbour's
-    measured: int  # their body is at their very pixel, and its depth was recorded
-    in_depth: int  # of the measured: the surface lies between BEFORE_M before the joint and it
+    labelled: int  # of them: a part label within AROUND_M is the joint's body or a neighbour's
+    measured: int  # with their body at their pixel and recorded depth
+    in_depth: int  # of the measured: the surface is at most BEFORE_M before, BEHIND_M behind
 
     @property
     def labelled_share(self) -> float:
-        """Share of the joints with their own body at their pixel; 1 where there are none."""
+        """Share of the joints with their own body around their pixel; 1 without joints."""
         return self.labelled / self.joints if self.joints else 1.0
 
     @property
     def depth_share(self) -> float:
-        """Share of the measured joints whose depth agrees; 1 where there are none."""
+        """Share of the measured joints whose depth agrees; 1 without joints."""
         return self.in_depth / self.measured if self.measured else 1.0
 
 
@@ -88,17 +86,17 @@ class ForceCheck:
     """The momentum balance of a whole recording, in body weights (vertical)."""
 
     seconds: float
-    pushed: float  # mean of the ground's and the root's push
-    needed: float  # weight, and what the change of the body's momentum asks for
-    ground: float  # mean of the ground's push alone
-    error: float  # standard error of `pushed`: the forces are known at the frames alone
+    applied: float  # mean force of ground and root
+    required: float  # weight plus the rate of change of momentum
+    ground: float  # mean force of the ground alone
+    error: float  # standard error of `applied`, which is sampled at the frames
 
 
 def check_forces(sequence: Sequence) -> ForceCheck | None:
-    """Mean vertical force against weight and momentum; None for less than two seconds.
+    """Compare mean vertical force with weight and momentum; None for less than two seconds.
 
-    The mass centre's velocity at both ends comes from differences of the bodies' positions, each
-    body's mass taken half way along its bone: nothing of the simulation's own model.
+    The velocity of the centre of mass comes from differences of the bodies' positions, with each
+    body's mass at the middle of its bone. The simulation's mass model is not used.
     """
     truth, fps = sequence.truth, sequence.manifest.fps
     seconds = (len(truth.time) - 1) / fps
@@ -107,7 +105,7 @@ def check_forces(sequence: Sequence) -> ForceCheck | None:
     mass = _mass_kg(sequence)
     weight = mass * float(np.linalg.norm(GRAVITY))
     speed = np.diff(_mass_centre(truth.T_world_body)[:, 2]) * fps
-    # The forces are those at the frames: all but the first and the last stand for a whole interval.
+    # Each force but the first and the last represents a whole frame interval.
     gained = mass * (speed[-1] - speed[0]) / (seconds - 1.0 / fps)
     ground = truth.ground_force[1:-1, :, 2].sum(1) / weight
     push = ground + truth.root_wrench[1:-1, 2] / weight
@@ -119,21 +117,21 @@ def check_forces(sequence: Sequence) -> ForceCheck | None:
 
 @dataclass(frozen=True)
 class RayCheck:
-    """How often rays cast in MuJoCo give a joint the visibility that the truth has."""
+    """Agreement of the recorded visibility with rays cast in MuJoCo."""
 
-    joints: int  # in view, over the frames and views looked at
-    agree: int  # seen or not seen, by both
-    same_cause: int  # of the agreed: and by the same cause
-    borderline: int  # of the rest: between a tenth and four tenths of its points are seen
-    disagreements: dict[str, int]  # by label: the rest that is not borderline
+    joints: int  # in view, over the tested frames and views
+    agree: int  # visible in both, or in neither
+    same_cause: int  # with the same visibility code
+    borderline: int  # others with a visible share within BORDER of the threshold
+    disagreements: dict[str, int]  # by label: the remaining ones
 
     @property
     def share(self) -> float:
-        """Share of joints judged alike; 1 where there are none."""
+        """Share of joints that agree; 1 without joints."""
         return self.agree / self.joints if self.joints else 1.0
 
     def text(self) -> str:
-        """One line for people."""
+        """The result in one line."""
         left = ", ".join(f"{label} {n}" for label, n in self.disagreements.items()) or "none"
         return (
             f"rays agree on {100 * self.share:.1f} % of {self.joints} joints in view; "
@@ -144,8 +142,8 @@ class RayCheck:
 def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
     """Recompute visibility by rays, in frames spread over the sequence.
 
-    The world is built again from scene.toml. Raises InputError for a sensor whose images are not
-    of one instant, since the poses between frames are not stored.
+    Rebuilds the world from scene.toml. Raises InputError for a sensor whose images are not of one
+    instant, since the poses between frames are not stored.
     """
     from egocap_sim.scene.config import load_scene
     from egocap_sim.truth.raycast import BORDER, RayVisibility, Surfaces
@@ -156,7 +154,7 @@ def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
     truth, scene = sequence.truth, load_scene(sequence.folder / "scene.toml")
     if scene.sensor is not None and scene.sensor.timed:
         raise InputError(
-            f"{sequence.folder}: rays need images of one instant",
+            f"{sequence.folder}: the ray check requires images of one instant",
             valid="a sequence without shutter_s, readout_s and time_offset_s",
         )
     world = World(scene, Take(truth, None))
@@ -165,12 +163,12 @@ def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
     joints = agree = same = borderline = 0
     left: dict[str, int] = {}
     for index in _spread(len(sequence), frames):
-        in_view, said = truth.in_view[index], truth.visibility[index]
-        found = by_rays.at(truth.T_world_body[index], world.skinning(index), in_view)
-        alike = (found.visibility == VISIBLE) == (said == VISIBLE)
+        in_view, recorded = truth.in_view[index], truth.visibility[index]
+        found, share = by_rays.at(truth.T_world_body[index], world.skinning(index), in_view)
+        alike = (found == VISIBLE) == (recorded == VISIBLE)
         joints, agree = joints + int(in_view.sum()), agree + int((alike & in_view).sum())
-        same += int((in_view & (found.visibility == said)).sum())
-        near = np.abs(found.share - SHARE) < BORDER
+        same += int((in_view & (found == recorded)).sum())
+        near = np.abs(share - SHARE) < BORDER
         borderline += int((in_view & ~alike & near).sum())
         for j in np.nonzero(in_view & ~alike & ~near)[1]:
             left[LABELS[j]] = left.get(LABELS[j], 0) + 1
@@ -193,12 +191,12 @@ _SHARE = {
     "clavicle": 0.0, "upperarm": 0.028, "forearm": 0.016, "hand": 0.006,
     "thigh": 0.100, "calf": 0.0465, "foot": 0.0115, "toe": 0.003,
 }  # fmt: skip
-"""Source: D. Winter, Biomechanics and Motor Control of Human Movement, table 4.1: another table
-than the simulated person's."""
+"""Share of the body mass. Source: D. Winter, Biomechanics and Motor Control of Human Movement,
+table 4.1, which the simulated person does not use."""
 
 
 def _mass_centre(T_world_body: Float[Array, "T 21 4 4"]) -> Float[Array, "T 3"]:
-    """Centre of mass from the joints alone, metres: each body's mass half way to the next joint."""
+    """Centre of mass, metres, with each body's mass half way to its first child."""
     p = T_world_body[..., :3, 3]
     total, mass = np.zeros((len(p), 3)), 0.0
     for b, body in enumerate(BODIES):

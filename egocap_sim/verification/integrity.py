@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -21,22 +19,23 @@ from egocap.data.sequence import (
     Truth,
     load_manifest,
 )
-from egocap.data.sequence_writer import file_is_intact, shard_is_intact
+from egocap.data.sequence_writer import digest, file_is_intact, shard_is_intact
 from egocap.errors import EgocapError
+from egocap.files import sha256
 from egocap.geometry import inverse, transform
 from egocap_sim.verification.crosscheck import RayCheck, check_forces, check_pixels, check_rays
 
 _PIXEL_TOLERANCE = 1e-6  # px: truth and rig are both stored in full precision
 _POSITION_TOLERANCE = 1e-9  # m
 _LEAST_LABELLED, _LEAST_IN_DEPTH = 0.70, 0.85  # shares of the visible joints
-_ENOUGH = 300  # joints looked at; fewer say little about a share
-_LEAST_BY_RAYS = 0.93  # of the joints judged alike
+_ENOUGH = 300  # joints; below that a share is not tested
+_LEAST_BY_RAYS = 0.93  # share of joints with the same visibility
 _FORCE_TOLERANCE = 0.10  # body weights, mean over a recording of two seconds and more
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What was checked, and every problem found."""
+    """The size of a recording and every problem found."""
 
     folder: Path
     frames: int
@@ -54,8 +53,8 @@ class Verification:
 def verify(folder: str | Path, ray_frames: int = 0) -> Verification:
     """Check manifest, checksums, shard structure, images and truth of a sequence, or of episodes.
 
-    With `ray_frames`, the visibility of joints is recomputed by rays in so many frames, at a second
-    or two a frame. Raises FileError where the folder is no sequence; all else is a listed problem.
+    With `ray_frames`, joint visibility is recomputed by rays in that many frames, in one to two
+    seconds a frame. Raises FileError if the folder holds no sequence; lists any other problem.
     """
     folder = Path(folder)
     if (folder / EPISODES).exists():
@@ -80,28 +79,27 @@ def _verify_episodes(folder: Path, ray_frames: int) -> Verification:
             problems.append(f"{entry.name}: is missing")
             continue
         result = verify(folder / entry.name, ray_frames)
-        if hashlib.sha256(manifest.read_bytes()).hexdigest() != entry.sha256:
-            problems.append(f"{entry.name}: its manifest is not the one recorded")
+        if sha256(manifest) != entry.sha256:
+            problems.append(f"{entry.name}: its manifest differs from the recorded one")
         if result.frames != entry.frames:
             problems.append(f"{entry.name}: {result.frames} frames, {entry.frames} are recorded")
         problems += [f"{entry.name}: {problem}" for problem in result.problems]
         frames, shards, size = frames + result.frames, shards + result.shards, size + result.bytes
     names = {entry.name for entry in recording.episodes}
-    strangers = {path.name for path in folder.glob("episode-*")} - names
-    problems += [f"{name}: is not in {EPISODES}" for name in sorted(strangers)]
+    unlisted = {path.name for path in folder.glob("episode-*")} - names
+    problems += [f"{name}: is not in {EPISODES}" for name in sorted(unlisted)]
     if not recording.complete:
         problems.append(f"unfinished: {recording.frames - frames} of {recording.frames} frames "
                         "are not there yet")  # fmt: skip
     elif [entry.index for entry in recording.episodes] != list(range(len(recording.episodes))):
-        problems.append(f"{EPISODES}: its episodes are not numbered through")
+        problems.append(f"{EPISODES}: its episodes are not numbered consecutively")
     return Verification(folder, frames, shards, size, tuple(problems))
 
 
 def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
-    text = json.dumps(manifest.config, sort_keys=True).encode()
-    if hashlib.sha256(text).hexdigest() != manifest.config_sha256:
+    if digest(manifest.config) != manifest.config_sha256:
         yield "manifest.json: the configuration does not match its checksum"
-    damaged = False  # what is known to be damaged is not opened
+    damaged = False  # damaged files are not opened
     for name, entry in manifest.files.items():
         if not file_is_intact(folder / name, entry):
             damaged = True
@@ -122,7 +120,7 @@ def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
             sequence = Sequence(folder)
             yield from _image_problems(sequence)
             contradictions = list(_truth_problems(sequence))
-            yield from contradictions or _outside_problems(sequence)
+            yield from contradictions or _crosscheck_problems(sequence)
         except EgocapError as error:
             yield str(error)
 
@@ -132,7 +130,7 @@ def _state(path: Path) -> str:
 
 
 def _shard_problems(folder: Path, shard: ShardEntry) -> Iterator[str]:
-    """The tar's own listing against the manifest's index."""
+    """Compare the tar's members with the manifest's index."""
     with tarfile.open(folder / shard.name) as tar:
         listed = {member.name: (member.offset_data, member.size) for member in tar}
     indexed = {
@@ -152,11 +150,11 @@ def _image_problems(sequence: Sequence) -> Iterator[str]:
         for mount, image in zip(sequence.rig.mounts, frame.images, strict=True):
             expected = (mount.camera.height, mount.camera.width, 3)
             if image.shape != expected:
-                yield f"{shard.name}: {mount.name} image is {image.shape}, the rig says {expected}"
+                yield f"{shard.name}: {mount.name} image is {image.shape}, the rig has {expected}"
 
 
-def _outside_problems(sequence: Sequence) -> Iterator[str]:
-    """The truth against the recorded planes and Newton's law."""
+def _crosscheck_problems(sequence: Sequence) -> Iterator[str]:
+    """Compare the truth with the recorded planes and Newton's law."""
     pixels = check_pixels(sequence)
     if pixels.joints >= _ENOUGH and pixels.labelled_share < _LEAST_LABELLED:
         yield (
@@ -169,30 +167,31 @@ def _outside_problems(sequence: Sequence) -> Iterator[str]:
             f"the recorded surface, fewer than {100 * _LEAST_IN_DEPTH:g} %"
         )
     forces = check_forces(sequence)
-    if forces is not None and abs(forces.pushed - forces.needed) > max(
+    if forces is not None and abs(forces.applied - forces.required) > max(
         _FORCE_TOLERANCE, 4.0 * forces.error
     ):
         yield (
-            f"truth.npz: ground and root push with {forces.pushed:.2f} body weights on average, "
-            f"the motion needs {forces.needed:.2f}"
+            f"truth.npz: ground and root apply {forces.applied:.2f} body weights on average, "
+            f"the motion requires {forces.required:.2f}"
         )
 
 
 def _truth_problems(sequence: Sequence) -> Iterator[str]:
-    """The truth against itself: finite, as long as the sequence, one geometry in every frame."""
+    """Check that the truth is finite, complete and geometrically consistent."""
     truth = sequence.truth
     if len(truth.time) != len(sequence):
         yield f"truth.npz: {len(truth.time)} frames, the manifest has {len(sequence)}"
         return
     for field in fields(Truth):
         values = getattr(truth, field.name)
-        ignored = ~truth.in_view if field.name == "joints_2d" else None
-        if not np.isfinite(values if ignored is None else values[~ignored]).all():
+        if field.name == "joints_2d":
+            values = values[truth.in_view]
+        if not np.isfinite(values).all():
             yield f"truth.npz: '{field.name}' has values that are not finite"
             return
     world = transform(truth.T_world_head, truth.joints_head)
     if np.abs(world - truth.joints_world).max() > _POSITION_TOLERANCE:
-        yield "truth.npz: head-frame joints do not map onto the world's"
+        yield "truth.npz: the head-frame joints do not map to 'joints_world'"
     sensor = sequence.sensor
     if sensor is not None and sensor.joint_time.shape != truth.in_view.shape:
         yield f"sensor.npz: 'joint_time' has the shape {sensor.joint_time.shape}"

@@ -1,4 +1,4 @@
-"""A scene in; everything that is rendered of it out: wearer, rig, simulated motion, surroundings.
+"""A scene in; its wearer, rig, simulated motion and surroundings out.
 
-The scene is resolved here once; later stages take the result.
+The scene is resolved here once; recording and checks use the `World`.
 """

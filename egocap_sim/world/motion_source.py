@@ -1,4 +1,4 @@
-"""A scene's motion table in; the reference clip, and its trajectory under physics, out."""
+"""Make the reference clip of a scene and simulate its trajectory."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from egocap_sim.motion.retarget.retarget import Reference
 
 _RESAMPLING_S = 0.02  # retargeting may shorten a clip by this much
-_LEAD_S = 0.5  # of an episode's motion before its first frame: for smoothing and standing feet
+_LEAD_S = 0.5  # of an episode's motion before its first frame, for smoothing and foot contacts
 _BLOCK_S = 30.0
-"""Procedural motions are made in multiples of this, so that a longer one begins like a shorter."""
+"""Procedural motions last multiples of this, so that a longer one begins with the shorter one."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class MotionSource:
         return trim(clip, self._skipped_s, duration) if self._skipped_s else clip
 
     def available_frames(self, clip: Clip) -> int:
-        """Frames that the clip lasts from where the recording begins. Raises InputError for 0."""
+        """Number of frames from the start time to the end of the clip. Raises InputError for 0."""
         start = self._start_s
         seconds = (len(clip.positions) - 1) / clip.fps - start - _RESAMPLING_S
         if seconds <= 0:
@@ -67,11 +67,11 @@ class MotionSource:
     def simulate(
         self, person: Person, tail_s: float | None = None
     ) -> tuple[Trajectory, SampledPoses | None]:
-        """Retarget the motion to a person and play it under physics.
+        """Retarget the motion to a person and simulate it.
 
-        Returns the trajectory at the cameras' frame times. With `tail_s`, also the poses at every
-        physics step until so long after the last frame; the trajectory is the same to the bit,
-        since the frames are among these steps.
+        Returns the trajectory at the cameras' frame times and, with `tail_s`, the poses at every
+        physics step until `tail_s` after the last frame. The trajectory is bit-identical in both
+        cases, since the frames are among these steps.
         """
         from egocap_sim.core.pose_sampling import SampledPoses
         from egocap_sim.physics.simulation import steps_per_frame
@@ -110,7 +110,7 @@ class MotionSource:
         )
 
     def _reference(self, clip: Clip, person: Person) -> Reference:
-        """The clip on the person's bones, on the floor or on what carries the person."""
+        """Retarget the clip to the person, on the floor or on a vehicle."""
         from egocap_sim.motion.generators.registry import MOTIONS, motion_parameters
         from egocap_sim.motion.retarget.retarget import retarget
 
@@ -123,7 +123,7 @@ class MotionSource:
         return mounted(reference, person, self._rng(), parameters)
 
     def _variant(self, clip: Clip) -> Clip:
-        """The clip cut, joined with the next, mirrored and changed in speed as the scene asks."""
+        """Cut, join, mirror and change the speed of the clip according to the table."""
         from egocap_sim.motion.clips.clip_store import stored_clip
         from egocap_sim.motion.clips.editing import change_speed, join_clips, mirror, trim
 
@@ -148,7 +148,7 @@ class MotionSource:
 
     @property
     def _skipped_s(self) -> float:
-        """Length at the start of an episode's procedural motion that is not simulated."""
+        """Duration at the start of an episode's procedural motion that is not simulated."""
         from egocap_sim.motion.generators.registry import MOTIONS
 
         name = self.table.name

@@ -16,79 +16,89 @@ if TYPE_CHECKING:
 
 
 def shown(metavar: str) -> Any:
-    """Show an optional option in the help by this word, without type and default."""
+    """Show an option in the help with this placeholder, without type and default."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
 @dataclass(frozen=True)
 class Overrides:
-    """Changes of a scene. Paths are relative to the working folder."""
+    """Changes of a scene. Paths are relative to the current folder."""
 
     frames: Annotated[int | None, shown("N")] = None
-    """Number of stereo frames; with a motion file, all it has when not given."""
+    """Number of stereo frames; of a motion file, all frames when not given."""
     seed: Annotated[int | None, shown("N")] = None
-    """Seed of everything random: person, clothes, place, style of motion."""
+    """Seed of all random draws: person, clothes, place, style of motion."""
     rig: Annotated[str | None, shown("NAME|FILE")] = None
-    """A built-in rig's name, a rig file, or 'sampled': drawn from the seed."""
+    """Name of a built-in rig, a rig file, or 'sampled': drawn from the seed."""
     size: Annotated[tuple[int, int] | None, shown("WIDTH HEIGHT")] = None
     """Image size in pixels; the rig is scaled to it."""
     motion: Annotated[str | None, shown("NAME|FILE")] = None
-    """A procedural motion's name, or a BVH or npz clip."""
+    """Name of a procedural motion, or a BVH or npz file."""
     start: Annotated[float | None, shown("SECONDS")] = None
-    """Time in the motion of the first frame."""
+    """Start time in the motion."""
     up: Annotated[str | None, shown("y|z")] = None
-    """Up axis of a BVH file; recognised when not given."""
+    """Up axis of a BVH file; detected when not given."""
     unit: Annotated[str | None, shown("m|cm|mm|inch|foot|cmu")] = None
-    """Length unit of a BVH file; recognised when not given."""
+    """Length unit of a BVH file; detected when not given."""
     joint_names: Annotated[Path | None, shown("FILE")] = None
     """TOML file that maps body names to a BVH file's joint names."""
     motions: Annotated[Path | None, shown("DIR")] = None
-    """A folder of BVH and npz clips to mix in, in a scene of episodes."""
+    """Folder of BVH and npz clips to use as well, in a scene with episodes."""
     episodes: bool = False
-    """Record in episodes a scene that is one sequence."""
+    """Record the scene in episodes, also where it has no [episodes]."""
     no_episodes: bool = False
-    """Record one sequence of a scene of episodes."""
+    """Record one sequence, also where the scene has [episodes]."""
     textures: Annotated[Path | None, shown("DIR")] = None
-    """A folder of pictures to put on floors and walls."""
+    """Folder of images for floors and walls."""
     samples: Annotated[int | None, shown("0|2|4|8")] = None
     """Multisample anti-aliasing."""
     masks: bool = False
-    """Record part labels, also where the scene does not."""
+    """Record part labels, also where the scene disables them."""
     no_masks: bool = False
     """Do not record part labels."""
     depth: bool = False
-    """Record depth, also where the scene does not."""
+    """Record depth, also where the scene disables it."""
     no_depth: bool = False
     """Do not record depth."""
     image_format: Annotated[str | None, shown("jpg|png")] = None
     """JPEG (quality 95, 4:4:4) or PNG."""
     sensor: Annotated[str | None, shown("clean|webcam|action-camera|harsh")] = None
-    """A preset of camera faults, in place of the scene's own."""
+    """Preset of camera faults; replaces the scene's sensor."""
 
 
 UNCHANGED = Overrides()
 
 
 def override_scene(scene: Scene, changes: Overrides) -> Scene:
-    """Apply the changes to a scene and check it like a file.
+    """Apply the changes to a scene and check the result like a scene file.
 
-    A scene whose motion is replaced by a file gets all the frames of it, unless `frames` is given.
-    Raises InputError or FileError for a change that is not valid.
+    With a motion file and without `frames`, the scene gets all frames of the file. Raises
+    InputError or FileError for a change that is not valid.
     """
     from egocap.schema import checked
     from egocap_sim.scene.config import Scene
 
     data = scene.model_dump(exclude_none=True)
-    _set(data, "frames", changes.frames)
-    _set(data, "seed", changes.seed)
-    _change_record(data["record"], changes)
-    _change_rig(data, changes)
-    _change_motion(data, changes)
+    _replace_sources(data, changes)
     _change_episodes(data, changes, scene.name)
-    if changes.textures is not None:
-        data["place"]["textures"] = str(changes.textures.resolve())
-    if changes.sensor is not None:
-        data["sensor"] = {"preset": changes.sensor}
+    record, motion = data["record"], data["motion"]
+    for table, key, value in (
+        (data, "frames", changes.frames),
+        (data, "seed", changes.seed),
+        (data["rig"], "size", changes.size),
+        (motion, "start_s", changes.start),
+        (motion, "up", changes.up),
+        (motion, "unit", changes.unit),
+        (motion, "joint_names", _absolute(changes.joint_names)),
+        (data["place"], "textures", _absolute(changes.textures)),
+        (record, "samples", changes.samples),
+        (record, "image_format", changes.image_format),
+        (record, "masks", _switch("masks", changes.masks, changes.no_masks)),
+        (record, "depth", _switch("depth", changes.depth, changes.no_depth)),
+        (data, "sensor", changes.sensor and {"preset": changes.sensor}),
+    ):
+        if value is not None:
+            table[key] = value
     changed = checked(Scene, data, "command line")
     if changes.motion is None or changed.motion.file is None or changes.frames is not None:
         return changed
@@ -97,35 +107,16 @@ def override_scene(scene: Scene, changes: Overrides) -> Scene:
     return changed.model_copy(update={"frames": World(changed).clip_frames})
 
 
-def _change_record(record: dict[str, Any], changes: Overrides) -> None:
-    _set(record, "samples", changes.samples)
-    _set(record, "image_format", changes.image_format)
-    _set(record, "masks", _switch("masks", changes.masks, changes.no_masks))
-    _set(record, "depth", _switch("depth", changes.depth, changes.no_depth))
-
-
-def _change_rig(data: dict[str, Any], changes: Overrides) -> None:
+def _replace_sources(data: dict[str, Any], changes: Overrides) -> None:
+    """Replace the rig and the motion by a built-in one or a file."""
     from egocap_sim.core.resources import rig_names
+    from egocap_sim.motion.generators.registry import MOTIONS
 
     if changes.rig is not None:
         kept = {k: v for k, v in data["rig"].items() if k not in ("name", "file")}
         data["rig"] = kept | _source("rig", changes.rig, rig_names())
-    _set(data["rig"], "size", changes.size)
-
-
-def _change_motion(data: dict[str, Any], changes: Overrides) -> None:
-    from egocap_sim.motion.generators.registry import MOTIONS
-
     if changes.motion is not None:
         data["motion"] = _source("motion", changes.motion, MOTIONS)
-    names = changes.joint_names
-    for key, value in (
-        ("start_s", changes.start),
-        ("up", changes.up),
-        ("unit", changes.unit),
-        ("joint_names", None if names is None else str(names.resolve())),
-    ):
-        _set(data["motion"], key, value)
 
 
 def _change_episodes(data: dict[str, Any], changes: Overrides, scene: str) -> None:
@@ -137,10 +128,10 @@ def _change_episodes(data: dict[str, Any], changes: Overrides, scene: str) -> No
     if changes.motions is not None:
         if "episodes" not in data:
             raise InputError(
-                f"--motions is for episodes, and scene '{scene}' has none",
+                f"--motions requires episodes; scene '{scene}' has none",
                 valid="a scene with [episodes], such as train-varied; or --motion FILE",
             )
-        data["episodes"]["clips"] = str(changes.motions.resolve())
+        data["episodes"]["clips"] = _absolute(changes.motions)
 
 
 def _source(what: str, name_or_file: str, names: Collection[str]) -> dict[str, str]:
@@ -160,6 +151,5 @@ def _switch(name: str, on: bool, off: bool) -> bool | None:
     return on if on or off else None
 
 
-def _set(table: dict[str, Any], key: str, value: object) -> None:
-    if value is not None:
-        table[key] = value
+def _absolute(path: Path | None) -> str | None:
+    return None if path is None else str(path.resolve())

@@ -1,4 +1,4 @@
-"""A scene's place, props and bystanders, made around the wearer's motion."""
+"""Make a scene's place and props."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from egocap_sim.environment.place import Place
     from egocap_sim.props.performance import Performance
 
-_MARGIN_M = 0.3  # between the outermost joint of a recorded motion and furniture
+_MARGIN_M = 0.3  # between the outermost joint of a clip and furniture
 
 
 def check_place(table: PlaceTable) -> None:
-    """Raise InputError for an unknown place, FileError for a user's picture that cannot be read.
+    """Raise InputError for an unknown place, FileError for an image that cannot be read.
 
-    Takes far less time than making the place.
+    Much faster than making the place.
     """
     from egocap_sim.environment.places import PLACES
 
@@ -45,7 +45,7 @@ def check_place(table: PlaceTable) -> None:
 
 
 def radius_around(T_world_body: Float[Array, "T 21 4 4"], least_m: float) -> float:
-    """Radius around the origin that holds a motion from a file, at least `least_m` [m]."""
+    """Radius around the origin that contains a clip's motion, at least `least_m` [m]."""
     from egocap_sim.environment.places import LARGEST_RADIUS_M
 
     reach = float(np.linalg.norm(T_world_body[..., :2, 3], axis=-1).max()) + _MARGIN_M
@@ -53,7 +53,7 @@ def radius_around(T_world_body: Float[Array, "T 21 4 4"], least_m: float) -> flo
 
 
 def build_place(table: PlaceTable, seed: int, clear_radius: float) -> Place:
-    """Make the place, with the user's pictures, the panorama and the light that the table asks for.
+    """Make the place with the textures, panorama and light of the table.
 
     `clear_radius` [m] around the origin stays free.
     """
@@ -76,7 +76,7 @@ def build_place(table: PlaceTable, seed: int, clear_radius: float) -> Place:
 def build_props(
     tables: Sequence[ThingTable], performance: Performance, scene: str
 ) -> list[AnimatedActor]:
-    """Make the props used in a performance. Raises SceneError for a scene of this name."""
+    """Make the props of a performance. Raises SceneError with the name of the scene."""
     from egocap_sim.props.registry import make_prop
 
     props: list[AnimatedActor] = []

@@ -1,4 +1,4 @@
-"""A simulated take: what is known of a sequence before it is rendered."""
+"""A simulated take: the data of a sequence before rendering."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TRUTH = "truth.draft.tmp"
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """The truth before rendering, and what the sensor does to each frame.
+    """The truth before rendering, and the effect of the sensor on each frame.
 
     `visibility` of the truth holds only VISIBLE and OUT_OF_VIEW; rendering adds occlusion.
     """
@@ -26,7 +26,7 @@ class Take:
     sensor_plan: SensorPlan | None  # None: a perfect sensor
 
     def save(self, folder: Path) -> None:
-        """Write it into a sequence's folder for worker processes, under temporary names."""
+        """Write it into a sequence's folder, under temporary names, for worker processes."""
         with disk_errors(folder):
             self.truth.save(folder / _TRUTH)
             if self.sensor_plan is not None:
@@ -36,7 +36,7 @@ class Take:
     def load(
         cls, drafts: Path | Mapping[str, bytes], sensor: SensorTable | None, seed: int
     ) -> Take:
-        """Read what `save` wrote: from the folder, or from what `read_drafts` returned."""
+        """Read a saved take from its folder, or from the result of `read_drafts`."""
         if not isinstance(drafts, Path):
             with tempfile.TemporaryDirectory(prefix="egocap-") as folder:
                 for name, content in drafts.items():

@@ -1,4 +1,4 @@
-"""A scene resolved into what is simulated: rig, wearer, motion, place, props and bystanders."""
+"""The simulated world of a scene: rig, wearer, motion, place, props and bystanders."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
 
 class World:
-    """What a scene describes. Each part is made once, when it is first used.
+    """The parts of a scene. Each is made once, when it is first used.
 
-    Every part draws from a random generator of its own, so that a change of one part leaves the
-    others as they were. A part that cannot be made raises SceneError or FileError.
+    Every part has its own random generator, so that a change of one part does not affect the
+    others. A part that cannot be made raises SceneError or FileError.
     """
 
     def __init__(self, scene: Scene, take: Take | None = None) -> None:
-        """`take`: the take as an earlier run simulated it; None: simulated when it is used."""
+        """`take`: an already simulated take; None: simulated when it is first used."""
         self.scene = scene
         self._given_take = take
 
@@ -55,7 +55,7 @@ class World:
 
     @cached_property
     def calibrated_rig(self) -> Rig:
-        """The rig as trackers get it: off by the calibration error of the sensor."""
+        """The rig for trackers, with the calibration error of the sensor."""
         from egocap_sim.sensor.faults import miscalibrate
 
         if self.sensor is None or not self.sensor.miscalibrated:
@@ -70,7 +70,7 @@ class World:
 
     @cached_property
     def person(self) -> Person:
-        """The wearer; what the scene leaves open is drawn from the seed."""
+        """The wearer; missing values are drawn from the seed."""
         from egocap_sim.human.clothing.wardrobe import make_person
 
         table, seed = self.scene.person, self.scene.seed
@@ -90,13 +90,13 @@ class World:
 
     @cached_property
     def clip_frames(self) -> int:
-        """Frames that the reference motion lasts from where the recording begins."""
+        """Number of frames from the start time to the end of the reference motion."""
         with errors_name_key(self.scene.name, "motion"):
             return self.motion.available_frames(self.motion.clip())
 
     @cached_property
     def simulated(self) -> tuple[Trajectory, SampledPoses | None]:
-        """The motion under physics: at the frames, and between them if the sensor needs it."""
+        """The simulated motion at the frames, and between them if the sensor requires it."""
         tail_s, sensor = None, self.sensor
         if sensor is not None and sensor.timed:
             tail_s = max(sensor.time_offset_s, 0) + sensor.shutter_s + sensor.readout_s
@@ -105,7 +105,7 @@ class World:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion under physics at the frame times."""
+        """The simulated motion at the frame times."""
         return self.simulated[0]
 
     @cached_property
@@ -168,7 +168,7 @@ class World:
 
 
 def build_world(scene: Scene) -> World:
-    """The world of a scene. Raises SceneError or FileError for an unknown place or prop."""
+    """Make the world of a scene. Raises SceneError or FileError for an unknown place or prop."""
     with errors_name_key(scene.name, "place.name"):
         check_place(scene.place)
     if scene.things:
@@ -181,13 +181,13 @@ def build_world(scene: Scene) -> World:
 
 
 def load_world(scene: Scene, drafts: Path | Mapping[str, bytes]) -> World:
-    """The world of a scene in a worker process, with the take that its parent simulated."""
+    """Make the world of a scene in a worker process, with the saved take."""
     world = World(scene)
     return World(scene, Take.load(drafts, world.sensor, scene.seed))
 
 
 def simulate_take(world: World) -> Take:
-    """Simulate the motion, derive the truth from it and decide what the sensor does."""
+    """Simulate the motion, derive the truth and plan the sensor."""
     from egocap_sim.sensor.plan import plan_sensor
     from egocap_sim.truth.truth import truth_before_rendering
 

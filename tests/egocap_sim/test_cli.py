@@ -208,7 +208,7 @@ def test_output_folders_that_cannot_be(sim, tiny_scene, tiny_sequence):
     for out in ("tiny.toml", "tiny.toml/below"):
         assert "is not a folder" in complaint(sim("generate", "tiny.toml", "--out", out))
     line = complaint(sim("generate", "tiny.toml", "tiny.toml", "--out", "both"))
-    assert "two scenes are called 'validation-walk'" in line
+    assert "two scenes have the name 'validation-walk'" in line
 
 
 def test_a_newer_or_mangled_sequence_is_refused_by_every_command(sim, tiny_scene, tiny_sequence):

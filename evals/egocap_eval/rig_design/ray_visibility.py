@@ -21,7 +21,7 @@ from egocap.body.labels import LABELS
 from egocap.geometry import rigid
 from egocap_sim.assets.mesh_simplify import simplify
 from egocap_sim.human.body.person import Person
-from egocap_sim.truth.visibility import CLOTH_M, SHARE, parts_around, skin_around
+from egocap_sim.truth.visibility import CLOTH_M, SHARE, SkinPoints, parts_around
 
 CELL_M = 0.025
 """Grid in which vertices of the surface become one."""
@@ -46,9 +46,7 @@ class RayVisibility:
     def __init__(self, person: Person, cell_m: float = CELL_M) -> None:
         self._surface = surface_of(person, cell_m)
         self._rest = rigid(np.eye(3), -person.joints)
-        chosen = np.array([skin_around(person, label) for label in LABELS])  # (18, S)
-        self._owner = person.body_owner[chosen].astype(np.int64)
-        self._offset = person.body_vertices[chosen] - person.joints[self._owner]
+        self._points = SkinPoints.around_joints(person)
 
     def shares(
         self, T_head_body: Float[Array, "T 21 4 4"], eyes: Float[Array, "U 3"]
@@ -57,7 +55,7 @@ class RayVisibility:
         bodies = np.ascontiguousarray(T_head_body, float)
         out = np.empty((len(bodies), len(eyes), len(LABELS)))
         _shares(
-            self._surface, bodies, bodies @ self._rest, self._owner, self._offset,
+            self._surface, bodies, bodies @ self._rest, self._points.body, self._points.offset,
             parts_around(), np.ascontiguousarray(eyes, float), CLOTH_M, out,
         )  # fmt: skip
         return out

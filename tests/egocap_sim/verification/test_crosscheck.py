@@ -23,7 +23,7 @@ def sequence(tiny_sequence: Path) -> Sequence:
     return Sequence(tiny_sequence)
 
 
-def told(sequence: Sequence, **arrays) -> Sequence:
+def altered(sequence: Sequence, **arrays) -> Sequence:
     """The same sequence, whose truth says something else."""
     other = Sequence(sequence.folder)
     other.__dict__["truth"] = replace(sequence.truth, **arrays)
@@ -39,9 +39,9 @@ def test_visible_joints_have_their_body_and_depth_at_their_pixel(sequence):
 def test_swapped_sides_and_wrong_distances_show_at_the_pixels(sequence):
     truth = sequence.truth
     swap = [0, 1, 6, 7, 8, 9, 2, 3, 4, 5, 14, 15, 16, 17, 10, 11, 12, 13]
-    swapped = told(sequence, joints_2d=truth.joints_2d[:, :, swap])
+    swapped = altered(sequence, joints_2d=truth.joints_2d[:, :, swap])
     assert check_pixels(swapped).labelled_share < 0.75
-    nearer = told(sequence, joints_camera=0.8 * truth.joints_camera)
+    nearer = altered(sequence, joints_camera=0.8 * truth.joints_camera)
     assert check_pixels(nearer).depth_share < 0.6
 
 
@@ -52,17 +52,17 @@ def test_rays_cast_in_mujoco_see_the_same_joints(sequence):
     assert f"{100 * found.share:.1f} % of {found.joints}" in found.text()
 
 
-def test_rays_find_joints_out_that_are_called_hidden(sequence):
+def test_rays_find_joints_recorded_as_hidden(sequence):
     seen = sequence.truth.visibility
-    liar = told(sequence, visibility=np.where(seen == VISIBLE, SELF_OCCLUDED, seen))
-    found = check_rays(liar, frames=1)
+    wrong = altered(sequence, visibility=np.where(seen == VISIBLE, SELF_OCCLUDED, seen))
+    found = check_rays(wrong, frames=1)
     assert found.share < 0.5 and sum(found.disagreements.values()) > 5
 
 
 def test_rays_need_pictures_of_one_instant(sequence, monkeypatch, tmp_path):
     text = (sequence.folder / "scene.toml").read_text() + '\n[sensor]\npreset = "webcam"\n'
     (tmp_path / "scene.toml").write_text(text)
-    other = told(sequence)
+    other = altered(sequence)
     other.folder = tmp_path
     with pytest.raises(InputError, match="images of one instant"):
         check_rays(other)
@@ -98,22 +98,22 @@ def test_ground_carries_the_weight_over_the_cycles_of_a_walk(recorded):
 def test_momentum_balances_and_a_false_force_shows(sequence, recorded, tmp_path):
     trajectory, weight = recorded("walk", 4.0, 2.0, stops=False)
     truth = sequence.truth
-    told_long = {
+    long_motion = {
         "time": np.arange(len(trajectory.contact)) / 30,
         "T_world_body": trajectory.T_world_body,
         "ground_force": trajectory.ground_force,
         "root_wrench": trajectory.root_wrench,
     }
     (tmp_path / "person.json").write_text(f'{{"mass_kg": {weight / 9.81}}}')
-    other = told(sequence, **told_long)
+    other = altered(sequence, **long_motion)
     other.folder = tmp_path
     found = check_forces(other)
-    assert found is not None and abs(found.pushed - found.needed) < 0.03
-    weak = told(sequence, **told_long | {"ground_force": 0.8 * trajectory.ground_force})
+    assert found is not None and abs(found.applied - found.required) < 0.03
+    weak = altered(sequence, **long_motion | {"ground_force": 0.8 * trajectory.ground_force})
     weak.folder = tmp_path
     found = check_forces(weak)
-    assert found is not None and abs(found.pushed - found.needed) > 0.10
-    assert check_forces(told(sequence, time=truth.time)) is None  # too short to tell
+    assert found is not None and abs(found.applied - found.required) > 0.10
+    assert check_forces(altered(sequence, time=truth.time)) is None  # too short to tell
 
 
 def test_other_people_are_in_the_truth_where_they_are_drawn(tiny_scene: Scene, tmp_path):

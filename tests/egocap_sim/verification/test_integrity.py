@@ -88,7 +88,7 @@ def test_an_index_that_points_elsewhere_is_seen(folder):
 def test_truth_that_contradicts_itself_is_seen(folder):
     truth = Truth.load(folder / "truth.npz")
     resave_truth(folder, joints_head=truth.joints_head + 0.01)
-    assert any("do not map onto the world's" in p for p in verify(folder).problems)
+    assert any("do not map to 'joints_world'" in p for p in verify(folder).problems)
     resave_truth(folder, joints_head=truth.joints_head, joints_2d=truth.joints_2d + 0.5)
     assert any("'joints_2d' of left does not follow" in p for p in verify(folder).problems)
     resave_truth(folder, joints_2d=truth.joints_2d, root_wrench=truth.root_wrench * np.nan)

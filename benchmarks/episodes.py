@@ -4,8 +4,9 @@
     python benchmarks/episodes.py --motions CLIPS --frames 1000 --scene train-varied
 
 `fps` is the rate of a whole run with start-up, `steady_fps` the rate after every worker has
-finished an episode. `preparation` is the share of one process's time, after its first episode, that is not
-spent on rendering and writing frames: person, motion, physics, place, bystanders and renderer.
+finished an episode. `preparation` is the share of one process's time, after its first episode, that
+is not spent on rendering and writing frames: person, motion, physics, place, bystanders and
+renderer.
 `renewal` leaves out motion and physics, whose cost grows with the frames, not with the episodes.
 Every worker needs more than one episode. `--out FILE` saves the result with command, machine and
 versions.

@@ -6,8 +6,8 @@
 A dressed person swings arms and legs in a furnished room. Every frame is posed, rendered with
 shadows for both cameras, tested for the visibility of 18 joints a view and encoded as JPEG (quality
 95, 4:4:4). The stock loop renders the same meshes with `pyrender.OffscreenRenderer`, five cube
-faces a camera of the same density, and resamples them. `cpu_ms` is processor time a frame and worker; it
-varies less with the load of the machine than the rate. Compare within one run.
+faces a camera of the same density, and resamples them. `cpu_ms` is processor time a frame and
+worker; it varies less with the load of the machine than the rate. Compare within one run.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 
-import numba
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
@@ -169,7 +168,6 @@ def _evaluate(phenotype: Phenotype) -> tuple[Float[Array, "N 3"], Float[Array, "
     return vertices, _added(data["bone_heads"], data["bone_deltas"], weights)
 
 
-@numba.njit(cache=True)
 def _added(
     points: Float[Array, "N 3"], deltas: Array, weights: Float[Array, "K"]
 ) -> Float[Array, "N 3"]:
@@ -177,12 +175,10 @@ def _added(
 
     A loop, as the order of summation of a matrix product depends on the number of threads.
     """
-    moved = points.ravel().copy()
+    moved = points.astype(float)
     for k in np.flatnonzero(weights):
-        weight, delta = weights[k], deltas[k].ravel()
-        for n in range(len(moved)):
-            moved[n] += weight * delta[n]
-    return moved.reshape(points.shape)
+        moved += weights[k] * deltas[k]
+    return moved
 
 
 def _extent(vertices: Float[Array, "N 3"]) -> float:

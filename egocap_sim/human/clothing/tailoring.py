@@ -103,21 +103,7 @@ def lay_tile(panel: Panel, tile: UInt8[Array, "N N 3"], tile_m: float) -> Float[
     n = len(tile)
     column = (panel.turns * repeats * n).astype(int) % n
     row = np.floor(-panel.along / tile_m * n).astype(int) % n
-    return _repeated(tile, row, column)
-
-
-@numba.njit(cache=True)
-def _repeated(
-    tile: UInt8[Array, "N N 3"], row: Int[Array, "H"], column: Int[Array, "W"]
-) -> Float[Array, "H W 3"]:
-    """The pixels of a tile at these rows and columns."""
-    image = np.empty((len(row), len(column), 3), np.float32)
-    for y in range(len(row)):
-        line = tile[row[y]]
-        for x in range(len(column)):
-            for c in range(3):
-                image[y, x, c] = line[column[x], c]
-    return image
+    return tile.take(row, 0).take(column, 1).astype(np.float32)
 
 
 def folds(panel: Panel, marks: Marks, rng: np.random.Generator) -> Float[Array, "H W"]:

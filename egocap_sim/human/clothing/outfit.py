@@ -64,7 +64,9 @@ class Outfit:
             if (name := getattr(self, kind)) not in names:
                 raise InputError(f"unknown {kind} '{name}'", valid=names)
         if TOPS[self.top].skirt is not None and self.bottom not in UNDER_DRESSES:
-            raise InputError(f"'{self.bottom}' under a {self.top}", valid=UNDER_DRESSES)
+            raise InputError(
+                f"'{self.bottom}' cannot be worn under a {self.top}", valid=UNDER_DRESSES
+            )
         if TOPS[self.top].skirt is None and BOTTOMS[self.bottom] is None:
             raise InputError(
                 "the bottom 'none' needs a dress",
@@ -123,7 +125,7 @@ def change_outfit(outfit: Outfit, changes: Mapping[str, str], hatless: bool = Fa
     }
     if hatless:
         if parsed.get("hat", "none") != "none":
-            raise InputError("a hat under headgear", valid="hat = 'none'")
+            raise InputError("a hat cannot be worn under headgear", valid="hat = 'none'")
         parsed["hat"] = "none"
     if "bottom" not in parsed and parsed.get("top", outfit.top) in TOPS:
         is_dress = TOPS[str(parsed.get("top", outfit.top))].skirt is not None

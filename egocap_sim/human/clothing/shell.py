@@ -130,7 +130,7 @@ def clip(
     """
     inside = value > 0
     count = inside.take(faces.T).sum(0)
-    # Rotate the cut triangles so that the corner that is alone on its side comes first.
+    # Rotate the cut triangles so that the single corner on one side comes first.
     lone = _alone_first(faces[count == 1], inside)
     pair = _alone_first(faces[count == 2], ~inside)
     crossed = np.concatenate([lone[:, [0, 1]], lone[:, [0, 2]], pair[:, [0, 1]], pair[:, [0, 2]]])

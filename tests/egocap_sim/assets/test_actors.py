@@ -1,4 +1,4 @@
-"""Scenes with other people and things: the same bytes from any number of workers."""
+"""Scenes with bystanders and props: the same bytes for any number of workers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coarser meshes: smaller, closed, in the same place."""
+"""Simplified meshes: fewer vertices, closed, at the same position."""
 
 from dataclasses import replace
 

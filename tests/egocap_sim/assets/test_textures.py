@@ -1,4 +1,4 @@
-"""Textures of surfaces: noise as strong, as fine and as even as asked; seamless blades."""
+"""Textures: band and variance of the noise; seamless blades of grass."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Other people: clear of everyone at every moment, feet still, and the same for the same seed."""
+"""Bystanders: free of collisions, without foot sliding, reproducible."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def wearer(stand_in) -> np.ndarray:
 
 @pytest.fixture
 def cast(monkeypatch, stand_in):
-    """Stand-ins in place of dressed people, who take half a second each."""
+    """Replace dressed people, which take half a second each, by a bare one."""
 
     def make(seed, *, bystander, name):
         assert bystander
@@ -52,7 +52,7 @@ def others(wearer, seed=3, bounds=4.0, **table):
 
 
 def cameras(wearer) -> np.ndarray:
-    """Two, an arm's length before the head."""
+    """Two cameras 0.4 m ahead of the head."""
     head = wearer[:, INDEX["head"], :3, 3]
     return head[:, None] + [[0.4, 0.2, 0.2], [0.4, -0.2, 0.2]]
 

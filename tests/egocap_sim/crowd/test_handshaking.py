@@ -1,4 +1,4 @@
-"""Whose hand is held out to whom, and that the hands meet."""
+"""Handshakes: detection of the extended hand, and contact of the palms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Panoramas: whole, seamless, the right way round, and refused where they are none."""
+"""Panoramas: seamless, correctly oriented; invalid files raise."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Things: balls meet palms and floor, feet and hands stay on a bicycle, and wrong asks are told."""
+"""Props: balls meet palms and floor, feet and hands stay on a bicycle, invalid tables raise."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def test_skin_weights():
     first, second = shape.bones[shape.weights[:, 1] > 0.05][:, :2].T
     parent = np.array(PARENTS)
     near = (parent[first] == second) | (parent[second] == first) | (parent[first] == parent[second])
-    assert near.mean() > 0.9  # what bends together hangs together
+    assert near.mean() > 0.9  # neighbours share bodies
 
 
 def test_volume_is_plausible():

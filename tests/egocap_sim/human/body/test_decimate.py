@@ -1,4 +1,4 @@
-"""Decimation: a closed surface stays closed, near where it was, with the texture it had."""
+"""Decimation keeps closed surfaces closed, in place and with their texture coordinates."""
 
 import numpy as np
 

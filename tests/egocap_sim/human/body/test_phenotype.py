@@ -1,4 +1,4 @@
-"""Phenotypes: corner weights against hand-made cases, and impossible values."""
+"""Phenotypes: corner weights against manual cases, and invalid values."""
 
 import numpy as np
 import pytest

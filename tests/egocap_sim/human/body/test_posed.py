@@ -1,4 +1,4 @@
-"""Posed people, drawn: skin does not stand out of cloth where cloth covers it."""
+"""Posed people: covered skin does not penetrate the cloth."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Averages between neighbours, against matrices of them."""
+"""Laplacian smoothing on patches against dense matrices."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Distinct numbers against numpy's."""
+"""`distinct` against `numpy.unique`."""
 
 import numpy as np
 import pytest

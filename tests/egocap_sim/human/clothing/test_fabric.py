@@ -1,4 +1,4 @@
-"""Fabrics: every pattern tiles, is its own, and repeats to the bit."""
+"""Fabrics: patterns are seamless, distinct and reproducible."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Whole people: deterministic, different, covered by their clothes, sane when posed."""
+"""People: deterministic, varied, covered by their clothes, valid when posed."""
 
 import hashlib
 import json

@@ -128,8 +128,8 @@ def _locks(
         faces.append(ring_faces(ROWS, SIDES) + i * ROWS * (SIDES + 1))
         uv.append(np.stack([np.tile(turn / 12 + 0.37 * i, ROWS), rows], 1))
         weights.append(np.repeat(_weights(chart, path, hair), SIDES + 1, axis=0))
-    parts = (np.concatenate(a) for a in (vertices, faces, uv))
-    return skinned_mesh("locks", *parts, texture, np.concatenate(weights), 0.2)
+    points, triangles, places, shares = (np.concatenate(a) for a in (vertices, faces, uv, weights))
+    return skinned_mesh("locks", points, triangles, places, texture, shares, 0.2)
 
 
 def _path(chart: BodyChart, angle: float, length: float, hair: Hair) -> Float[Array, "R 3"]:

@@ -54,7 +54,8 @@ def sew(name: str, shell: Shell, body: BareBody, cloth: Cloth, shininess: float 
     turn = (turn + ((turn.max(1, keepdims=True) - turn) > 0.5)).ravel()  # across the seam
     key = (corner_vertex * len(GIRTH) + corner_piece) * 2 + (turn >= 1.0)
     first, index = distinct(key)
-    vertex, pieces, turn, along = (a[first] for a in (corner_vertex, corner_piece, turn, along))
+    vertex, pieces = corner_vertex[first], corner_piece[first]
+    turn, along = turn[first], along[first]
     panels, light = lay_out(spans), shell.light[vertex]
     uv, samples = np.zeros((len(vertex), 2)), {}
     for piece, panel in panels.items():

@@ -104,7 +104,7 @@ class Bench:
 
         if measure == "ratio":
             term = self.term(threads=threads)
-            return term.model, term.see(self.images, self.angles)
+            return term.model, term.set_images(self.images, self.angles)
         kind = PAPER if measure == "paper" else ColourMeasure()
         rays = image_rays(self.sequence.rig, *SIZE)
         model = ImageModel(self.body, rays, measure=kind, threads=threads)
@@ -127,8 +127,8 @@ class Bench:
     def frame(self) -> dict[str, float]:
         """What a new frame costs before the first step: its bins, and the background's colours."""
         term = self.term()
-        term.see(self.images, self.angles)
-        return best(lambda: term.see(self.images))
+        term.set_images(self.images, self.angles)
+        return best(lambda: term.set_images(self.images))
 
     def stochastic(self) -> dict[str, Any]:
         """One step of the stochastic variant, and the scatter of its gradient."""

@@ -1,4 +1,4 @@
-"""Commands that look at results: export, posterior, view."""
+"""Commands that show results: export, posterior, view."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def export(
     """Write a track for other programs.
 
     bvh opens in Blender and other animation tools: metres, y up, the skeleton from the hips. npz
-    holds plain arrays with the joints' names. Both are in the world where the track was made with
-    --head-pose, else about a head that stays where it is.
+    holds plain arrays with the joints' names. Both are in the world if the track was made with
+    --head-pose, else relative to a fixed head.
 
     Args:
         track: track to read, npz.
@@ -116,7 +116,7 @@ def view(
     gaussians: Path | None = None,
     size: tuple[int, int] = (256, 256),
 ) -> int:
-    """Draw what the method makes of one frame.
+    """Draw the image model of one frame.
 
     model: image, rendered density, visibility of the Gaussians, colour dissimilarity and energy of
     every pixel. Without a track, the pose is the one nearest to a simulated sequence's truth.

@@ -97,17 +97,17 @@ def fit_body(
 ) -> int:
     """Find a person's bone lengths from a few poses or the first seconds of any motion.
 
-    Bones that the motion does not show stay at what is usual, and the report says so.
+    Bones that the motion does not show stay at the population's mean; the report marks them.
 
     Args:
         sequence: folder of a sequence.
         out: body to write, json.
         detections: where they come from, as for track.
-        height: of the person in metres, where it is known.
-        seconds: how much of the sequence to look at, from its beginning.
+        height: the person's height in metres, if known.
+        seconds: length of the part of the sequence to use, from its beginning.
         config: the fit's settings.
         seed: seed of simulated detections.
-        shape: also find sizes and colours of the Gaussians from the images; json to write.
+        shape: also fit sizes and colours of the Gaussians to the images; json to write.
         json: print the report as JSON.
     """
     from egocap.data.sequence import Sequence
@@ -169,7 +169,7 @@ def _print_body(path: Path, fit: BodyFit, sizes: dict[str, float] | None, as_jso
     print(f"{path}: from {fit.detections} detections in {len(fit.frames)} frames, which miss by "
           f"{fit.residual:.2f} standard deviations{unfinished}")  # fmt: skip
     verdicts = {"well": "well determined", "badly": "badly determined",
-                "prior": "not seen: what is usual"}  # fmt: skip
+                "prior": "not seen: population mean"}  # fmt: skip
     print(f"{'bone to':16s} {'length':>9s} {'std':>7s}")
     for name, line in report.items():
         if not name.startswith("right_"):

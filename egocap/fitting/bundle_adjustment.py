@@ -48,7 +48,7 @@ _NUDGE = 2e-4  # metres, of differences
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """What stays the same from step to step."""
+    """Observations, prior and settings of a fit."""
 
     observations: Observations
     prior: BodyPrior
@@ -113,7 +113,7 @@ def _step(system: FitSystem, damping: float) -> tuple[Float[Array, "T 37"], Floa
     step_body = -np.linalg.solve(schur, right)
     step_poses = -shift - back @ step_body
     longest = max(np.abs(step_poses).max(), 1e-12)
-    shrink = min(1.0, 0.5 / longest)  # farther the linearisation means nothing
+    shrink = min(1.0, 0.5 / longest)  # the linearisation does not hold farther
     return shrink * step_poses, shrink * step_body
 
 
@@ -131,7 +131,7 @@ def information(system: FitSystem) -> Float[Array, "K K"]:
 def without_bias(
     problem: FitProblem, poses: Float[Array, "T 37"], components: Float[Array, "K"]
 ) -> tuple[Float[Array, "T 37"], Float[Array, "K"]]:
-    """Take off what free poses add to the lengths.
+    """Correct the bias of the lengths that comes from free poses.
 
     A bone whose direction is found anew from noise in every frame comes out too long, as the end of
     a noisy vector lies outside the circle it should be on: Neyman and Scott's problem. Marginal
@@ -161,7 +161,7 @@ def _log_volume(
     components: Float[Array, "K"],
     held: Float[Array, "T 37 37"],
 ) -> float:
-    """Sum of log det H_pp; the priors' part, which jumps at the limits, is the one given."""
+    """Sum of log det H_pp, with the given prior part, which is discontinuous at the limits."""
     own = linearised(problem, poses, components).pose - _prior_curvature(problem, poses)
     return float(np.linalg.slogdet(_damped(own + held, 0.0))[1].sum())
 

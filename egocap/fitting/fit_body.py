@@ -1,4 +1,4 @@
-"""A person's bone lengths from detections over many frames, and how well they are known.
+"""A person's bone lengths and their uncertainty from detections over many frames.
 
 Poses of the frames that differ most and the components of one body are found together: bundle
 adjustment (`bundle_adjustment`). The energy is the tracker's own, a frame at a time, plus the prior
@@ -34,21 +34,21 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 
 SYSTEMATIC_M = 0.003
-"""Scatter of a bone's length that no number of frames takes away: detectors mark joints by skin."""
+"""Standard deviation of a bone's length that more frames do not reduce: detectors mark the skin."""
 WELL = 0.03
 """Relative standard deviation up to which a bone counts as well determined."""
 LEARNED_SHARE = 0.8
-"""Share of its scatter among people of one stature below which a bone's own must come for it to
-count as seen: other bones inform about the stature only."""
+"""A bone counts as observed when its standard deviation is below this fraction of that among people
+of one stature: other bones determine the stature only."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyFit:
-    """A person, and what is known of them. Not converging is no error."""
+    """A person's proportions and their uncertainty. Not converging is no error."""
 
     proportions: Proportions
     std: Float[Array, "22"]  # of the length of the bone to each point, metres
-    prior_std: Float[Array, "22"]  # the same before anything was seen
+    prior_std: Float[Array, "22"]  # the same by the prior
     usual_std: Float[Array, "22"]  # the same among people of one stature
     components: Float[Array, "K"]  # `body_prior.COMPONENTS`, metres
     covariance: Float[Array, "K K"]
@@ -62,7 +62,7 @@ class BodyFit:
 
     @property
     def relative_std(self) -> Float[Array, "22"]:
-        """Standard deviation of every bone as a share of its length; 0 where there is none."""
+        """Standard deviation of every bone relative to its length; 0 for bones without length."""
         lengths = np.linalg.norm(self.proportions.offsets, axis=1)
         return np.where(lengths > 1e-6, self.std / np.maximum(lengths, 1e-6), 0.0)
 
@@ -73,7 +73,7 @@ class BodyFit:
 
     @property
     def well_determined(self) -> Bool[Array, "22"]:
-        """Bones that are known well, and that from the detections, not from the prior."""
+        """Bones that the detections, not the prior, determine well."""
         return (self.relative_std <= WELL) & self.learned
 
     @property
@@ -82,7 +82,7 @@ class BodyFit:
         return self.std < LEARNED_SHARE * self.usual_std
 
     def report(self) -> dict[str, dict[str, float | str]]:
-        """Length in metres, standard deviation in %, and what they rest on, by bone."""
+        """Length in metres, standard deviation in %, and their source, by bone."""
         lengths = self.proportions.bone_lengths
         lines: dict[str, dict[str, float | str]] = {}
         for i, name in enumerate(POINTS):
@@ -139,7 +139,7 @@ def first_seconds(detections: Detections, seconds: float) -> Detections:
 def _chosen(angles: Float[Array, "T 37"], used: Int[Array, "T"], count: int) -> Int[Array, "F"]:
     """Frames that differ most from each other, among those with enough detections.
 
-    Farthest-point selection: similar poses tell the same thing twice.
+    Farthest-point selection: similar poses are redundant.
     """
     able = np.flatnonzero(used >= 0.5 * np.median(used[used > 0]))
     if len(able) <= count:
@@ -164,10 +164,10 @@ def _finished(
     system = linearised(problem, poses, components)
     weights = problem.observations.weights
     used = weights > 0.0
-    # Detections that are worse than they say make the body less sure; better ones do not help.
+    # Detections worse than stated raise the covariance; better ones do not lower it.
     typical = float(np.median(system.squared[used]) / (2.0 * np.log(2.0)))
     covariance = np.linalg.inv(information(system)) * max(1.0, typical)
-    covariance += np.outer(corrected, corrected)  # no correction is surer than its size
+    covariance += np.outer(corrected, corrected)  # the correction's size bounds its certainty
     prior_std = length_spread(components, problem.prior.covariance)
     std = np.minimum(np.hypot(length_spread(components, covariance), SYSTEMATIC_M), prior_std)
     return BodyFit(

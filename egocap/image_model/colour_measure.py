@@ -1,4 +1,4 @@
-"""How unlike an image colour and a model colour are: EgoCap's two-sided HSV measure.
+"""Dissimilarity of an image colour and a model colour: EgoCap's two-sided HSV measure.
 
 Hue, saturation and value all lie in [0, 1]. Functions take numpy arrays or torch tensors.
 
@@ -37,7 +37,7 @@ SHADING = 0.5
 
 @dataclass(frozen=True)
 class ColourMeasure:
-    """How unlike two colours are, from -1 (alike) to 1 (unlike)."""
+    """Dissimilarity of two colours, from -1 (alike) to 1 (unlike)."""
 
     kind: Literal["paper", "cone"] = "cone"
     """paper: appendix A; cone: squared distance in the HSV cone, brightness counting half."""

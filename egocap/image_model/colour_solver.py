@@ -1,8 +1,7 @@
 """Minimise the colour energy with the priors: damped Gauss-Newton, and the paper's descent.
 
 The energies of `egocap.pose.energy` are negative log-posteriors; the colour energy joins them
-times `ImageSolverConfig.lambda_colour`, so that it and the pose prior, the limits and the motion
-prediction can be weighed against each other as in equation 1.
+times `ImageSolverConfig.lambda_colour`, as in equation 1.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from numpy import ndarray as Array
 
 from egocap.body.skeleton import DOF_COUNT, DOFS, SPREAD
 from egocap.errors import InputError
-from egocap.image_model.colour_term import felt_angles
+from egocap.image_model.colour_term import movable_angles
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
 from egocap.image_model.stochastic import PixelSampler
@@ -35,8 +34,8 @@ class ImageSolverConfig:
     """Settings of the colour-based solver."""
 
     lambda_colour: float = 0.02
-    """Weight of the colour energy: of one pixel that fits wholly or not at all. Neighbouring pixels
-    err together, so that each counts far less than a measurement of its own."""
+    """Weight of one pixel that fits wholly or not at all. Errors of neighbouring pixels are
+    correlated, so that each counts far less than an independent measurement."""
     reference_rays: int = 28_000
     """Number of rays at which `lambda_colour` holds; with fewer, each weighs more."""
     iterations: int = 8
@@ -46,11 +45,11 @@ class ImageSolverConfig:
     stochastic_rays: int = 600
     """Rays a step."""
     stochastic_keep: float = 0.5
-    """Share of the Gaussians that a ray's derivative goes to."""
+    """Fraction of the Gaussians that get a ray's derivative."""
     step: float = 0.02
-    """First step of the stochastic descent, in spreads of each angle; it decays to a tenth."""
+    """First step of the stochastic descent, in prior deviations of angles; decays to a tenth."""
     tolerance: float = 1e-3
-    """A frame has converged when a step lowers its energy by less than this share of the first."""
+    """Relative decrease of a frame's first energy below which it has converged."""
 
     def __post_init__(self) -> None:
         for name in ("reference_rays", "iterations", "stochastic_iterations", "stochastic_rays",
@@ -106,8 +105,8 @@ class ImageSolver:
     ) -> Solution:
         """Damped Gauss-Newton from a start.
 
-        A prediction with its scatter pulls when given, and so do the detections of one frame; then
-        the colours move only limbs that were detected (`colour_term.felt_angles`).
+        A prediction with its standard deviations and the detections of one frame are added when
+        given; with detections, the colours move detected limbs only (`colour_term.movable_angles`).
         """
         angles, damping = np.array(start, float), 1e-3
         seen = _detected(observations, frame)
@@ -133,7 +132,7 @@ class ImageSolver:
         observations: Observations | None = None,
         frame: int = 0,
     ) -> float:
-        """What `solve` lowers, at a pose: colours, priors and, when given, detections."""
+        """Energy that `solve` minimises, at a pose."""
         colour, seen = self.model.evaluate(angles, colours), _detected(observations, frame)
         energy, gradient, H = self._with_priors(colour, angles, None, None)
         if seen is None:
@@ -151,7 +150,7 @@ class ImageSolver:
     ) -> Solution:
         """The paper's stochastic descent: random pixels and random Gaussians every step.
 
-        Steps are scaled to each angle by Adam (Kingma & Ba 2015), as angles differ in their pull.
+        Adam (Kingma & Ba 2015) scales the step of each angle.
         """
         angles, config = np.array(start, float), self.config
         mean, square = np.zeros(DOF_COUNT), np.zeros(DOF_COUNT)
@@ -173,10 +172,10 @@ class ImageSolver:
     def _total(self, colours, angles, predicted, scatter, seen=None):
         colour = evaluation = self.model.evaluate(angles, colours, curvature=True)
         if seen is not None and evaluation.curvature is not None:
-            felt = felt_angles((seen.weights > 0.0).any(0))
+            movable = movable_angles((seen.weights > 0.0).any(0))
             evaluation = Evaluation(
-                evaluation.energy, evaluation.gradient * felt,
-                evaluation.curvature * np.outer(felt, felt),
+                evaluation.energy, evaluation.gradient * movable,
+                evaluation.curvature * np.outer(movable, movable),
             )  # fmt: skip
         energy, gradient, H = self._with_priors(evaluation, angles, predicted, scatter)
         if seen is not None:
@@ -204,7 +203,7 @@ class ImageSolver:
         while not cholesky_solve(inner, damping, right, L, x):
             damping = max(10.0 * damping, 1e-6)
         longest = np.abs(x).max()
-        # Beyond a third of a radian the images have little to do with the linearisation.
+        # The linearisation does not hold over more than a third of a radian.
         step[free] = x * min(1.0, 0.3 / max(longest, 1e-12))
         return step
 
@@ -222,10 +221,10 @@ def track_colours(
     fps: float,
     rng: np.random.Generator | None = None,
 ) -> list[Solution]:
-    """Follow a pose through the colours of successive frames, each from its past alone.
+    """Track a pose through the colours of successive frames, each given its past alone.
 
-    Frames are what `ImageModel.evaluate` takes; a generator that calls `ColourTerm.see` gives each
-    frame's colours against the background at the last pose, when that frame's turn comes.
+    Frames are colours for `ImageModel.evaluate`; a generator that calls `ColourTerm.set_images`
+    gives each frame's colours against the background at the last pose.
 
     `start` is the pose at the first frame. With `rng` every frame is solved by the stochastic
     descent, else by Gauss-Newton.

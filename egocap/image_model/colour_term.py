@@ -1,13 +1,13 @@
 """The images' term of the energy, frame by frame, to be added to a solver's own terms.
 
     term = ColourTerm(body, rig, palette)
-    term.see(frame.images, predicted)       # once a frame
+    term.set_images(frame.images, predicted)       # once a frame
     energy += term.add(angles, H, g)        # once a step
-    term.settle(angles)                     # once a frame, to follow the light
+    term.update_illumination(angles)                     # once a frame, to follow the light
 
-The term is a negative log-likelihood times `weight`. Neighbouring pixels err together, as the body
-is not made of spheres and cloth folds, so that a pixel counts far less than a measurement of its
-own.
+The term is a negative log-likelihood times `weight`. Errors of neighbouring pixels are correlated,
+as the body is not made of spheres and cloth folds, so that a pixel counts far less than an
+independent measurement.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from egocap.body.skeleton import LABEL_POINTS, MOVES
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
 from egocap.image_model.illumination import Illumination, learn_in_light
-from egocap.image_model.image_rays import image_rays, ray_colours, require_pictures
+from egocap.image_model.image_rays import PosedFrames, image_rays, ray_colours, require_pictures
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
 from egocap.image_model.palette import Background, Palette, colour_bins, learn_palette
 
-NEEDED = 2
+MIN_JOINTS = 2
 """Joints of a limb that must have been detected before the images may move it."""
 
 
-def felt_angles(detected: Bool[Array, "18"]) -> Bool[Array, "37"]:
-    """Which angles the images may move, where `detected` joints were found in any view.
+def movable_angles(detected: Bool[Array, "18"]) -> Bool[Array, "37"]:
+    """Angles that the images may move, given the joints that were detected in any view.
 
-    A limb that the body hides has almost no pixels, and those that the model wrongly gives it, past
-    the rim of a trunk that is too thin, would drag it far: nothing else holds it. An angle is felt
-    when two joints that it moves were detected, or all that it moves.
+    An occluded limb has almost no pixels; those assigned to it wrongly, past the outline of a trunk
+    that is too thin, would pull it far off. An angle is movable when two joints that it moves were
+    detected, or all that it moves.
     """
     moved = MOVES[list(LABEL_POINTS)]
-    return (moved & detected[:, None]).sum(0) >= np.minimum(moved.sum(0), NEEDED)
+    return (moved & detected[:, None]).sum(0) >= np.minimum(moved.sum(0), MIN_JOINTS)
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ColourTermConfig:
     weight: float = 0.01
     """Weight of one pixel that fits wholly or not at all, at `reference_rays`."""
     reference_rays: int = 28_000
-    """Number of rays at which `weight` holds; with fewer, each weighs more."""
+    """Number of rays at which `weight` holds; with fewer rays, each weighs more."""
 
     def __post_init__(self) -> None:
         if not 16 <= self.size <= 512:
@@ -66,7 +66,7 @@ class ColourTermConfig:
 
 
 class ColourTerm:
-    """A person's colours against those behind them, in one frame after another.
+    """The colour likelihood of a person against the background, frame after frame.
 
     Not to be shared between Python threads.
     """
@@ -87,61 +87,61 @@ class ColourTerm:
         self._seen: Palettes | None = None
         self._hsv: Float32[Array, "P 3"] | None = None
         self.visibility: Float32[Array, "P 91"] | None = None
-        """Of every Gaussian along every ray, at the pose that `see` was given last."""
+        """Of every Gaussian along every ray, at the pose that `set_images` was given last."""
 
     @classmethod
     def learned(
         cls, rig: Rig, proportions: Proportions,
-        frames: Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]],
-        config: ColourTermConfig, follow_light: bool = True,
+        frames: PosedFrames,
+        config: ColourTermConfig, adapt_illumination: bool = True,
     ) -> ColourTerm:  # fmt: skip
-        """Of a person in the colours that images of known poses show.
+        """The term of a person whose colours are learned from images of known poses.
 
         Raises InputError for pictures that are not of the rig's shape.
         """
         require_pictures(rig, frames[0][0])
         body = GaussianBody.from_proportions(proportions)
         rays, light = image_rays(rig, config.size, config.size), None
-        if follow_light:
+        if adapt_illumination:
             palette, light = learn_in_light(body, rig, rays, frames)
         else:
             palette = learn_palette(body, rays, frames)
         return cls(body, rig, palette, config, light=light)
 
-    def see(
+    def set_images(
         self, images: Sequence[UInt8[Array, "H W 3"]], pose: Float[Array, "37"] | None = None
     ) -> Palettes:
-        """Take in a frame's RGB images; returns what `ImageModel.evaluate` takes as its colours.
+        """Set a frame's RGB images; returns its colours for `ImageModel.evaluate`.
 
-        The background is read off where the body at `pose` is not. Without a pose it is that at
-        which `add` was called last, which saves an evaluation; the first frame needs a pose. Raises
+        The background is learned from the rays that the body at `pose` leaves free. Without a pose,
+        the last pose given to `add` is used, which saves an evaluation. Raises
         InputError for another number of images than of views, or without a pose at first.
         """
         if pose is not None:
             self.visibility = self.model.visibility(pose)
             opacity = self.visibility.sum(axis=1)
         elif self._seen is None:
-            raise InputError("the first frame's colours need a pose to tell body from background")
+            raise InputError("the first frame needs a pose to separate body and background")
         else:
             opacity = self.model.opacity
         if self.light is not None and self._seen is None and pose is not None:
-            self.light.meet(self._colours(images), pose)
+            self.light.initialise(self._colours(images), pose)
         self._hsv = self._colours(images)
         bins = colour_bins(self._hsv)
-        self._background.see(bins, opacity)
-        self._seen = self._background.against(self.palette, bins)
+        self._background.update(bins, opacity)
+        self._seen = self._background.compare(self.palette, bins)
         return self._seen
 
-    def settle(self, angles: Float[Array, "37"]) -> None:
+    def update_illumination(self, angles: Float[Array, "37"]) -> None:
         """Update the estimate of the light from the pose found in the last frame."""
         if self.light is not None and self._hsv is not None:
-            self.light.follow(self._hsv, angles)
+            self.light.update(self._hsv, angles)
 
     def _colours(self, images: Sequence[UInt8[Array, "H W 3"]]) -> Float32[Array, "P 3"]:
         return ray_colours(self.model.rays, images, None if self.light is None else self.light.gain)
 
-    def forget(self) -> None:
-        """Forget the background: the next frame does not follow the last."""
+    def reset_background(self) -> None:
+        """Drop the background: the next frame does not follow the last one."""
         self._background, self._seen = Background(), None
 
     def add(
@@ -149,23 +149,23 @@ class ColourTerm:
         angles: Float[Array, "37"],
         H: Float[Array, "37 37"],
         g: Float[Array, "37"],
-        felt: Bool[Array, "37"] | None = None,
+        movable: Bool[Array, "37"] | None = None,
         found: Evaluation | None = None,
     ) -> float:
         """Energy at a pose; its gradient is added to g, its Gauss-Newton matrix to H.
 
-        All are times the weight. The matrix is whole: lower and upper triangle. Angles that are not
-        `felt` get nothing; see `felt_angles`. `found` is the model's last evaluation, if it was at
-        this pose. Raises InputError before the first frame.
+        All are multiplied by the weight. Both triangles of the matrix are filled. Angles that are
+        not `movable` (see `movable_angles`) get nothing. `found` is the model's last evaluation, if
+        it was at this pose. Raises InputError before the first frame.
         """
         if self._seen is None:
-            raise InputError("the colour term has seen no frame yet", valid="see() first")
+            raise InputError("the colour term has no images", valid="set_images() first")
         if found is None:
             found = self.model.evaluate(angles, self._seen, curvature=True)
         assert found.curvature is not None
         gradient, curvature = found.gradient, found.curvature
-        if felt is not None:
-            gradient, curvature = gradient * felt, curvature * np.outer(felt, felt)
+        if movable is not None:
+            gradient, curvature = gradient * movable, curvature * np.outer(movable, movable)
         H += self.weight * curvature
         g += self.weight * gradient
         return self.weight * found.energy

@@ -1,4 +1,4 @@
-"""The light's slow change in brightness and tint, followed on the person alone.
+"""Slow changes of the light in brightness and tint, estimated from the person's pixels.
 
 A person's colours are learned once; clouds, lamps and rooms change. Light that changes brightness
 and temperature multiplies every colour channel (von Kries), in gamma-coded values too, as a power
@@ -12,10 +12,8 @@ Source: von Kries 1902 (diagonal adaptation); EgoCap 2016 has fixed colours.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 from scipy.special import erf
 
@@ -23,21 +21,21 @@ from egocap.body.gaussians import GaussianBody
 from egocap.cameras.rig import Rig
 from egocap.image_model.body_kernel import gaussian_centres
 from egocap.image_model.colour_measure import hsv_to_rgb
-from egocap.image_model.image_rays import ImageRays, ray_colours
+from egocap.image_model.image_rays import ImageRays, PosedFrames, ray_colours
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import Palette, colour_bins
 
 RATE = 0.15
-"""Share of what is found that is taken over in a frame: changes within a fifth of a second pass."""
+"""Fraction of the measured change that is applied in a frame: faster changes are filtered out."""
 LARGEST, AT_FIRST = 1.5, 4.0
 """Factor on a channel of a pixel, from one frame to the next, beyond which the pose is wrong there
 and not the light; and against another stretch of footage."""
 LEAST = 12
 """Pixels under which nothing is learned from a frame."""
 CLEAR = 0.3
-"""Optical depth before a Gaussian's centre up to which it counts as seen."""
+"""Optical depth before a Gaussian's centre up to which it counts as visible."""
 DARK, BRIGHT = 0.06, 0.96
-"""Values of a channel outside which its ratio says nothing: noise, and what is clipped."""
+"""Values of a channel outside which its ratio is unreliable: noise and clipping."""
 
 
 class Illumination:
@@ -54,7 +52,7 @@ class Illumination:
         self._foreign = parts[:, None] != parts  # those of a part run into each other
 
     def learn(self, hsv: Float[Array, "P 3"], angles: Float[Array, "37"]) -> None:
-        """Take the colours along the rays, divided by the present gain, for the person's own.
+        """Learn the person's colours from those along the rays, divided by the present gain.
 
         Gaussians known from frames before stay as they are, so that all are in the same light.
         """
@@ -62,16 +60,16 @@ class Illumination:
         new = np.isnan(self._known[which, 0])
         self._known[which[new]] = hsv_to_rgb(hsv[pixels[new]])
 
-    def follow(
+    def update(
         self,
         hsv: Float[Array, "P 3"],
         angles: Float[Array, "37"],
         rate: float = RATE,
         largest: float = LARGEST,
     ) -> int:
-        """Take in a frame, whose colours along the rays were divided by the present gain.
+        """Update the gain from a frame whose colours along the rays were divided by it.
 
-        Returns the number of pixels it was judged by; with too few the gain stays. A pixel that
+        Returns the number of pixels used; with too few the gain stays. A pixel that
         changed by more than a factor of `largest` shows something else.
         """
         which, pixels = self._plain(angles)
@@ -83,9 +81,9 @@ class Illumination:
             self.gain = self.gain * np.exp(rate * np.median(change, axis=0))
         return len(change)
 
-    def meet(self, hsv: Float[Array, "P 3"], angles: Float[Array, "37"]) -> int:
+    def initialise(self, hsv: Float[Array, "P 3"], angles: Float[Array, "37"]) -> int:
         """As `follow`, for a frame that does not follow the last: its light is taken as it is."""
-        return self.follow(hsv, angles, 1.0, AT_FIRST)
+        return self.update(hsv, angles, 1.0, AT_FIRST)
 
     def _plain(self, angles: Float[Array, "37"]) -> tuple[Int[Array, "N"], Int[Array, "N"]]:
         """Gaussians whose centres are plainly seen, and the rays that show them."""
@@ -118,7 +116,7 @@ class Illumination:
 
 def learn_in_light(
     body: GaussianBody, rig: Rig, rays: ImageRays,
-    frames: Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]],
+    frames: PosedFrames,
 ) -> tuple[Palette, Illumination]:  # fmt: skip
     """The colours of a body in frames of known pose, as in the light of the first of them.
 
@@ -128,7 +126,7 @@ def learn_in_light(
     light, bins = Illumination(body, rig, rays), []
     for images, angles in frames:
         light.gain = np.ones(3)
-        light.meet(ray_colours(rays, images), angles)
+        light.initialise(ray_colours(rays, images), angles)
         hsv = ray_colours(rays, images, light.gain)
         light.learn(hsv, angles)
         bins.append(colour_bins(hsv))

@@ -15,6 +15,8 @@ from egocap.geometry import unit
 
 TILE = 8
 """Width and height of a tile in pixels."""
+PosedFrames = Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]]
+"""RGB images of all views and the pose, frame by frame."""
 
 
 @dataclass(frozen=True, eq=False)

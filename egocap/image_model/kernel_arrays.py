@@ -70,7 +70,7 @@ class Scratch(NamedTuple):
 def make_scratch(threads: int, gaussians: int, cells: int) -> Scratch:
     """Working memory of several threads, stacked, for so many Gaussians and cells along a ray."""
     longest = cells + MAX_EDGES + LANES
-    # A cache line apart from the next thread's, or the threads would fight for the line.
+    # Rows of two threads do not share a cache line.
     row = gaussians + CACHE_LINE
     shapes = [(row,)] * 3 + [(row, 3)] * 2 + [(row, MAX_EDGES + 1)] * 2
     shapes += [(longest + CACHE_LINE,)] * 4 + [(LANES + CACHE_LINE,)] * 2

@@ -1,8 +1,8 @@
-"""Joints of a posed person that a rig sees, predicted from the volumetric body.
+"""Visibility of a posed person's joints in a rig, predicted from the volumetric body.
 
-A joint in view is seen when the light from it passes the body's other parts: the optical depth of
-their Gaussians along the way from the camera is small. The parts that meet at the joint surround
-it, and hide it only where they are clearly before it: a thigh seen from above hides its own knee.
+A joint in view is visible when the optical depth of the body's other parts between it and the
+camera is small. The parts that meet at the joint surround it and occlude it only where they are
+clearly in front of it: a thigh seen from above occludes its own knee.
 Checked against the renderer's visibility by `egocap-eval rig --check`.
 
 Source: EgoCap 2016, equation 4 (transmittance through Gaussians).
@@ -21,13 +21,13 @@ from egocap.cameras.rig import Rig
 from egocap.image_model.body_kernel import gaussian_centres
 
 DEPTH = 0.6
-"""Optical depth of other parts beyond which a joint counts as hidden."""
+"""Optical depth of other parts beyond which a joint counts as occluded."""
 MARGINS: dict[str, float] = {
     "head": 0.13, "neck": 0.17, "shoulder": 0.2, "elbow": 0.3, "wrist": 0.13, "hand": 0.13,
     "hip": 0.2, "knee": 0.12, "ankle": np.inf, "foot": np.inf,
 }  # fmt: skip
-"""Metres before a joint at which the parts that meet there stop hiding it; inf: they never do.
-Set by what agrees best with the renderer on simulated footage."""
+"""Metres in front of a joint within which the parts that meet there do not occlude it; inf: they
+never do. Fitted to the renderer's visibility on simulated footage."""
 _PARTS: dict[str, tuple[str, ...]] = {
     "head": ("head", "neck"),
     "neck": ("head", "neck", "chest", "left_shoulder", "right_shoulder"),
@@ -50,7 +50,7 @@ def joints_seen(
     rig: Rig,
     depth: float = DEPTH,
 ) -> Bool[Array, "B V 18"]:
-    """Whether each view of a rig sees each joint: inside lens and image, and not hidden."""
+    """Whether each joint is visible in each view: inside lens and image, and not occluded."""
     _, in_view = rig.project(joints_head)  # (V, B, 18)
     passed = optical_depths(angles, joints_head, body, rig) < depth
     return np.moveaxis(in_view, 0, 1) & passed

@@ -8,11 +8,11 @@ colours, the dissimilarity of a colour c is
     d_q(c) = clip(log(p_0(c) / p_q(c)) / LOG_RATIO, -1, 1),
 
 the log-likelihood ratio: -1 for a colour that is the Gaussian's own, 1 for one that is not, and 0
-where a colour tells nothing, because body and background share it or neither has it.
+for an uninformative colour, which both body and background have or neither has.
 
 Distributions are histograms over brightness and two chromaticities that shading does not change,
 smoothed. A Gaussian's own pixels count first; those of its part, of the whole person, and an even
-floor fill in what it has not shown. The background's is read off every frame where the body is not.
+floor fill in the rest. The background's is learned in every frame from the rays beside the body.
 
 Source: likelihood-ratio region tracking, e.g. Prisacariu & Reid 2012, "PWP3D: real-time
 segmentation and tracking of 3D objects"; Bibby & Reid 2008, "Robust real-time visual tracking using
@@ -32,7 +32,7 @@ from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import without_side
 from egocap.errors import InputError
 from egocap.image_model.colour_measure import hsv_to_rgb, rgb_to_hsv
-from egocap.image_model.image_rays import ImageRays, ray_colours
+from egocap.image_model.image_rays import ImageRays, PosedFrames, ray_colours
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 
@@ -46,11 +46,11 @@ DIM = 0.1
 OWN_PIXELS, PART_PIXELS = 4.0, 12.0
 """Pixels at which a Gaussian's own colours weigh as much as its part's, and those as all's."""
 FLOOR = 0.02
-"""Share of a distribution that lies evenly over all colours."""
+"""Fraction of a distribution that is uniform over all colours."""
 CLEAR = 0.1
-"""Opacity under which a ray shows the background."""
+"""Opacity below which a ray shows the background."""
 MEMORY = 0.95
-"""Share of the background's histogram that stays from frame to frame."""
+"""Fraction of the background's histogram that is kept from frame to frame."""
 SEEN = 0.3
 """Visibility, summed over pixels, under which a Gaussian takes the colour of its part."""
 _BLUR = (1.0, 0.8, 0.8)
@@ -106,7 +106,7 @@ class Palette:
 def learn_palette(
     body: GaussianBody,
     rays: ImageRays,
-    frames: Sequence[tuple[Sequence[UInt8[Array, "H W 3"]], Float[Array, "37"]]],
+    frames: PosedFrames,
 ) -> Palette:
     """The colours of a body in frames of which images and pose are known.
 
@@ -145,18 +145,18 @@ def colour_body(
 
 
 class Background:
-    """The colours behind the body, followed from frame to frame."""
+    """The background's colours, updated from frame to frame."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(BINS)
 
-    def see(self, bins: Int32[Array, "P"], opacity: Float32[Array, "P"]) -> None:
-        """Take in a frame whose rays the body covers by `opacity`."""
+    def update(self, bins: Int32[Array, "P"], opacity: Float32[Array, "P"]) -> None:
+        """Add a frame whose rays the body covers by `opacity`."""
         new = np.bincount(bins[opacity < CLEAR], minlength=BINS)
         self._counts = MEMORY * self._counts + (1.0 - MEMORY) * _shares(new)
 
-    def against(self, palette: Palette, bins: Int32[Array, "P"]) -> Palettes:
-        """What `ImageModel.evaluate` takes: the rays' bins, and every Gaussian's dissimilarity."""
+    def compare(self, palette: Palette, bins: Int32[Array, "P"]) -> Palettes:
+        """The rays' bins and every Gaussian's dissimilarity, for `ImageModel.evaluate`."""
         behind = np.log(_smooth(_shares(self._counts)[None])).astype(np.float32)
         unlike = np.clip((behind - palette.log_density) / np.float32(LOG_RATIO), -1.0, 1.0)
         return Palettes(bins, np.ascontiguousarray(unlike, np.float32))

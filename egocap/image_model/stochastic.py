@@ -1,10 +1,9 @@
 """Unbiased estimates of the colour energy and its gradient from few random pixels and Gaussians.
 
-Rays are drawn by systematic sampling: the importances are laid end to end, and a comb of equally
-spaced teeth with a random start picks the rays. Ray p is picked with probability
-pi_p = min(1, S w_p / sum w) and counts 1 / pi_p times. The importance w is the pull that the
-ray had on the pose when the sampler was aimed, mostly at the body's outline, on top of a
-floor that every ray near the body has, so that no ray that matters is left out for good.
+Rays are drawn by systematic sampling: equally spaced positions with a random start along the
+cumulative importances. Ray p is drawn with probability pi_p = min(1, S w_p / sum w) and weighs
+1 / pi_p. The importance w is the length of the ray's gradient at the pose given to `aim`, plus a
+floor for every ray near the body.
 
 Source: EgoCap 2016, section 4.4; Blanz & Vetter 1999 (random pixels); systematic sampling as in
 Saerndal, Swensson & Wretman, Model Assisted Survey Sampling, 1992, section 3.7.
@@ -21,9 +20,9 @@ from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
 
 FLOOR = 0.3
-"""Share of the picks that go evenly to all rays near the body, wherever they pulled when aimed."""
+"""Fraction of the draws that is uniform over all rays near the body."""
 STRAY = 0.02
-"""Share that goes evenly to all rays of the images, where the body may move to."""
+"""Fraction that is uniform over all rays of the images, where the body may move to."""
 
 
 class PixelSampler:
@@ -34,7 +33,7 @@ class PixelSampler:
         self._importance = np.ones(len(model.rays))
 
     def aim(self, colours: Float32[Array, "P 3"] | Palettes, angles: Float[Array, "37"]) -> None:
-        """Set the importances by the rays' pulls at a pose: costs one full evaluation."""
+        """Set the importances from the rays' gradients at a pose: costs one full evaluation."""
         energies, pull = self.model.pixel_energies(angles, colours)
         near = (energies != 0.0).astype(float)
         self._importance = (
@@ -57,7 +56,7 @@ class PixelSampler:
         keep: float,
         rng: np.random.Generator,
     ) -> Evaluation:
-        """Energy and gradient at a pose, right on average over the draws."""
+        """Unbiased energy and gradient at a pose."""
         selected, weights = self.draw(count, rng)
         seed = int(rng.integers(2**63))
         return self.model.evaluate(
@@ -74,7 +73,7 @@ def gradient_scatter(
     draws: int,
     rng: np.random.Generator,
 ) -> float:
-    """Root mean square distance of estimated gradients from the full one, as a share of it."""
+    """Root mean square distance of estimated gradients from the full one, relative to it."""
     exact = sampler.model.evaluate(angles, colours).gradient
     squared = [
         np.sum((sampler.estimate(colours, angles, count, keep, rng).gradient - exact) ** 2)
@@ -85,7 +84,7 @@ def gradient_scatter(
 
 @njit(cache=True)
 def systematic(importance, count, start):
-    """Picks (S,) and weights (S,) by a comb of `count` teeth that begins at `start` in [0, 1)."""
+    """Indices (S,) and weights (S,) of `count` systematic draws; `start` is in [0, 1)."""
     step = importance.sum() / count
     picked, weights = np.empty(count + 1, np.int32), np.empty(count + 1, np.float32)
     tooth, passed, found = start * step, 0.0, 0
@@ -95,6 +94,6 @@ def systematic(importance, count, start):
         if tooth < passed:
             picked[found], weights[found] = p, max(step / w, 1.0)
             found += 1
-            while tooth < passed:  # a ray wider than the comb's step is picked once, for sure
+            while tooth < passed:  # a ray longer than the step is drawn once
                 tooth += step
     return picked[:found], weights[:found]

@@ -130,7 +130,7 @@ def palette_batch(
     dtype: torch.dtype = torch.float64,
     device: torch.device | str = "cpu",
 ) -> tuple[RayBatch, PaletteMeasure]:
-    """Rays whose colours are bins, and the measure that compares these; of `Background.against`."""
+    """Rays whose colours are bins, and the measure that compares these; of `Background.compare`."""
     unlike = torch.as_tensor(palettes.unlike.T.copy(), dtype=dtype, device=device)
     return RayBatch.from_rays(rays, palettes.bins[:, None], dtype, device), PaletteMeasure(unlike)
 

@@ -66,7 +66,7 @@ def colour_likelihood(
     frame while the function is in use. An evaluation takes a millisecond, a hundred times as long
     as that of the detections. Raises InputError for another number of images than of views.
     """
-    colours = term.see(images, pose)
+    colours = term.set_images(images, pose)
 
     def log_likelihood(angles: Float[Array, "W 37"]) -> Float[Array, "W"]:
         return np.array([-term.weight * term.model.evaluate(a, colours).energy for a in angles])

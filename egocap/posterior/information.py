@@ -2,7 +2,7 @@
 
 A detection with covariance C of a joint at X informs about the angles by (dpixel/dangles)^T C^-1
 (dpixel/dangles); Student-t errors by a constant times that. The bound on a joint's covariance is
-the inverse information carried to the joint. Without a prior, what no camera sees cannot be
+the inverse information propagated to the joint. Without a prior, what no camera sees cannot be
 estimated and has no bound. With the posture's Gaussian, and with the tracker's random accelerations
 between frames, the bound is the Bayesian one at the given motion.
 
@@ -28,12 +28,12 @@ from egocap.pose.observations import REFERENCE_WIDTH
 from egocap.pose.pose_prior import load_posture
 
 UNSEEN = 1e-9
-"""Share of the largest information under which a direction counts as unseen."""
+"""Fraction of the largest information below which a direction counts as unobserved."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """How detections scatter. Raises InputError for impossible values."""
+    """Noise of detections. Raises InputError for impossible values."""
 
     sigma: float = 2.0  # standard deviation along each axis, pixels at an image width of 640
     degrees: float = np.inf  # of freedom of Student-t errors, above 2; inf: Gaussian
@@ -87,7 +87,7 @@ def _whitened(
     W = np.zeros((*seen.shape, 2, 3))
     for v, camera in enumerate(rig.cameras):
         stated = noise.sigma * camera.width / REFERENCE_WIDTH
-        # What was not made may hold anything; it is left out below.
+        # Values of missing detections are arbitrary; they are left out below.
         sigma = np.where(seen[:, v], stated if spreads is None else spreads[:, v], stated)
         JJ = J[v] @ np.swapaxes(J[v], -1, -2)
         covariance = sigma[..., None, None] ** 2 * np.eye(2) + noise.model_error_m**2 * JJ
@@ -130,8 +130,8 @@ def lasting_information(
     new = 1.0 / (1.0 - rho**2)
     lasts = seen[:-1] & seen[1:]
     share = np.ones(seen.shape)
-    share[1:][lasts] += new - 1.0  # what is new is the less
-    share[:-1][lasts] += rho**2 * new  # and tells of the frame before, too
+    share[1:][lasts] += new - 1.0  # the new part has a smaller variance
+    share[:-1][lasts] += rho**2 * new  # and informs about the frame before
     own = np.sum(share[..., None, None] * (np.swapaxes(W, -1, -2) @ W), axis=1)
     cross = np.swapaxes(W[:-1], -1, -2) @ W[1:]
     between = -rho * new * np.sum(lasts[..., None, None] * cross, axis=1)
@@ -141,7 +141,7 @@ def lasting_information(
 def _carried(
     place: Float[Array, "B 18 3 3"], J: Float[Array, "B 18 3 37"], other: Float[Array, "B 18 3 37"]
 ) -> Float[Array, "B 37 37"]:
-    """What joints' places are informed of, as information about some angles and some others."""
+    """Information about joints' places, propagated to two sets of angles."""
     rows = J.shape[1] * J.shape[2]
     flat = np.swapaxes(J.reshape(-1, rows, DOF_COUNT), 1, 2)  # (B, 37, 54)
     return flat @ (place @ other).reshape(-1, rows, DOF_COUNT)
@@ -169,8 +169,8 @@ def joint_bound(
 ) -> tuple[Float[Array, "B 18 3 3"], Bool[Array, "B 18"]]:
     """Cramer-Rao bound [m^2] on each joint's covariance, and whether the joint has one.
 
-    A joint that moves along a direction of the angles of which nothing is known has none; its
-    covariance means nothing.
+    A joint that moves along an unobserved direction of the angles has none; its covariance is
+    meaningless.
     """
     _, J = jacobian(proportions, angles)
     values, vectors = np.linalg.eigh(information)
@@ -220,10 +220,10 @@ def smoothed_bound(
     config: TrackerConfig,
     between: Float[Array, "L 37 37"] | None = None,
 ) -> Float[Array, "T 18"]:
-    """Bound [mm] on every joint's error given a whole motion's detections and a tracker's beliefs.
+    """Bound [mm] on every joint's error given a whole motion's detections and a tracker's priors.
 
-    `information` is what each frame's detections tell of the angles, `between` what those of two
-    successive frames tell together (`lasting_information`).
+    `information` is that of each frame's detections, `between` that between successive frames
+    (`lasting_information`).
     """
     known = information + prior_information(angles, config.lambda_posture)
     covariance = smoothed_covariance(known, times, config.acceleration_sigma, between)
@@ -236,7 +236,7 @@ def _pairs(
 ) -> tuple[Float[Array, "P 74 74"], Float[Array, "P 74 74"]]:  # fmt: skip
     """Two frames to a block, so that accelerations over three frames reach the next block only.
 
-    An odd number of frames is filled up with one that knows itself and meets no other.
+    An odd number of frames is padded with one that is independent of the others.
     """
     frames, n = len(information), DOF_COUNT
     count = (frames + 1) // 2
@@ -269,8 +269,7 @@ def _inverse_diagonal(
 ) -> Float[Array, "P M M"]:
     """Diagonal blocks of the inverse of a symmetric block tridiagonal matrix.
 
-    `upper[i]` stands right of `diagonal[i]`. What lies before a block and what lies behind it are
-    eliminated towards it; it is then alone.
+    `upper[i]` is right of `diagonal[i]`. The blocks before and behind each block are eliminated.
     """
     count = len(diagonal)
     before, behind = diagonal.copy(), diagonal.copy()

@@ -24,7 +24,7 @@ LEAF = {"cache": True, "_nrt": False}
 
 
 class Prior(NamedTuple):
-    """Beliefs without the detections. Parameters: 37 angles, S scales, E rig errors."""
+    """The prior. Parameters: 37 angles, S scales, E rig errors."""
 
     limits: Float[Array, "37 2"]
     limit_weight: float
@@ -35,7 +35,7 @@ class Prior(NamedTuple):
 
 
 class Body(NamedTuple):
-    """The skeleton as stated, and which parameters move which label.
+    """The skeleton, and which parameters move which label.
 
     Repeats the fields of `KinematicTree`: numba hands nested tuples to no parallel loop.
     """

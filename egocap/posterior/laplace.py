@@ -1,8 +1,8 @@
-"""The posterior's modes and a Gaussian about each: where the sampler starts from.
+"""The posterior's modes and a Gaussian about each: starting points of the sampler.
 
 Levenberg-Marquardt climbs from many starts: the tracker's starting poses, poses drawn from the
-prior, and the best pose with one limb replaced by a drawn one, which finds the other explanations
-of an arm that a view does not settle. Modes that stand within each other's scatter are one.
+prior, and the best pose with one limb replaced by a drawn one, which finds the alternatives of an
+ambiguous arm. Modes within `APART` standard deviations of each other are merged.
 
 Source: MacKay, Information Theory, Inference, and Learning Algorithms, ch. 27; Nocedal & Wright,
 Numerical Optimization, 2nd ed., section 10.3.
@@ -38,7 +38,7 @@ _LIMBS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A local maximum and the Gaussian that shares its curvature."""
+    """A local maximum and the Gaussian of its curvature."""
 
     mean: Float[Array, "N"]
     covariance: Float[Array, "N N"]
@@ -55,7 +55,7 @@ class Mode:
 def find_modes(
     density: LogPosterior, rng: np.random.Generator, starts: Float[Array, "S 37"] | None = None
 ) -> list[Mode]:
-    """All modes found that matter, the heaviest first; never empty. `starts` are tried as well."""
+    """Modes of relevant mass, the heaviest first; never empty. `starts` are tried as well."""
     poses = [load_posture().mean[None], start_poses(), draw_poses(DRAWN, density.config, rng)]
     poses += [starts] if starts is not None else []
     rough = [_climb(density, _padded(density, pose), _ROUGH) for pose in np.concatenate(poses)]

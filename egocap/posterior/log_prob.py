@@ -7,8 +7,8 @@
 The posture Gaussian is the tracker's, at full weight: a density from which poses can be drawn
 (`synthetic_pose`), so that calibration can be tested. Limits are walls of finite stiffness, because
 people's ranges differ by degrees: smooth, proper, and without a reparametrisation that would
-distort the density near them. Student-t errors have the stated spreads as standard deviations.
-Whether a joint is detected is taken as given, not as evidence.
+distort the density near them. Student-t errors have the stated standard deviations. Whether a joint
+is detected carries no information.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ SCALES: dict[str, tuple[str, ...]] = {
     "shanks": ("ankle",),
     "feet": ("foot",),
 }
-"""Bones that grow together, by the point at their far end, left and right alike."""
+"""Bones with one common scale, by the point at their far end, left and right alike."""
 
 RIG_ERRORS = ("turn_x", "turn_y", "turn_z", "shift_x", "shift_y", "shift_z")
 """Of one camera, in its own axes: the point's coordinates are turned, then shifted."""
@@ -173,7 +173,7 @@ def make_body(proportions: Proportions) -> kernel.Body:
 
 
 def make_prior(config: PosteriorConfig, views: int) -> kernel.Prior:
-    """The beliefs that the settings state."""
+    """The prior of the settings."""
     posture = load_posture()
     scales = len(SCALES) if config.bone_scales else 0
     spreads = [config.bone_scale_sd] * scales

@@ -1,4 +1,4 @@
-"""Detections of one frame as the density takes them: pixels, and what whitens their errors."""
+"""Detections of one frame for the density: pixels, and whitening matrices of their errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Measurement:
     pixels: Float[Array, "V 18 2"]
     whiten: Float[Array, "V 18 2 2"]  # pixels off -> standard deviations
     weights: Float[Array, "V 18"]  # 0 for missing, else 1
-    notes: tuple[str, ...]  # what a reader of the result should know
+    notes: tuple[str, ...]  # warnings about the result
 
     @property
     def count(self) -> int:
@@ -45,9 +45,9 @@ def measure(
 ) -> Measurement:
     """Gather one frame's detections.
 
-    A spread is the stated one, at least the floor; none stated (zero or not a number): the
-    default. To it comes the scatter of true joints about the skeleton, as the camera sees it from
-    the rest pose's distance. Raises InputError for a frame or views that do not exist.
+    The standard deviation is the stated one, at least the floor, or the default where none is
+    stated (zero or not a number). The skeleton's model error, at the rest pose's distance,
+    is added. Raises InputError for a frame or views that do not exist.
     """
     check_frame(detections, frame, rig)
     points, sigma = detections.points[frame], np.asarray(detections.sigma[frame], float)

@@ -1,11 +1,10 @@
 """Proposals for emcee from a mixture of Gaussians that approximates the posterior.
 
-`Crank` turns a walker about the mean of the Gaussian it belongs to, in that Gaussian's own metric.
-The Gaussian itself would be sampled without a single rejection, in any number of dimensions, where
-a stretch move's steps shrink; what is rejected is the difference between it and the posterior.
-`Hop` carries a walker from one Gaussian to the same place in another, so that modes get their
-share. Both draw the Gaussian by its responsibility for the walker, and the chance of drawing it
-again from the other end enters the acceptance.
+`Crank` turns a walker about the mean of its Gaussian, in that Gaussian's metric. It samples the
+Gaussian itself without rejection in any number of dimensions, where a stretch move's steps shrink;
+rejections correct for the difference from the posterior. `Hop` moves a walker from one Gaussian to
+the same whitened place in another, which balances the modes. Both draw the Gaussian by its
+responsibility for the walker; the probability of the reverse draw enters the acceptance.
 
 Source: Neal 1999, "Regression and classification using Gaussian process priors"; Cotter et al.
 2013, "MCMC methods for functions"; Tjelmeland & Hegstad 2001, "Mode jumping proposals in MCMC".
@@ -87,7 +86,7 @@ class Mixture:
 class Crank(MHMove):
     """x' = mean + L z', z' = sqrt(1 - b^2) z + b xi, with b drawn from `steps` at every step.
 
-    With `few`, that many of z's numbers, about, move and the others stay: the steps may be longer.
+    With `few`, only about that many components of z change, which allows longer steps.
     """
 
     def __init__(
@@ -153,7 +152,7 @@ class Hop(MHMove):
     """The same standard deviations from the mean of another Gaussian."""
 
     def __init__(self, mixture: Mixture) -> None:
-        assert len(mixture) > 1, "there is nowhere to hop to"
+        assert len(mixture) > 1, "one Gaussian only"
         super().__init__(self._propose, ndim=mixture.means.shape[1])
         self._mixture = mixture
 

@@ -2,10 +2,10 @@
 
 Moves, drawn at random at every step: Crank and (between modes) Hop of `moves`, which
 follow the shape about the modes, and differential evolution with and without snooker and the
-stretch move, which need no idea of it. The chain grows until it is `LENGTHS` integrated
-autocorrelation times long beyond a burn-in of `BURN_IN` of them, has the effective draws asked for,
-and the walkers agree with each other; or until the limit of steps, and then the result
-states which criterion failed.
+stretch move, which do not depend on the modes. The chain grows until it is `LENGTHS` integrated
+autocorrelation times long beyond a burn-in of `BURN_IN` of them, has the required effective draws
+and an R-hat below `RHAT`; or until the limit of steps, and then the result states which criterion
+failed.
 
 Source: Foreman-Mackey et al. 2013 (emcee); Goodman & Weare 2010; ter Braak & Vrugt 2008; Sokal 1996
 (autocorrelation time); Vehtari et al. 2021 (split R-hat).
@@ -34,18 +34,18 @@ from egocap.posterior.moves import Crank, Hop, Mixture, Snooker
 from egocap.posterior.result import Posterior
 
 THIN = 5
-"""Steps between two that are kept."""
+"""Every this many steps one is kept."""
 LENGTHS, BURN_IN = 50.0, 5.0
-"""Least length of a chain and burn-in, in autocorrelation times."""
+"""Minimum length of a chain, and burn-in, in autocorrelation times."""
 GROWTH = 1.5
 """Growth of the chain between two checks."""
 RHAT = 1.05
 """Limit of the potential scale reduction."""
 KEPT_DRAWS = 6000
-"""Draws handed on, at most about, evenly from the chain."""
+"""About the maximum number of draws in the result, evenly from the chain."""
 _CRANKS = (0.15, 0.3, 0.6)
 _FEW = (4, 8, 16)
-"""Directions that are redrawn together."""
+"""Components that are redrawn together."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ def sample(
 ) -> Posterior:
     """Draw from a posterior. Not mixing is data on the result, not an exception.
 
-    `frame`, `time_s` and `source` are handed on. `starts` are poses worth trying first, such as the
-    tracker's. With a `checkpoint` the chain is kept in that file and taken up from it: a run that
-    was killed ends with the same draws. Raises InputError, FileError.
+    `frame`, `time_s` and `source` are copied to the result. `starts` are additional starting poses,
+    such as the tracker's. With a `checkpoint` the chain is saved there and continued:
+    an interrupted run ends with the same draws. Raises InputError, FileError.
     """
     walkers = config.walkers_for(density.size)
     began = time.perf_counter()
@@ -192,8 +192,7 @@ def _grow(
 
 def _mixture(modes: list[Mode]) -> Mixture:
     mass = np.array([mode.log_mass for mode in modes])
-    # No mode's share may vanish: a walker that starts there can leave, one that does not may not
-    # find it.
+    # Every mode gets some walkers: they can leave it, but others may not find it.
     weights = np.maximum(np.exp(mass - mass.max()), 0.05)
     return Mixture(
         np.array([m.mean for m in modes]), np.array([m.covariance for m in modes]), weights

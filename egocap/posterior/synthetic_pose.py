@@ -25,7 +25,7 @@ from egocap.posterior.config import PosteriorConfig
 def draw_poses(
     count: int, config: PosteriorConfig, rng: np.random.Generator
 ) -> Float[Array, "B 37"]:
-    """Poses from the prior, exactly: the posture's Gaussian, thinned by the limits' walls."""
+    """Exact draws of poses from the prior: the posture's Gaussian with rejection by the limits."""
     posture = load_posture()
     root = np.linalg.cholesky(np.linalg.inv(posture.precision))
     kept, have = [np.zeros((0, len(LIMITS)))], 0

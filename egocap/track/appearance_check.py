@@ -46,7 +46,7 @@ def find_rejected(
     times, found = observations.times, observations.weights > 0.0
     usual = float(np.median(np.diff(times))) if len(times) > 1 else CHECK_EVERY_S
     step = max(1, round(CHECK_EVERY_S / usual))
-    term.forget()
+    term.reset_background()
     evidence = np.array([
         _evidence(term, images(t), angles[t], found[t]) for t in range(0, len(times), step)
     ])  # fmt: skip
@@ -81,10 +81,10 @@ def _evidence(
     found: Bool[Array, "V 18"],
 ) -> Float[Array, "18"]:  # fmt: skip
     """Evidence against each label's segment from the views that detected it, in rays of a view."""
-    palettes = term.see(images, pose)
+    palettes = term.set_images(images, pose)
     seen, view = term.visibility, term.model.rays.view
     assert seen is not None
-    term.settle(pose)
+    term.update_illumination(pose)
     evidence = np.zeros(len(LABELS))
     parts = np.array(term.model.body.parts)
     for label, part in (entry for chain in _CHAINS for entry in chain):

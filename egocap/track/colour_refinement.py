@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
-from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, felt_angles
+from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, movable_angles
 from egocap.pose.config import TrackerConfig
 
 Images = Callable[[int], Sequence[UInt8[Array, "H W 3"]]]
@@ -37,16 +37,16 @@ def refine_by_colour(
     refined, narrowed = angles.copy(), covariances.copy()
     energies = np.zeros(len(angles))
     for t, start in enumerate(angles):
-        term.see(images(t), start)
+        term.set_images(images(t), start)
         precision = np.linalg.inv(covariances[t])
-        refined[t], H, energies[t] = _refine_frame(start, precision, felt_angles(seen[t]), term)
+        refined[t], H, energies[t] = _refine_frame(start, precision, movable_angles(seen[t]), term)
         narrowed[t] = np.linalg.inv(H)
-        term.settle(refined[t])
+        term.update_illumination(refined[t])
     return refined, narrowed, energies
 
 
 def _refine_frame(
-    start: Float[Array, "37"], precision: Float[Array, "37 37"], felt: Bool[Array, "37"],
+    start: Float[Array, "37"], precision: Float[Array, "37 37"], movable: Bool[Array, "37"],
     term: ColourTerm,
 ) -> tuple[Float[Array, "37"], Float[Array, "37 37"], float]:  # fmt: skip
     """Angles, Gauss-Newton matrix and colour energy."""
@@ -54,7 +54,7 @@ def _refine_frame(
     def evaluate(pose):
         away = pose - start
         H, g = precision.copy(), precision @ away
-        colour = term.add(pose, H, g, felt)
+        colour = term.add(pose, H, g, movable)
         return 0.5 * away @ precision @ away + colour, colour, H, g
 
     pose, damping = start, 1e-3

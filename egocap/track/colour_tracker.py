@@ -90,7 +90,7 @@ class ColourTracker:
     def _follow(self, images: Sequence[UInt8[Array, "H W 3"]], elapsed: float) -> Solution:
         assert self._term is not None and self._solver is not None
         first = self._last is self._start
-        colours = self._term.see(images, self._start if first else None)
+        colours = self._term.set_images(images, self._start if first else None)
         predicted = np.where(
             UPPER_BODY, predict(self._last, self._before, PRIORS.zeta), self._start
         )
@@ -100,7 +100,7 @@ class ColourTracker:
         else:
             found = self._solver.descend(colours, predicted, self._rng, predicted, scatter)
         self._before, self._last = self._last, found.angles
-        self._term.settle(found.angles)
+        self._term.update_illumination(found.angles)
         return found
 
     def _pose(self, time: float, elapsed: float, found: Solution | None) -> PoseEstimate:

@@ -131,8 +131,8 @@ def _what_colours_prefer(
     solver = ImageSolver(term.model, config, PRIORS, UPPER_BODY)
     more = []
     for t in range(0, len(angles), 10):
-        colours = term.see(sequence.images(t), angles[t])
-        term.settle(angles[t])
+        colours = term.set_images(sequence.images(t), angles[t])
+        term.update_illumination(angles[t])
         for side, arm in zip(("left", "right"), LIMBS[1:3], strict=True):
             if wrong[t, LABEL_INDEX[f"{side}_wrist"]] > LOST_MM:
                 true = nearest_angles(person, sequence.truth.joints_head[t])
@@ -190,8 +190,8 @@ def valley_study(scenes: list[Scene]) -> dict[str, Any]:
 
 def _curves(scene: Scene, t: int) -> dict[str, Float[Array, "37 O"]]:
     """Energies (37, offsets) of colour alone and with detections at a frame."""
-    scene.term.forget()
-    colours = scene.term.see(scene.sequence.images(t), scene.poses[t])
+    scene.term.reset_background()
+    colours = scene.term.set_images(scene.sequence.images(t), scene.poses[t])
     model, weight = scene.term.model, scene.term.weight
     detected = ImageSolver(model, ImageSolverConfig(lambda_colour=0.0))
     known = scene.observations(2.0)

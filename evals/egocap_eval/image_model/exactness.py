@@ -140,8 +140,8 @@ def stochastic_study(scene: Scene, rng: np.random.Generator, draws: int = 150) -
     """
     t = len(scene.poses) // 2
     pose = scene.poses[t] + np.deg2rad(5.0) * rng.uniform(-1.0, 1.0, DOF_COUNT)
-    scene.term.forget()
-    colours = scene.term.see(scene.sequence.images(t), pose)
+    scene.term.reset_background()
+    colours = scene.term.set_images(scene.sequence.images(t), pose)
     model = scene.term.model
     aimed, evenly = PixelSampler(model), PixelSampler(model)
     aimed.aim(colours, pose)

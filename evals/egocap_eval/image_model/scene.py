@@ -82,8 +82,8 @@ class Scene:
         model = self.term.model if measure is None else self.paper
         images = self.sequence.images(t)
         if measure is None:
-            self.term.forget()
-            colours = self.term.see(images, start)
+            self.term.reset_background()
+            colours = self.term.set_images(images, start)
         else:
             colours = model.colours(images)
         alone = ImageSolverConfig().lambda_colour

@@ -97,7 +97,7 @@ class ColourFollower:
         frames = [(footage.images(t), angles[t]) for t in chosen]
         config = ColourTermConfig(COLOUR_SIZE, weight=COLOUR_WEIGHT)
         self._term = ColourTerm.learned(
-            footage.rig, footage.body, frames, config, follow_light=False
+            footage.rig, footage.body, frames, config, adapt_illumination=False
         )
         self._solver = ImageSolver(
             self._term.model, ImageSolverConfig(lambda_colour=COLOUR_WEIGHT),
@@ -108,8 +108,8 @@ class ColourFollower:
         """Joints in the head frame at successive frames, from a pose at the first."""
         from egocap.image_model.colour_solver import track_colours
 
-        self._term.forget()
-        seen = (self._term.see(self._footage.images(t), start if t == frames[0] else None)
+        self._term.reset_background()
+        seen = (self._term.set_images(self._footage.images(t), start if t == frames[0] else None)
                 for t in frames)  # fmt: skip
         fps = self._footage.manifest.fps
         found = track_colours(self._solver, seen, start, fps)

@@ -30,14 +30,14 @@ def light(noon):
 
 
 def test_a_frame_in_other_light_tells_it_at_once(light, noon):
-    assert light.meet(ray_colours(RAYS, lit(noon, DUSK)), POSE) > 20
+    assert light.initialise(ray_colours(RAYS, lit(noon, DUSK)), POSE) > 20
     np.testing.assert_allclose(light.gain, DUSK, rtol=0.04)
 
 
 def test_a_slow_ramp_is_followed(light, noon):
     for share in np.linspace(0.0, 1.0, 150):
         now = DUSK**share
-        light.follow(ray_colours(RAYS, lit(noon, now), light.gain), POSE)
+        light.update(ray_colours(RAYS, lit(noon, now), light.gain), POSE)
         np.testing.assert_allclose(light.gain, now, rtol=0.1)
     assert np.abs(np.log(light.gain)).max() > 0.5
 
@@ -45,21 +45,21 @@ def test_a_slow_ramp_is_followed(light, noon):
 def test_a_pose_that_is_off_in_an_arm_does_not_mislead(light, noon):
     wrong = POSE.copy()
     wrong[9:17] += 0.5
-    light.meet(ray_colours(RAYS, noon), wrong)
+    light.initialise(ray_colours(RAYS, noon), wrong)
     np.testing.assert_allclose(light.gain, 1.0, rtol=0.06)
 
 
 def test_darkness_and_empty_views_change_nothing(light):
     for value in (0, 255):
         blank = [np.full((40, 40, 3), value, np.uint8)] * 2
-        light.meet(ray_colours(RAYS, blank), POSE)
+        light.initialise(ray_colours(RAYS, blank), POSE)
         np.testing.assert_array_equal(light.gain, 1.0)
 
 
 def test_colours_of_frames_in_two_lights_are_brought_to_one(noon):
     _, light = learn_in_light(DRESSED, RIG, RAYS, [(noon, POSE), (lit(noon, DUSK), POSE)])
     np.testing.assert_array_equal(light.gain, 1.0)
-    light.meet(ray_colours(RAYS, lit(noon, DUSK)), POSE)
+    light.initialise(ray_colours(RAYS, lit(noon, DUSK)), POSE)
     np.testing.assert_allclose(light.gain, DUSK, rtol=0.04)
 
 
@@ -71,11 +71,11 @@ def test_the_energy_of_the_right_pose_holds_while_the_light_fades(noon):
     dusk, energies = DUSK**1.5, {}
     for name, term in (("fixed", fixed), ("following", following)):
         for share in np.linspace(0.0, 1.0, 90):
-            term.see(lit(noon, dusk**share), POSE)
+            term.set_images(lit(noon, dusk**share), POSE)
             if share in (0.0, 1.0):
                 energy = term.add(POSE, np.zeros((37, 37)), np.zeros(37))
                 energies.setdefault(name, []).append(energy)
-            term.settle(POSE)
+            term.update_illumination(POSE)
     first, last = energies["following"]
     assert first < 0.0 and last < 0.8 * first
     assert last < energies["fixed"][-1] - 0.05 * abs(first)

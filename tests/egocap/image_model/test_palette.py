@@ -14,7 +14,7 @@ from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
 from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.colour_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
-from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, felt_angles
+from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, movable_angles
 from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
@@ -65,8 +65,8 @@ def test_bins_part_colours_and_not_shades():
 def test_own_colours_are_alike_and_others_are_not(palette):
     background = Background()
     bins = colour_bins(np.tile(GREY, (len(RAYS), 1)))
-    background.see(bins, np.zeros(len(RAYS), np.float32))
-    unlike = background.against(palette, bins).unlike
+    background.update(bins, np.zeros(len(RAYS), np.float32))
+    unlike = background.compare(palette, bins).unlike
     chest = BODY.parts.index("chest")
     assert unlike[chest, colour_bins(np.array([BLUE]))[0]] < -0.9
     assert unlike[chest, bins[0]] > 0.9
@@ -76,8 +76,8 @@ def test_own_colours_are_alike_and_others_are_not(palette):
 def test_a_background_like_the_body_tells_nothing(palette):
     background = Background()
     bins = colour_bins(np.tile(BLUE, (len(RAYS), 1)))
-    background.see(bins, np.zeros(len(RAYS), np.float32))
-    unlike = background.against(palette, bins).unlike
+    background.update(bins, np.zeros(len(RAYS), np.float32))
+    unlike = background.compare(palette, bins).unlike
     assert np.abs(unlike[BODY.parts.index("chest"), bins[0]]) < 0.25
 
 
@@ -108,7 +108,7 @@ def test_the_pose_is_held_by_colour_alone(palette, before_grey):
     model = ImageModel(BODY, RAYS, threads=1)
     term = ColourTerm(BODY, RIG, palette, ColourTermConfig(size=40), threads=1)
     start = POSE + np.deg2rad(5) * np.random.default_rng(0).choice([-1.0, 1.0], 37) * UPPER_BODY
-    colours = term.see(before_grey, start)
+    colours = term.set_images(before_grey, start)
     solver = ImageSolver(model, ImageSolverConfig(iterations=30), free=UPPER_BODY)
     found = solver.solve(colours, start)
     joints = [2, 3, 4, 6, 7, 8]
@@ -118,7 +118,7 @@ def test_the_pose_is_held_by_colour_alone(palette, before_grey):
 
 def test_the_term_adds_its_derivatives(palette, before_grey):
     term = ColourTerm(BODY, RIG, palette, ColourTermConfig(size=40, weight=0.5), threads=1)
-    term.see(before_grey, POSE)
+    term.set_images(before_grey, POSE)
     H, g = np.ones((37, 37)), np.ones(37)
     energy = term.add(POSE, H, g)
     assert energy < 0.0
@@ -136,27 +136,27 @@ def test_the_term_adds_its_derivatives(palette, before_grey):
 def test_hidden_limbs_are_left_alone(palette, before_grey):
     detected = np.ones(18, bool)
     detected[LABEL_INDEX["left_knee"] : LABEL_INDEX["left_foot"]] = False  # knee, ankle
-    felt = felt_angles(detected)
-    still = {n for n, f in zip(DOFS, felt, strict=True) if not f}
+    movable = movable_angles(detected)
+    still = {n for n, f in zip(DOFS, movable, strict=True) if not f}
     assert {"left_hip_flexion", "left_knee_flexion"} <= still
     assert {"right_hip_flexion", "left_elbow_flexion", "left_wrist_flexion"} & still == set()
     term = ColourTerm(BODY, RIG, palette, ColourTermConfig(size=40), threads=1)
-    term.see(before_grey, POSE)
+    term.set_images(before_grey, POSE)
     H, g = np.zeros((37, 37)), np.zeros(37)
-    term.add(POSE, H, g, felt)
-    assert not g[~felt].any() and not H[~felt].any() and not H[:, ~felt].any()
-    assert g[felt].any()
+    term.add(POSE, H, g, movable)
+    assert not g[~movable].any() and not H[~movable].any() and not H[:, ~movable].any()
+    assert g[movable].any()
 
 
-def test_what_cannot_be_is_refused(palette, before_grey):
+def test_invalid_input_is_rejected(palette, before_grey):
     with pytest.raises(InputError, match="no frame shows"):
         Palette.learn(BODY, [np.zeros((5, 91), np.float32)], [np.zeros(5, np.int32)])
     term = ColourTerm(BODY, RIG, palette, ColourTermConfig(size=40))
     with pytest.raises(InputError, match="first frame"):
-        term.see(before_grey)
-    with pytest.raises(InputError, match="no frame"):
+        term.set_images(before_grey)
+    with pytest.raises(InputError, match="no images"):
         term.add(POSE, np.zeros((37, 37)), np.zeros(37))
     with pytest.raises(InputError, match="1 images"):
-        term.see(before_grey[:1], POSE)
+        term.set_images(before_grey[:1], POSE)
     with pytest.raises(InputError, match="pixels"):
         ColourTermConfig(size=4)

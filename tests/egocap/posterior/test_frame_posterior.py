@@ -26,7 +26,7 @@ class Term:
     def __init__(self):
         self.model = self
 
-    def see(self, images, pose):
+    def set_images(self, images, pose):
         assert len(images) == 2
         return pose
 
@@ -38,9 +38,9 @@ def test_colour_adds_minus_its_weighted_energy(rig, person):
     rng, config = np.random.default_rng(0), PosteriorConfig(model_error_m=0.0)
     poses = draw_poses(5, config, rng)
     found = draw_detections(poses, np.ones((5, 2, 18), bool), rig, person, 2.0, config, rng)
-    said = colour_likelihood(Term(), [np.zeros((4, 4, 3), np.uint8)] * 2, poses[0])
+    likelihood = colour_likelihood(Term(), [np.zeros((4, 4, 3), np.uint8)] * 2, poses[0])
     alone = make_log_posterior(found, 0, rig, person, config)
-    both = make_log_posterior(found, 0, rig, person, config, extra=said)
+    both = make_log_posterior(found, 0, rig, person, config, extra=likelihood)
     expected = -3.0 * np.sum((poses - poses[0]) ** 2, axis=1)
     np.testing.assert_allclose(both(poses) - alone(poses), expected, atol=1e-9)
 

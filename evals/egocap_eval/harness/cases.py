@@ -8,8 +8,10 @@ same subjects and seeds, so that changes can be taken in pairs.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,11 +21,12 @@ from egocap.commandline import progress
 from egocap.errors import FileError
 from egocap.evaluation.table import Table
 from egocap.files import disk_errors
-from egocap_eval.harness.intervals import mean_and_interval, shown
+from egocap_eval.harness.intervals import format_interval, mean_and_interval
 from egocap_eval.harness.result_file import config_hash, git_commit
 
 Case = TypeVar("Case")
 Subject = TypeVar("Subject")
+Result = TypeVar("Result")
 Scores = Mapping[str, Any]
 Runs = Mapping[str, Sequence[Sequence[Scores]]]
 """Scores by case, then subject, then seed."""
@@ -113,6 +116,17 @@ def run_cases(
     return found
 
 
+def map_in_processes(
+    function: Callable[[Any], Result], jobs: Sequence[Any], workers: int
+) -> Iterator[Result]:
+    """Results of a function in the order of the jobs; above one worker, in spawned processes."""
+    if workers < 2:
+        yield from map(function, jobs)
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(function, jobs)
+
+
 def subject_means(
     runs: Sequence[Sequence[Scores]], measures: Sequence[str]
 ) -> dict[str, list[float | None]]:
@@ -165,7 +179,7 @@ def run_sweep(
 
 def sweep_table(name: str, sweep: Mapping[str, Any], measures: Sequence[str]) -> Table:
     """The result of a sweep, a row for each level."""
-    rows = tuple((f"{level['value']:g}", *(shown(level[m]) for m in measures))
+    rows = tuple((f"{level['value']:g}", *(format_interval(level[m]) for m in measures))
                  for level in sweep["levels"])  # fmt: skip
     header = (f"{name}, {sweep['unit']}", *(m.replace("_mm", ", mm") for m in measures))
     return Table(f"{sweep['words']} (mean +- 95 % interval)", header, rows)

@@ -33,9 +33,9 @@ from egocap.evaluation.measures import find_measure, measure
 from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.pose.config import TrackerConfig
 from egocap_eval.harness.cases import Scores, run_cases
+from egocap_eval.harness.footage import builtin_scene
 from egocap_eval.harness.motion_truth import SimulatedMotion, draw_detections, simulate_motion
-from egocap_sim.core.resources import builtin_file
-from egocap_sim.scene.config import Scene, load_scene
+from egocap_sim.scene.config import Scene
 
 log = logging.getLogger(__name__)
 
@@ -262,7 +262,7 @@ def _detector_numbers(sequence: Footage) -> dict[str, Number]:
 
 
 def _clip() -> Scene:
-    scene = load_scene(builtin_file("scene", "validation-walk")).model_dump()
+    scene = builtin_scene("validation-walk").model_dump()
     scene |= {"name": "check", "frames": CLIP_FRAMES, "seed": CLIP_SEED}
     scene["rig"]["size"] = CLIP_SIZE
     scene["record"] |= {"depth": True, "masks": True, "shard_frames": CLIP_FRAMES}

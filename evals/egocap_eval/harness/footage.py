@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from egocap.commandline import progress
 from egocap.data.sequence import MANIFEST, Sequence, open_sequence
@@ -20,8 +20,10 @@ log = logging.getLogger(__name__)
 def prepare_sequences(
     suite: Suite, beside: Path, work: Path, motions: Path | None, workers: int
 ) -> dict[str, Sequence]:
-    """Open every sequence, generated where it is missing. Those that need motions are left out
-    without them, with a warning."""
+    """Open every sequence of a suite, generated where missing.
+
+    Without `motions`, sequences that need a clip are left out with a warning.
+    """
     found = {}
     for entry in suite.sequences:
         if entry.folder is not None:
@@ -31,29 +33,51 @@ def prepare_sequences(
             log.warning("%s is left out: it needs --motions", entry.name)
             continue
         scene = _scene(entry, beside, motions)
-        found[entry.name] = footage_of(scene, work / "sequences" / entry.name, workers)
+        found[entry.name] = prepare_sequence(scene, work / "sequences" / entry.name, workers)
     return found
 
 
-def footage_of(scene: Scene, folder: Path, workers: int = 1) -> Sequence:
-    """The sequence of a scene in a folder, generated or completed where it is not there.
+def prepare_sequence(scene: Scene, folder: Path, workers: int = 1) -> Sequence:
+    """Open the sequence of a scene, generated or completed where it is missing.
 
-    One that is finished is taken as it is, even of another version of the simulator: methods of
-    different versions are compared on the same footage. With one worker, frames are rendered in
-    this process, which is quickest for short sequences. Raises InputError for a folder of another
-    scene.
+    A complete sequence is not made again, even if another version of the simulator made it, so
+    that versions of a method are compared on the same footage. One worker renders in this process,
+    which is fastest for short sequences. Raises InputError for a folder of another scene.
     """
     from egocap_sim.record.recorder import generate
 
-    if not (folder / MANIFEST).is_file() and workers == 1:
-        with progress(scene.name, scene.frames) as advance:
-            generate(scene, folder, workers=0, on_frames=advance)
-        return open_sequence(folder)
-    if (found := _finished(scene, folder)) is not None:
+    in_process = workers == 1 and not (folder / MANIFEST).is_file()
+    if not in_process and (found := _finished(scene, folder)) is not None:
         return found
     with progress(scene.name, scene.frames) as advance:
-        generate(scene, folder, workers=workers, on_frames=advance)
+        generate(scene, folder, workers=0 if in_process else workers, on_frames=advance)
     return open_sequence(folder)
+
+
+def builtin_scene(name: str, size: tuple[int, int] | None = None, **changes: Any) -> Scene:
+    """A built-in scene with another image size and other settings."""
+    from egocap_sim.core.resources import builtin_file
+    from egocap_sim.scene.config import load_scene
+
+    scene = load_scene(builtin_file("scene", name)).model_copy(update=changes)
+    return scene if size is None else resized(scene, size)
+
+
+def resized(scene: Scene, size: tuple[int, int]) -> Scene:
+    """The scene with another image width and height, pixels."""
+    return scene.model_copy(update={"rig": scene.rig.model_copy(update={"size": size})})
+
+
+def with_clip(scene: Scene, path: Path, most_frames: int | None) -> Scene:
+    """The scene with a clip as its motion, at most as long as the clip. Raises FileError."""
+    from egocap_sim.world.world import World
+
+    if not path.is_file():
+        raise FileError(path, "no such clip", valid="a folder with the validation clips")
+    motion = type(scene.motion)(file=str(path.resolve()))
+    scene = scene.model_copy(update={"motion": motion})
+    frames = World(scene).clip_frames
+    return scene.model_copy(update={"frames": min(most_frames or frames, frames)})
 
 
 def _finished(scene: Scene, folder: Path) -> Sequence | None:
@@ -71,24 +95,16 @@ def _finished(scene: Scene, folder: Path) -> Sequence | None:
 
 
 def _scene(entry: SequenceEntry, beside: Path, motions: Path | None) -> Scene:
-    from egocap_sim.core.resources import builtin_file
     from egocap_sim.scene.config import load_scene
-    from egocap_sim.world.world import World
 
     assert entry.scene is not None
     own = entry.scene.endswith(".toml")
-    scene = load_scene(beside / entry.scene if own else builtin_file("scene", entry.scene))
+    scene = load_scene(beside / entry.scene) if own else builtin_scene(entry.scene)
     if entry.motion is not None:
         assert motions is not None
-        path = motions / entry.motion
-        if not path.is_file():
-            raise FileError(path, "no such clip", valid="the file under --motions")
-        scene = scene.model_copy(update={"motion": type(scene.motion)(file=str(path.resolve()))})
-        most = World(scene).clip_frames
-        scene = scene.model_copy(update={"frames": min(entry.frames or most, most)})
+        scene = with_clip(scene, motions / entry.motion, entry.frames)
     elif entry.frames is not None:
         scene = scene.model_copy(update={"frames": entry.frames})
     if entry.size is not None:
-        rig = scene.rig.model_copy(update={"size": entry.size})
-        scene = scene.model_copy(update={"rig": rig})
+        scene = resized(scene, entry.size)
     return scene.model_copy(update={"name": entry.name})

@@ -46,7 +46,7 @@ def share_and_interval(successes: int, trials: int) -> dict[str, float]:
     }
 
 
-def shown(entry: Mapping[str, float] | None) -> str:
+def format_interval(entry: Mapping[str, float] | None) -> str:
     """A mean with its interval, for a table."""
     if entry is None:
         return "-"

@@ -16,8 +16,6 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from egocap.commandline import progress
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
@@ -121,7 +119,7 @@ def require_same(job: Job) -> None:
     """FileError for a saved prediction that was made with other settings."""
     if not job.depends or not job.path.is_file():
         return
-    before = description_of(job)["depends"]
+    before = load_description(job)["depends"]
     now = json.loads(json.dumps(dict(job.depends)))
     if before != now:
         keys = [k for k in {**before, **now} if before.get(k) != now.get(k)]
@@ -134,14 +132,15 @@ def require_same(job: Job) -> None:
         )  # fmt: skip
 
 
-def description_of(job: Job) -> dict[str, Any]:
+def load_description(job: Job) -> dict[str, Any]:
+    """What a saved prediction was made from, and the commit. Raises FileError."""
     if not job.depends:
         return {"depends": {}, "commit": None}
     path = _sidecar_path(job)
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise FileError(path, "cannot be read, so nobody knows how the predictions were made",
+        raise FileError(path, "not readable; it describes how the predictions were made",
                         valid="remove the predictions to make them again") from None  # fmt: skip
 
 
@@ -172,15 +171,10 @@ def _solver_and_config(method: MethodEntry) -> tuple[Any, TrackerConfig]:
 
 
 def _predicted(job: Job, sequence: Sequence) -> Predictions:
-    from egocap.detect.sources import detections_from
     from egocap.paper.tracker import make_tracker
 
     source = job.method.detections
-    simulated = source is not None and source.startswith("simulated")
-    found = None
-    if source is not None:
-        found = (detections_from(sequence, source, job.seed) if simulated
-                 else find_detections(sequence, source))  # fmt: skip
+    found = None if source is None else find_detections(sequence, source, job.seed)
     if job.method.tracker == OWN_TRACKER and found is not None:
         solver, config = _solver_and_config(job.method)
         tracker = make_tracker(sequence.rig, sequence.body, solver, config)
@@ -189,7 +183,4 @@ def _predicted(job: Job, sequence: Sequence) -> Predictions:
         result = run_tracker(job.method.tracker, sequence, found)
     if isinstance(result, Predictions):
         return result
-    return Predictions(
-        result.joints_head, np.ones(result.joints_head.shape[:2], bool), "head", "m",
-        np.arange(len(result.times)), None, job.method.name, result.seconds_per_frame,
-    )  # fmt: skip
+    return Predictions.from_joints(result.joints_head, job.method.name, result.seconds_per_frame)

@@ -37,8 +37,8 @@ from egocap_eval.harness.commands import STUDIES, main
 from egocap_eval.harness.footage import prepare_sequences
 from egocap_eval.harness.predict import (
     Job,
-    description_of,
     find_sources,
+    load_description,
     plan,
     predict,
     require_same,
@@ -96,7 +96,7 @@ def study(
         "scores": scores,
         "left_out": [s.name for s in loaded.sequences if s.name not in sequences] + absent,
         "paper": numbers.rows(loaded.rows),
-        "predicted_by": sorted({description_of(job)["commit"] or "" for job in jobs}),
+        "predicted_by": sorted({load_description(job)["commit"] or "" for job in jobs}),
     }
     save_result(work / "scores.json", {**result, "missed": missed}, numbers.command, config=config)
     _save_errors(work / "errors.npz", scored)
@@ -131,7 +131,7 @@ def score(
             {name: getattr(report, name) for name in MEASURES}
             | {"coverage_share": report.coverage_share}
             | {"tracker_fps": 1 / loaded.seconds_per_frame if loaded.seconds_per_frame else None}
-            | {f"protocol/{p}": _under(scored, p) for p in suite.protocols}
+            | {f"protocol/{p}": _mean_under(scored, p) for p in suite.protocols}
             | {f"joint/{n}": v for n, v in report.per_joint_mm.items()}
             | {"interval": report.mpjpe_ci95_mm}
         )
@@ -187,7 +187,7 @@ def _lock(work: Path, suite: Suite) -> None:
     write_text(path, suite.model_dump_json(indent=1) + "\n")
 
 
-def _under(scored: PoseErrors, protocol: str) -> float | None:
+def _mean_under(scored: PoseErrors, protocol: str) -> float | None:
     """Mean error under another protocol; None where it cannot be had (hips missing)."""
     value = replace(scored, protocol=find_protocol(protocol)).mean()
     return value if np.isfinite(value) else None

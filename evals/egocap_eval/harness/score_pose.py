@@ -86,16 +86,16 @@ def study(
     return Outcome(report.to_dict(), report.tables(), heading=report.heading())
 
 
-def find_detections(sequence: Sequence, source: str) -> Detections:
-    """Detections by the name of their source: a file, simulated:..., or detector:PLUG-IN.
+def find_detections(sequence: Sequence, source: str, seed: int = 0) -> Detections:
+    """Detections from a source: a file, learned, simulated:... (noise of `seed`), detector:PLUG-IN.
 
-    Raises InputError where there is no such source, or it hands back something else.
+    Raises InputError for an unknown source, or a plug-in that does not return Detections.
     """
     from egocap.detect.sources import detections_from
 
     kind, _, name = source.partition(":")
     if kind != "detector":
-        return detections_from(sequence, source, 0)
+        return detections_from(sequence, source, seed)
     found = find_plugin(DETECTORS, name)(SequenceView(sequence))
     if not isinstance(found, Detections):
         raise InputError(f"detector '{name}' handed back a {type(found).__name__}",

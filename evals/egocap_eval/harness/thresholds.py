@@ -48,7 +48,7 @@ class Numbers:
         name, _, keys = place.partition(":")
         for folder in self._folders:
             if (folder / name).is_file():
-                return _looked_up(folder / name, keys)
+                return _read_number(folder / name, keys)
         return None, NOT_YET if COMMITTED.is_dir() else NOT_HERE
 
     def rows(self, rows: Sequence[PaperRow]) -> list[dict[str, Any]]:
@@ -142,7 +142,7 @@ def _with_error(value: float | str | None, error: float | str | None, digits: in
     return number(value, digits) + half
 
 
-def _looked_up(path: Path, keys: str) -> tuple[float | str | None, str]:
+def _read_number(path: Path, keys: str) -> tuple[float | str | None, str]:
     try:
         record = load_result(path)
     except EgocapError as error:

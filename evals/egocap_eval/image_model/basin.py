@@ -113,11 +113,11 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
         "median_mm": round(float(np.median(errors)), 1),
         "last_50_mm": round(float(errors[-50:].mean()), 1),
         "worst_frame_mm": round(float(errors.mean(1).max()), 1),
-        "arms": _what_colours_prefer(sequence, angles, wrong),
+        "arms": _compare_lost_arms(sequence, angles, wrong),
     }
 
 
-def _what_colours_prefer(
+def _compare_lost_arms(
     sequence: Sequence, angles: Float[Array, "T 37"], wrong: Float[Array, "T 18"]
 ) -> dict[str, Any]:
     """Could more search find the arms that were lost: does the truth fit the colours better?
@@ -161,7 +161,7 @@ def _summary(trials: list[Trial]) -> dict[str, float]:
     }
 
 
-def valley_study(scenes: list[Scene]) -> dict[str, Any]:
+def profile_study(scenes: list[Scene]) -> dict[str, Any]:
     """Energy along every one of the 37 angles about the true pose, the other 36 held true.
 
     In the middle frame of each scene: of colour alone, and of colour with detections of 2 pixels

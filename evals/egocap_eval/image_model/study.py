@@ -21,7 +21,7 @@ from egocap_eval.image_model.basin import (
     basin_study,
     detection_study,
     live_study,
-    valley_study,
+    profile_study,
 )
 from egocap_eval.image_model.exactness import (
     gradient_study,
@@ -62,7 +62,7 @@ def study(
         "gradients": gradient_study(coloured, rig, rng),
         "occlusion": occlusion_study(body, rig),
         "stochastic": stochastic_study(scenes[0], rng),
-        "valleys": valley_study(scenes[:3]),
+        "valleys": profile_study(scenes[:3]),
         "live": {folder.name: live_study(folder, live_frames) for folder in live},
         "beside_detections": detection_study(scenes, frames, rng),
         "basin": basin_study(scenes, trials, rng),

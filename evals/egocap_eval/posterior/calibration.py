@@ -12,10 +12,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
 
@@ -38,7 +36,7 @@ from egocap.posterior.laplace import find_modes
 from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.sampler import laplace_joints, sample
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
-from egocap_eval.harness.cases import ScoreLog
+from egocap_eval.harness.cases import ScoreLog, map_in_processes
 from egocap_eval.harness.study import Outcome
 from egocap_eval.posterior.calibration_plots import write_diagrams
 from egocap_eval.posterior.coverage import (
@@ -52,6 +50,7 @@ from egocap_eval.posterior.coverage import (
 
 STEPS = 2000
 """Of every frame's chain, a third of them burn-in at most."""
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 TEMPERATURES = tuple(float(t) for t in np.geomspace(0.25, 64.0, 25))
 
 
@@ -180,10 +179,11 @@ def score_all(
     log = log or ScoreLog()
     keys = [job.key for job in jobs]
     left = [(key, job) for key, job in zip(keys, jobs, strict=True) if key not in log]
+    if workers > 1:  # read when a worker imports numba and BLAS: one thread per process
+        os.environ |= dict.fromkeys(THREAD_COUNTS, "1")
     with progress(what, len(jobs)) as advance:
-        for _ in range(len(jobs) - len(left)):
-            advance()
-        found = _mapped(score_frame, [job for _, job in left], workers)
+        advance(len(jobs) - len(left))
+        found = map_in_processes(score_frame, [job for _, job in left], workers)
         for (key, _), score in zip(left, found, strict=True):
             log.add(key, score.to_dict())
             advance()
@@ -226,19 +226,6 @@ def _laplace_inside(job: Job) -> Float[Array, "18"]:
     mode = find_modes(density, np.random.default_rng(job.seed))[0]
     away = job.joints - density.joints(mode.mean[None])[0]
     return gaussian_share(away, laplace_joints(density, mode))
-
-
-def _mapped(
-    function: Callable[[Job], FrameScore], jobs: Sequence[Job], workers: int
-) -> Iterable[FrameScore]:
-    if workers < 2:
-        yield from map(function, jobs)
-        return
-    # Read when a worker imports numba and BLAS: one thread a process.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[name] = "1"
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(function, jobs)
 
 
 def study(

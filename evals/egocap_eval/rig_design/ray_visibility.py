@@ -44,7 +44,7 @@ class RayVisibility:
     """Visibility of the joints of one simulated person, in any pose, from any place."""
 
     def __init__(self, person: Person, cell_m: float = CELL_M) -> None:
-        self._surface = surface_of(person, cell_m)
+        self._surface = make_surface(person, cell_m)
         self._rest = rigid(np.eye(3), -person.joints)
         self._points = SkinPoints.around_joints(person)
 
@@ -67,7 +67,7 @@ class RayVisibility:
         return self.shares(T_head_body, eyes) >= SHARE
 
 
-def surface_of(person: Person, cell_m: float) -> Surface:
+def make_surface(person: Person, cell_m: float) -> Surface:
     """Everything that is drawn of a person, coarsened to cells of `cell_m` metres."""
     meshes = [simplify(mesh, cell_m) for mesh in person.actor.meshes]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])

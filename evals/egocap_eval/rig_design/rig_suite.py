@@ -98,19 +98,17 @@ def _keys(rig: Rig) -> Float[Array, "V 3"]:
 
 def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
     """Simulate the motions of built-in scenes, without pictures. Raises FileError."""
+    from egocap_eval.harness.footage import builtin_scene
     from egocap_eval.rig_design.ray_visibility import RayVisibility
     from egocap_eval.studies.learn_prior import fit_angles
     from egocap_sim.core.bodies import INDEX
-    from egocap_sim.core.resources import builtin_file
-    from egocap_sim.scene.config import load_scene
     from egocap_sim.truth.proportions import measure_proportions
     from egocap_sim.truth.truth import label_positions
     from egocap_sim.world.world import World
 
     motions = []
     for name in names:
-        scene = load_scene(builtin_file("scene", name)).model_copy(update={"frames": frames})
-        world = World(scene)
+        world = World(builtin_scene(name, frames=frames))
         person, T_world_body = world.person, world.trajectory.T_world_body
         T_head_world = inverse(T_world_body[:, INDEX["head"]])
         joints = transform(T_head_world, label_positions(person, T_world_body))

@@ -36,8 +36,8 @@ from egocap_eval.harness.cases import (
     run_cases,
     subject_means,
 )
-from egocap_eval.harness.footage import footage_of
-from egocap_eval.harness.intervals import mean_and_interval, share_and_interval, shown
+from egocap_eval.harness.footage import builtin_scene, prepare_sequence
+from egocap_eval.harness.intervals import format_interval, mean_and_interval, share_and_interval
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.recovery import (
     FOUND_MM,
@@ -47,13 +47,12 @@ from egocap_eval.studies.recovery import (
     by_detections,
     draw_trials,
 )
-from egocap_sim.core.resources import builtin_file
-from egocap_sim.scene.config import Scene, load_scene
+from egocap_sim.scene.config import Scene
 
 SCENES = ("validation-walk", "validation-gesture")
 OTHER_PEOPLE = 401_000
 """Seed of the second person of the first scene; further ones count up from it."""
-WHOLE, BLIND, COLOUR = "whole", "without detections", "with colour"
+WHOLE, WITHOUT_DETECTIONS, COLOUR = "whole", "without detections", "with colour"
 PAST, SINGLE = "past only", "without smoothness"
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     WHOLE: {},
@@ -73,7 +72,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
         "fix_swaps": False, "estimate_noise": False, "multistart": False,
         "appearance_check": False,
     },
-    BLIND: {},
+    WITHOUT_DETECTIONS: {},
 }  # fmt: skip
 """Settings by what they leave out or add."""
 PAPER = "the paper's"
@@ -122,14 +121,14 @@ def study(
             raise InputError(f"{count} {name}", valid="1 or more")
     if trials < 0:
         raise InputError(f"{trials} trials", valid="0 or more")
-    scenes = scenes_of(people, frames, size)
-    footage = [footage_of(scene, work / scene.name, workers) for scene in scenes]
+    scenes = make_scenes(people, frames, size)
+    footage = [prepare_sequence(scene, work / scene.name, workers) for scene in scenes]
     subjects = {f.manifest.name: f for f in footage}
     log = ScoreLog(keep, detections=detections, frames=frames, size=size)
     names = [name for name in VARIANTS if colour or name != COLOUR]
     measured = measure_variants(names, subjects, detections, seeds, log)
     measured |= measure_variants(list(PAPERS) if colour else [], subjects, detections, 1, log)
-    rows = [row_of(name, found, measured[PAPER if name in PAPERS else WHOLE])
+    rows = [summarise(name, found, measured[PAPER if name in PAPERS else WHOLE])
             for name, found in measured.items()]  # fmt: skip
     recovery = measure_recovery(footage, detections, trials, colour) if trials else {}
     result = {
@@ -141,13 +140,12 @@ def study(
     return Outcome(result, tables, config={"sequences": content})
 
 
-def scenes_of(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
+def make_scenes(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
     """The scenes, each acted by so many people."""
     scenes = []
     for i, name in enumerate(SCENES):
-        scene = load_scene(builtin_file("scene", name))
-        rig = scene.rig.model_copy(update={"size": size})
-        scene = scene.model_copy(update={"rig": rig, "frames": min(frames, scene.frames)})
+        scene = builtin_scene(name, size)
+        scene = scene.model_copy(update={"frames": min(frames, scene.frames)})
         for person in range(people):
             seed = scene.seed if person == 0 else OTHER_PEOPLE + 100 * i + person
             scenes.append(scene.model_copy(update={"seed": seed, "name": f"{name}-{person}"}))
@@ -161,7 +159,7 @@ def measure_variants(
     """By variant, each measure of every sequence: a mean over the draws of the detections."""
 
     def score(variant: str, sequence: Footage, seed: int) -> Scores:
-        return errors_of(sequence, tracked(variant, sequence, source, seed))
+        return measure_errors(sequence, tracked(variant, sequence, source, seed))
 
     cases = {name: name for name in names}
     runs = run_cases("variants", cases, footage, score, seeds=seeds, log=log)
@@ -178,11 +176,11 @@ def tracked(variant: str, footage: Footage, source: str, seed: int) -> Track:
     if variant in PAPERS:
         config = replace(STOCHASTIC, **PAPERS[variant])
         return PaperTracker(*person, config).track(detections[:PAPER_FRAMES], footage.images)
-    found = _blind(detections) if variant == BLIND else detections
+    found = _blind(detections) if variant == WITHOUT_DETECTIONS else detections
     return egocap.Tracker(*person, TrackerConfig(**VARIANTS[variant])).track(found, footage.images)
 
 
-def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:
+def measure_errors(footage: Footage, track: Track) -> dict[str, float | None]:
     """Each of `MEASURES`, of the track of a sequence's first frames."""
     truth, rows = footage.truth, slice(0, len(track.times))
     error = 1e3 * np.linalg.norm(track.joints_head - truth.joints_head[rows], axis=-1)
@@ -199,7 +197,7 @@ def errors_of(footage: Footage, track: Track) -> dict[str, float | None]:
     }
 
 
-def row_of(
+def summarise(
     name: str, found: Mapping[str, Sequence[float | None]], whole: Mapping[str, Sequence[Any]]
 ) -> dict[str, Any]:
     """A variant: means over scenes, people and draws; its change against what it is a variant of,
@@ -269,7 +267,7 @@ def _blind(detections: Detections) -> Detections:
 def _variants_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     header = ("variant", "MPJPE mm", "change", "upper", "lower", "seen", "hidden", "lost %")
     return Table("Tracking with one part left out (95 % intervals over sequences)", header, tuple(
-        (row["variant"], shown(row["mpjpe_mm"]), shown(row["change_mm"]),
+        (row["variant"], format_interval(row["mpjpe_mm"]), format_interval(row["change_mm"]),
          *(number(row[key]) for key in MEASURES if key != "mpjpe_mm"))
         for row in rows
     ))  # fmt: skip
@@ -279,7 +277,7 @@ def _statement_tables(found: Mapping[str, Any]) -> list[Table]:
     paper = {"without_smoothness_mm": "30", "without_smoothness_live_mm": "30",
              "papers_without_smoothness_mm": "30", "without_colour_mm": "5",
              "papers_without_colour_mm": "5", "papers_without_detections_mm": "-"}  # fmt: skip
-    added = tuple((name.removesuffix("_mm").replace("_", " "), value, shown(found[name]))
+    added = tuple((name.removesuffix("_mm").replace("_", " "), value, format_interval(found[name]))
                   for name, value in paper.items() if name in found)  # fmt: skip
     shares = tuple(
         (name.removeprefix("recovered_").replace("_", " "), str(entry["trials"]),

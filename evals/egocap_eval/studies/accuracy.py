@@ -12,18 +12,16 @@ import egocap
 from egocap.data.sequence import Sequence as Footage
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import LEARNED_LIKE
-from egocap.errors import FileError, InputError
+from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap_eval.harness.cases import Scores, mean, run_cases
-from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.footage import builtin_scene, prepare_sequence, resized, with_clip
 from egocap_eval.harness.study import Outcome
-from egocap_sim.core.resources import builtin_file
-from egocap_sim.scene.config import Scene, load_scene
-from egocap_sim.world.world import World
+from egocap_sim.scene.config import Scene
 
 SCENES = ("validation-walk", "validation-gesture")
 CLIPS = ("bvh/007_05.bvh", "npz/basketball_signal_3.npz")  # never tuned or trained on
-CLIP_FRAMES = 750  # at most, of a clip
+CLIP_FRAMES = 750  # maximum of a clip
 SOURCES = {"simulated:0,occluded=keep": 10.0, "simulated:2.0": 30.0, LEARNED_LIKE: 35.0}
 """Detections, and the most the mean joint error may be with them, mm."""
 LEAST_RATE = 100.0  # frames/s on one core
@@ -49,9 +47,9 @@ def study(
     if seeds < 1:
         raise InputError(f"{seeds} seeds", valid="1 or more")
     scenes = _scenes(motions, size)
-    footage = {scene.name: footage_of(scene, work / scene.name, workers) for scene in scenes}
+    footage = {scene.name: prepare_sequence(scene, work / scene.name, workers) for scene in scenes}
     runs = run_cases("accuracy", {s: s for s in SOURCES}, footage, score, seeds=seeds)
-    rows = [row_of(name, source, runs[source][i])
+    rows = [summarise(name, source, runs[source][i])
             for i, name in enumerate(footage) for source in SOURCES]  # fmt: skip
     rounded = [{k: round(v, 2) if isinstance(v, float) else v for k, v in row.items()}
                for row in rows]  # fmt: skip
@@ -73,21 +71,12 @@ def missed(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _scenes(motions: Path | None, size: tuple[int, int]) -> list[Scene]:
-    scenes = [load_scene(builtin_file("scene", name)) for name in SCENES]
-    walk = scenes[0]
-    if motions is not None:
-        scenes += [_scene_of_clip(walk, motions / clip) for clip in CLIPS]
-    rig = walk.rig.model_copy(update={"size": size})
-    return [scene.model_copy(update={"rig": rig}) for scene in scenes]
-
-
-def _scene_of_clip(like: Scene, path: Path) -> Scene:
-    """The walking scene with a clip in place of its motion, as long as the clip at most."""
-    if not path.is_file():
-        raise FileError(path, "no such clip", valid=CLIPS)
-    motion = type(like.motion)(file=str(path.resolve()))
-    scene = like.model_copy(update={"name": path.stem, "motion": motion})
-    return scene.model_copy(update={"frames": min(World(scene).clip_frames, CLIP_FRAMES)})
+    scenes = [builtin_scene(name) for name in SCENES]
+    walk = resized(scenes[0], size)
+    for clip in CLIPS if motions is not None else ():
+        named = walk.model_copy(update={"name": Path(clip).stem})
+        scenes.append(with_clip(named, motions / clip, CLIP_FRAMES))
+    return [scene.model_copy(update={"rig": walk.rig}) for scene in scenes]
 
 
 def score(source: str, sequence: Footage, seed: int) -> Scores:
@@ -103,7 +92,7 @@ def score(source: str, sequence: Footage, seed: int) -> Scores:
     }  # fmt: skip
 
 
-def row_of(sequence: str, source: str, seeds: Sequence[Scores]) -> dict[str, Any]:
+def summarise(sequence: str, source: str, seeds: Sequence[Scores]) -> dict[str, Any]:
     """Means over the seeds of the noise; the worst seed's error, the slowest one's rate."""
     means = {key: mean([scores[key] for scores in seeds]) for key in seeds[0]}
     return {"sequence": sequence, "detections": source} | means | {

@@ -60,7 +60,7 @@ def study(
         words += ["--motions", str(motions)]
     command = [sys.executable, *words]
     begun = time.perf_counter()
-    killed = kill_often(command, folder, 60 * minutes, kills)
+    killed = run_with_kills(command, folder, 60 * minutes, kills)
     rest = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
     seconds = time.perf_counter() - begun
     if rest.returncode:
@@ -75,7 +75,7 @@ def study(
     return Outcome(result, [Table("Killed and continued", ("what", "found"), rows)], missed)
 
 
-def kill_often(command: list[str], folder: Path, seconds: float, kills: int) -> dict[str, Any]:
+def run_with_kills(command: list[str], folder: Path, seconds: float, kills: int) -> dict[str, Any]:
     """Run a command for a time in which its processes are killed; it is stopped at the end."""
     rng = np.random.default_rng(SEED)
     moments = np.sort(rng.uniform(0.0, seconds, kills))

@@ -21,11 +21,10 @@ from egocap.evaluation.table import Table, number
 from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.fit_body import BodyFit, fit_body
 from egocap_eval.harness.cases import Scores, mean, run_cases
-from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.fit_body import bone_errors, person_height, summary, summary_table
-from egocap_sim.core.resources import builtin_file
-from egocap_sim.scene.config import Scene, load_scene
+from egocap_sim.scene.config import Scene
 
 SIZE = (640, 512)
 FPS = 30
@@ -99,7 +98,7 @@ def study(
 
 def development_cases(people: int, first_seed: int, frames: int) -> list[Case]:
     """People of development seeds, who then walk and gesture."""
-    base = load_scene(builtin_file("scene", "validation-walk"))
+    base = builtin_scene("validation-walk", SIZE)
     cases = []
     for seed in range(first_seed, first_seed + people):
         changes = {"seed": seed, "frames": frames}
@@ -115,9 +114,8 @@ def heldout_cases() -> list[Case]:
     """The people of the paper's validation scenes, who then do what the scenes say."""
     cases = []
     for name in SCENES:
-        scene = load_scene(builtin_file("scene", name))
-        sized = scene.model_copy(update={"rig": scene.rig.model_copy(update={"size": SIZE})})
-        cases.append(Case(name, _calibration(scene, name, scene.seed), (sized,)))
+        scene = builtin_scene(name, SIZE)
+        cases.append(Case(name, _calibration(scene, name, scene.seed), (scene,)))
     return cases
 
 
@@ -129,13 +127,12 @@ def _calibration(like: Scene, name: str, seed: int) -> Scene:
 
 
 def _changed(like: Scene, name: str, motion: str, changes: dict[str, Any]) -> Scene:
-    rig = like.rig.model_copy(update={"size": SIZE})
-    own = {"name": name, "motion": type(like.motion)(name=motion), "rig": rig}
+    own = {"name": name, "motion": type(like.motion)(name=motion)}
     return like.model_copy(update=changes | own)
 
 
 def _recorded(scene: Scene, folder: Path, workers: int) -> Sequence:
-    return footage_of(scene, folder / scene.name, workers)
+    return prepare_sequence(scene, folder / scene.name, workers)
 
 
 def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) -> Scores:

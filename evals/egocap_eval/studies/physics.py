@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -17,6 +15,7 @@ from tyro.conf import arg
 from egocap.commandline import progress
 from egocap.errors import EgocapError, FileError, InputError
 from egocap.evaluation.table import Table, number
+from egocap_eval.harness.cases import map_in_processes
 from egocap_eval.harness.study import Outcome
 from egocap_sim.core.trajectory import PhysicsStats
 
@@ -91,13 +90,8 @@ def run_physics(motions: Path, *, person: int = 0, workers: int = 1) -> list[Cli
     if not 1 <= workers <= 64:
         raise InputError(f"{workers} workers", valid="1 to 64")
     results: list[ClipResult] = []
-    with progress("physics", len(jobs), unit="clips") as advance, ExitStack() as stack:
-        if workers == 1:
-            done = map(simulate_clip, jobs)
-        else:
-            pool = stack.enter_context(multiprocessing.get_context("spawn").Pool(workers))
-            done = pool.imap(simulate_clip, jobs)
-        for result in done:
+    with progress("physics", len(jobs), unit="clips") as advance:
+        for result in map_in_processes(simulate_clip, jobs, workers):
             results.append(result)
             advance()
     return results

@@ -1,8 +1,8 @@
-"""Whether a tracker that has lost a person finds back, by detections or by colours alone.
+"""Measure recovery from a tracking failure, with detections or with colours alone.
 
-Every trial begins in a wrong pose, at a frame of a sequence, and has a second to recover. The
-tracker that hears detections is led there: for a few frames it is shown where the joints of the
-wrong pose would be. The one that knows colours alone starts in the wrong pose.
+Every trial starts in a wrong pose at a frame of a sequence and has one second to recover. The
+tracker with detections is misled for a few frames by detections of the wrong pose; the colour-only
+tracker starts in the wrong pose.
 Source: EgoCap paper, section 5.5 ("disabling the detection term removes the ability to recover").
 """
 
@@ -25,11 +25,11 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.pose_prior import load_posture
 
 LOST_MM, WORST_MM = 150.0, 400.0
-"""Mean error over joints that a wrong pose begins with, at least and at most."""
+"""Minimum and maximum of the wrong pose's mean joint error."""
 FOUND_MM = 75.0
-"""Mean error over the last frames below which a person is found again."""
-ASTRAY, SETTLED = 3, 5
-"""Frames of wrong detections before a trial, and of its end that are judged."""
+"""A trial is recovered when the mean error over its last frames is below this."""
+MISLED_FRAMES, SCORED_FRAMES = 3, 5
+"""Frames of wrong detections before a trial; last frames of a trial, which are scored."""
 COLOUR_SIZE, COLOUR_WEIGHT = 64, 0.03
 PALETTE_FRAMES = 5
 
@@ -46,17 +46,17 @@ class Trial:
 def draw_trials(
     footage: Footage, count: int, frames: int, rng: np.random.Generator
 ) -> Iterator[Trial]:
-    """Wrong poses, everyday ones of the posture prior, at frames spread over a sequence.
+    """Wrong poses, drawn from the pose prior, at frames spread over a sequence.
 
-    Each leaves `frames` frames after it and `ASTRAY` before it. Raises InputError for a sequence
-    that is too short for that.
+    `MISLED_FRAMES` precede each frame and `frames` follow it. Raises InputError for a sequence
+    that is too short.
     """
-    if len(footage) < ASTRAY + frames:
+    if len(footage) < MISLED_FRAMES + frames:
         raise InputError(f"{len(footage)} frames of {footage.manifest.name}",
-                         valid=f"{ASTRAY + frames} or more to recover in")  # fmt: skip
+                         valid=f"{MISLED_FRAMES + frames} or more to recover in")  # fmt: skip
     posture = load_posture()
     spread = np.linalg.cholesky(np.linalg.inv(posture.precision))
-    for frame in np.linspace(ASTRAY, len(footage) - frames, count).astype(int):
+    for frame in np.linspace(MISLED_FRAMES, len(footage) - frames, count).astype(int):
         true = footage.truth.joints_head[frame]
         while True:
             drawn = posture.mean + spread @ rng.normal(size=len(spread))
@@ -68,25 +68,24 @@ def draw_trials(
 
 
 def by_detections(footage: Footage, detections: Detections, trial: Trial, frames: int) -> float:
-    """Error at the end of a trial, mm, of the live tracker once it sees true detections again."""
-
+    """Final error of a trial, mm: the online tracker misled, then given the true detections."""
     tracker = egocap.OnlineTracker(footage.rig, footage.body, TrackerConfig(smoothing="none"))
     start = trial.frame
-    before, after = range(start - ASTRAY, start), range(start, start + frames)
-    astray = [_shown_at(detections[t : t + 1], footage, trial.angles) for t in before]
+    before, after = range(start - MISLED_FRAMES, start), range(start, start + frames)
+    misled = [_detections_at(detections[t : t + 1], footage, trial.angles) for t in before]
     true = [detections[t : t + 1] for t in after]
-    joints = [tracker.step(found).joints_head for found in [*astray, *true]]
-    return _end_error(np.array(joints[ASTRAY:]), footage, start)
+    joints = [tracker.step(found).joints_head for found in [*misled, *true]]
+    return _end_error(np.array(joints[MISLED_FRAMES:]), footage, start)
 
 
 def by_colours(footage: Footage, follow: ColourFollower, trial: Trial, frames: int) -> float:
-    """Error at the end of a trial, mm, of the tracker that knows colours alone."""
+    """Final error of a trial, mm, of the tracker that uses colours alone."""
     joints = follow.joints(range(trial.frame, trial.frame + frames), trial.angles)
     return _end_error(joints, footage, trial.frame)
 
 
 class ColourFollower:
-    """Follows a person by colours learned at known poses of the sequence, without detections."""
+    """Track a person by colours learned at known poses of the sequence, without detections."""
 
     def __init__(self, footage: Footage, angles: Float[Array, "T 37"]) -> None:
         from egocap.image_model.colour_solver import ImageSolver, ImageSolverConfig
@@ -116,8 +115,8 @@ class ColourFollower:
         return forward(self._footage.body, np.array([s.angles for s in found]))
 
 
-def _shown_at(found: Detections, footage: Footage, angles: Float[Array, "37"]) -> Detections:
-    """One frame's detections that say, surely, where the joints of a pose would be."""
+def _detections_at(found: Detections, footage: Footage, angles: Float[Array, "37"]) -> Detections:
+    """One frame's detections replaced by the projected joints of a pose, with confidence 1."""
     pixels, valid = footage.rig.project(forward(footage.body, angles))  # (V, 18, 2)
     certain = np.ones(found.valid.shape)
     return replace(found, points=pixels[None], valid=valid[None], confidence=certain,
@@ -126,7 +125,7 @@ def _shown_at(found: Detections, footage: Footage, angles: Float[Array, "37"]) -
 
 def _end_error(joints: Float[Array, "T 18 3"], footage: Footage, start: int) -> float:
     true = footage.truth.joints_head[start : start + len(joints)]
-    return _error_mm(joints[-SETTLED:], true[-SETTLED:])
+    return _error_mm(joints[-SCORED_FRAMES:], true[-SCORED_FRAMES:])
 
 
 def _error_mm(joints: Float[Array, "*T 18 3"], true: Float[Array, "*T 18 3"]) -> float:

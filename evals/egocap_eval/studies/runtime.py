@@ -28,10 +28,8 @@ from egocap.errors import EgocapError, InputError
 from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
 from egocap_eval.detection.detector_speed import measure_speed
-from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
-from egocap_sim.core.resources import builtin_file
-from egocap_sim.scene.config import load_scene
 
 if TYPE_CHECKING:
     from egocap.data.track import Track
@@ -112,7 +110,7 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
         for name, (way, times) in ways.items():
             tracks = [way() for _ in range(times)]
             best = min(tracks, key=lambda done: done.seconds_per_frame)
-            timed[name] = _of_track(best, footage)
+            timed[name] = _track_times(best, footage)
             steps = {s: c.iterations for s, c in PAPER_SOLVERS.items()}.get(name.partition(",")[0])
             if steps is not None:
                 ms = 1e3 * best.seconds_per_frame / steps
@@ -185,7 +183,7 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
     ]
 
 
-def _of_track(track: Track, footage: Footage) -> dict[str, Any]:
+def _track_times(track: Track, footage: Footage) -> dict[str, Any]:
     true = footage.truth.joints_head[: len(track.times), list(EVALUATED)]
     off = np.linalg.norm(track.joints_head[:, list(EVALUATED)] - true, axis=-1)
     return {"frames_per_second": 1.0 / track.seconds_per_frame, "frames": len(track.times),
@@ -234,7 +232,5 @@ def _lap(spent: dict[str, float], stage: str, frames: int) -> Iterator[None]:
 
 
 def _made(work: Path, frames: int, size: tuple[int, int]) -> Footage:
-    scene = load_scene(builtin_file("scene", SCENE))
-    rig = scene.rig.model_copy(update={"size": size})
-    scene = scene.model_copy(update={"rig": rig, "frames": frames})
-    return footage_of(scene, work / f"{SCENE}-{frames}")
+    scene = builtin_scene(SCENE, size, frames=frames)
+    return prepare_sequence(scene, work / f"{SCENE}-{frames}")

@@ -55,7 +55,7 @@ class Trainings:
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class TrainingSetup:
     """The views that detectors of a comparison are trained and scored on."""
 
     trainings: Trainings
@@ -73,7 +73,7 @@ class Ground:
 
 
 @contextmanager
-def ground(trainings: Trainings) -> Iterator[Ground]:
+def ground(trainings: Trainings) -> Iterator[TrainingSetup]:
     """Views of all that is trained and scored on, kept in the store or in a temporary folder.
 
     Raises InputError for an unknown network or a count of none, FileError for folders without
@@ -95,10 +95,10 @@ def ground(trainings: Trainings) -> Iterator[Ground]:
             build_store(find_sequences(paths), config.view, folder / "views")
             for paths in (t.footage, t.held_out, t.backgrounds)
         )
-        yield Ground(t, config, train, judge, behind, folder)
+        yield TrainingSetup(t, config, train, judge, behind, folder)
 
 
-def _trained_scores(case: Case, ground: Ground, seed: int) -> Scores:
+def _trained_scores(case: Case, ground: TrainingSetup, seed: int) -> Scores:
     from egocap.detect.train.trainer import Trainer
     from egocap.detect.train.validation import predict, score
 

@@ -17,7 +17,7 @@ import egocap
 from egocap.errors import InputError
 from egocap.evaluation.scoring import with_detections
 from egocap_eval.harness.cases import ScoreLog, Scores, Sweep, run_sweep, sweep_table
-from egocap_eval.harness.footage import footage_of
+from egocap_eval.harness.footage import prepare_sequence, resized
 from egocap_eval.harness.score_pose import find_detections
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import OthersTable, Scene
@@ -40,11 +40,7 @@ def _crowd(count: int) -> Change:
 
 
 def _resized(width: int) -> Change:
-    def change(scene: Scene) -> Scene:
-        rig = scene.rig.model_copy(update={"size": (width, width * 4 // 5)})
-        return scene.model_copy(update={"rig": rig})
-
-    return change
+    return lambda scene: resized(scene, (width, width * 4 // 5))
 
 
 SWEEPS: Mapping[str, Sweep] = {
@@ -96,7 +92,7 @@ def study(
 
         def score(level: tuple[Change, Path], scene: Scene, _: int) -> Scores:
             change, folder = level
-            return scores_of(change(scene), folder / scene.name, detections, workers)
+            return measure_scene(change(scene), folder / scene.name, detections, workers)
 
         placed = replace(SWEEPS[name], levels=levels)
         found[name] = run_sweep(name, placed, subjects, score, MEASURES, log=log)
@@ -114,10 +110,10 @@ def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
     })  # fmt: skip
 
 
-def scores_of(scene: Scene, folder: Path, source: str, workers: int) -> Scores:
+def measure_scene(scene: Scene, folder: Path, source: str, workers: int) -> Scores:
     """Measures of a scene that is rendered, detected and tracked."""
 
-    sequence = footage_of(scene, folder, workers)
+    sequence = prepare_sequence(scene, folder, workers)
     found = find_detections(sequence, source)
     tracked = egocap.Tracker(sequence.rig, sequence.body).track(found, sequence.images)
     report = egocap.evaluate(tracked, sequence)

@@ -45,7 +45,7 @@ SUBSETS: Mapping[str, tuple[str, Subset]] = {
 def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
     """Train detectors on ever less of the same footage, for as many steps, and compare them."""
     with ground(trainings) as common:
-        whole, people = common.footage, people_of(find_sequences(trainings.footage))
+        whole, people = common.footage, identify_people(find_sequences(trainings.footage))
         if len(set(people)) < 2:
             raise InputError("footage of one person cannot be halved", valid="two or more people")
         if len(people) != len(whole.sequences):
@@ -64,7 +64,7 @@ def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
     return Outcome(result, tables)
 
 
-def people_of(folders: Sequence[Path]) -> list[int]:
+def identify_people(folders: Sequence[Path]) -> list[int]:
     """A number for each sequence that says who is in it: the same for the same person."""
     who = [open_sequence(folder).body.rest_joints.tobytes() for folder in folders]
     first = list(dict.fromkeys(who))

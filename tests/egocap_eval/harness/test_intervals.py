@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from egocap_eval.harness.intervals import mean_and_interval, share_and_interval, shown
+from egocap_eval.harness.intervals import format_interval, mean_and_interval, share_and_interval
 
 
 def test_mean_is_scipys():
@@ -16,7 +16,7 @@ def test_mean_is_scipys():
 
 def test_one_draw_has_no_interval():
     assert mean_and_interval([3.0, None]) is None
-    assert shown(None) == "-"
+    assert format_interval(None) == "-"
 
 
 def test_intervals_hold_the_mean_as_often_as_they_claim():

@@ -10,7 +10,7 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_INDEX, DOFS
 from egocap.cameras.rig_files import load_rig
 from egocap_eval.harness.commands import main
-from egocap_eval.image_model.basin import OFFSETS_DEG, PERTURBATIONS_DEG, _summary, valley_study
+from egocap_eval.image_model.basin import OFFSETS_DEG, PERTURBATIONS_DEG, _summary, profile_study
 from egocap_eval.image_model.exactness import KEPT, SAMPLED_RAYS, occlusion_study, quadrature_study
 from egocap_eval.image_model.plots import draw
 from egocap_eval.image_model.scene import Scene, Trial
@@ -49,7 +49,7 @@ def test_shares_of_trials():
 
 
 def test_energies_along_angles_are_lowest_near_the_truth(scene):
-    found = valley_study([scene])
+    found = profile_study([scene])
     (curves,) = found["scenes"].values()
     assert np.shape(curves["colour"]) == (len(DOFS), len(OFFSETS_DEG))
     middle = OFFSETS_DEG.index(0)

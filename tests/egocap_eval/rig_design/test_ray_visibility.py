@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egocap.body.labels import LABEL_INDEX, LABELS
-from egocap_eval.rig_design.ray_visibility import RayVisibility, _meets, surface_of
+from egocap_eval.rig_design.ray_visibility import RayVisibility, _meets, make_surface
 from egocap_sim.assets.mesh import Actor, Mesh
 from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.core.part_labels import wearer_part
@@ -94,7 +94,7 @@ def test_answers_move_with_the_body(person, wrist):
 
 def test_clusters_hold_every_triangle_once(person, wrist):
     boxes = [slab("a", wrist, 0.3, "chest"), slab("b", wrist + 1.0, 0.3, "pelvis")]
-    surface = surface_of(replace(person, actor=Actor("person", tuple(boxes))), 0.001)
+    surface = make_surface(replace(person, actor=Actor("person", tuple(boxes))), 0.001)
     assert surface.starts[0] == 0 and surface.starts[-1] == len(surface.faces) == 24
     assert sorted(set(surface.parts)) == sorted({wearer_part("chest"), wearer_part("pelvis")})
 

@@ -10,21 +10,23 @@ from egocap_eval.studies import ablation
 def test_every_variant_is_a_setting():
     for name, settings in ablation.VARIANTS.items():
         config = TrackerConfig(**settings)
-        assert (config == TrackerConfig()) == (name in (ablation.WHOLE, ablation.BLIND))
+        assert (config == TrackerConfig()) == (
+            name in (ablation.WHOLE, ablation.WITHOUT_DETECTIONS)
+        )
 
 
 def test_people_and_scenes_differ():
-    scenes = ablation.scenes_of(3, 40, (64, 64))
+    scenes = ablation.make_scenes(3, 40, (64, 64))
     assert len({scene.seed for scene in scenes}) == len({scene.name for scene in scenes}) == 6
     assert all(scene.frames == 40 for scene in scenes)
 
 
 def test_without_detections_the_track_is_worse(tiny_sequence):
     footage = {"tiny": open_sequence(tiny_sequence)}
-    names = [ablation.WHOLE, ablation.BLIND]
+    names = [ablation.WHOLE, ablation.WITHOUT_DETECTIONS]
     whole, blind = ablation.measure_variants(names, footage, "simulated:1.0", 2).values()
     assert blind["mpjpe_mm"][0] > whole["mpjpe_mm"][0] + 10
-    row = ablation.row_of(ablation.BLIND, blind, whole)
+    row = ablation.summarise(ablation.WITHOUT_DETECTIONS, blind, whole)
     assert row["upper_mm"] == blind["upper_mm"][0]
     assert row["change_mm"] is None  # one sequence has no interval
 
@@ -36,7 +38,7 @@ def test_the_papers_energy_is_tracked_without_its_terms(tiny_sequence, monkeypat
         ablation.tracked(name, footage, "simulated:1.0", 0) for name in ablation.PAPERS
     )
     assert len(whole.times) == 2
-    assert ablation.errors_of(footage, whole)["mpjpe_mm"] < 200
+    assert ablation.measure_errors(footage, whole)["mpjpe_mm"] < 200
     for name, part in zip(list(ablation.PAPERS)[1:], parts, strict=True):
         assert not (part.angles == whole.angles).all(), name
 

@@ -43,7 +43,7 @@ def test_killed_and_continued_it_is_whole_and_the_same_and_what_is_damaged_shows
 def test_parents_and_workers_are_killed_and_what_died_starts_again(tmp_path):
     script = tmp_path / "busy.py"
     script.write_text(textwrap.dedent(BUSY))
-    counts = crash_recovery.kill_often([sys.executable, str(script)], tmp_path, 2.5, 4)
+    counts = crash_recovery.run_with_kills([sys.executable, str(script)], tmp_path, 2.5, 4)
     assert counts["kills"] == counts["parents"] + counts["workers"] == 4
     assert counts["restarts"] >= counts["parents"] - 1
 

@@ -11,9 +11,9 @@ from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.pose.inverse_kinematics import nearest_angles
 from egocap_eval.studies.recovery import (
-    ASTRAY,
     FOUND_MM,
     LOST_MM,
+    MISLED_FRAMES,
     WORST_MM,
     ColourFollower,
     by_colours,
@@ -37,7 +37,7 @@ def trials(footage):
 def test_trials_begin_lost_within_the_sequence(footage, trials):
     for trial in trials:
         assert LOST_MM <= trial.error_mm <= WORST_MM
-        assert ASTRAY <= trial.frame <= len(footage) - FRAMES
+        assert MISLED_FRAMES <= trial.frame <= len(footage) - FRAMES
         assert (trial.angles >= LIMITS[:, 0]).all() and (trial.angles <= LIMITS[:, 1]).all()
     again = list(draw_trials(footage, 2, FRAMES, np.random.default_rng(3)))
     assert np.array_equal(trials[0].angles, again[0].angles)

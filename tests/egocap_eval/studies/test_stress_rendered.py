@@ -20,7 +20,7 @@ def test_a_level_changes_one_table_of_the_scene(name):
 
 
 def test_a_sequence_is_detected_tracked_and_scored(tiny_scene, tiny_sequence):
-    numbers = stress_rendered.scores_of(tiny_scene, tiny_sequence, "simulated:1.0", workers=1)
+    numbers = stress_rendered.measure_scene(tiny_scene, tiny_sequence, "simulated:1.0", workers=1)
     assert list(numbers) == list(stress_rendered.MEASURES)
     assert numbers["pck20"] == 100 and 0 < numbers["mpjpe_mm"] < 200
 
@@ -32,7 +32,7 @@ def test_a_sweep_has_error_bars_over_people(monkeypatch):
             "hidden_mm": None
         }
 
-    monkeypatch.setattr(stress_rendered, "scores_of", scored)
+    monkeypatch.setattr(stress_rendered, "measure_scene", scored)
     outcome = stress_rendered.study("jpeg", people=2)
     levels = outcome.result["sweeps"]["jpeg"]["levels"]
     assert [level["value"] for level in levels] == [10, 25, 50, 75, 95]

@@ -7,7 +7,13 @@ from egocap.data.sequence import Sequence
 from egocap.detect.train.examples import Views, ViewStore
 from egocap.errors import InputError
 from egocap_eval.studies.small_detectors import Trainings
-from egocap_eval.studies.training_set import SUBSETS, every_nth, half_of_people, people_of, study
+from egocap_eval.studies.training_set import (
+    SUBSETS,
+    every_nth,
+    half_of_people,
+    identify_people,
+    study,
+)
 
 
 def views(first: int, count: int) -> Views:
@@ -49,7 +55,7 @@ def test_slices_are_no_copies(store):
 
 
 def test_same_person_has_the_same_number(tiny_sequence):
-    assert people_of([tiny_sequence, tiny_sequence]) == [0, 0]
+    assert identify_people([tiny_sequence, tiny_sequence]) == [0, 0]
 
 
 def test_one_person_cannot_be_halved(tiny_sequence, tmp_path):

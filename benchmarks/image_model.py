@@ -1,4 +1,4 @@
-"""Times of the volumetric image model, beside its torch reference on the same rays.
+"""Time the volumetric image model and its torch reference on the same rays.
 
     python benchmarks/image_model.py SEQ                     # a simulated sequence
     python benchmarks/image_model.py SEQ --out FILE.json     # and write the numbers
@@ -9,8 +9,8 @@ nearest to the truth of frame 0, the image that frame's. Colours are compared in
 `ratio`, the likelihood ratio of person and background (`image_model.palette`), which the tracker
 uses; `paper`, appendix A; `cone`, the distance in the HSV cone.
 
-`ms` is the smallest of many calls, `median_ms` their median, by the wall; `cpu_ms` is the mean
-processor time of all threads, which other work on the machine disturbs less. The reference is
+`ms` is the smallest wall time of many calls, `median_ms` the median; `cpu_ms` is the mean processor
+time of all threads, which depends less on other load. The reference is
 `image_model.torch_energy` with autograd, single precision, on the rays that meet the body only: on
 all rays it would take several times longer.
 """
@@ -67,7 +67,7 @@ def best(call: Callable[[], Any], repeats: int = 60) -> dict[str, float]:
 
 
 class Bench:
-    """A coloured body before a frame of a sequence."""
+    """A coloured body and a frame of a sequence."""
 
     def __init__(self, folder: str) -> None:
         from egocap.body.gaussians import GaussianBody
@@ -97,7 +97,7 @@ class Bench:
         return ColourTerm(self.body, self.sequence.rig, self.palette, config, threads)
 
     def model(self, measure: str, threads: int | None = None):
-        """A model and the frame's colours along its rays, as the measure has them."""
+        """A model and the measure's features of the frame along its rays."""
         from egocap.image_model.colour_measure import PAPER, ColourMeasure
         from egocap.image_model.image_rays import image_rays
         from egocap.image_model.model import ImageModel
@@ -169,7 +169,7 @@ class Bench:
         return {**times, "times_slower": round(times["ms"] / kernel_ms, 1)}
 
     def live(self) -> dict[str, Any]:
-        """Colour-only tracking of the upper body over the sequence, pictures in memory."""
+        """Colour-only tracking of the upper body over the sequence, images in memory."""
         from egocap.body.labels import UPPER
         from egocap.track.colour_tracker import TERM, ColourTracker
 
@@ -222,7 +222,7 @@ class Bench:
 
 
 def first_call() -> dict[str, float]:
-    """Seconds to import and to be ready, without and with compiled code on disk."""
+    """Seconds to import, and to the first result without and with cached kernels."""
     root = Path(__file__).resolve().parents[1]
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
@@ -236,7 +236,7 @@ def first_call() -> dict[str, float]:
 
 
 def measured(words: argparse.Namespace) -> dict[str, Any]:
-    """All times. Raises MachineError before the first when the device asked for is not there."""
+    """All times. Raises MachineError first when the requested device is missing."""
     if words.device:
         from egocap.image_model.torch_energy import torch_device
 

@@ -1,13 +1,12 @@
-"""Evaluations of the log posterior a second, and how long one frame's sampling takes.
+"""Measure evaluations of the log posterior per second, and the sampling time of a frame.
 
     python benchmarks/posterior.py
     python benchmarks/posterior.py --json --frames 5 --arviz
 
-Made-up poses of an average person are seen by EgoRig1 at 640 x 512 with 2 px noise; three joints of
-ten are missing in each view. Rates are by the wall and by processor time, which other work on the
-machine disturbs less. All cores are used; NUMBA_NUM_THREADS sets how many. With --arviz the least
-effective size and the largest R-hat over the angles are worked out by ArviZ as well, from the draws
-that are handed on, every walker a chain.
+Synthetic poses of an average person are projected into EgoRig1 at 640 x 512 with 2 px noise; each
+view misses 30 % of the joints. Rates are given by wall time and by processor time, which depends
+less on other load. All cores are used; NUMBA_NUM_THREADS sets the number. With --arviz, ArviZ also
+computes the least effective sample size and the largest R-hat, with every walker as a chain.
 """
 
 from __future__ import annotations
@@ -81,7 +80,7 @@ def measure(frames: int, arviz: bool = False) -> dict[str, Any]:
 
 
 def _by_arviz(result: Posterior) -> dict[str, Any]:
-    """The same two figures by an outside implementation. Raises MachineError without it."""
+    """Effective sample sizes and R-hat by ArviZ. Raises MachineError where it is missing."""
     data = to_arviz(result)
     from arviz import ess, rhat
 
@@ -96,7 +95,7 @@ def _by_arviz(result: Posterior) -> dict[str, Any]:
 
 
 def _timed(work: Any, rounds: int) -> tuple[float, float]:
-    """Seconds by the wall and of the processors that one call takes, compiled before."""
+    """Wall and processor seconds of one call, after compilation."""
     work()
     wall, cpu = time.perf_counter(), time.process_time()
     for _ in range(rounds):

@@ -1,11 +1,11 @@
 #!/bin/sh
-# Whether posteriors hold what they claim: well-specified, then with the learned detector's errors.
+# Measure the posterior's calibration: well-specified, then with the learned detector's errors.
 #
 #     sh tools/calibrate-posterior.sh WORK [WORKERS]
 #
 # WORK keeps footage and finished frames between calls: twelve short sequences of people and places
-# that no training and no validation has seen, every other one for the temperature alone. After new
-# weights, frames are sampled anew; nothing else is.
+# unseen in training and validation, every other one for the temperature. After new weights, only
+# the frames are sampled again.
 set -eu
 work=$1 workers=${2:-2}
 bin=${BIN:-.venv/bin} results=evals/results
@@ -21,7 +21,7 @@ for scene in walk basketball juggler vr live bike; do
     done
 done
 
-# Exit code 3: a target was missed, which the result says too.
+# Exit code 3: a target was missed; the result lists it.
 "$bin/egocap-eval" calibration --frames 300 --workers "$workers" --keep "$work/frames.jsonl" \
     --page "$work/calibration.html" --out $results/calibration.json || [ $? = 3 ]
 "$bin/egocap-eval" calibration $sequences --only-detector --detections learned --frames 50 \

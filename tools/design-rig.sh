@@ -1,5 +1,5 @@
 #!/bin/sh
-# The rig study as it is reported: bounds of 72 rigs, twelve of them tracked, page and figure.
+# Run the rig study as reported: bounds of 72 rigs, twelve of them tracked, page and figure.
 #
 #     sh tools/design-rig.sh WORK [SEQUENCE...]
 #

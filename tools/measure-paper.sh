@@ -1,17 +1,17 @@
 #!/bin/sh
-# Every study behind the rows of the paper's section 5 but the detector's own, into evals/results.
+# Run the studies behind the paper's section 5, except the detector's, into evals/results.
 #
 #     sh tools/measure-paper.sh WORK MOTIONS HELDOUT
 #
 # WORK keeps footage between calls; MOTIONS is a folder with the validation clips; HELDOUT the
 # held-out set that `egocap-eval detector --heldout` makes. Run it on a machine that does nothing
-# else: the runtime study comes first. About an hour and a half on two cores, half of it training.
+# else: the runtime study runs first. About an hour and a half on two cores, half of it training.
 # After new weights, remove WORK/quick/predictions/learned first: old predictions are refused.
 set -eu
 work=$1 motions=$2 heldout=$3
 bin=${BIN:-.venv/bin} results=evals/results
 
-measure() {  # exit code 3: a target was missed, which the result says too
+measure() {  # exit code 3: a target was missed; the result lists it
     "$bin/egocap-eval" "$@" || [ $? = 3 ]
 }
 

@@ -35,8 +35,8 @@ Runs = Mapping[str, Sequence[Sequence[Scores]]]
 class ScoreLog:
     """Finished scores by name, in a file if one is given, so that a stopped study continues.
 
-    One JSON object a line; lines that a kill cut short are passed over. `config` is what the scores
-    depend on: with it, only scores of the same configuration and commit are taken again. `check`
+    One JSON object a line; truncated lines are skipped. `config` is what the scores
+    depend on: with it, only scores of the same configuration and commit are reused. `check`
     raises TypeError for scores of another study. Raises FileError for a file of something else.
     """
 
@@ -95,7 +95,7 @@ def run_cases(
     seeds: int = 1,
     log: ScoreLog | None = None,
 ) -> dict[str, list[list[Scores]]]:
-    """Score every case on every subject with every seed; those that the log holds are not redone.
+    """Score every case on every subject with every seed; scores in the log are reused.
 
     Returns the scores by case, then subject, then seed.
     """
@@ -136,7 +136,7 @@ def subject_means(
 
 
 def mean(values: Sequence[float | None]) -> float | None:
-    """Mean of the values that are there; None of none."""
+    """Mean of the values that are not None; None if there are none."""
     known = [v for v in values if v is not None]
     return float(np.mean(known)) if known else None
 
@@ -144,7 +144,7 @@ def mean(values: Sequence[float | None]) -> float | None:
 def paired_change(
     before: Sequence[float | None], after: Sequence[float | None]
 ) -> dict[str, float] | None:
-    """Mean of what each subject gains, and its interval; None of fewer than two subjects."""
+    """Mean change over the subjects, and its interval; None below two subjects."""
     pairs = zip(before, after, strict=True)
     return mean_and_interval([None if a is None or b is None else b - a for a, b in pairs])
 

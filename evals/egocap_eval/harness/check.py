@@ -1,4 +1,4 @@
-"""The guard against regressions: a small fixed suite compared with a committed baseline."""
+"""The regression guard: a small fixed suite compared with a committed baseline."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ def study(
     record: bool = False,
     rendered: bool = True,
 ) -> Outcome:
-    """Run the fixed small suite; exit code 3 with a table of what got worse than the baseline.
+    """Run the fixed small suite; exit code 3 when a number is worse than the baseline.
 
     Args:
-        baseline: The numbers to compare with; the committed ones by default.
-        record: Measure them, with their spread over seeds, and write them there instead.
+        baseline: Numbers to compare with; by default the committed ones.
+        record: Measure the numbers and their spread over seeds, and write them as the baseline.
         rendered: Skip the rendered clip (which needs OpenGL) and the detector's scores on it.
     """
     command = "egocap-eval check --record"

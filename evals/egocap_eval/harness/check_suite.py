@@ -2,8 +2,8 @@
 
 Motions are simulated and tracked from simulated detections, exact and noisy, offline and live; a
 short clip is rendered. All draws have fixed seeds, so the same code gives the same numbers. A
-change that merely draws other noise moves them by chance: a number's tolerance is three standard
-errors of that chance, measured over seeds, and never under a floor.
+change that only draws other noise moves them at random: a number's tolerance is three standard
+errors over seeds, and at least a floor.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ SEEDS = 4  # of a check; a baseline's spread is taken from `SPREAD_SEEDS`
 SPREAD_SEEDS = 16
 CLIP_SEED, CLIP_FRAMES, CLIP_SIZE = 400904, 8, (320, 256)  # rendered
 STANDARD_ERRORS = 3.0
-FLOOR_SHARE = 0.02  # of a value, below which no change counts: other processors differ a little
+FLOOR_SHARE = 0.02  # least relative tolerance: processors differ slightly
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ _BLIND = (
     *("right_elbow", "right_wrist", "right_hand"),
 )
 _FEW = ("mpjpe_mm", "p95_mm", "accel_error")
-_WITHOUT_MOTION = TrackerConfig(lambda_motion=0.0)  # its prior hides what the others do
+_WITHOUT_MOTION = TrackerConfig(lambda_motion=0.0)  # its prior masks the effect of the others
 CONDITIONS: Mapping[str, Condition] = {
     "exact": Condition("simulated:0,occluded=keep", TrackerConfig(),
                        ("mpjpe_mm", "p95_mm", "accel_error"), noisy=False),
@@ -88,7 +88,7 @@ CONDITIONS: Mapping[str, Condition] = {
 
 @dataclass(frozen=True)
 class Number:
-    """One number of the suite: its value, and by how much chance moves it."""
+    """One number of the suite: its value, and its tolerance to random change."""
 
     value: float
     tolerance: float
@@ -98,7 +98,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Pipeline:
-    """The steps from a motion to its joints, replaceable one by one to see that faults show."""
+    """The steps from a motion to its joints; tests replace single steps to inject faults."""
 
     config: Callable[[TrackerConfig], TrackerConfig] = lambda config: config
     rig: Callable[[Rig], Rig] = lambda rig: rig  # as the tracker knows it
@@ -122,8 +122,8 @@ def measure_suite(
 ) -> dict[str, Number]:
     """All numbers of the suite, with the tolerance that the spread over `seeds` gives.
 
-    `motions`: performances made before, to be tracked again; made afresh when None. `conditions`:
-    only these of `CONDITIONS`.
+    `motions`: motions already simulated; simulated when None. `conditions`: a subset of
+    `CONDITIONS`.
     """
     motions = simulate_all() if motions is None else motions
     numbers = {name: n for motion in motions for name, n in _physics_numbers(motion)}
@@ -157,7 +157,6 @@ def _tracked(
     motion: SimulatedMotion, condition: Condition, pipeline: Pipeline, seed: int
 ) -> dict[str, float]:
     """Each measure of a motion from one draw of its detections."""
-
     found = draw_detections(motion, condition.source, seed)
     found = pipeline.detections(_without(found, condition.blind))
     config = pipeline.config(condition.config)
@@ -246,7 +245,7 @@ def _detector_numbers(sequence: Footage) -> dict[str, Number]:
     except EgocapError as error:
         log.info("the detector is left out: %s", error)
         return {}
-    found = Detector(sequence.rig, weights, "onnxruntime").detect(sequence)  # alike everywhere
+    found = Detector(sequence.rig, weights, "onnxruntime").detect(sequence)  # same on every machine
     truth = sequence.truth
     seen = truth.visibility == VISIBLE
     widths = np.array([mount.camera.width for mount in sequence.rig.mounts], float)

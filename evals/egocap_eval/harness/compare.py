@@ -1,9 +1,9 @@
-"""What changed between two runs of a suite, or two result files, and whether beyond noise.
+"""Compare two runs of a suite, or two result files, and test changes against noise.
 
-Frame errors of the same method and sequence are paired: what makes a frame hard is in both and
-cancels. Blocks of a second are drawn together, as neighbouring frames err alike. A change counts
-when the 95 % interval of the mean difference leaves out 0; with many rows, one in twenty does so
-by chance, which the table says.
+Frame errors of the same method and sequence are paired, so that the difficulty of a frame cancels.
+The bootstrap draws blocks of a second, because errors of neighbouring frames are correlated. A
+change is significant when the 95 % interval of the mean difference excludes 0; of many rows, one in
+twenty does so by chance.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ def study(
     all_measures: bool = False,
     seed: int = 0,
 ) -> Outcome:
-    """Say what changed from run A to run B (folders of `egocap-eval run`, or two .json results).
+    """List what changed from run A to run B (folders of `egocap-eval run`, or two .json results).
 
     Args:
         first: The earlier run or result.
-        second: The later one.
+        second: The later run or result.
         all_measures: Also list measures whose change is less than 1 %.
         seed: Seed of the bootstrap.
     """
@@ -71,8 +71,8 @@ def paired_changes(
 ) -> list[dict[str, Any]]:
     """Mean error of every "method/sequence" of both runs, its change, and the interval of it.
 
-    Arrays "times/METHOD/SEQUENCE" say which frames they are of; frames without a prediction in one
-    of both are left out of both.
+    Arrays "times/METHOD/SEQUENCE" hold the frames' times; frames that lack a prediction in either
+    run are left out of both.
     """
     rows = []
     for name in first:

@@ -1,4 +1,4 @@
-"""The card of a data set: what a folder of sequences holds, against what a data set should."""
+"""The card of a data set: its contents, and the minimum requirements that it misses."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 LEAST_SEEN = 35.0  # percent of the frames in which some camera of a rig sees a joint
 LEAST_PEOPLE = 200
 LEAST_FRAMES = 20_000
-REACHED = 0.5  # of an episode's frames a joint is inside a lens: the rig can see it
+REACHED = 0.5  # a rig reaches a joint that is inside a lens in this share of a sequence
 
 
 def study(
     folder: Positional[Annotated[Path, arg(metavar="DIR")]],
     page: Annotated[Path | None, arg(metavar="FILE")] = None,
 ) -> Outcome:
-    """Count what a data set holds: people, rigs, places, motions, and how often joints are seen.
+    """Count a data set's people, rigs, places and motions, and how often joints are visible.
 
     Args:
-        folder: Recording in episodes, or folder of sequences.
-        page: Draw the statistics there too, .html.
+        folder: Data set in episodes, or folder of sequences.
+        page: HTML page of the statistics to write.
     """
     from egocap.commandline import progress
     from egocap.data.dataset import find_sequences
@@ -77,7 +77,7 @@ def study(
 
 
 def _lenses(rig: Rig) -> tuple[float, float]:
-    """How far a rig's lenses see, degrees across, and how far before the head they are, cm."""
+    """Field of view of a rig's lenses, degrees, and their distance ahead of the head, cm."""
     across = min(2.0 * np.degrees(camera.max_angle) for camera in rig.cameras)
     return across, 100 * float(np.mean([m.T_head_camera[0, 3] for m in rig.mounts]))
 
@@ -87,8 +87,8 @@ def seldom_seen(
 ) -> dict[str, str]:
     """Joints that no camera sees in `LEAST_SEEN` percent of the frames, and why in numbers.
 
-    `reached` says of each of S sequences which joints its rig holds in view, `lenses` how far
-    across they see (degrees) and how far before the head they are (cm).
+    `reached`: joints that the rig of each of S sequences has in view. `lenses`: their field of
+    view (degrees) and distance ahead of the head (cm).
     """
     found = {}
     for j, label in enumerate(LABELS):
@@ -112,7 +112,7 @@ def seldom_seen(
 
 
 def missed(result: dict[str, Any]) -> list[str]:
-    """What the data set falls short of."""
+    """Requirements that the data set misses."""
     short = [
         f"{label} is seen in {row['seen_where_reached']:.1f} % of the frames of rigs that reach it"
         for label, row in result["joints"].items()

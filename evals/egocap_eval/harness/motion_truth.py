@@ -1,8 +1,8 @@
 """Simulated motions with their truth, projected into a rig but not rendered.
 
-Rendering takes most of a sequence's time; studies that draw detections from the truth do without.
-Occlusion is then drawn too: in random bursts, for a share of the time as in rendered sequences.
-Such studies compare trackers, rigs and faults; absolute errors come from rendered sequences.
+Rendering dominates the cost of a sequence; studies that draw detections from the truth skip it.
+Occlusion is drawn as well: in random bursts, as often as in rendered sequences. Such studies
+compare trackers, rigs and faults; absolute errors come from rendered sequences.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ BURST_S = 0.4  # mean length of a stretch in which a joint is hidden
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
-    """A motion on a rig: what a tracker may know, and the truth."""
+    """A motion on a rig: the tracker's inputs, and the truth."""
 
     name: str
     rig: Rig
@@ -58,8 +58,8 @@ def simulate_motion(
 ) -> SimulatedMotion:
     """Simulate a built-in motion of a person drawn from `seed`, seen by a rig, without pictures.
 
-    `rig`: the name of a built-in one, or a rig as it is. Raises SceneError for a motion there is
-    not, InputError for an unknown rig.
+    `rig`: the name of a built-in one, or a rig as it is. Raises SceneError for an
+    unknown motion, InputError for an unknown rig.
     """
     from egocap_sim.truth.proportions import measure_proportions
     from egocap_sim.truth.truth import truth_before_rendering
@@ -86,7 +86,7 @@ def simulate_motion(
 
 
 def on_rig(motion: SimulatedMotion, rig: Rig) -> SimulatedMotion:
-    """The same motion seen by another rig; what was hidden in a view stays hidden if it can."""
+    """The same motion seen by another rig; joints hidden in a view stay hidden where in view."""
     truth = motion.truth
     pixels, in_view = rig.project(truth.joints_head)
     in_view = np.moveaxis(in_view, 0, 1)
@@ -119,7 +119,8 @@ def draw_detections(motion: SimulatedMotion, source: str, seed: int) -> Detectio
 def _bursts(
     shape: tuple[int, ...], share: Float[Array, "J"], end: float, rng: np.random.Generator
 ) -> Bool[Array, "T V J"]:
-    """A two-state chain a view and joint: `share` of the time hidden, left with chance `end`."""
+    """Two-state Markov chain per view and joint: hidden for `share` of the time, left with
+    probability `end`."""
     begin = end * share / (1.0 - share)
     draw = rng.random(shape)
     hidden = np.zeros(shape, bool)

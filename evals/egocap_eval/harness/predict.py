@@ -1,9 +1,9 @@
-"""The first pass of a suite: what is predicted, from what, and kept with a description of both.
+"""First pass of a suite: make predictions, saved with a description of their inputs.
 
     PREDICTIONS/METHOD/NAME.S.npz   poses, S the seed of the detections' noise
-    PREDICTIONS/METHOD/NAME.S.json  all that they depend on, with its hash, and the commit
+    PREDICTIONS/METHOD/NAME.S.json  everything they depend on, with its hash, and the commit
 
-A prediction that was made with other settings, weights, or from another sequence is refused.
+A prediction made with other settings or weights, or from another sequence, is refused.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ class Job:
 def find_sources(
     suite: Suite, beside: Path, sequences: Mapping[str, Sequence]
 ) -> tuple[dict[str, str | None], list[str]]:
-    """What each method's detections come from, beyond their name: the checksum of weights.
+    """Checksum of the weights that each method's detections come from; None without weights.
 
-    Optional methods whose weights or files are missing are left out, with a warning; second come
-    their names. Raises FileError or MachineError for the others'.
+    Optional methods whose weights or files are missing are left out with a warning; their names
+    are returned second. Raises FileError or MachineError for the others'.
     """
     from egocap.detect.weights import open_weights
 
@@ -76,7 +76,7 @@ def plan(
     work: Path,
     sources: Mapping[str, str | None],
 ) -> Iterator[Job]:
-    """Every prediction the suite asks for, of the methods that `sources` names."""
+    """Every prediction of the suite, for the methods in `sources`."""
     for method in suite.methods:
         if method.name not in sources:
             continue
@@ -106,7 +106,7 @@ def predict(jobs: list[Job], sequences: Mapping[str, Sequence]) -> None:
             started = time.perf_counter()
             made = _predicted(job, sequences[job.sequence])
             job.path.parent.mkdir(parents=True, exist_ok=True)
-            # beside it first: a prediction without its description would be refused
+            # The description first: a prediction without one would be refused.
             description = {"depends": dict(job.depends), "sha256": config_hash(job.depends),
                            "commit": git_commit(),
                            "seconds": round(time.perf_counter() - started, 2)}  # fmt: skip

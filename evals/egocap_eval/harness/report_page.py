@@ -30,7 +30,7 @@ _TRUE, _PREDICTED = (59, 110, 168), (217, 128, 50)
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a run of a suite has found; `scored` holds the predictions of every seed by
+    """Result of a run of a suite; `scored` holds the predictions of every seed by
     "method/sequence"."""
 
     suite: Suite
@@ -52,7 +52,7 @@ def write_report(folder: Path, run: Run) -> None:
 
 
 def render_page(run: Run) -> str:
-    """The page as HTML, complete in itself; pictures and motions are of the first seed."""
+    """The page as self-contained HTML; pictures and motions are of the first seed."""
     from jinja2 import Environment, StrictUndefined
 
     first = {name: seeds[0] for name, seeds in run.scored.items()}

@@ -1,4 +1,4 @@
-"""Results on disk: a JSON file that says how, when and where its numbers were made."""
+"""Result files: JSON with the command, commit, machine and date of its numbers."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def save_result(
     `config`, `config_sha256` and `seconds` where they are given.
 
     Args:
-        path: a .json file; its folder is made if need be.
-        payload: the numbers, JSON-ready: no NaN, which JSON has not got.
-        command: the command line that makes them again.
-        config: everything the numbers depend on, JSON-ready; its hash is recorded with it.
+        path: a .json file; its folder is made if missing.
+        payload: the numbers, JSON-ready, without NaN.
+        command: the command line that reproduces them.
+        config: everything the numbers depend on, JSON-ready; recorded with its hash.
         seconds: how long it took, `wall` and `cpu`.
 
     Raises:
@@ -62,7 +62,7 @@ def save_result(
 
 
 def load_result(path: str | Path) -> dict[str, Any]:
-    """Read what `save_result` wrote; FileError when it is something else or of a newer schema."""
+    """Read what `save_result` wrote; FileError for another file or a newer schema."""
     try:
         record = json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -114,7 +114,7 @@ def git_commit() -> str | None:
     folder = Path(__file__).resolve().parent
     head = _git(folder, "rev-parse", "HEAD")
     if head is None or _git(folder, "ls-files", "--error-unmatch", "result_file.py") is None:
-        return None  # no repository, or somebody else's around an installed copy
+        return None  # no repository, or another one around an installed copy
     return head + ("+changes" if _git(folder, "status", "--porcelain", "-uno") else "")
 
 
@@ -129,7 +129,7 @@ def cpu_model() -> str:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file that is whole or absent, making its folder if need be."""
+    """Write a text file that is whole or absent, in a folder made if missing."""
     path = Path(path)
     make_folder(path.parent)
     write_atomically(path, text.encode())

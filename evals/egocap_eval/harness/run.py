@@ -1,4 +1,4 @@
-"""Run a suite in two passes: make sequences and save predictions, then score what was saved.
+"""Run a suite in two passes: make sequences and predictions, then score the saved predictions.
 
     OUT/suite.json                     the suite as run, with its hash
     OUT/sequences/NAME/                what was generated
@@ -7,8 +7,8 @@
     OUT/scores.json, errors.npz        all numbers; each frame's error, for comparisons
     OUT/report.html, .md               the report
 
-What is there is not made again. A prediction records the hash of all it depends on; one that was
-made with other settings, or from another sequence, is refused rather than mixed in.
+Existing files are not made again. A prediction records the hash of everything it depends on; one
+made with other settings, or from another sequence, is refused.
 """
 
 from __future__ import annotations
@@ -59,8 +59,9 @@ def study(
     html: bool = True,
     frames: Annotated[int | None, arg(metavar="N")] = None,
 ) -> Outcome:
-    """Run a suite: make what is missing, save predictions, score them, report; exit code 3 when a
-    threshold is missed.
+    """Run a suite; exit code 3 when a threshold is missed.
+
+    Missing sequences and predictions are made; the saved predictions are scored.
 
     Args:
         suite: Name of a built-in suite (quick), or a .toml file.
@@ -68,7 +69,7 @@ def study(
         motions: Folder of motion clips, for the sequences that need one.
         workers: Rendering processes.
         html: Do not write report.html and report.md.
-        frames: Try the suite: only so many frames of each sequence, one seed, and no studies.
+        frames: Try the suite: at most N frames of each sequence, one seed, no studies.
     """
     path = find_suite(suite)
     loaded = load_suite(path)
@@ -88,16 +89,7 @@ def study(
     words = ["egocap-eval", "run", suite, *(["--frames", str(frames)] if frames else [])]
     numbers = Numbers(scores, work / "studies", shlex.join(words))
     missed = missed_thresholds(loaded, numbers) + missed_by_studies(loaded, work)
-    config = {
-        "suite": loaded.model_dump(mode="json"),
-        "sequences": {name: s.manifest.config_sha256 for name, s in sequences.items()},
-    }
-    result = config | {
-        "scores": scores,
-        "left_out": [s.name for s in loaded.sequences if s.name not in sequences] + absent,
-        "paper": numbers.rows(loaded.rows),
-        "predicted_by": sorted({load_description(job)["commit"] or "" for job in jobs}),
-    }
+    config, result = _summary(loaded, jobs, sequences, absent, numbers)
     save_result(work / "scores.json", {**result, "missed": missed}, numbers.command, config=config)
     _save_errors(work / "errors.npz", scored)
     if html:
@@ -113,7 +105,7 @@ def score(
 ) -> tuple[dict[str, Any], dict[str, list[PoseErrors]]]:
     """Second pass: every measure of every method and sequence, a mean over its seeds.
 
-    Returns the numbers, by method, sequence and measure, and what they were taken from, by
+    Returns the numbers, by method, sequence and measure, and the pose errors behind them, by
     "method/sequence".
     """
     scores: dict[str, Any] = {}
@@ -142,8 +134,25 @@ def score(
     return scores, kept
 
 
+def _summary(
+    suite: Suite, jobs: list[Job], sequences: Mapping[str, Sequence], absent: list[str],
+    numbers: Numbers,
+) -> tuple[dict[str, Any], dict[str, Any]]:  # fmt: skip
+    """What the run depends on, and its result, JSON-ready."""
+    config = {
+        "suite": suite.model_dump(mode="json"),
+        "sequences": {name: s.manifest.config_sha256 for name, s in sequences.items()},
+    }
+    return config, config | {
+        "scores": numbers.scores,
+        "left_out": [s.name for s in suite.sequences if s.name not in sequences] + absent,
+        "paper": numbers.rows(suite.rows),
+        "predicted_by": sorted({load_description(job)["commit"] or "" for job in jobs}),
+    }
+
+
 def run_studies(suite: Suite, work: Path) -> None:
-    """The suite's studies by their own commands, where their results are not there yet."""
+    """Run the suite's studies whose results are missing, by their own commands."""
     for entry in suite.studies:
         path = work / "studies" / f"{entry.name}.json"
         words = [entry.name, *entry.options, "--out", str(path)]
@@ -153,7 +162,7 @@ def run_studies(suite: Suite, work: Path) -> None:
                 raise FileError(path, f"is of another command: {before}",
                                 valid="another --work, or remove it")  # fmt: skip
             continue
-        with redirect_stdout(sys.stderr):  # what the suite itself prints may be JSON
+        with redirect_stdout(sys.stderr):  # stdout is the suite's, perhaps JSON
             code = main(words)
         if code not in (0, 3) or not path.is_file():
             raise InputError(f"the study '{entry.name}' failed with exit code {code}")
@@ -169,7 +178,7 @@ def missed_by_studies(suite: Suite, work: Path) -> list[str]:
 
 
 def _require_known(suite: Suite) -> None:
-    """InputError for studies and settings that are not there, before any long work."""
+    """Raise InputError for unknown studies and settings, before any long work."""
     for entry in suite.studies:
         if entry.name not in STUDIES:
             raise InputError(f"no study '{entry.name}'", valid=STUDIES)
@@ -178,7 +187,7 @@ def _require_known(suite: Suite) -> None:
 
 
 def _lock(work: Path, suite: Suite) -> None:
-    """Remember the suite a folder is of; another suite's folder is refused."""
+    """Write the suite into its folder; FileError for the folder of another suite."""
     path = work / "suite.json"
     if path.is_file():
         before = json.loads(path.read_text(encoding="utf-8")).get("name")
@@ -188,7 +197,7 @@ def _lock(work: Path, suite: Suite) -> None:
 
 
 def _mean_under(scored: PoseErrors, protocol: str) -> float | None:
-    """Mean error under another protocol; None where it cannot be had (hips missing)."""
+    """Mean error under another protocol; None where it is undefined (hips missing)."""
     value = replace(scored, protocol=find_protocol(protocol)).mean()
     return value if np.isfinite(value) else None
 

@@ -49,7 +49,7 @@ def study(
             a source such as simulated:2.0, or detector:PLUG-IN.
         protocol: Joints (egocap-17, egocap-18, unrealego-16, mo2cap2-15), alone or with
             -mid-hip, -rigid, -pa, -sequence, -sequence-rigid or -ba for an alignment.
-        missing: What to do about frames that the predictions lack.
+        missing: Refuse or skip frames that the predictions lack.
     """
     given = [path for path in (track, predictions, tracker) if path is not None]
     if len(given) != 1:
@@ -98,19 +98,19 @@ def find_detections(sequence: Sequence, source: str, seed: int = 0) -> Detection
         return detections_from(sequence, source, seed)
     found = find_plugin(DETECTORS, name)(SequenceView(sequence))
     if not isinstance(found, Detections):
-        raise InputError(f"detector '{name}' handed back a {type(found).__name__}",
+        raise InputError(f"detector '{name}' returned a {type(found).__name__}",
                          valid="egocap.data.detections.Detections")  # fmt: skip
-    require_same_times(found.times, sequence.times, f"what detector '{name}' handed back")
+    require_same_times(found.times, sequence.times, f"the output of detector '{name}'")
     return found
 
 
 def run_tracker(
     name: str, sequence: Sequence, detections: Detections | None
 ) -> Track | Predictions:
-    """What a plugged-in tracker (`data.plugins`) makes of a sequence; it never meets the truth.
+    """Run a plug-in tracker (`data.plugins`) on a sequence, without access to the truth.
 
     Raises:
-        InputError: there is no such plug-in, or it hands back something else than poses.
+        InputError: unknown plug-in, or a result that is not poses.
     """
     import time
 
@@ -124,14 +124,13 @@ def run_tracker(
     joints = np.asarray(result, np.float64)
     if joints.shape != (len(footage), len(LABELS), 3):
         raise InputError(
-            f"tracker '{name}' handed back an array of shape {joints.shape}",
+            f"tracker '{name}' returned an array of shape {joints.shape}",
             valid=f"({len(footage)}, {len(LABELS)}, 3), a Track or Predictions",
         )
     return Predictions.from_joints(joints, name, seconds)
 
 
 def _own_tracker(footage: SequenceView, detections: Detections | None) -> Track:
-
     if detections is None:
         raise InputError("--tracker egocap needs --detections", valid="e.g. simulated:2.0")
     return egocap.Tracker(footage.rig, footage.body).track(detections, footage.images)
@@ -139,7 +138,7 @@ def _own_tracker(footage: SequenceView, detections: Detections | None) -> Track:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Name the file in errors about what it holds."""
+    """Name the file in errors about its content."""
     try:
         yield
     except InputError as error:

@@ -1,11 +1,11 @@
-"""Suites: what is run and scored together, as a TOML file says it.
+"""Suites: sequences, methods, studies and thresholds, read from a TOML file.
 
 [[sequences]]      made where missing: a scene (built in, or a file beside the suite) at a size,
-                   perhaps with another motion file, or a folder that is there
+                   perhaps with another motion file, or an existing folder
 [[methods]]        a tracker on a source of detections, or a file of predictions per sequence
 [[studies]]        commands of `egocap-eval`, their results beside the suite's own
 [[thresholds]]     most or least of a measure
-[[rows]]           quantitative statements of the paper, and where our number is
+[[rows]]           quantitative statements of the paper, and where ours is found
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class SequenceEntry(Strict):
 
     name: str = Field(pattern=r"^[\w.-]+$")
     scene: str | None = None  # name of a built-in scene, or a .toml beside the suite
-    folder: str | None = None  # of a sequence that is there, beside the suite or absolute
+    folder: str | None = None  # an existing sequence, beside the suite or absolute
     motion: str | None = None  # file under --motions; left out without that option
     frames: int | None = Field(default=None, ge=1)
     size: tuple[int, int] | None = None
@@ -124,7 +124,7 @@ def load_suite(path: str | Path) -> Suite:
     """A suite by its file, or by the name of a built-in one.
 
     Raises:
-        FileError: it is none, or names a protocol, measure, method or sequence that is not there.
+        FileError: not a suite, or an unknown protocol, measure, method or sequence in it.
     """
     path = find_suite(path)
     suite = checked(Suite, read_toml(path), path)
@@ -137,7 +137,7 @@ def load_suite(path: str | Path) -> Suite:
 
 
 def shortened(suite: Suite, frames: int) -> Suite:
-    """A suite to try: so many frames a sequence at most, one seed, no studies, another name.
+    """A short version of a suite: at most `frames` frames, one seed, no studies, another name.
 
     Raises InputError for fewer than two frames.
     """

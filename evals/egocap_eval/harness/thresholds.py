@@ -15,7 +15,7 @@ from egocap_eval.harness.suite import PaperRow, Suite
 
 COMMITTED = Path(__file__).parents[2] / "results"
 NOT_YET = "not measured yet"
-NOT_HERE = "not measured yet; an installed package is without the committed results"
+NOT_HERE = "not measured yet; an installed package lacks the committed results"
 
 
 class Numbers:
@@ -23,7 +23,7 @@ class Numbers:
 
     Args:
         scores: by method, sequence and measure.
-        studies: folder of the run's own studies, looked in before the committed ones.
+        studies: folder of the run's own studies, searched before the committed ones.
         command: the command line of the run.
     """
 
@@ -32,13 +32,13 @@ class Numbers:
         self._folders = (studies, COMMITTED)
 
     def of(self, method: str, sequence: str, measure: str) -> float | None:
-        """One number of the suite; None where there is none."""
+        """One number of the suite; None if missing."""
         return self.scores.get(method, {}).get(sequence, {}).get(measure)
 
     def find(self, place: str) -> tuple[float | str | None, str]:
         """What is at "method/sequence/measure" or "STUDY.json:key.key", and the command behind it.
 
-        None, and why, where it is not there.
+        None and the reason where it is missing.
         """
         if ".json:" not in place:
             method, _, rest = place.partition("/")
@@ -73,14 +73,14 @@ class Numbers:
 
 
 def missed_thresholds(suite: Suite, numbers: Numbers) -> list[str]:
-    """Thresholds that are not met, in words; a number that is not there meets none."""
+    """Thresholds that are not met, in words; a missing number meets none."""
     missed = []
     for threshold in suite.thresholds:
         there = numbers.scores.get(threshold.method, {})
         names = [threshold.sequence] if threshold.sequence else list(there)
         for sequence in names:
             if sequence not in there:
-                continue  # left out of the run, which says so
+                continue  # left out of the run, which lists it
             value = numbers.of(threshold.method, sequence, threshold.measure)
             what = f"{threshold.method}, {sequence}: {threshold.measure}"
             if value is None:

@@ -1,7 +1,7 @@
-"""How well the image model finds poses: from perturbed starts, beside detections, live.
+"""Convergence of the image model to the true pose: perturbed, with detections, online.
 
-What `python -m egocap_eval.image_model.study` measures on simulated sequences.
-The truth only perturbs and judges.
+The part of `egocap-eval image-model` that estimates poses in simulated sequences. The truth is used
+only to perturb the start and to score.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ LOST_MM = 150.0
 def basin_study(
     scenes: list[Scene], trials: int, rng: np.random.Generator
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Share of perturbed poses that come back to under 30 mm, by what is perturbed and known.
+    """Share of perturbed poses that return to under 30 mm, by the angles and data used.
 
-    Every angle is drawn evenly from plus or minus the size; `trials` are those of a scene.
-    `visible` counts only joints that a view sees, as colour cannot know of others. The last two are
-    the paper's measure, which knows of no background.
+    Every angle is drawn uniformly from plus or minus the size, `trials` times per scene. `visible`
+    counts only joints that are visible in a view. The last two use the paper's measure, which has
+    no background model.
     """
     tasks: dict[str, Callable[[Scene, float], Trial]] = {
         "colour, upper body": lambda scene, size: scene.trial(size, rng, UPPER_BODY),
@@ -65,8 +65,8 @@ def basin_study(
 def detection_study(scenes: list[Scene], frames: int, rng: np.random.Generator) -> dict[str, Any]:
     """Mean error with and without colour beside detections of 2 and 4 pixels at 640 x 512.
 
-    Every frame is solved on its own, first from detections alone, starting 5 degrees off; colour
-    starts from what they find.
+    Every frame is solved by itself, first from detections alone, starting 5 degrees off; colour
+    starts from that result.
     """
     result: dict[str, Any] = {}
     for pixels in (2.0, 4.0):
@@ -92,7 +92,7 @@ def detection_study(scenes: list[Scene], frames: int, rng: np.random.Generator) 
 def live_study(folder: Path, frames: int) -> dict[str, Any]:
     """The paper's live test: the upper body by colour alone, from a known first pose.
 
-    What `egocap.track.colour_tracker` does: colours are learned in the first pictures.
+    `egocap.track.colour_tracker` learns the colours in the first images.
     """
     sequence = Sequence(folder)
     truth = sequence.truth
@@ -120,10 +120,10 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
 def _compare_lost_arms(
     sequence: Sequence, angles: Float[Array, "T 37"], wrong: Float[Array, "T 18"]
 ) -> dict[str, Any]:
-    """Could more search find the arms that were lost: does the truth fit the colours better?
+    """Compare the energy of lost arms with that of the true arms: would a wider search find them?
 
-    Of every tenth frame and arm whose wrist is off by more than `LOST_MM`: the energy of the
-    tracked pose with its arm where it truly is, refined from there, less that of the tracked pose.
+    For every tenth frame and arm whose wrist is off by more than `LOST_MM`: the energy with the
+    true arm, refined from there, less the energy of the tracked pose.
     """
     person, rig = sequence.body, sequence.rig
     term = ColourTerm.learned(rig, person, [(sequence.images(0), angles[0])], TERM)
@@ -162,7 +162,7 @@ def _summary(trials: list[Trial]) -> dict[str, float]:
 
 
 def profile_study(scenes: list[Scene]) -> dict[str, Any]:
-    """Energy along every one of the 37 angles about the true pose, the other 36 held true.
+    """Energy along every one of the 37 angles about the true pose, the other 36 at the truth.
 
     In the middle frame of each scene: of colour alone, and of colour with detections of 2 pixels
     and the priors. `lowest_deg` is the mean distance of the lowest of the offsets from the truth,

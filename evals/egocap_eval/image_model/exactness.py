@@ -1,6 +1,6 @@
-"""Is the image model what it says: quadrature, gradients, occlusion, the stochastic variant.
+"""Accuracy of the image model: quadrature, gradients, occlusion, the stochastic gradient.
 
-What `python -m egocap_eval.image_model.study` measures without looking at how well poses are found.
+The part of `egocap-eval image-model` that estimates no poses.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ KEPT = (0.25, 0.5, 1.0)
 
 
 def brute_visibility(met: RayGaussians, far: float = 2.6) -> Float[Array, "P G"]:
-    """Equation 4 by trapezoids of both integrals: no error function, no trick."""
+    """Equation 4 by the trapezoidal rule for both integrals, without the closed form."""
     s = torch.arange(0.0, far, BRUTE_STEP, dtype=torch.float64)
     rows = []
     for p in range(met.middle.shape[0]):
@@ -100,7 +100,7 @@ def gradient_study(body: GaussianBody, rig: Rig, rng: np.random.Generator) -> di
 
 
 def occlusion_study(body: GaussianBody, rig: Rig, steps: int = 161) -> dict[str, Any]:
-    """Energy and slope while the left forearm sweeps before the trunk: both must be continuous.
+    """Energy and slope while the left forearm moves across the trunk: both must be continuous.
 
     The body has red arms and a blue trunk, every pixel of the image is red.
     """
@@ -132,7 +132,7 @@ def occlusion_study(body: GaussianBody, rig: Rig, steps: int = 161) -> dict[str,
 
 
 def stochastic_study(scene: Scene, rng: np.random.Generator, draws: int = 150) -> dict[str, Any]:
-    """Scatter of the stochastic gradient about the full one, and what of it is bias.
+    """Scatter of the stochastic gradient about the full gradient, and its bias.
 
     At a frame's true pose turned by up to 5 degrees; `scatter` is the root mean square distance as
     a share of the full gradient, with rays drawn towards the outline or evenly; `bias` the distance
@@ -176,11 +176,11 @@ def _random_pose(rng: np.random.Generator, extent: float) -> Float[Array, "37"]:
 
 
 def _ahead(rig: Rig) -> Rig:
-    """The rig with lenses of 280 degrees that look straight ahead: the body is behind them."""
+    """The rig with lenses of 280 degrees facing straight ahead: the body is behind them."""
     lens = {"model": "equidistant", "width": 256, "height": 256, "fov": 280.0}
     forward, left, up = rig.T_head_camera[0, :3, 3]
     stereo = {"baseline": 2 * left, "forward": forward, "up": up, "pitch": 0.0}
-    return parse_rig({"name": "ahead", "lens": lens, "stereo": stereo}, "the study's own rig")
+    return parse_rig({"name": "ahead", "lens": lens, "stereo": stereo}, "image-model")
 
 
 def _random_bodies(
@@ -202,12 +202,12 @@ def _random_bodies(
         hit = torch.nonzero(met.depth.sum(-1) > 0.05)[: count // 4, 0]
         middles.append(met.middle[hit])
         depths.append(met.depth[hit])
-    # Bodies differ in sigma; any 1-D Gaussians do to compare quadratures, so one row serves all.
+    # Bodies differ in sigma; quadratures can be compared on any 1-D Gaussians, so one row is used.
     return RayGaussians(torch.cat(middles), torch.cat(depths), torch.tensor(body.sigma))
 
 
 def _hard_cases(rng: np.random.Generator, count: int) -> dict[str, RayGaussians]:
-    """Few Gaussians in the places where a quadrature may fail, as seen along the rays."""
+    """A few Gaussians along the rays where a quadrature may fail."""
     sigma = torch.tensor([0.03, 0.05, 0.04], dtype=torch.float64)
 
     def drawn(low: float, high: float) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""Simulated frames, a body in its colours and detections of it: what image model studies search."""
+"""A simulated sequence with a coloured body and detections, for the image model's studies."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ class Trial:
 
 
 class Scene:
-    """Frames of a sequence, a body in its colours, detections of it.
+    """Frames of a sequence, a body with learned colours, and simulated detections.
 
-    Colours are learned in `LEARNED` frames spread over the sequence, at their true poses: the few
-    poses of a personalisation.
+    Colours are learned in `LEARNED` frames spread over the sequence, at their true poses, as in a
+    personalisation.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -61,7 +61,7 @@ class Scene:
         self._observations: dict[float, Observations] = {}
 
     def observations(self, pixels: float) -> Observations:
-        """Simulated detections of an accuracy."""
+        """Simulated detections with noise of `pixels`."""
         if pixels not in self._observations:
             found = synthetic_detections(self.sequence, pixels)
             self._observations[pixels] = observe(
@@ -78,7 +78,7 @@ class Scene:
         weight: float | None = None,
         measure: ColourMeasure | None = None,
     ) -> Float[Array, "37"]:
-        """The pose at a frame from a start; without `measure` by the palette."""
+        """Solve a frame from a start; by the palette unless `measure` is given."""
         model = self.term.model if measure is None else self.paper
         images = self.sequence.images(t)
         if measure is None:

@@ -1,7 +1,7 @@
 """Studies of the volumetric image model: exactness, and basin of attraction of the true pose.
 
 Colours are learned in five frames of a sequence at the true pose, as personalisation would; in
-sequences followed live, in the first frame. Poses are searched without the truth.
+sequences tracked online, in the first frame. The solver does not use the truth.
 `tools/measure-image-model.sh` makes the sequences of the committed result, and the result.
 """
 
@@ -42,15 +42,15 @@ def study(
     frames: int = 8,
     plot: Path | None = None,
 ) -> Outcome:
-    """Exactness of the image model's visibility and gradients; how well it finds poses.
+    """Measure the accuracy of the image model and its basin of attraction.
 
     Args:
         sequences: Simulated sequences of several people and motions.
-        live: Simulated sequences in which the upper body is followed by colour alone.
+        live: Simulated sequences in which the upper body is tracked by colour alone.
         live_frames: Frames of each of these.
-        trials: Perturbed poses of every kind, a sequence.
+        trials: Perturbed poses of every kind per sequence.
         frames: Frames to solve with and without colour, of every sequence.
-        plot: Figure to write, png or svg, and beside it one with the suffix -angles.
+        plot: Figure to write, png or svg; a second one gets the suffix -angles.
     """
     rng = np.random.default_rng(0)
     scenes = [Scene(folder) for folder in sequences]

@@ -49,7 +49,7 @@ from egocap_eval.posterior.coverage import (
 )
 
 STEPS = 2000
-"""Of every frame's chain, a third of them burn-in at most."""
+"""Length of every frame's chain, at most a third of it burn-in."""
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 TEMPERATURES = tuple(float(t) for t in np.geomspace(0.25, 64.0, 25))
 
@@ -172,10 +172,7 @@ def fit_temperature(jobs: Sequence[Job]) -> float:
 def score_all(
     jobs: Sequence[Job], workers: int, what: str, log: ScoreLog | None = None
 ) -> tuple[FrameScore, ...]:
-    """Sample every job's frame, in processes of their own when there is more than one worker.
-
-    Frames that the log holds are not done again.
-    """
+    """Sample every job's frame; scores in the log are reused."""
     log = log or ScoreLog()
     keys = [job.key for job in jobs]
     left = [(key, job) for key, job in zip(keys, jobs, strict=True) if key not in log]
@@ -241,19 +238,19 @@ def study(
     keep: Path | None = None,
     page: Path | None = None,
 ) -> Outcome:
-    """Coverage and rank statistics of the posterior, well-specified and on sequences.
+    """Measure coverage and rank statistics of the posterior, well-specified and on sequences.
 
     Args:
-        sequences: Sequences on which to score some detections, before and after a temperature.
-        frames: Frames of the well-specified study, and of each sequence.
+        sequences: Sequences to score too, before and after fitting a temperature.
+        frames: Number of frames of the well-specified study, and of each sequence.
         detections: Detections of the sequences, as for `egocap track`.
         noise: Noise of the well-specified detections.
         rig: Rig file; EgoRig1 by default.
         seed: Seed of poses, noise and chains.
         workers: Number of processes.
         only_detector: Skip the well-specified study.
-        keep: File of finished frames; the same command continues an interrupted study from it.
-        page: Page of figures to write, html.
+        keep: Finished scores; the same command continues from them after a stop.
+        page: HTML page of figures to write.
     """
     from egocap.cameras.rig_files import load_rig
     from egocap_sim.core.resources import rig_file

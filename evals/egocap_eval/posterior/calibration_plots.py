@@ -57,8 +57,8 @@ def draw_joints(study: Coverage) -> Any:
 def draw_ranks(study: Coverage) -> Any:
     """Histogram of the ranks of all true angles among their draws; even where draws are right."""
     figure, axes = _axes((7.0, 3.2))
-    told = rank_statistics(study.scores)
-    counts = np.array(told["histogram"])
+    result = rank_statistics(study.scores)
+    counts = np.array(result["histogram"])
     expected = counts.sum() / RANK_BINS
     axes.bar((np.arange(RANK_BINS) + 0.5) / RANK_BINS, counts, 0.9 / RANK_BINS, color="#64748b")
     # Angles of one frame go together: the band is that of a single angle's count, 37 times.
@@ -69,8 +69,8 @@ def draw_ranks(study: Coverage) -> Any:
     axes.axhline(expected, color="#374151", lw=0.8)
     axes.set_xlabel("share of draws below the true angle")
     axes.set_ylabel("true angles")
-    axes.set_title(f"smallest of 37 p values {told['smallest_p']:.3g}, its chance among as many "
-                   f"{told['smallest_p_of_as_many']:.2f}", fontsize=8)  # fmt: skip
+    axes.set_title(f"smallest of 37 p values {result['smallest_p']:.3g}, its chance among as many "
+                   f"{result['smallest_p_of_as_many']:.2f}", fontsize=8)  # fmt: skip
     axes.legend(fontsize=7, loc="lower right")
     return figure
 

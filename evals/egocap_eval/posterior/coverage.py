@@ -1,4 +1,4 @@
-"""Where truths lie in their posteriors: coverage of regions and rank statistics.
+"""Coverage of posterior regions by the truth, and rank statistics.
 
 A joint's region of level p is the ellipsoid about the mean of one half of the walkers, in the
 metric of their covariance, that holds a share p of the other half's draws.
@@ -46,10 +46,10 @@ class FrameScore:
         return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
 
     @classmethod
-    def from_dict(cls, told: dict[str, Any]) -> FrameScore:
+    def from_dict(cls, result: dict[str, Any]) -> FrameScore:
         """The inverse of `to_dict`. Raises TypeError for other fields."""
         values: dict[str, Any] = {
-            k: np.array(v) if isinstance(v, list) else v for k, v in told.items()
+            k: np.array(v) if isinstance(v, list) else v for k, v in result.items()
         }
         return cls(**values)
 
@@ -87,24 +87,24 @@ class Coverage:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        told: dict[str, Any] = {"frames": len(self.scores), "levels": {}}
+        result: dict[str, Any] = {"frames": len(self.scores), "levels": {}}
         for level in LEVELS:
             share, error = self.pooled(level)
             joints = zip(EVALUATED, self.per_joint(level), strict=True)
-            told["levels"][f"{level:g}"] = {
+            result["levels"][f"{level:g}"] = {
                 "coverage": round(share, 4),
                 "standard_error": round(error, 4),
                 "laplace_coverage": round(self.pooled(level, laplace=True)[0], 4),
                 "per_joint": {LABELS[j]: round(float(c), 4) for j, c in joints},
                 "binomial_error": round(self.binomial_error(level), 4),
             }
-        told["rms_error_mm"] = round(self._rms("error_mm"), 2)
-        told["rms_expected_mm"] = round(self._rms("spread_mm"), 2)
-        told["median_effective"] = round(float(np.median([s.effective for s in self.scores])))
-        told["least_effective"] = round(min(s.effective for s in self.scores))
-        told["largest_rhat"] = round(max(s.rhat for s in self.scores), 3)
-        told["frames_above_rhat_1.05"] = sum(s.rhat > 1.05 for s in self.scores)
-        return told
+        result["rms_error_mm"] = round(self._rms("error_mm"), 2)
+        result["rms_expected_mm"] = round(self._rms("spread_mm"), 2)
+        result["median_effective"] = round(float(np.median([s.effective for s in self.scores])))
+        result["least_effective"] = round(min(s.effective for s in self.scores))
+        result["largest_rhat"] = round(max(s.rhat for s in self.scores), 3)
+        result["frames_above_rhat_1.05"] = sum(s.rhat > 1.05 for s in self.scores)
+        return result
 
     def _rms(self, name: str) -> float:
         rows = np.array([getattr(score, name) for score in self.scores])[:, list(EVALUATED)]
@@ -134,15 +134,15 @@ class CalibrationReport:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        told: dict[str, Any] = {"settings": self.settings, "missed": self.missed()}
+        result: dict[str, Any] = {"settings": self.settings, "missed": self.missed()}
         if self.well_specified is not None:
-            told["well_specified"] = self.well_specified.to_dict() | {
+            result["well_specified"] = self.well_specified.to_dict() | {
                 "ranks": rank_statistics(self.well_specified.scores)
             }
         if self.before is not None and self.after is not None:
-            told["temperature"] = self.temperature
-            told["before"], told["after"] = self.before.to_dict(), self.after.to_dict()
-        return told
+            result["temperature"] = self.temperature
+            result["before"], result["after"] = self.before.to_dict(), self.after.to_dict()
+        return result
 
     def to_table(self) -> Table:
         """Coverage at every level, in percent."""
@@ -164,7 +164,7 @@ def region_share(
     joints: Float[Array, "W S 18 3"], truth: Float[Array, "18 3"]
 ) -> Float[Array, "18"]:
     """Share of one half of the walkers' draws that lie nearer to the other half's mean, in its
-    metric, than the truth does. Uniform on [0, 1] when the draws and the truth are alike."""
+    metric, than the truth does. Uniform on [0, 1] for a correct sampler."""
     half = len(joints) // 2
     shape, judged = joints[:half].reshape(-1, 18, 3), joints[half:].reshape(-1, 18, 3)
     centre = shape.mean(0)
@@ -187,7 +187,7 @@ def gaussian_share(
 
 
 def rank_statistics(scores: Iterable[FrameScore]) -> dict[str, Any]:
-    """Chi-squared of every angle's ranks in bins; p values are even when the sampler is right."""
+    """Chi-squared tests of every angle's ranks; p values of a correct sampler are uniform."""
     from scipy.stats import chi2, kstest
 
     ranks = np.array([score.ranks for score in scores if score.ranks is not None])

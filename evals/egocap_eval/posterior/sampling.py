@@ -1,12 +1,11 @@
-"""How fast posteriors are sampled, and how far the tracker is from what can be known.
+"""Sampling speed of the posterior, and the tracker's error over the Cramer-Rao bound.
 
 The bound is the Bayesian one given the whole sequence: detections of the stated noise where the
 renderer says that a joint is seen, the tracker's posture prior and random accelerations. The
-tracker's skeleton is not the person's, so its errors may hold a part that no bound speaks of; the
-distance of the nearest pose of that skeleton is given beside it. Joints count in the frames in
-which a view sees them: what none sees is guessed, better in a calm motion than the prior allows.
-A Bayesian bound holds on average over motions as lively as the prior; the tracker, which trusts
-that prior, stays below it where a motion is calmer, as walking is: a ratio under 1.
+tracker's skeleton is not the person's, so its errors have a part that the bound excludes; the
+distance of that skeleton's nearest pose is given beside it. Joints count in the frames in which a
+view sees them. A Bayesian bound holds on average over motions drawn from the prior; for calmer
+motions, such as walking, the ratio can be under 1.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from egocap_eval.harness.study import Outcome
 LEAST_RATE = 20_000.0
 """Evaluations a second to reach."""
 MOST_OVER_BOUND = 1.5
-"""Times the bound at the detector's own noise that the tracker may be off."""
+"""Maximum ratio of tracker error to bound at the detector's own noise."""
 LEAST_EFFECTIVE, MOST_SECONDS = 400.0, 60.0
 """Effective draws of every angle to reach in so many seconds a frame."""
 
@@ -45,14 +44,14 @@ def study(
     sampled: int = 5,
     learned: bool = False,
 ) -> Outcome:
-    """Speed of the posterior, and the tracker's error over the Cramer-Rao bound, per joint.
+    """Measure sampling speed, and the tracker's error over the Cramer-Rao bound per joint.
 
     Args:
         sequences: Folders of sequences.
         sigma: Spread of simulated detections, pixels at a width of 640.
         seeds: Draws of the detections' noise to track.
         sampled: Frames of every sequence to sample.
-        learned: Track the detections of the shipped weights too, next to the bound at their noise.
+        learned: Also track detections of the shipped weights, with the bound at their noise.
     """
     if seeds < 1 or sampled < 0:
         raise InputError(f"{seeds} seeds, {sampled} frames", valid="a seed or more, frames from 0")
@@ -62,10 +61,10 @@ def study(
         missed.append(f"{result['evaluations_per_second']} evaluations/s, not {LEAST_RATE:.0f}")
     for folder in sequences:
         sequence = open_sequence(folder)
-        told = over_bound(sequence, f"simulated:{sigma:g}", seeds)
-        told["sampling"] = sampling_speed(sequence, sigma, sampled)
-        result[sequence.manifest.name] = told
-        for row in told["sampling"]:
+        found = over_bound(sequence, f"simulated:{sigma:g}", seeds)
+        found["sampling"] = sampling_speed(sequence, sigma, sampled)
+        result[sequence.manifest.name] = found
+        for row in found["sampling"]:
             if (
                 not row["mixed"]
                 or row["effective"] < LEAST_EFFECTIVE
@@ -73,9 +72,9 @@ def study(
             ):
                 missed.append(f"{sequence.manifest.name}, frame {row['frame']}: {row['outcome']} "
                               f"in {row['seconds']} s")  # fmt: skip
-        tables.append(_table(sequence, told))
+        tables.append(_table(sequence, found))
         if learned:
-            told["learned"] = by_detector = over_bound(sequence, "learned", 1)
+            found["learned"] = by_detector = over_bound(sequence, "learned", 1)
             tables.append(_table(sequence, by_detector))
             if by_detector["ratio"] > MOST_OVER_BOUND:
                 missed.append(
@@ -85,13 +84,13 @@ def study(
     return Outcome(result, tables, missed)
 
 
-def _table(sequence: Sequence, told: dict[str, Any]) -> Table:
+def _table(sequence: Sequence, result: dict[str, Any]) -> Table:
     rows = tuple(
         (name, number(v["bound_mm"]), number(v["tracked_mm"]), number(v["ratio"], 2),
          number(v["skeleton_mm"]))
-        for name, v in told["joints"].items()
+        for name, v in result["joints"].items()
     )  # fmt: skip
-    title = f"{sequence.manifest.name}, {told['detections']}: root mean square"
+    title = f"{sequence.manifest.name}, {result['detections']}: root mean square"
     return Table(title, ("joint", "bound mm", "tracker mm", "ratio", "skeleton mm"), rows)
 
 
@@ -120,10 +119,9 @@ def evaluation_rate(walkers: int = 96, rounds: int = 200) -> float:
 def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
     """Root mean square of bound and of tracker errors per joint, mm.
 
-    Of simulated detections the noise is known. Of a detector's the bound takes the spreads that it
-    claims, of hidden joints too, and errors that last from frame to frame as its do. `claimed` says
-    how far its errors at seen joints are from those spreads: root mean square of error over spread
-    along an axis, 1 where it is honest.
+    The noise of simulated detections is known. For a detector, the bound uses its stated standard
+    deviations, of occluded joints too, and temporally correlated noise. `claimed`: root mean square
+    of error over stated standard deviation at visible joints; 1 if calibrated.
     """
     from egocap.pose.config import TrackerConfig
     from egocap.posterior.information import (
@@ -140,16 +138,16 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
     nearest = 1e3 * np.linalg.norm(forward(person, angles) - truth.joints_head, axis=-1)
     seen = (truth.visibility == VISIBLE) & truth.in_view
     draws = [detections_from(sequence, source, seed) for seed in range(seeds)]
-    told: dict[str, Any] = {"frames": len(sequence), "detections": source, "seeds": seeds}
+    result: dict[str, Any] = {"frames": len(sequence), "detections": source, "seeds": seeds}
     if source.startswith("simulated"):
         noise = Noise(parse_source(source).sigma)
         information, between = fisher_information(angles, person, rig, seen, noise), None
     else:
         found, made = draws[0], draws[0].valid & truth.in_view
         off = (found.points - truth.joints_2d) / np.where(made, found.sigma, 1.0)[..., None]
-        told["claimed"] = round(_rms(off[seen & made]), 3)
-        told["correlation"] = round(autocorrelation(off, seen & made), 3)
-        noise = Noise(correlation=told["correlation"])
+        result["claimed"] = round(_rms(off[seen & made]), 3)
+        result["correlation"] = round(autocorrelation(off, seen & made), 3)
+        noise = Noise(correlation=result["correlation"])
         information, between = lasting_information(angles, person, rig, made, noise, found.sigma)
     bound = smoothed_bound(angles, person, sequence.times, information, config, between)
     tracks = [egocap.Tracker(rig, person, config).track(found, sequence.images) for found in draws]
@@ -167,14 +165,14 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
                              "skeleton_mm": round(_rms(nearest[shown[:, j], j]), 2)}  # fmt: skip
     shown[:, [j for j in range(len(LABELS)) if j not in EVALUATED]] = False
     low, got = _rms(bound[shown]), _rms(errors[:, shown])
-    return told | {
+    return result | {
         "bound_mm": round(low, 2), "tracked_mm": round(got, 2), "ratio": round(got / low, 3),
         "joints": joints,
     }  # fmt: skip
 
 
 def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[str, Any]]:
-    """Sample some frames and say how long it took for how much."""
+    """Sample some frames; time and effective sample size of each."""
     from egocap.posterior.log_prob import make_log_posterior
     from egocap.posterior.sampler import sample
 

@@ -1,9 +1,9 @@
-"""Which joints a camera at some place sees of a simulated person: rays cast at its dressed surface.
+"""Visibility of a simulated person's joints from camera places, by rays cast at the body surface.
 
-The rule is the renderer's (`truth.visibility`): a joint is seen when enough of the skin about
-it shows. But nothing is drawn, and the surface is a coarser one, so that a sweep of rigs takes
-seconds. What hides a joint depends on where a camera is, not on where it looks or on its lens: rigs
-whose cameras stand in the same places share the work. `egocap-eval rig --check` compares the two.
+The rule is the renderer's (`truth.visibility`): a joint is visible when enough of the skin around
+it is. Nothing is rendered, and the surface is coarser, so that a sweep of rigs takes seconds.
+Occlusion depends on a camera's place, not on its direction or lens: rigs with cameras in the same
+places share the work. `egocap-eval rig --check` compares the two.
 
 Source: Moeller & Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
 """
@@ -24,13 +24,13 @@ from egocap_sim.human.body.person import Person
 from egocap_sim.truth.visibility import CLOTH_M, SHARE, SkinPoints, parts_around
 
 CELL_M = 0.025
-"""Grid in which vertices of the surface become one."""
+"""Grid cell whose vertices are merged."""
 CLUSTER_M = 0.12
 """Edge of the cells whose triangles share a bounding sphere."""
 
 
 class Surface(NamedTuple):
-    """Skinned triangles, sorted into clusters that a ray can pass by."""
+    """Skinned triangles, sorted into clusters with bounding spheres."""
 
     vertices: Float[Array, "N 3"]  # at rest, metres
     bones: Int[Array, "N 4"]
@@ -63,19 +63,19 @@ class RayVisibility:
     def shown(
         self, T_head_body: Float[Array, "T 21 4 4"], eyes: Float[Array, "U 3"]
     ) -> Bool[Array, "T U 18"]:
-        """Whether nothing hides the joints from eyes; a lens may still not reach them."""
+        """Whether the joints are unoccluded from eyes, whatever the lens."""
         return self.shares(T_head_body, eyes) >= SHARE
 
 
 def make_surface(person: Person, cell_m: float) -> Surface:
-    """Everything that is drawn of a person, coarsened to cells of `cell_m` metres."""
+    """The rendered meshes of a person, simplified to cells of `cell_m` metres."""
     meshes = [simplify(mesh, cell_m) for mesh in person.actor.meshes]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     vertices = np.concatenate([mesh.vertices for mesh in meshes]).astype(float)
     carried = [
         (m.bones, m.weights) for m in meshes if m.bones is not None and m.weights is not None
     ]
-    assert len(carried) == len(meshes), "a person's meshes follow its bones"
+    assert len(carried) == len(meshes), "a person's meshes are skinned"
     bones = np.concatenate([bones for bones, _ in carried]).astype(np.int64)
     weights = np.concatenate([weights for _, weights in carried]).astype(float)
     faces = np.concatenate([m.faces + f for m, f in zip(meshes, first[:-1], strict=True)])
@@ -144,8 +144,8 @@ def _bound(surface, posed, spheres):
 
 @njit(cache=True)
 def _shows(surface, posed, spheres, eye, point, own, cloth):
-    """Whether the first surface towards a point of skin is its own, no farther before it than
-    cloth. What lies behind the point does not count: the coarse surface may miss a slim limb."""
+    """Whether the first surface towards a point of skin belongs to it and is at most `cloth` in
+    front. Surfaces behind the point do not count: the coarse mesh may miss a slim limb."""
     dx, dy, dz = point[0] - eye[0], point[1] - eye[1], point[2] - eye[2]
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx / length, dy / length, dz / length

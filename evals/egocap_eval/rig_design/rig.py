@@ -1,4 +1,4 @@
-"""What a rig can know: visibility and Cramer-Rao bounds of stereo rigs over a suite of motions.
+"""Compare stereo rigs over a suite of motions: visibility, Cramer-Rao bounds, tracked errors.
 
 Every rig of the grid that the sweeps span is bounded (`rig_bounds`); some, along the first
 sweep, are tracked on simulated detections as well.
@@ -60,8 +60,8 @@ def run_rig(
 def check_visibility(folders: Sequence[Path]) -> dict[str, float]:
     """Share of joints in view that rays see, or not, as the renderer does, by kind of joint.
 
-    What hides them must be the wearer, not others. The people are put together again from the
-    sequences' scenes. Raises FileError.
+    Joints occluded by others do not count. The people are rebuilt from the sequences' scenes.
+    Raises FileError.
     """
     from egocap.data.sequence import OCCLUDED, VISIBLE, open_sequence
     from egocap.geometry import inverse
@@ -128,20 +128,20 @@ def study(
     page: Path | None = None,
     figure: Path | None = None,
 ) -> Outcome:
-    """What stereo rigs can know of a suite of motions: visibility, bound, tracked error.
+    """Compare stereo rigs over a suite of motions: visibility, error bound, tracked error.
 
     Args:
         sweep: Measures to vary, NAME=LOW:HIGH:COUNT or NAME=VALUE: baseline, forward, up (metres),
-            pitch, toe_out, fov (degrees); several after one --sweep, or --sweep again. What is
-            not named is EgoRig1's; without any: baseline=0.05:0.60:12 fov=120:220:6.
-        sigma: Spread of the detections, pixels at a width of 640.
+            pitch, toe_out, fov (degrees); several after one --sweep, or --sweep again. The
+            others are EgoRig1's. By default baseline=0.05:0.60:12 fov=120:220:6.
+        sigma: Standard deviation of the detections, pixels at a width of 640.
         suite: Built-in scenes whose motions are simulated.
         frames: Frames of each.
-        tracked: How many rigs along the first sweep to track, too.
-        seed: Of the tracked detections' noise.
+        tracked: Number of rigs along the first sweep to track.
+        seed: Seed of the tracked detections' noise.
         check: Rendered sequences on which to compare the visibility with the renderer's.
-        page: Pictures and the recommendation, html.
-        figure: Bound, posterior and error of the tracked rigs in one picture, png.
+        page: HTML page of figures and the recommendation to write.
+        figure: Figure of bound, posterior and error of the tracked rigs to write, png.
     """
     given = [text for group in sweep for text in group]
     if sweep and not given:

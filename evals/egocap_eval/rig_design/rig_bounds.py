@@ -1,10 +1,10 @@
 """Bounds and tracked errors of one rig over a suite of motions.
 
-The bound of a frame alone is Bayesian: detections of one noise at one image size, wherever a joint
-is in view and not hidden, and the posture prior. The tracker runs on detections simulated with the
-same visibility, next to the bound given the whole motion and to what the posterior of a frame
-expects. Errors of seen joints are given by themselves: what no view sees may be guessed better in a
-calm motion than a prior as lively as ours allows, so that a bound under it is no contradiction.
+The bound of a single frame is Bayesian: detections of one noise at one image size, of every visible
+joint, and the pose prior. The tracker runs on detections simulated with the same visibility; its
+errors stand beside the bound given the whole motion and the error that a frame's posterior expects.
+Errors of visible joints are also given separately: occluded joints of a calm motion can have a
+lower error than the bound, which averages over motions drawn from the prior.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from egocap_eval.rig_design.rig_sweep import SIZE
 MODEL_ERROR_M = 0.0
 """Scatter of true joints about the skeleton: none, the tracker's fits these motions to 0.1 mm."""
 POSTERIORS = 12
-"""Frames of each motion of which the posterior is made."""
+"""Frames of each motion whose posterior is computed."""
 _JOINTS = list(EVALUATED)
 
 
@@ -59,8 +59,8 @@ def bound(
 
 
 def track_errors(rig: Rig, visibility: SuiteVisibility, sigma: float, seed: int) -> Tracked:
-    """Root mean squares [mm] over the suite: the bound given the whole motion, what a Laplace
-    posterior of a frame expects, its mode's error, and the tracker's."""
+    """Root mean squares [mm] over the suite: the bound given the whole motion, the error expected
+    by a frame's Laplace posterior, its mode's error, and the tracker's."""
     from egocap.detect.synthetic import ProjectedJoints, SimulatedSource, simulate_detections
     from egocap.pose.config import TrackerConfig
     from egocap.posterior.information import Noise, fisher_information, smoothed_bound

@@ -1,6 +1,6 @@
-"""What a sweep of rigs found: the front, how sure differences are, and a recommendation in words.
+"""Result of a sweep of rigs: Pareto front, significance of differences, recommendation.
 
-Differences between rigs are paired by frame; their error bars take a second of motion as one draw.
+Differences between rigs are paired by frame; a second of motion counts as one draw.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _TRACKED_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """What a tracker makes of a rig's simulated detections."""
+    """Errors of the tracker on a rig's simulated detections."""
 
-    rms_mm: Mapping[str, float]  # by what is measured (`evals.rig_tracks`)
+    rms_mm: Mapping[str, float]  # by measure (`rig_bounds.track_errors`)
     squared_mm2: Float[Array, "F"]  # tracker's error of every frame: mean over joints
 
     @property
@@ -41,7 +41,7 @@ class Tracked:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A rig and what it can know."""
+    """A rig, its visibility, error bound and tracked error."""
 
     measures: Mapping[str, float]
     seen_any: float  # share of joints and frames that a view sees
@@ -97,7 +97,7 @@ class RigReport:
         )
 
     def recommendation(self) -> str:
-        """What to build, in words with numbers."""
+        """The recommended rigs, as text."""
         best = self.best
         near = [
             c for c in self.candidates
@@ -118,7 +118,7 @@ class RigReport:
         return " ".join(word for word in words if word)
 
     def papers_claim(self) -> str:
-        """Whether baselines of 30 to 40 cm are best, all else as the best rig has it."""
+        """Whether baselines of 30 to 40 cm are best, other measures as in the best rig."""
         same = [
             c for c in self.candidates
             if all(c.measures[s.name] == self.best.measures[s.name]

@@ -1,7 +1,7 @@
 """The motions over which rigs are compared: simulated, not rendered.
 
-Joints are the simulated person's; angles are the tracker's skeleton's, fitted to them; what hides
-a joint is the person's own dressed body (`egocap_eval.rig_design.ray_visibility`).
+Joints are the simulated person's; angles of the tracker's skeleton are fitted to them; the
+person's own dressed body occludes joints (`egocap_eval.rig_design.ray_visibility`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 SUITE = ("walk", "bike", "basketball", "juggler", "vr", "live")
 FPS = 30.0
 FRAMES_A_MOTION = 50
-"""Of each, about, for the bound of a frame alone."""
+"""Approximate frames of each motion for the single-frame bound."""
 BLOCK_S = 1.0
-"""Motion this close together counts as one draw."""
+"""Frames within this time count as one draw."""
 _SAME_PLACE_M = 1e-6
 
 
@@ -40,7 +40,7 @@ class Motion:
     angles: Float[Array, "T 37"]  # of the tracker's skeleton, nearest to them
     proportions: Proportions
     bodies: Float[Array, "T 21 4 4"] | None = None  # T_head_body
-    rays: RayVisibility | None = None  # None: nothing hides anything
+    rays: RayVisibility | None = None  # None: no occlusion
 
     @property
     def times(self) -> Float[Array, "T"]:
@@ -49,11 +49,11 @@ class Motion:
 
     @property
     def blocks(self) -> Float[Array, "T"]:
-        """The stretch of motion each frame belongs to."""
+        """Index of the block that each frame belongs to."""
         return np.floor(self.times / BLOCK_S)
 
     def shown(self, places: Float[Array, "U 3"]) -> Bool[Array, "T U 18"]:
-        """Which joints nothing hides from places in the head frame."""
+        """Which joints are unoccluded from places in the head frame."""
         if self.rays is None or self.bodies is None:
             return np.ones((len(self.joints), len(places), len(LABELS)), bool)
         return self.rays.shown(self.bodies, places)

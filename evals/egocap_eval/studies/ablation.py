@@ -1,9 +1,9 @@
 """The effect of each part of the tracker (paper, section 5.5): tracking without it, over people.
 
-The paper leaves out smoothness, colour and detections: 30 mm and 5 mm worse, and a lost track. The
-same is done here to its energy, with its stochastic solver, and to our tracker, from which each
-improvement is left out in turn. Every scene is acted by its own person and by others. Changes are
-paired by sequence; error bars are over the sequences.
+The paper leaves out smoothness (30 mm worse), colour (5 mm worse) and detections (track lost). The
+same terms are left out of its energy, with its stochastic solver, and each improvement in turn of
+our tracker. Every scene is acted by its own person and by others. Changes are paired by sequence;
+error bars are over the sequences.
 """
 
 from __future__ import annotations
@@ -63,18 +63,18 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "past only, low-pass as the paper's": {"smoothing": "gaussian"},
     SINGLE: {"smoothing": "none", "lambda_smooth": 0.0},
     "without other modes": {"use_modes": False},
-    "without undoing swaps": {"fix_swaps": False},
-    "without recalibration": {"estimate_noise": False},
-    "without restarts": {"multistart": False},
-    "without looking at the pictures": {"appearance_check": False},
-    "without any of ours": {
+    "without swap correction": {"fix_swaps": False},
+    "without noise estimation": {"estimate_noise": False},
+    "without multi-start": {"multistart": False},
+    "without appearance check": {"appearance_check": False},
+    "without all of these": {
         "smoothing": "gaussian", "lambda_motion": 0.0, "lambda_posture": 0.0, "use_modes": False,
         "fix_swaps": False, "estimate_noise": False, "multistart": False,
         "appearance_check": False,
     },
     WITHOUT_DETECTIONS: {},
 }  # fmt: skip
-"""Settings by what they leave out or add."""
+"""Tracker settings by the part that they leave out or add."""
 PAPER = "the paper's"
 PAPERS: Mapping[str, Mapping[str, float]] = {
     PAPER: {},
@@ -82,7 +82,7 @@ PAPERS: Mapping[str, Mapping[str, float]] = {
     f"{PAPER}, without colour": {"lambda_colour": 0.0},
     f"{PAPER}, without detections": {"lambda_detection": 0.0},
 }
-"""Weights of the paper's energy that are not the paper's."""
+"""Changed weights of the paper's energy."""
 PAPER_FRAMES = 125
 """Frames of each sequence that the paper's solver tracks: it is slow."""
 MEASURES = ("mpjpe_mm", "upper_mm", "lower_mm", "seen_mm", "hidden_mm", "lost_percent")
@@ -107,13 +107,13 @@ def study(
     Args:
         work: Folder of the sequences; made where they are missing.
         detections: Simulated detections to track from.
-        people: How many people act each scene: its own and others.
+        people: People who act each scene: its own and others.
         seeds: Draws of the detections' errors.
         frames: Frames of each scene.
         size: Image width and height, pixels.
         workers: Rendering processes.
         colour: Skip the variants that use colours, the paper's energy among them.
-        trials: Failures in each sequence to recover from; 0 for none.
+        trials: Recovery trials in each sequence; 0 for none.
         keep: Finished scores; the same command continues from them after a stop.
     """
     for count, name in ((people, "people"), (seeds, "seeds"), (frames, "frames")):
@@ -141,7 +141,7 @@ def study(
 
 
 def make_scenes(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:
-    """The scenes, each acted by so many people."""
+    """The scenes, each acted by `people` people."""
     scenes = []
     for i, name in enumerate(SCENES):
         scene = builtin_scene(name, size)
@@ -200,15 +200,14 @@ def measure_errors(footage: Footage, track: Track) -> dict[str, float | None]:
 def summarise(
     name: str, found: Mapping[str, Sequence[float | None]], whole: Mapping[str, Sequence[Any]]
 ) -> dict[str, Any]:
-    """A variant: means over scenes, people and draws; its change against what it is a variant of,
-    paired over the sequences."""
+    """Means of a variant over sequences and draws, and its change from the whole, in pairs."""
     rest = {key: mean(found[key]) for key in MEASURES if key != "mpjpe_mm"}
     return {"variant": name, "mpjpe_mm": mean_and_interval(found["mpjpe_mm"]),
             "change_mm": _change(whole, found), **rest}  # fmt: skip
 
 
 def statements(measured: Mapping[str, Mapping[str, Sequence[Any]]]) -> dict[str, Any]:
-    """Section 5.5's numbers: what leaving a term out adds to the mean error, mm."""
+    """Section 5.5's numbers: the mean error added by leaving a term out, mm."""
     added = {
         # all smoothing, of past and future; and Equation 3's alone
         "without_smoothness_mm": _change(measured[WHOLE], measured[SINGLE]),
@@ -225,7 +224,7 @@ def statements(measured: Mapping[str, Mapping[str, Sequence[Any]]]) -> dict[str,
 def measure_recovery(
     footage: Sequence[Footage], source: str, trials: int, colour: bool
 ) -> dict[str, Any]:
-    """The share of failures that trackers recover from within a second, and what error is left."""
+    """Share of failures that trackers recover from within a second, and the final error."""
     ends: dict[str, list[float]] = {"with_detection": []}
     if colour:
         ends["without_detection"] = []

@@ -23,7 +23,7 @@ SCENES = ("validation-walk", "validation-gesture")
 CLIPS = ("bvh/007_05.bvh", "npz/basketball_signal_3.npz")  # never tuned or trained on
 CLIP_FRAMES = 750  # maximum of a clip
 SOURCES = {"simulated:0,occluded=keep": 10.0, "simulated:2.0": 30.0, LEARNED_LIKE: 35.0}
-"""Detections, and the most the mean joint error may be with them, mm."""
+"""Sources of detections, and the maximum mean joint error with each, mm."""
 LEAST_RATE = 100.0  # frames/s on one core
 
 
@@ -41,7 +41,7 @@ def study(
         motions: Folder with the validation clips bvh/007_05.bvh and npz/basketball_signal_3.npz,
             tracked too when given.
         size: Image width and height in pixels.
-        seeds: How many draws of the detections' noise to average over.
+        seeds: Draws of the detections' noise to average over.
         workers: Rendering processes.
     """
     if seeds < 1:

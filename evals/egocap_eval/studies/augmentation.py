@@ -15,7 +15,7 @@ from tyro.conf import OmitArgPrefixes
 from egocap.detect.train.config import AugmentationConfig
 from egocap.errors import InputError
 from egocap_eval.harness.study import Outcome
-from egocap_eval.studies.small_detectors import Trainings, ground, summary, table
+from egocap_eval.studies.small_detectors import Trainings, prepare_training, summary, table
 
 _PLAIN = AugmentationConfig(
     background=0.0, recolour=0.0, scale=0.15, rotation_deg=0.0, shift=0.0, gamma=2.0,
@@ -27,12 +27,12 @@ ROWS: Mapping[str, AugmentationConfig] = {
     "+ background": AugmentationConfig(**{**vars(_PLAIN), "background": 1.0}),
     "+ recolouring": AugmentationConfig(**{**vars(_PLAIN), "background": 1.0, "recolour": 0.7}),
 }
-"""Rows of the table, each with all of the one before."""
+"""Rows of the table, each adding to the previous one."""
 
 
 def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
     """Train detectors on green-screen footage with and without augmentation, and compare them."""
-    with ground(trainings) as common:
+    with prepare_training(trainings) as common:
         if any(s.parts is None for s in common.footage.sequences):
             raise InputError(
                 "footage without part labels cannot be augmented", valid="train-chroma"
@@ -46,7 +46,7 @@ def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
 
 
 def missed(result: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> list[str]:
-    """Gains that are not as the paper found them."""
+    """Gains below the paper's."""
     plain, background, recolour = (result[name]["pck"]["mean"] or 0.0 for name in ROWS)
     gaps = []
     if background - plain < 5.0:

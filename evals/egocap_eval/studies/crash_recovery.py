@@ -1,9 +1,8 @@
-"""Generate through kills: nothing lost, nothing doubled, the same bytes as without them.
+"""Kill a generation repeatedly and verify that its result is complete and byte-identical.
 
-`egocap-sim generate` runs with its workers and gets SIGKILLs at random moments, each for the parent
-or one of its workers; a dead parent is started again with the same command. After the kills it runs
-on to the end. Then the whole is verified, and some episodes are made again undisturbed and
-compared byte for byte.
+`egocap-sim generate` receives SIGKILLs at random times, each for the parent or one of its workers;
+a killed parent is restarted with the same command. After the kills it runs to the end. The data set
+is verified, and some episodes are generated again without kills and compared byte for byte.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from egocap.evaluation.table import Table
 from egocap_eval.harness.study import Outcome
 
 SPAWNED = "spawn_main"  # in the command line of a worker
-SEED = 0  # of the moments and victims
+SEED = 0  # of times and processes
 SETTLE_S = 0.2
 
 
@@ -40,16 +39,16 @@ def study(
     sample: int = 5,
     motions: Annotated[Path | None, arg(metavar="DIR")] = None,
 ) -> Outcome:
-    """Kill a generation again and again; the result must be whole and the same.
+    """Kill a generation repeatedly; the result must be complete and byte-identical.
 
     Args:
-        folder: Where the recording is made, and continued if it is there.
+        folder: Folder of the data set; an existing one is continued.
         scene: Scene of episodes.
-        frames: Stereo frames of the whole.
-        minutes: For how long to kill.
-        kills: How many SIGKILLs, at random moments of that time.
+        frames: Stereo frames in all.
+        minutes: Duration of the kills.
+        kills: Number of SIGKILLs, at random times.
         workers: Rendering processes.
-        sample: Episodes made again without kills, and compared.
+        sample: Episodes to generate again without kills and compare.
         motions: Folder of clips to mix in.
     """
     if frames < 1 or kills < 0 or minutes <= 0 or workers < 1 or sample < 0:
@@ -65,7 +64,7 @@ def study(
     seconds = time.perf_counter() - begun
     if rest.returncode:
         raise MachineError(f"the last run ended with {rest.returncode}: {shlex.join(command)}")
-    result: dict[str, Any] = {**killed, "seconds": seconds, **judge(folder, frames, sample)}
+    result: dict[str, Any] = {**killed, "seconds": seconds, **verify_dataset(folder, sample)}
     missed = [*result["problems"]]
     if result["frames"] != frames:
         missed.append(f"{result['frames']} frames, not {frames}")
@@ -76,7 +75,7 @@ def study(
 
 
 def run_with_kills(command: list[str], folder: Path, seconds: float, kills: int) -> dict[str, Any]:
-    """Run a command for a time in which its processes are killed; it is stopped at the end."""
+    """Run a command while its processes are killed at random times; stop it at the end."""
     rng = np.random.default_rng(SEED)
     moments = np.sort(rng.uniform(0.0, seconds, kills))
     counts = {"kills": 0, "parents": 0, "workers": 0, "restarts": 0}
@@ -85,9 +84,9 @@ def run_with_kills(command: list[str], folder: Path, seconds: float, kills: int)
     try:
         for moment in moments:
             while True:
-                if running.poll() is not None:  # looked at even where two moments are close
+                if running.poll() is not None:  # checked at least once between two kills
                     if running.returncode == 0:
-                        return counts  # done before the time was over
+                        return counts  # finished early
                     running = _start(command)
                     counts["restarts"] += 1
                 if (left := moment - (time.perf_counter() - start)) <= 0:
@@ -100,7 +99,7 @@ def run_with_kills(command: list[str], folder: Path, seconds: float, kills: int)
             try:
                 os.kill(int(rng.choice(victims)), signal.SIGKILL)
             except ProcessLookupError:
-                continue  # it had just ended by itself
+                continue  # already ended
             counts["kills"] += 1
             counts[kind] += 1
             time.sleep(SETTLE_S)
@@ -123,14 +122,14 @@ def _workers(parent: int) -> list[int]:
             about = status.read_text()
             line = (status.parent / "cmdline").read_bytes()
         except OSError:
-            continue  # it has just ended
+            continue  # already ended
         if f"\nPPid:\t{parent}\n" in about and SPAWNED.encode() in line:
             found.append(int(status.parent.name))
     return found
 
 
-def judge(folder: Path, frames: int, sample: int) -> dict[str, Any]:
-    """Verify a recording, and make some of its episodes again to compare."""
+def verify_dataset(folder: Path, sample: int) -> dict[str, Any]:
+    """Verify a data set, and generate some of its episodes again to compare."""
     from egocap.data.dataset import episode_name, load_dataset
     from egocap_sim.verification.integrity import verify
 
@@ -151,7 +150,7 @@ def judge(folder: Path, frames: int, sample: int) -> dict[str, Any]:
 
 
 def _same_again(folder: Path, index: int) -> bool:
-    """Whether an episode made again, in a fresh process, has the same files."""
+    """Whether an episode generated again, in a fresh process, has the same files."""
     made = folder.parent / f".{folder.name}-again-{index}"
     script = (
         "import sys; from egocap_eval.studies.crash_recovery import remake; remake(*sys.argv[1:])"
@@ -169,7 +168,7 @@ def _same_again(folder: Path, index: int) -> bool:
 
 
 def remake(folder: str, index: str, made: str) -> None:
-    """Make an episode of a recording again, from the scene its first episode was cut from."""
+    """Generate an episode of a data set again, from its own scene."""
     from egocap.data.dataset import episode_name
     from egocap_sim.record.recorder import generate
     from egocap_sim.scene.config import load_scene

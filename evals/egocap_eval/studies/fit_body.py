@@ -1,4 +1,4 @@
-"""How exact fitted bone lengths are: per bone, and by how well the fit claims to determine it."""
+"""Accuracy of fitted bone lengths: per bone, and by how well the fit determines it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def person_height(folder: Path) -> float:
 
 
 def bone_errors(fit: BodyFit, truth: dict[str, float]) -> dict[str, dict[str, Any]]:
-    """Error in % of every bone, left and right being alike, with its report."""
+    """Error in % of every bone, left and right together, with its report."""
     report = fit.report()
     return {
         name.removeprefix("left_"): {
@@ -62,7 +62,7 @@ def bone_errors(fit: BodyFit, truth: dict[str, float]) -> dict[str, dict[str, An
 
 
 def summary(sequences: dict[str, dict[str, dict[str, Any]]]) -> dict[str, Any]:
-    """Errors over all sequences by verdict, and in stated standard deviations."""
+    """Errors over all sequences by rating, and in stated standard deviations."""
     lines = [line for bones in sequences.values() for line in bones.values()]
     result: dict[str, Any] = {}
     for verdict in ("well", "badly", "prior"):
@@ -80,7 +80,7 @@ def summary(sequences: dict[str, dict[str, dict[str, Any]]]) -> dict[str, Any]:
 
 
 def summary_table(found: dict[str, Any]) -> Table:
-    """Errors by the fit's own verdict on each bone."""
+    """Errors by the fit's own rating of each bone."""
     header = ("bones", "number", "mean error %", "worst %", "within 3 %")
     rows = tuple(
         (verdict, str(line["bones"]), number(line["mean_percent"]), number(line["worst_percent"]),

@@ -1,9 +1,9 @@
-"""Tracking with a body fitted to another clip of the same person: how exact are both?
+"""Track with a body fitted to another clip of the same person; measure both errors.
 
-Every person is recorded twice: squatting and gesturing, to fit the body to (as a user would who
-puts the rig on), and in motion to be tracked. What is fitted is judged bone by bone; what is
-tracked, by the joints' errors with that body, with the person's true proportions, and with those of
-an average adult. The people are development seeds, or the held-out ones of the paper's scenes.
+Every person is recorded twice: squatting and gesturing, for the fit, and in another motion, which
+is tracked. The fit is scored per bone; the track by its joint errors with the fitted body, with the
+true proportions and with those of an average adult. The people have development seeds, or are the
+held-out ones of the paper's scenes.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SCENES = ("validation-walk", "validation-gesture")
 TARGET_PERCENT = 3.0  # of a well determined bone
 TARGETS_MM = {"validation-walk": {"mpjpe_mm": 30.0},
               "validation-gesture": {"upper_mm": 20.0, "lower_mm": 30.0}}  # fmt: skip
-"""The most that held-out people may have with the fitted body."""
+"""Maximum errors of held-out people with the fitted body."""
 BODIES = ("fitted", "true", "average")
 
 
@@ -57,17 +57,17 @@ def study(
     height: bool = False,
     workers: int = 1,
 ) -> Outcome:
-    """Fit bodies to a clip of their own, then track the same people in other clips.
+    """Fit a body to one clip of a person, then track other clips of the same person.
 
     Args:
-        folder: Where footage is kept, and generated where it is missing.
-        people: How many, of seeds from the first one on.
+        folder: Folder of the sequences; made where they are missing.
+        people: Number of people, with seeds from the first one.
         first_seed: Seed of the first person, 400000 to 409999.
         frames: Frames of each clip that is tracked.
-        heldout: Instead the people, frames and motions of validation-walk and validation-gesture;
-            exit code 3 when a target is missed.
-        detections: Where detections come from, as for `egocap track`.
-        height: Also tell the fit each person's height.
+        heldout: Use the people, frames and motions of validation-walk and validation-gesture
+            instead; exit code 3 when a target is missed.
+        detections: Source of detections, as for `egocap track`.
+        height: Give the fit each person's height.
         workers: Rendering processes.
     """
     if not heldout and not 400_000 <= first_seed <= 410_000 - people:
@@ -97,7 +97,7 @@ def study(
 
 
 def development_cases(people: int, first_seed: int, frames: int) -> list[Case]:
-    """People of development seeds, who then walk and gesture."""
+    """People of development seeds, tracked walking and gesturing."""
     base = builtin_scene("validation-walk", SIZE)
     cases = []
     for seed in range(first_seed, first_seed + people):
@@ -111,7 +111,7 @@ def development_cases(people: int, first_seed: int, frames: int) -> list[Case]:
 
 
 def heldout_cases() -> list[Case]:
-    """The people of the paper's validation scenes, who then do what the scenes say."""
+    """The people of the paper's validation scenes, tracked in the scenes' own motions."""
     cases = []
     for name in SCENES:
         scene = builtin_scene(name, SIZE)

@@ -1,4 +1,4 @@
-"""How closely the simulated person follows real motion: one row for each clip of a folder."""
+"""Measure how closely the simulated person follows real motion, clip by clip."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ COLUMNS: dict[str, tuple[str, int]] = {
     "residual_wrench_bw": ("residual BW", 2),
     "ms_per_second": ("ms/s", 0),
 }
-"""Head and decimals of each figure in the table."""
+"""Column head and decimals of each measure."""
 
 TARGETS: dict[str, tuple[str, str, float]] = {
     "worst clip's joint error": ("joint_error_cm", "max", 2.0),
@@ -42,12 +42,12 @@ TARGETS: dict[str, tuple[str, str, float]] = {
     "median slide of planted feet": ("planted_foot_speed_cm_s", "median", 8.0),
     "median depth under the floor": ("penetration_cm", "median", 1.5),
 }
-"""Figure, how it is taken over the clips, and the most it may be."""
+"""Measure, its statistic over the clips, and its maximum."""
 
 
 @dataclass(frozen=True)
 class ClipResult:
-    """One clip: its figures, or why there are none."""
+    """One clip: its measures, or the reason for having none."""
 
     name: str
     seconds: float
@@ -63,7 +63,7 @@ def study(
     Args:
         motions: Folder of .bvh and .npz clips.
         person: Seed of the person who moves.
-        workers: Processes to use.
+        workers: Number of processes.
     """
     clips = run_physics(motions, person=person, workers=workers)
     result = {
@@ -98,7 +98,7 @@ def run_physics(motions: Path, *, person: int = 0, workers: int = 1) -> list[Cli
 
 
 def summary(clips: Sequence[ClipResult], how: str) -> dict[str, float]:
-    """'median' or 'max' of every figure over the clips that have figures."""
+    """'median' or 'max' of every measure over the clips that have measures."""
     take = {"median": np.median, "max": np.max}[how]
     rows = [clip.stats for clip in clips if clip.stats is not None]
     return {
@@ -108,7 +108,7 @@ def summary(clips: Sequence[ClipResult], how: str) -> dict[str, float]:
 
 
 def missed(clips: Sequence[ClipResult]) -> list[str]:
-    """Targets that are not met, in words; a clip without figures is one."""
+    """Targets that are not met, in words; failed clips are listed too."""
     found = [f"{clip.name}: {clip.problem}" for clip in clips if clip.stats is None]
     for what, (figure, how, most) in TARGETS.items():
         value = summary(clips, how)[figure]
@@ -140,7 +140,7 @@ def find_clips(motions: Path) -> list[Path]:
 
 
 def simulate_clip(job: tuple[Path, str, int]) -> ClipResult:
-    """One clip (path, name, the person's seed) from file to figures."""
+    """One clip (path, name, the person's seed) from file to measures."""
     from egocap_sim.motion.clips.load import load_clip
     from egocap_sim.motion.retarget.retarget import retarget
     from egocap_sim.physics.simulation import simulate

@@ -1,8 +1,7 @@
-"""How long everything takes (paper, section 5.2): detector, solvers, and pictures to poses.
+"""Measure run times (paper, section 5.2): detector, solvers, and images to poses.
 
-Times are wall clock, the best of several runs, after everything is compiled and loaded; other work
-on the machine disturbs them, so that its load is written beside. The solvers named after the paper
-do what it did, on its image sizes and for its numbers of steps.
+Times are wall clock, the best of several runs, after compilation and loading; the machine's load is
+recorded with them. The paper's solvers run at its image sizes and numbers of steps.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 SCENE, SOURCE = "validation-walk", "simulated:2.0"
 ENGINES = ("openvino", "onnxruntime", "cuda")
 PAPER = {"reference": 1 / 10.0, "stochastic, colours alone": 12.5}  # frames a second
-"""What the paper reports of its own solvers on a CPU; of the second, 10 to 15."""
+"""The paper's rates of its own solvers on a CPU; of the second, 10 to 15."""
 
 
 def study(
@@ -50,14 +49,14 @@ def study(
     threads: int | None = None,
     size: tuple[int, int] = (640, 512),
 ) -> Outcome:
-    """Time the detector, the solvers, and the whole way from pictures to poses.
+    """Time the detector, the solvers, and the pipeline from images to poses.
 
     Args:
-        sequence: Sequence to work on; the scene validation-walk, generated, when not given.
+        sequence: Sequence to use; by default the scene validation-walk is generated.
         work: Folder to generate it in.
-        frames: Frames to work on.
+        frames: Frames to use.
         few: Frames for the paper's solvers, which are slow.
-        repeats: Runs of everything that is fast, of which the best counts.
+        repeats: Runs of each fast measurement; the best counts.
         threads: Threads of the network; all cores by default.
         size: Image width and height of the generated sequence.
     """
@@ -79,7 +78,7 @@ def study(
 
 
 def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[str, Any]:
-    """Frames a second and error of every way to solve, from detections of 2 px."""
+    """Frames per second and error of every solver, from detections with 2 px noise."""
     from egocap.paper.config import PAPER_SOLVERS, PaperConfig
 
     found = detections_from(footage, SOURCE, 0)[:frames]
@@ -97,7 +96,7 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
 
     reference, stochastic = PAPER_SOLVERS["reference"], PAPER_SOLVERS["stochastic"]
     blind = replace(stochastic, lambda_detection=0.0)  # what section 5.2 times
-    ways: Mapping[str, tuple[Callable[[], Track], int]] = {
+    solvers: Mapping[str, tuple[Callable[[], Track], int]] = {
         "fast": (ours(TrackerConfig()), repeats),
         "fast, live": (ours(TrackerConfig(smoothing="none")), repeats),
         "fast, with colour": (ours(TrackerConfig(colour=True)), 1),
@@ -106,8 +105,8 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
         "stochastic, colours alone": (papers(blind), repeats),
     }
     timed = {}
-    with progress("solvers", len(ways), unit="solvers") as advance:
-        for name, (way, times) in ways.items():
+    with progress("solvers", len(solvers), unit="solvers") as advance:
+        for name, (way, times) in solvers.items():
             tracks = [way() for _ in range(times)]
             best = min(tracks, key=lambda done: done.seconds_per_frame)
             timed[name] = _track_times(best, footage)
@@ -122,7 +121,7 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
 def time_engines(
     footage: Footage, frames: int, repeats: int, threads: int | None
 ) -> dict[str, Any]:
-    """Pairs a second of the detector by engine; why, where an engine or weights are missing."""
+    """Image pairs per second of the detector by engine, or the reason for having none."""
     from egocap.detect.detector import Detector
 
     timed: dict[str, Any] = {}
@@ -141,7 +140,7 @@ def time_engines(
 def time_pipeline(
     footage: Footage, frames: int, repeats: int, threads: int | None
 ) -> dict[str, Any]:
-    """From compressed pictures to poses: all frames together, and one after another."""
+    """From compressed images to poses: all frames together, and one after another."""
     from egocap.detect.detector import Detector
 
     try:
@@ -159,7 +158,7 @@ def time_pipeline(
 
 
 def tables(result: Mapping[str, Any]) -> list[Table]:
-    """Solvers, engines, and the whole way."""
+    """Tables of solvers, engines and pipeline."""
     solvers = tuple(
         (name, number(s["frames_per_second"], 1 if s["frames_per_second"] < 100 else 0),
          number(PAPER.get(name)), number(s.get("ms_per_iteration"), 2), number(s["mpjpe_mm"]))
@@ -179,7 +178,7 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
     return [
         Table("Solvers", ("solver", "frames/s", "paper", "ms a step", "MPJPE mm"), solvers),
         Table("Detector", ("engine", "pairs/s", "ms a pair", "CPU ms of it"), engines),
-        Table("From pictures to poses", ("", "frames/s", "ms a frame"), ways),
+        Table("From images to poses", ("", "frames/s", "ms a frame"), ways),
     ]
 
 
@@ -192,7 +191,6 @@ def _track_times(track: Track, footage: Footage) -> dict[str, Any]:
 
 
 def _batch(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
-
     spent: dict[str, float] = {}
     with _lap(spent, "decode and detect", frames):
         found = detector.detect(footage, frames=frames)
@@ -225,7 +223,7 @@ def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
 
 @contextmanager
 def _lap(spent: dict[str, float], stage: str, frames: int) -> Iterator[None]:
-    """Add what a block takes to a stage, milliseconds a frame."""
+    """Add the time of a block to a stage, milliseconds per frame."""
     started = time.perf_counter()
     yield
     spent[stage] = spent.get(stage, 0.0) + 1e3 * (time.perf_counter() - started) / frames

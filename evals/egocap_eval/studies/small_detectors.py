@@ -1,4 +1,4 @@
-"""Detectors trained for a few minutes, to compare what they were trained on.
+"""Train small detectors for a few minutes, to compare their training data.
 
 Every case is footage and augmentation; every seed trains one detector for each, all of them for
 the same number of steps and scored on the same held-out views.
@@ -32,26 +32,26 @@ Case = tuple["ViewStore", AugmentationConfig]
 
 @dataclass(frozen=True)
 class Trainings:
-    """What the compared trainings have in common."""
+    """Settings that all compared trainings share."""
 
     footage: Positional[Annotated[tuple[Path, ...], arg(metavar="DIR")]]
     """Sequences before a green screen with part labels (scene train-chroma)."""
     held_out: Annotated[tuple[Path, ...], arg(metavar="DIR")]
     """Sequences of other people in real places, to score on."""
     backgrounds: Annotated[tuple[Path, ...], arg(metavar="DIR")]
-    """Sequences whose images stand in for the green screen."""
+    """Sequences whose images replace the green screen."""
     steps: int = 800
     """Training steps of each detector."""
     batch: int = 32
-    """Views a step."""
+    """Views per step."""
     seeds: int = 3
     """Detectors trained for each row; error bars are over them."""
     network: str = "small"
-    """Configuration to train."""
+    """Network configuration to train."""
     views: int = 1000
-    """How many held-out views to score."""
+    """Number of held-out views to score."""
     store: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder for canonical views and runs; a temporary one when not given."""
+    """Folder for canonical views and runs; temporary by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +73,10 @@ class TrainingSetup:
 
 
 @contextmanager
-def ground(trainings: Trainings) -> Iterator[TrainingSetup]:
-    """Views of all that is trained and scored on, kept in the store or in a temporary folder.
+def prepare_training(trainings: Trainings) -> Iterator[TrainingSetup]:
+    """Prepare training, held-out and background views, in the store or a temporary folder.
 
-    Raises InputError for an unknown network or a count of none, FileError for folders without
+    Raises InputError for an unknown network or a count of zero, FileError for folders without
     sequences.
     """
     from egocap.data.dataset import find_sequences
@@ -91,30 +91,30 @@ def ground(trainings: Trainings) -> Iterator[TrainingSetup]:
     config = config_named(t.network)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) if t.store is None else t.store
-        train, judge, behind = (
+        train, held_out, backgrounds = (
             build_store(find_sequences(paths), config.view, folder / "views")
             for paths in (t.footage, t.held_out, t.backgrounds)
         )
-        yield TrainingSetup(t, config, train, judge, behind, folder)
+        yield TrainingSetup(t, config, train, held_out, backgrounds, folder)
 
 
-def _trained_scores(case: Case, ground: TrainingSetup, seed: int) -> Scores:
+def _trained_scores(case: Case, setup: TrainingSetup, seed: int) -> Scores:
     from egocap.detect.train.trainer import Trainer
     from egocap.detect.train.validation import predict, score
 
     footage, augmentation = case
     training = TrainingConfig(
-        steps=ground.trainings.steps, batch=ground.trainings.batch, seed=seed, average=0.99,
+        steps=setup.trainings.steps, batch=setup.trainings.batch, seed=seed, average=0.99,
         validate_minutes=1e6, checkpoint_minutes=1e6, augmentation=augmentation,
     )  # fmt: skip
-    with tempfile.TemporaryDirectory(dir=ground.folder) as folder:
+    with tempfile.TemporaryDirectory(dir=setup.folder) as folder:
         trainer = Trainer(
-            ground.network, training, footage, None, Path(folder), backgrounds=ground.backgrounds
+            setup.network, training, footage, None, Path(folder), backgrounds=setup.backgrounds
         )
         trainer.run()
-    count = min(ground.trainings.views, len(ground.held_out))
-    indices = np.unique(np.linspace(0, len(ground.held_out) - 1, count).astype(int))
-    found = score(predict(trainer.average, ground.held_out, indices))
+    count = min(setup.trainings.views, len(setup.held_out))
+    indices = np.unique(np.linspace(0, len(setup.held_out) - 1, count).astype(int))
+    found = score(predict(trainer.average, setup.held_out, indices))
     return {column: getattr(found, column) for column in COLUMNS}
 
 
@@ -124,7 +124,7 @@ def summary(seeds: Sequence[Scores]) -> dict[str, Any]:
 
 
 def difference(first: Sequence[Scores], second: Sequence[Scores]) -> dict[str, float | None]:
-    """Points of PCK that the second lacks beside the first, paired by seed, and their error."""
+    """PCK of the first less that of the second, paired by seed, and its standard error."""
     return _mean_and_error([a["pck"] - b["pck"] for a, b in zip(first, second, strict=True)])
 
 

@@ -1,10 +1,9 @@
-"""How the tracker's error grows with one fault at a time, with error bars.
+"""Tracking error under one growing fault at a time, with error bars.
 
-Motions are simulated and tracked from simulated detections, so that everything else stays as it
-is; hidden joints are drawn (`harness.motion_truth`). Error bars are 95 % intervals of the mean over
-motions, each of another person; of a motion the mean over seeds of the noise counts. Faults of the
-picture itself (exposure, crowds, resolution as a detector meets it) need a detector on rendered
-footage: `egocap_eval.studies.stress_rendered`.
+Motions are simulated and tracked from simulated detections; occlusion is drawn at random
+(`harness.motion_truth`). Error bars are 95 % intervals of the mean over motions, each of another
+person, after a mean over noise seeds. Faults of the images (exposure, crowds, resolution) require
+a detector on rendered footage: `egocap_eval.studies.stress_rendered`.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ MOTIONS = (
     ("walk", 400911), ("gestures", 400912), ("dribble", 400913),
     ("walk", 400914), ("gestures", 400915), ("juggle", 400916),
 )  # fmt: skip
-"""Motions, and the seeds of who makes them."""
+"""Motions, and the seeds of their people."""
 MEASURES = ("mpjpe_mm", "upper_mm", "lower_mm", "hidden_mm", "accel_error")
 SOURCE = "simulated:2.0"
 PAPER_BASELINE = (0.3, 0.4)
@@ -105,7 +104,7 @@ def with_baseline(rig: Rig, metres: float) -> Rig:
 
 
 def with_fov(motion: SimulatedMotion, half_angle: float) -> SimulatedMotion:
-    """The motion with joints farther off a camera's axis than `half_angle` out of view."""
+    """The motion with joints beyond `half_angle` off a camera's axis out of view."""
     ahead = motion.truth.joints_camera[..., 2] / np.linalg.norm(motion.truth.joints_camera, axis=-1)
     truth = motion.truth
     inside = truth.in_view & (ahead >= np.cos(half_angle))
@@ -173,7 +172,7 @@ def study(
     """Track simulated motions under one growing fault at a time, with error bars.
 
     Args:
-        sweep: Which fault; all of them by default.
+        sweep: Fault to vary; all by default.
         seeds: Draws of the detections' noise for each motion.
         frames: Length of each motion.
         keep: Finished scores; the same command continues from them after a stop.
@@ -200,7 +199,6 @@ def study(
 
 def score(level: Level, motion: SimulatedMotion, seed: int) -> dict[str, float | None]:
     """Measures of a motion tracked at a level of a fault, from one draw of its detections."""
-
     motion, rng = level.motion(motion), np.random.default_rng([seed, 7])
     found = level.detections(draw_detections(motion, level.source, seed), rng)
     tracked = egocap.Tracker(level.known_rig(motion.rig, rng), motion.proportions).track(found)
@@ -209,8 +207,10 @@ def score(level: Level, motion: SimulatedMotion, seed: int) -> dict[str, float |
 
 
 def best_level(sweep: Mapping[str, Any], name: str = "mpjpe_mm") -> dict[str, Any]:
-    """The level of least error; those that cannot be told from it, whose paired difference over
-    motions has an interval with 0 in it; and those that are worse by 5 % at most."""
+    """The level of least error, those not significantly worse, and those at most 5 % worse.
+
+    A level is significantly worse if the interval of its paired difference over motions excludes 0.
+    """
     levels = sweep["levels"]
     means = [np.mean(level["draws"][name]) for level in levels]
     best = levels[int(np.argmin(means))]

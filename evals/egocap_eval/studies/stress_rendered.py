@@ -1,4 +1,4 @@
-"""Detector and tracker under faults that only images show: light, blur, crowds, resolution.
+"""Detector and tracker under faults of rendered images: light, blur, crowds, resolution.
 
 Every level renders the same people and motions with one thing changed, detects and tracks. Error
 bars are over the people, of whom there are few: read differences, not decimals.
@@ -67,16 +67,16 @@ def study(
     workers: int = 1,
     keep: Annotated[Path | None, arg(metavar="FILE")] = None,
 ) -> Outcome:
-    """Render, detect and track under one growing fault of the picture at a time.
+    """Render, detect and track under one growing image fault at a time.
 
     Args:
-        sweep: Which fault; all of them by default.
+        sweep: Fault to vary; all by default.
         detections: Source of detections: learned, learned:FILE, or detector:PLUG-IN.
         work: Folder of the sequences; made where they are missing.
-        people: How many people to render at each level, motions in turn.
+        people: People to render at each level, with alternating motions.
         frames: Length of each sequence.
-        size: Image width and height, where it is not what is swept.
-        workers: Rendering processes; one is quickest for short sequences.
+        size: Image width and height, except in the resolution sweep.
+        workers: Rendering processes; one is fastest for short sequences.
         keep: Finished scores; the same command continues from them after a stop.
     """
     if people < 2:
@@ -101,7 +101,7 @@ def study(
 
 
 def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
-    """One of the people at their best: clean pictures, nobody around."""
+    """One of the people without faults: clean images, no bystanders."""
     motion = MOTIONS[index % len(MOTIONS)]
     return Scene.model_validate({
         "name": f"{motion}-{index}", "frames": frames, "seed": FIRST_SEED + index,
@@ -112,7 +112,6 @@ def base_scene(index: int, frames: int, size: tuple[int, int]) -> Scene:
 
 def measure_scene(scene: Scene, folder: Path, source: str, workers: int) -> Scores:
     """Measures of a scene that is rendered, detected and tracked."""
-
     sequence = prepare_sequence(scene, folder, workers)
     found = find_detections(sequence, source)
     tracked = egocap.Tracker(sequence.rig, sequence.body).track(found, sequence.images)

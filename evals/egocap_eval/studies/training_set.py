@@ -23,7 +23,7 @@ from egocap_eval.studies.augmentation import ROWS as AUGMENTATIONS
 from egocap_eval.studies.small_detectors import (
     Trainings,
     difference,
-    ground,
+    prepare_training,
     summary,
     table,
     with_error,
@@ -39,12 +39,12 @@ SUBSETS: Mapping[str, tuple[str, Subset]] = {
     "half of the frames": ("half_of_frames_loss", lambda store, who: every_nth(store, 2)),
     "a tenth of the frames": ("tenth_of_frames_loss", lambda store, who: every_nth(store, 10)),
 }
-"""What is left of the training set, and the name of what that costs."""
+"""Subsets of the training set, and the key of what each costs."""
 
 
 def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
-    """Train detectors on ever less of the same footage, for as many steps, and compare them."""
-    with ground(trainings) as common:
+    """Train detectors on subsets of the same footage, for the same steps, and compare them."""
+    with prepare_training(trainings) as common:
         whole, people = common.footage, identify_people(find_sequences(trainings.footage))
         if len(set(people)) < 2:
             raise InputError("footage of one person cannot be halved", valid="two or more people")
@@ -65,7 +65,7 @@ def study(trainings: OmitArgPrefixes[Trainings]) -> Outcome:
 
 
 def identify_people(folders: Sequence[Path]) -> list[int]:
-    """A number for each sequence that says who is in it: the same for the same person."""
+    """An index of the person in each sequence, equal for the same person."""
     who = [open_sequence(folder).body.rest_joints.tobytes() for folder in folders]
     first = list(dict.fromkeys(who))
     return [first.index(person) for person in who]

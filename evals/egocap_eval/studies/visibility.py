@@ -1,8 +1,8 @@
-"""How wide a lens must be to see each joint: the paper's Figure 6 on a simulated recording.
+"""Measure the field of view that each joint requires: the paper's Figure 6 in simulation.
 
-Five minutes of a person who walks, gestures, looks about, squats and sits are looked at through the
-rig's left camera with a lens of 220 degrees, drawn once; a narrower lens sees what lies within half
-its angle off the axis. A joint is `in_view` there, and `seen` where nothing hides it either.
+Five minutes of walking, gestures, head turns, squats and sitting are rendered through the rig's
+left camera with a lens of 220 degrees; a narrower lens covers the angles up to half its field of
+view off axis. A joint inside is `in_view`, and `seen` where the wearer does not occlude it.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from egocap_eval.harness.study import Outcome
 
 WIDEST, NARROWEST, STEP = 220, 120, 5  # degrees
 ENOUGH = 0.95
-PAPER_RIGHT_WRIST = 160.0  # degrees beyond which the paper sees it 95 % of the time
+PAPER_RIGHT_WRIST = 160.0  # degrees of field of view for 95 % in the paper
 TILTS = (0, 15, 30, 45, 60)  # degrees forward from the rig's own direction
 PARTS = ("walk", "gestures", "look_around", "squat", "gestures", "walk", "sit", "gestures", "walk",
          "gestures")  # fmt: skip
-_PIXELS = 320  # of the drawn picture: three to a degree
+_PIXELS = 320  # width of the rendered image
 _SHOWN = ("right_wrist", "left_wrist", "right_elbow", "right_shoulder", "right_hip", "right_knee",
           "right_ankle", "head")  # fmt: skip
 
@@ -38,21 +38,21 @@ def study(
     seed: int = 400160,
     plot: Annotated[Path | None, arg(metavar="FILE")] = None,
 ) -> Outcome:
-    """Measure how much of the time each joint is seen, by the lens's field of view (Figure 6).
+    """Measure how often each joint is visible, by the lens's field of view (Figure 6).
 
     Args:
-        rig: Built-in rig; its left camera is looked through.
+        rig: Built-in rig, of which the left camera is used.
         minutes: Length of the recording.
-        rate: Frames a second that are looked at.
-        seed: Who moves, and how.
-        plot: Draw the curves there, PNG or SVG.
+        rate: Frames per second.
+        seed: Seed of person and motion.
+        plot: Figure of the curves to write, PNG or SVG.
     """
     if not 0.1 <= minutes <= 60.0 or not 1.0 <= rate <= 60.0:
         raise InputError(f"{minutes:g} minutes at {rate:g} frames a second",
                          valid="0.1 to 60 minutes, 1 to 60 a second")  # fmt: skip
     if plot is not None and plot.suffix not in (".png", ".svg"):
         raise InputError(f"--plot {plot}: no format for '{plot.suffix}'", valid=".png, .svg")
-    joints, hidden = look(rig, max(round(60 * minutes * rate), 2), rate, seed)
+    joints, hidden = simulate_view(rig, max(round(60 * minutes * rate), 2), rate, seed)
     result = curves(off_axis(joints), hidden)
     result["tilted"] = tilted(joints)
     if plot is not None:
@@ -62,10 +62,10 @@ def study(
     )
 
 
-def look(
+def simulate_view(
     rig: str, frames: int, rate: float, seed: int
 ) -> tuple[Float[Array, "T 18 3"], Bool[Array, "T 18"]]:
-    """Every joint in the left camera's frame, and whether the wearer hides it from it."""
+    """Every joint in the left camera's frame, and whether the wearer occludes it."""
     from dataclasses import replace
 
     from egocap.cameras.camera import Camera
@@ -106,9 +106,9 @@ def look(
 
 
 def off_axis(joints: Float[Array, "*n 3"], tilt_deg: float = 0.0) -> Float[Array, "*n"]:
-    """Angle between joints and the axis [rad], if the camera were tilted forward from where it is.
+    """Angle between joints and the optical axis [rad], with the camera tilted forward.
 
-    The built-in rigs look down with the top of the image ahead, so forward is -y of the camera.
+    The cameras of built-in rigs face down with the image's top ahead: forward is -y.
     """
     tilt = np.deg2rad(tilt_deg)
     axis = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
@@ -126,13 +126,12 @@ def tilted(joints: Float[Array, "T 18 3"]) -> dict[str, Any]:
 
 
 def _needed(angle: Float[Array, "T"]) -> float:
-    """Degrees of field of view within which 95 % of the angles [rad] are; inf where there are
-    none."""
+    """Field of view, degrees, that contains 95 % of the angles [rad]; may be inf."""
     return float(2 * np.rad2deg(np.sort(angle)[int(np.ceil(ENOUGH * len(angle))) - 1]))
 
 
 def curves(angle: Float[Array, "T 18"], hidden: Bool[Array, "T 18"]) -> dict[str, Any]:
-    """Shares of the frames by field of view, and the field of view that gives 95 %."""
+    """Share of the frames by field of view, and the field of view for 95 %."""
     fov = np.arange(NARROWEST, WIDEST + 1, STEP)
     within = angle[None] <= np.deg2rad(fov / 2)[:, None, None]  # (F, T, J)
     in_view, seen = within.mean(1), (within & ~hidden).mean(1)

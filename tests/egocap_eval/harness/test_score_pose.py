@@ -382,4 +382,4 @@ def test_a_detector_plugs_in_and_meets_no_truth(folder, truth, monkeypatch, caps
     assert len(footage) == FRAMES and footage.rig == make_rig()
     assert not any("truth" in name for name in vars(footage))
     assert main([*words, "detector:odd_detector:nothing"]) == 2
-    assert "handed back a NoneType" in capsys.readouterr().err
+    assert "returned a NoneType" in capsys.readouterr().err

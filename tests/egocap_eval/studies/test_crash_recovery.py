@@ -35,9 +35,8 @@ def test_killed_and_continued_it_is_whole_and_the_same_and_what_is_damaged_shows
     assert found.result["kills"] == 2 and found.result["compared"] == 1
     assert found.result["leftovers"] == 0
     (out / "episode-00001" / "truth.npz").write_bytes(b"")
-    assert any(
-        "episode-00001" in problem for problem in crash_recovery.judge(out, 4, 0)["problems"]
-    )
+    problems = crash_recovery.verify_dataset(out, 0)["problems"]
+    assert any("episode-00001" in problem for problem in problems)
 
 
 def test_parents_and_workers_are_killed_and_what_died_starts_again(tmp_path):

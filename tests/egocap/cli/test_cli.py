@@ -50,7 +50,7 @@ def tracked(tiny_sequence: Path, tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_track_is_near_the_truth_and_knows_where_it_is_from(tracked, tiny_sequence):
+def test_a_track_is_near_the_truth_and_names_its_sequence(tracked, tiny_sequence):
     track, sequence = load_track(tracked / "track.npz"), Sequence(tiny_sequence)
     error = np.linalg.norm(track.joints_head - sequence.truth.joints_head, axis=-1)
     assert np.median(error) < 0.05
@@ -138,7 +138,7 @@ def test_a_track_of_another_sequence_is_not_scored(tracked, tiny_sequence, tmp_p
     assert "track.npz: the track was made from another sequence" in capsys.readouterr().err
 
 
-def test_a_body_is_fitted_and_told_of(egocap, tracked, tiny_sequence):
+def test_a_body_is_fitted_and_reported(egocap, tracked, tiny_sequence):
     found = ["--detections", tracked / "det.npz"]
     code, out, err = egocap("fit-body", tiny_sequence, "--out", "body.json", *found, "--json")
     assert code == 0, err

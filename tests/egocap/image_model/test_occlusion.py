@@ -29,7 +29,7 @@ def body(person):
     return GaussianBody.from_proportions(person)
 
 
-def test_every_label_knows_parts_of_the_body(body):
+def test_every_label_has_parts_of_the_body(body):
     foreign = foreign_parts(body)
     for label, row in zip(LABELS, foreign, strict=True):
         own = {part for part, other in zip(body.parts, row, strict=True) if not other}

@@ -72,7 +72,7 @@ def test_cells_conserve_light_and_are_never_negative():
         assert (seen >= 0).all()
 
 
-def test_one_gaussian_absorbs_what_its_depth_says():
+def test_one_gaussian_absorbs_by_its_optical_depth():
     met = rays_of([[1.0]], [[1.7]], [0.05])
     assert cell_visibility(met).item() == pytest.approx(1 - np.exp(-1.7), abs=1e-9)
 

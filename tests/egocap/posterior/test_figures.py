@@ -36,7 +36,7 @@ def test_without_detections_the_draws_are_the_prior(of_prior):
     assert not np.allclose(drawn.mean(0), load_posture().mean, atol=1e-3)  # the limits cut it
 
 
-def test_page_holds_every_picture_and_says_what_is_wrong(of_prior, rig, tmp_path):
+def test_page_holds_every_figure_and_warning(of_prior, rig, tmp_path):
     write_page(
         tmp_path / "p.html", replace(of_prior, mixed=False, outcome="not <mixed>"), rig, None
     )

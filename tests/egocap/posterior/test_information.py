@@ -54,7 +54,7 @@ def test_detections_inform_by_their_own_spreads(rig, person):
     assert np.isfinite(place_information(joints, rig, seen, Noise(2.0), spreads)).all()
 
 
-def test_a_motion_bounds_its_frames_below_what_each_knows_by_itself(rig, person):
+def test_motion_lowers_the_bound_of_each_frame(rig, person):
     poses, times = np.repeat(load_posture().mean[None], 5, 0), np.arange(5) / 30
     seen, config = np.ones((5, 2, 18), bool), TrackerConfig()
     information = fisher_information(poses, person, rig, seen, Noise(2.0))

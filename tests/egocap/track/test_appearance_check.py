@@ -70,7 +70,7 @@ def test_an_arm_found_before_the_wall_is_not_believed(scene, imagined):
     looking = tracker.track(imagined, pictures.__getitem__)
     assert wrist_error(motion, blind) > 0.2
     assert wrist_error(motion, looking) < 0.5 * wrist_error(motion, blind)
-    assert 10 <= estimated(looking)["rejected"] <= 2 * 3 * 18
+    assert 10 <= estimated(checked)["rejected"] <= 2 * 3 * 18
     json.dumps(looking.config)
     config = TrackerConfig(appearance_check=False)
     told = Tracker(motion.rig, motion.person, config).track(imagined, pictures.__getitem__)
@@ -80,8 +80,8 @@ def test_an_arm_found_before_the_wall_is_not_believed(scene, imagined):
 def test_what_is_there_stays(scene):
     motion, pictures = scene
     found = motion.detect("simulated:2")
-    looking = Tracker(motion.rig, motion.person).track(found, pictures.__getitem__)
-    assert estimated(looking)["rejected"] == 0
+    checked = Tracker(motion.rig, motion.person).track(found, pictures.__getitem__)
+    assert estimated(checked)["rejected"] == 0
     np.testing.assert_array_equal(
         looking.angles, Tracker(motion.rig, motion.person).track(found).angles
     )
@@ -92,18 +92,18 @@ def test_a_black_view_denies_nothing(scene):
     found = motion.detect("simulated:2")
     found = replace(found, valid=found.valid & np.array([True, False])[:, None])
     black = [(image, np.zeros_like(image)) for image, _ in pictures]
-    looking = Tracker(motion.rig, motion.person).track(found, black.__getitem__)
-    assert estimated(looking)["rejected"] == 0
+    checked = Tracker(motion.rig, motion.person).track(found, black.__getitem__)
+    assert estimated(checked)["rejected"] == 0
 
 
-def test_only_all_frames_together_look(scene, imagined):
+def test_appearance_check_needs_interval_smoothing(scene, imagined):
     motion, pictures = scene
     config = TrackerConfig(smoothing="none")
     causal = Tracker(motion.rig, motion.person, config).track(imagined[:3], pictures.__getitem__)
     assert "rejected" not in estimated(causal)
 
 
-def test_doubt_spreads_in_time_and_outwards():
+def test_rejection_spreads_in_time_and_outwards():
     against = np.zeros((5, len(LABELS)))
     elbow, wrist, hand = ARM
     against[2, elbow] = 2 * EVIDENCE

@@ -87,7 +87,7 @@ def test_motions_differ_where_an_angle_does():
     assert changed_frames(angles, other).tolist() == [False, False, True, False, False]
 
 
-def test_the_record_says_how_many_frames_were_found_elsewhere(motion):
+def test_config_holds_number_of_multistart_frames(motion):
     found = motion.detect("simulated:2")
     assert (
         Tracker(motion.rig, motion.person).track(found).config["estimated"]["multistart_frames"]

@@ -185,7 +185,7 @@ def test_one_black_camera(motion):
     assert result.confidence[:, 1:].mean() < both.confidence[:, 1:].mean()
 
 
-def test_record_says_what_each_stage_cost(motion):
+def test_config_holds_seconds_by_stage(motion):
     result = run(motion, motion.detect("simulated:2"))
     seconds = result.config["seconds"]
     assert set(seconds) == {"observe", "frames", "smoothing", "covariance", "joints"}

@@ -27,16 +27,16 @@ class SampledPoses:
     poses: Float[Array, "N B 7"]  # position (m) and quaternion (w, x, y, z)
 
     @classmethod
-    def of(cls, T_world_body: Float[Array, "N B 4 4"], rate: float) -> SampledPoses:
+    def from_transforms(cls, T_world_body: Float[Array, "N B 4 4"], rate: float) -> SampledPoses:
         """From transforms."""
         quaternions = matrix_to_quaternion(T_world_body[..., :3, :3])
         return cls(rate, np.concatenate([T_world_body[..., :3, 3], quaternions], -1))
 
     def at(self, times: Float[Array, "*n"] | float) -> Float[Array, "*n B 4 4"]:
         """Poses of all bodies at times in seconds."""
-        return self.of_bodies(np.asarray(times)[..., None], np.arange(self.poses.shape[1]))
+        return self.at_bodies(np.asarray(times)[..., None], np.arange(self.poses.shape[1]))
 
-    def of_bodies(self, times: Float[Array, "*n"], bodies: Int[Array, "*n"]) -> Array:
+    def at_bodies(self, times: Float[Array, "*n"], bodies: Int[Array, "*n"]) -> Array:
         """Poses (*n, 4, 4) of bodies, each at its own time; the two shapes broadcast."""
         place = np.clip(np.asarray(times, float) * self.rate, 0, len(self.poses) - 1)
         first = np.floor(place).astype(int)
@@ -59,7 +59,7 @@ def between_frames(T: Float[Array, "T B 4 4"], place: float) -> Float[Array, "B 
     first = min(int(place), len(T) - 1)
     if place == first:
         return T[first]
-    pair = SampledPoses.of(T[first : first + 2], 1.0).poses
+    pair = SampledPoses.from_transforms(T[first : first + 2], 1.0).poses
     return between(pair[0], pair[1], place - first)
 
 

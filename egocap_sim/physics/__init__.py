@@ -1,7 +1,7 @@
-"""Forward dynamics of the person: model, control, simulation. Import the modules directly.
+"""A person and a reference motion in; a simulated trajectory with contact forces out.
 
-mujoco is loaded here without its renderer, which is not used: with MUJOCO_GL=egl or osmesa, which
-many set for other programs, its import fails on the PyOpenGL that pyrender is pinned to.
+mujoco is imported here without its unused renderer: with MUJOCO_GL=egl or osmesa that import fails
+with the PyOpenGL version that pyrender is pinned to. Import the modules directly.
 """
 
 import os

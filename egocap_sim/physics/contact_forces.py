@@ -1,4 +1,4 @@
-"""Contact forces of the floor on the feet that explain a root wrench; compiled."""
+"""Contact forces of the floor on the feet that best reproduce a root wrench; compiled."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def contact_forces(
 ) -> Float[Array, "4 6"]:
     """The floor's best force [N] and torque [N m] on each of the feet, world frame.
 
-    Contacts are at `points`, each of a foot; forces lie in friction pyramids of each foot's `slope`
-    and together come as near as they can to a root wrench: a force in the world's frame and a
-    torque about the pelvis, in its frame, which counts `torque_weight` [1/m] times.
+    Each contact is at a point of a foot; forces lie in friction pyramids of each foot's `slope`.
+    Their sum fits a root wrench in the least-squares sense: a force in the world's frame and a
+    torque about the pelvis, in its frame, weighted by `torque_weight` [1/m].
     """
     columns, R = np.empty((6, 4 * len(points))), R_world_pelvis
     for c in range(columns.shape[1]):
@@ -67,8 +67,8 @@ def nonnegative_least_squares(
     """The x >= 0 that minimises |C x - w|^2 + r^2 |x|^2.
 
     It is max(0, C' y) for the y that minimises f = r^2 |y|^2 + |max(0, C' y)|^2 - 2 w' y, convex
-    and quadratic between kinks: D unknowns however many columns there are. Newton's method has y
-    exactly once a whole step moves no column across its kink; one that does not lower f is halved.
+    and piecewise quadratic, with D unknowns for any N. Newton's method is exact once a full step
+    changes no active column; a step that does not lower f is halved.
     """
     y, pull, least = np.zeros(len(w)), w @ C, 0.0
     for _ in range(_MOST_STEPS):

@@ -1,10 +1,9 @@
-"""Torques that make the simulated person follow a motion.
+"""Tracking control of a simulated person.
 
-Computed torque: M (qacc + feedback) + bias gives the generalised forces that the motion needs. The
-six of them at the free root have no actuator; they are first explained by contact forces of the
-floor on the feet (non-negative least squares over the edges of the friction pyramids at the contact
-points). The planned forces are subtracted from the joint torques too, since the floor supplies
-them. The rest stays as a residual wrench on the root.
+Computed torque: M (qacc + feedback) + bias gives the generalised forces of the motion. The six at
+the free root have no actuator; contact forces of the floor on the feet are planned to supply them
+(non-negative least squares over the edges of the friction pyramids at the contact points). The
+planned forces are subtracted from the joint torques too. The rest is a residual wrench on the root.
 
 Source: one-step-ahead feedback from J. Tan et al., "Stable proportional-derivative controllers",
 IEEE CG&A 31 (2011).
@@ -24,7 +23,7 @@ from egocap_sim.physics.contact_forces import contact_forces
 from egocap_sim.physics.model import FRICTION
 from egocap_sim.physics.reference import Target
 
-_PLAN_EVERY = 2  # steps between two plans, which change little from one to the next
+_PLAN_EVERY = 2  # steps between two plans
 _SIDE = np.array([0, 0, 1, 1])  # of the feet, as egocap_sim.core.bodies.FEET
 
 
@@ -34,16 +33,16 @@ class ControlConfig:
 
     joint_rate: float = 30.0  # rad/s: natural frequency of the critically damped joint feedback
     root_rate: float = 30.0  # rad/s: the same for the root
-    friction: float = 0.6  # slope of the planned friction pyramid, below the floor's own
+    friction: float = 0.6  # slope of the planned friction pyramid, below that of the floor
     torque_weight: float = 4.0  # weight of the root's torques against its forces, 1/m
     regularisation: float = 0.02  # of planned contact forces: spreads them over the contact points
     plan_filter_s: float = 0.01  # time constant of the planned contact forces
-    slip: float = 0.1  # share of the friction that is left to a sliding foot
-    release_rad: float = 0.1  # a leg joint this far off lets its foot go until it is back
+    slip: float = 0.1  # factor on the friction of a sliding foot
+    release_rad: float = 0.1  # contact of a foot is off while a joint error of its leg is larger
 
 
 class Controller:
-    """Tracking controller of one model; holds the filtered plan between steps."""
+    """Tracking controller of one model, with the filtered contact plan as state."""
 
     def __init__(self, model: mujoco.MjModel, config: ControlConfig) -> None:
         self._model, self._config = model, config
@@ -63,10 +62,10 @@ class Controller:
         self._error, self._inertia = np.zeros(nv), np.zeros(nv)
 
     def gate(self, planted: Bool[Array, "4"], touching: Bool[Array, "4"]) -> None:
-        """Let only feet that the motion plants or slides, and near their place, touch the floor.
+        """Enable floor contact of feet that stand or slide in the motion and are near their target.
 
-        A foot held by friction in a wrong place would drag the whole person off the motion; one
-        that the motion slides is slippery.
+        Friction on a misplaced foot would drag the whole person off the motion. Sliding feet have
+        reduced friction.
         """
         astray = np.abs(self._error[self._leg_dofs]).max(1) > self._config.release_rad
         self._open = (planted | touching) & ~astray[_SIDE]
@@ -89,7 +88,7 @@ class Controller:
             self._goal = self._planned_forces(data, force[:6])
         self._steps += 1
         self._plan += self._blend * (self._goal - self._plan)
-        # The leg must not go on pushing against a floor that has been taken away.
+        # No planned force on feet without floor contact.
         self._plan[~self._open] = 0.0
         feet = data.xpos[self._foot_body]
         for body, at, relief in zip(self._foot_body, feet, -self._plan, strict=True):
@@ -99,7 +98,7 @@ class Controller:
     def _planned_forces(
         self, data: mujoco.MjData, wrench: Float[Array, "6"]
     ) -> Float[Array, "4 6"]:
-        """Contact force and torque on each foot, world, that best explain a root wrench."""
+        """Contact force and torque on each foot, world, that best reproduce a root wrench."""
         if data.ncon == 0 or not np.isfinite(wrench).all():  # divergence is detected elsewhere
             return np.zeros((len(FEET), 6))
         return contact_forces(

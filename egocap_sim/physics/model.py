@@ -1,12 +1,12 @@
 """The person as a MuJoCo model: 21 bodies, a free root, 20 ball joints, feet that touch the floor.
 
-Masses are shares of the person's mass; shapes follow the skin each body owns, so that inertias are
-the person's own. Body i + 1 of the model is `core.bodies.BODIES[i]`, its frame parallel to
+Masses are shares of the person's mass; shapes are fitted to the skin of each body, so that inertias
+are individual. Body i + 1 of the model is `core.bodies.BODIES[i]`, its frame parallel to
 the world at rest.
 
 Source: segment masses (mean of women and men) and the cut of the trunk from P. de Leva,
 "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29 (1996),
-table 4; the shares within head + neck, upper trunk + clavicles and foot + toes are ours.
+table 4; the split within head + neck, upper trunk + clavicles and foot + toes is our estimate.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MASS_SHARE: dict[str, float] = {
     "clavicle": 0.0180, "upperarm": 0.0263, "forearm": 0.0150, "hand": 0.0059,
     "thigh": 0.1447, "calf": 0.0457, "foot": 0.0109, "toe": 0.0024,
 }  # fmt: skip
-"""Share of the whole body's mass in one segment; they are scaled to sum to one."""
+"""Share of the body mass in one segment, before normalisation."""
 
 _LIMBS = {"neck": "head", "clavicle": "upperarm", "upperarm": "forearm", "forearm": "hand",
           "thigh": "calf", "calf": "foot"}  # fmt: skip
@@ -39,7 +39,7 @@ _DAMPING = 1.0  # N m s/rad
 FRICTION = 1.0
 _GIVE = 0.002  # metres by which soles are thicker than the skin
 FLOOR = "floor"
-_GROUND = 'contype="1" friction="0.01 0.01 0.001"'  # the feet bring the friction
+_GROUND = 'contype="1" friction="0.01 0.01 0.001"'  # the geoms of the feet set the friction
 
 
 def segment(body: str) -> str:
@@ -58,7 +58,7 @@ def build_model(
 ) -> mujoco.MjModel:
     """Compile the person's model, on a floor with boxes to stand on.
 
-    Raises InputError for a person that cannot be built.
+    Raises InputError for an implausible mass or values that are not finite.
     """
     if not 20.0 <= person.mass_kg <= 250.0:
         raise InputError(f"person '{person.name}' weighs {person.mass_kg:g} kg", valid="20 to 250")
@@ -119,13 +119,13 @@ def _geoms(person: Person) -> dict[str, str]:
 
 
 def _skin(person: Person, body: str) -> Float[Array, "N 3"]:
-    """Vertices a body owns, in its frame."""
+    """Vertices of a body, in its frame."""
     mine = person.body_owner.astype(int) == INDEX[body]
     return person.body_vertices[mine] - person.joints[INDEX[body]]
 
 
 def _box(sole: Sole) -> str:
-    # The sole gives way by a few millimetres, so a foot that is held at z = 0 presses on the floor.
+    # Soles are compliant by millimetres: thicker boxes let a foot held at z = 0 press on the floor.
     half = sole.half + [0.0, 0.0, _GIVE / 2]
     centre = sole.centre - [0.0, 0.0, _GIVE / 2]
     quaternion = (np.cos(sole.yaw / 2), 0.0, 0.0, np.sin(sole.yaw / 2))
@@ -136,7 +136,7 @@ def _box(sole: Sole) -> str:
 
 
 def _capsule(person: Person, body: str) -> str:
-    """A capsule along the bone, as thick as the skin around it."""
+    """A capsule along the bone with the median radius of the skin."""
     follower = body.replace(segment(body), _LIMBS[segment(body)])
     end = person.joints[INDEX[follower]] - person.joints[INDEX[body]]
     skin, length = _skin(person, body), np.linalg.norm(end)

@@ -19,10 +19,10 @@ BLOCK = 1024  # steps computed at once: bounds memory for long motions
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What the person should do at the steps of one block, in MuJoCo's coordinates."""
+    """Target state at the steps of one block, in MuJoCo's coordinates."""
 
     qpos: Float[Array, "N 87"]
-    qvel: Float[Array, "N 66"]  # half a step earlier: where semi-implicit Euler has its velocity
+    qvel: Float[Array, "N 66"]  # half a step earlier, as in semi-implicit Euler
     qacc: Float[Array, "N 66"]
     planted: Bool[Array, "N 4"]
     touching: Bool[Array, "N 4"]
@@ -48,7 +48,7 @@ class TargetMotion:
         self._spline = CubicSpline(times, keys, axis=0)
 
     def block(self, first: int, count: int, timestep_s: float, start_s: float) -> Target:
-        """Targets of steps first .. first + count - 1; beyond its end the motion stands still."""
+        """Targets of steps first .. first + count - 1; the last pose is held beyond the end."""
         times = start_s + (first + np.arange(count)) * timestep_s
         qpos, qacc = self._positions(times)
         qvel = self._velocities(times - timestep_s / 2)

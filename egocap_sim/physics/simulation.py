@@ -23,7 +23,7 @@ from egocap_sim.physics.tracking_stats import TrackingMonitor
 STEPS_PER_S = 250.0  # at least; a whole number of steps fits between two camera frames
 _TOUCH_N = 1.0  # newtons: the least force that counts as contact
 _FASTEST = 25.0  # metres a second: twice a sprinter
-_LOST_M = 1.0  # a pelvis this far off its reference has lost the motion
+_LOST_M = 1.0  # pelvis error that aborts the simulation
 
 
 def simulate(
@@ -35,14 +35,13 @@ def simulate(
     control: ControlConfig | None = None,
     force_every: int = 1,
 ) -> Trajectory:
-    """Simulate the person doing the reference; frame k is the state at k / fps seconds.
+    """Simulate the person following the reference; frame k is the state at k / fps seconds.
 
-    The simulation begins in the reference's pose at `start_s` seconds of it. Without `n_frames` it
-    runs to the reference's end; longer than that, the person holds the last pose. The result is the
-    same to the bit for the same inputs, but for `stats.ms_per_second`. Contacts and forces are
-    recorded in every `force_every`-th frame; they are zero in the others.
+    It begins in the reference's pose at `start_s` seconds and by default runs to its end; beyond
+    that the person holds the last pose. The result is deterministic except `stats.ms_per_second`.
+    Contacts and forces are recorded in every `force_every`-th frame and zero in the others.
 
-    Raises InputError for impossible arguments and for a motion that the person cannot follow.
+    Raises InputError for invalid arguments and for a motion that the person cannot follow.
     """
     n_frames = _check(reference, fps, n_frames, start_s)
     substeps = steps_per_frame(fps)
@@ -63,8 +62,8 @@ def simulate(
             monitor.observe(run.data, target, i)
             if not (sound and monitor.lost_m < _LOST_M):
                 raise InputError(
-                    f"the person cannot follow the motion: lost {step * model.opt.timestep:.2f} s "
-                    "after its start",
+                    f"the person cannot follow the motion: diverged after "
+                    f"{step * model.opt.timestep:.2f} s",
                     valid="a motion without jumps between its frames",
                 )
     seconds = time.process_time() - started
@@ -78,7 +77,7 @@ def steps_per_frame(fps: float) -> int:
 
 
 def _check(reference: Reference, fps: float, n_frames: int | None, start_s: float) -> int:
-    """Refuse impossible arguments; returns the number of frames to simulate."""
+    """Raise InputError for invalid arguments; return the number of frames to simulate."""
     if not 1.0 <= fps <= 1000.0:
         raise InputError(f"cannot simulate {fps:g} frames per second", valid="1 to 1000")
     if not 0.0 <= start_s < reference.duration_s:
@@ -101,7 +100,7 @@ def _check(reference: Reference, fps: float, n_frames: int | None, start_s: floa
 
 
 class _Run:
-    """One simulation in progress and what it has recorded."""
+    """State and recorded data of one simulation."""
 
     def __init__(self, model: mujoco.MjModel, controller: Controller, n_frames: int) -> None:
         self._model, self._controller = model, controller
@@ -116,7 +115,7 @@ class _Run:
     def step(self, target: Target, i: int, begin: bool = False) -> bool:
         """Advance one step; afterwards positions and forces in `data` are those at its start.
 
-        Returns False, without the step, when the forces are not finite.
+        Returns False, without the step, if the forces are not finite.
         """
         if begin:
             self.data.qpos[:], self.data.qvel[:] = target.qpos[i], target.qvel[i]
@@ -129,7 +128,7 @@ class _Run:
         return True
 
     def record(self, frame: int, forces: bool) -> None:
-        """Store the bodies of a frame and, if asked for, the forces that act on them."""
+        """Record the body poses of a frame and, with `forces`, the forces on them."""
         data = self.data
         self._positions[frame] = data.xpos[1:]
         self._rotations[frame] = data.xmat[1:].reshape(-1, 3, 3)

@@ -23,10 +23,10 @@ _PLANTED_SPEED = 0.2  # slower (m/s) than this is planted
 
 
 class TrackingMonitor:
-    """Compares the simulated person with the reference at the same instant.
+    """Compare the simulated person with the reference at the same instant.
 
-    Errors are distances of the 17 evaluated joints. A sole point is planted when the *reference*
-    holds it low and slow; its speed and depth are the simulated ones.
+    Errors are distances of the 17 evaluated joints. A sole point is planted if it is low and slow
+    in the *reference*; its speed and depth are the simulated ones.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class TrackingMonitor:
         self._residual: list[np.ndarray] = []
         self._steps = 0
         self.lost_m = 0.0
-        """Distance of the pelvis from where the reference last had it; NaN if it diverged."""
+        """Distance of the pelvis from the reference at the last step; NaN after divergence."""
 
     def observe(self, data: mujoco.MjData, target: Target, i: int) -> None:
         """Record the state at the start of the step just taken."""
@@ -86,7 +86,7 @@ class TrackingMonitor:
         )
 
     def _planted_speed(self, simulated: np.ndarray, wanted: np.ndarray) -> float:
-        """Median horizontal speed (m/s) of planted sole points; 0 where none is ever planted."""
+        """Median horizontal speed (m/s) of planted sole points; 0 if there are none."""
         if len(wanted) < 2:
             return 0.0
         low = wanted[..., 2] < _PLANTED_HEIGHT

@@ -1,7 +1,7 @@
-"""Meshes merged into one vertex buffer and one texture array: one draw call a face, not one a mesh.
+"""Merge meshes into one vertex buffer and one texture array, for one draw call per cube face.
 
-A batch is one actor, or the whole place. Its triangles are sorted into chunks, contiguous in the
-index buffer, each with a bounding box, so that a cube face draws only the chunks it can see.
+A batch is one actor or the whole environment. Its triangles are sorted into chunks, contiguous in
+the index buffer, each with a bounding box for frustum culling per cube face.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from scipy.spatial import KDTree
 from egocap.errors import InputError
 from egocap_sim.assets.mesh import Mesh
 
-OPENING = 0.15  # metres from its edge that the inside of a double-sided mesh is drawn
-GLOW = 255  # alpha of a texture that shines by itself
+OPENING = 0.15  # metres from an open edge within which a double-sided mesh is drawn from both sides
+GLOW = 255  # alpha of an emissive texture
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A texture, and what all of it does with light: 0 to 200 for a highlight, or `GLOW`."""
+    """A texture and its material: alpha is the highlight strength 0 to 200, or `GLOW`."""
 
     texture: UInt8[Array, "H W 3"]  # sRGB
     alpha: int
@@ -34,10 +34,10 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """A run of triangles that is drawn or left out as one.
+    """A run of triangles that is culled as one.
 
-    The inside of a double-sided mesh (a sleeve, a hem) shows only near its openings; elsewhere its
-    triangles are one-sided, which spares a tenth of a frame.
+    The inside of a double-sided mesh (a sleeve, a hem) is visible only near its openings; elsewhere
+    its triangles are one-sided, which saves a tenth of the frame time.
     """
 
     first: int  # first index in the index buffer
@@ -48,20 +48,20 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Merged meshes, ready for the graphics memory.
+    """Merged meshes in the layout of the graphics memory.
 
     `blend` maps the stacked rows of all skinning transforms to posed positions, `blend_normals` to
-    posed normals; both are None when nothing moves.
+    posed normals; both are None for rigid batches.
     """
 
     positions: Float[Array, "N 3"]
     normals: Float[Array, "N 3"]
     uv: Float[Array, "N 2"]
-    layer_part: Float[Array, "N 2"]  # texture layer plus `_kind`; part label / 255
+    layer_part: Float[Array, "N 2"]  # texture layer plus `_surface_kind`; part label / 255
     faces: Int[Array, "F 3"]
     chunks: tuple[Chunk, ...]
     layers: tuple[Layer, ...]
-    order: Int[Array, "N"]  # which of the stacked meshes' vertices each of these is
+    order: Int[Array, "N"]  # index of each vertex among the stacked meshes' vertices
     n_bones: int
     blend: csr_array | None
     blend_normals: csr_array | None
@@ -71,7 +71,7 @@ class Batch:
     def pose(self, transforms: Float[Array, "B 4 4"]) -> tuple[Array, Array]:
         """Posed positions and unit normals under an actor's skinning transforms.
 
-        Raises: InputError when the actor's meshes name more bones than there are transforms.
+        Raises: InputError if the meshes use more bones than there are transforms.
         """
         if self.blend is None or self.blend_normals is None:
             return self.positions, self.normals
@@ -80,7 +80,7 @@ class Batch:
                 f"{len(transforms)} skinning transforms for meshes with {self.n_bones} bones",
                 valid="one 4x4 transform a bone",
             )
-        # The last bone is the world itself, for rigid meshes of an actor.
+        # The last bone is the world, for rigid meshes of an actor.
         S = np.concatenate([transforms[: self.n_bones], np.eye(4)[None]]).astype(np.float32)
         rows = np.swapaxes(S[:, :3, :], 1, 2)  # (B, 4, 3)
         normals = self.blend_normals @ rows[:, :3].reshape(-1, 3)
@@ -105,9 +105,9 @@ def merge(meshes: Sequence[Mesh]) -> Batch:
     normals = _normals(meshes, faces)
     parts = np.concatenate([np.asarray(m.parts, np.uint8) for m in meshes])
     layers, layer_of_mesh = _layers(meshes)
-    layer = np.repeat(layer_of_mesh + [_kind(m) for m in meshes], np.diff(offsets))
+    layer = np.repeat(layer_of_mesh + [_surface_kind(m) for m in meshes], np.diff(offsets))
     faces, chunks = _chunks(meshes, faces, parts)
-    faces, order = _in_order_of_use(faces, chunks, len(positions))
+    faces, order = _order_for_vertex_cache(faces, chunks, len(positions))
     positions, normals, parts, layer = (a[order] for a in (positions, normals, parts, layer))
     members = [
         np.unique(faces[c.first // 3 : (c.first + c.count) // 3]) for c in chunks
@@ -134,8 +134,8 @@ def merge(meshes: Sequence[Mesh]) -> Batch:
     )
 
 
-def _kind(mesh: Mesh) -> float:
-    """What the shader takes a surface for; too little to reach the next texture layer."""
+def _surface_kind(mesh: Mesh) -> float:
+    """Surface kind for the shader, a fraction added to the texture layer's index."""
     if mesh.name == "skin":
         return 0.3
     return 0.15 if mesh.bones is not None and mesh.shininess == 0.0 else 0.0
@@ -153,21 +153,21 @@ def vertex_normals(vertices: Float[Array, "N 3"], faces: Int[Array, "F 3"]) -> F
 
 
 def _normals(meshes: Sequence[Mesh], faces: Int[Array, "F 3"]) -> Float[Array, "N 3"]:
-    """Skin and cloth are smooth across texture seams; rigid things keep their split edges hard."""
+    """Vertex normals: smooth across texture seams of skin and cloth, hard at split rigid edges."""
     welded, n = [], 0
     for m in meshes:
         if m.bones is None:
             welded.append(np.arange(n, n + len(m.vertices)))
         else:
-            first, place = _places(m.vertices, digits=6)
+            first, place = _weld(m.vertices, digits=6)
             welded.append(n + first[place])
         n += len(m.vertices)
     welded = np.concatenate(welded)
     return vertex_normals(np.concatenate([m.vertices for m in meshes]), welded[faces])[welded]
 
 
-def _places(vertices: Float[Array, "N 3"], digits: int) -> tuple[Int[Array, "P"], Int[Array, "N"]]:
-    """Different places of vertices, to so many decimals: the first vertex at each; each's place."""
+def _weld(vertices: Float[Array, "N 3"], digits: int) -> tuple[Int[Array, "P"], Int[Array, "N"]]:
+    """Weld vertices equal to `digits` decimals: first vertex of each place, place of each one."""
     grid = np.rint(np.asarray(vertices, float) * 10.0**digits).astype(int)
     order = np.lexsort(grid.T)
     new = np.ones(len(grid), bool)
@@ -178,9 +178,9 @@ def _places(vertices: Float[Array, "N 3"], digits: int) -> tuple[Int[Array, "P"]
 
 
 def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, tuple[Chunk, ...]]:
-    """Sort triangles by the rules, mesh (if rigid, small ones first) and part; list the runs.
+    """Sort triangles by sidedness, shadow casting, mesh (rigid: small first) and part into runs.
 
-    Small things stand before large ones, and what is hidden by then costs no shading.
+    Small meshes mostly occlude large ones, so that drawing them first saves shading.
     """
     small_first = np.argsort(np.argsort([np.ptp(m.vertices, axis=0).max() for m in meshes]))
     mesh_of_face = np.repeat(np.arange(len(meshes)), [len(m.faces) for m in meshes])
@@ -190,8 +190,8 @@ def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, 
             for i, m in enumerate(meshes)
         ]
     )[mesh_of_face]
-    inside_shows = np.concatenate([_inside_shows(m) for m in meshes])
-    keys = np.c_[inside_shows, rules, parts[faces[:, 2]]]
+    two_sided = np.concatenate([_near_opening(m) for m in meshes])
+    keys = np.c_[two_sided, rules, parts[faces[:, 2]]]
     order = np.lexsort(keys.T[::-1])
     keys, faces = keys[order], faces[order]
     cuts = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
@@ -201,10 +201,10 @@ def _chunks(meshes: Sequence[Mesh], faces: Array, parts: Array) -> tuple[Array, 
     )
 
 
-def _in_order_of_use(faces: Array, chunks: Sequence[Chunk], n: int) -> tuple[Array, Array]:
-    """Faces and vertices so that neighbours are drawn one after another; the vertices' old places.
+def _order_for_vertex_cache(faces: Array, chunks: Sequence[Chunk], n: int) -> tuple[Array, Array]:
+    """Reorder faces and vertices for the vertex cache; also returns the vertices' old indices.
 
-    A vertex that is still at hand is not shaded again, which spares a quarter of them.
+    This saves a quarter of the vertex shading.
     """
     along = csr_array((np.ones(faces.size), (faces.ravel(), faces[:, [1, 2, 0]].ravel())), (n, n))
     rank = np.empty(n, int)
@@ -219,11 +219,11 @@ def _in_order_of_use(faces: Array, chunks: Sequence[Chunk], n: int) -> tuple[Arr
     return new[faces], order
 
 
-def _inside_shows(mesh: Mesh) -> Bool[Array, "F"]:
-    """Triangles that may be seen from behind: those near an open edge of a double-sided mesh."""
+def _near_opening(mesh: Mesh) -> Bool[Array, "F"]:
+    """Triangles near an open edge of a double-sided mesh, whose back may be visible."""
     if not mesh.double_sided:
         return np.zeros(len(mesh.faces), bool)
-    first, place = _places(mesh.vertices, digits=5)
+    first, place = _weld(mesh.vertices, digits=5)
     faces = place[mesh.faces]
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges, times = np.unique(edges.min(1) * len(first) + edges.max(1), return_counts=True)
@@ -236,12 +236,12 @@ def _inside_shows(mesh: Mesh) -> Bool[Array, "F"]:
 
 
 def _layers(meshes: Sequence[Mesh]) -> tuple[tuple[Layer, ...], Int[Array, "M"]]:
-    """The different textures, and which of them each mesh has."""
+    """The distinct textures, and the index of each mesh's texture."""
     index: dict[tuple[int | bytes, int], int] = {}
     of_mesh, layers = [], []
     for m in meshes:
         alpha = GLOW if m.glows else round(200 * min(max(m.shininess, 0.0), 1.0))
-        small = m.texture.size < 256  # an even colour: many things have the same
+        small = m.texture.size < 256  # a uniform colour, shared by many meshes
         key = (m.texture.tobytes() if small else id(m.texture), alpha)
         if key not in index:
             index[key] = len(layers)
@@ -264,7 +264,7 @@ def _skinning(meshes: Sequence[Mesh], world_bone: int) -> tuple[Array, Array]:
 
 
 def _blend(values: Array, bones: Array, weights: Array, n_bones: int) -> csr_array:
-    """Matrix (N, K n_bones) whose product with stacked transform rows is the blended value."""
+    """Matrix (N, K n_bones) that maps stacked transform rows to blended values."""
     n, k = values.shape
     data = weights[:, :, None] * values[:, None, :]  # (N, 4, K)
     column = bones[:, :, None] * k + np.arange(k)

@@ -1,8 +1,7 @@
-"""The darkness under what touches the floor, or nearly: feet, knees, hands, a ball.
+"""Contact shadows on the floor under feet, knees, hands and balls.
 
-What is low keeps the ambient light from the floor below it, which no shadow of the main light
-shows. Each actor gets a small picture of the floor under it, darker where the actor is lower and
-soft at its edge, and that is laid over the floor: an approximation of ambient occlusion.
+They approximate ambient occlusion, which the shadow map of the main light lacks. Each actor gets a
+small texture over the floor below it, darker where the actor is lower and blurred.
 """
 
 from __future__ import annotations
@@ -18,26 +17,26 @@ from numpy import ndarray as Array
 
 from egocap_sim.render.gl import GL, set_sampling
 
-HEIGHT_M = 0.30  # what is higher takes no light from the floor
-DEEPEST = 0.55  # share of the light that contact takes
+HEIGHT_M = 0.30  # least height without effect on the floor
+DEEPEST = 0.55  # share of the light that contact removes
 LIFT_M = 0.006  # over the floor, and a rug on it
-CELLS, CELL_M = 64, 0.03  # of a picture, to each side
-_SOFT_CELLS, _EDGE = 1.6, 7  # standard deviation of its edge, and how far that reaches
+CELLS, CELL_M = 64, 0.03  # cells per side of a texture, and their size
+_SOFT_CELLS, _EDGE = 1.6, 7  # standard deviation and reach of the blur
 _CORNERS = np.array([[0, 0], [1, 0], [0, 1], [0, 1], [1, 0], [1, 1]], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class ContactShadow:
-    """What an actor leaves of the light on the floor z = 0, in square cells."""
+    """Factor on the light on the floor z = 0 below an actor, in square cells."""
 
-    corner: Float[Array, "2"]  # least x and y of the picture, metres
-    left: UInt8[Array, "64 64"]  # factor 0..255, rows along y
-    first: Int[Array, "2"]  # column and row of the part that is not all light,
-    last: Int[Array, "2"]  # and those behind it
+    corner: Float[Array, "2"]  # least x and y of the texture, metres
+    factor: UInt8[Array, "64 64"]  # 0..255, rows along y
+    first: Int[Array, "2"]  # column and row of the shadowed part,
+    last: Int[Array, "2"]  # and the ends of its range
 
 
 def make_contact_shadow(positions: Float[Array, "N 3"]) -> ContactShadow | None:
-    """The darkness under vertices [m, world]; None where they leave all light."""
+    """The contact shadow of vertices [m, world]; None where there is none."""
     low = positions[positions[:, 2] < HEIGHT_M]
     if not len(low):
         return None
@@ -53,12 +52,12 @@ def make_contact_shadow(positions: Float[Array, "N 3"]) -> ContactShadow | None:
     closeness = (1.0 - height / HEIGHT_M) ** 2
     closeness = cv2.dilate(closeness, np.ones((3, 3), np.uint8))  # vertices may be cells apart
     soft = cv2.GaussianBlur(closeness, (0, 0), _SOFT_CELLS)
-    left = np.round(255.0 * (1.0 - DEEPEST * soft)).astype(np.uint8)
-    return ContactShadow(first * CELL_M, left, at.min(0) - _EDGE, at.max(0) + _EDGE + 1)
+    factor = np.round(255.0 * (1.0 - DEEPEST * soft)).astype(np.uint8)
+    return ContactShadow(first * CELL_M, factor, at.min(0) - _EDGE, at.max(0) + _EDGE + 1)
 
 
 class ContactShadows:
-    """The pictures under at most `actors` actors in graphics memory, and how they are drawn."""
+    """Textures of the contact shadows of at most `actors` actors, and their drawing."""
 
     def __init__(self, actors: int) -> None:
         self._vertices = np.zeros((actors, 6, 6), np.float32)  # x y z, u v layer
@@ -86,7 +85,7 @@ class ContactShadows:
         set_sampling(GL.GL_TEXTURE_2D_ARRAY, GL.GL_LINEAR, GL.GL_LINEAR, GL.GL_CLAMP_TO_EDGE)
 
     def pose(self, positions: Mapping[str, Float[Array, "N 3"]]) -> None:
-        """Follow the actors, whose vertices are at `positions` [m, world]."""
+        """Update to actors with vertices at `positions` [m, world]."""
         found = [dark for posed in positions.values() if (dark := make_contact_shadow(posed))]
         self.count = len(found)
         if not found:
@@ -95,7 +94,7 @@ class ContactShadows:
             quad, cells = self._vertices[layer], dark.first + _CORNERS * (dark.last - dark.first)
             quad[:, :2], quad[:, 2] = dark.corner + CELL_M * cells, LIFT_M
             quad[:, 3:5], quad[:, 5] = cells / CELLS, layer
-            self._pictures[layer] = dark.left
+            self._pictures[layer] = dark.factor
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._vertices.nbytes, self._vertices)
         self._bind()
@@ -105,7 +104,7 @@ class ContactShadows:
         )  # fmt: skip
 
     def begin(self) -> None:
-        """Multiply into colours; labels, in alpha, and depth stay."""
+        """Set up multiplicative blending of colours; labels (alpha) and depth stay unchanged."""
         self._bind()
         GL.glBindVertexArray(self._array)
         GL.glEnable(GL.GL_BLEND)
@@ -114,22 +113,22 @@ class ContactShadows:
         GL.glDisable(GL.GL_CULL_FACE)
 
     def draw(self) -> None:
-        """Draw all of them with the bound program."""
+        """Draw all textures with the bound program."""
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 6 * self.count)
 
     def end(self) -> None:
-        """Draw as before."""
+        """Restore the drawing state."""
         GL.glDisable(GL.GL_BLEND)
         GL.glDepthMask(GL.GL_TRUE)
         GL.glBindVertexArray(0)
 
     def boxes(self) -> tuple[Float[Array, "C 3"], Float[Array, "C 3"]]:
-        """The lowest and highest corner of each picture, metres."""
+        """The lowest and highest corner of each texture, metres."""
         corners = self._vertices[: self.count, :, :3].astype(float)
         return corners[:, 0], corners[:, -1]
 
     def free(self) -> None:
-        """Give the memory back."""
+        """Free the graphics memory."""
         GL.glDeleteTextures([self._texture])
         GL.glDeleteBuffers(1, [self._buffer])
         GL.glDeleteVertexArrays(1, [self._array])

@@ -1,4 +1,4 @@
-"""The cube around a camera: which of its faces every pixel's ray leaves through, and where.
+"""The cube around a camera: the face and the face point of every pixel's ray.
 
 Faces use the OpenCV convention (x right, y down, z out of the face); a face point has slopes
 u = x/z and v = y/z within -1..1.
@@ -19,12 +19,12 @@ from numpy import ndarray as Array
 from egocap.cameras.camera import Camera
 from egocap_sim.render.pixel_rays import pixel_rays
 
-TILE_COST = 0.15  # drawing one more face, in the area of a quarter of one
-_SKIPPED = 4  # of the pixels along either side, when a cube is chosen
+TILE_COST = 0.15  # fixed cost of one more face, in squares of a face's half width
+_STRIDE = 4  # of the pixels, when a cube is chosen
 
 
 class Lens(Protocol):
-    """What is asked of a camera; `egocap.cameras.camera` has the real ones."""
+    """Interface of a camera, as in `egocap.cameras.camera`."""
 
     @property
     def width(self) -> int: ...
@@ -40,16 +40,16 @@ class Lens(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PixelTrace:
-    """Where the pixels of a camera look, on the cube that is cheapest to draw."""
+    """Intersections of a camera's pixel rays with the cube that is cheapest to draw."""
 
     faces: Float[Array, "6 3 3"]  # R_camera_face
-    face: Int[Array, "H W"]  # int8; -1 where the lens forms no image
+    face: Int[Array, "H W"]  # int8; -1 outside the lens
     slopes: Float[Array, "H W 2"]  # u and v
-    bounds: Float[Array, "6 4"]  # u0, u1, v0, v1 of what is seen of a face; infinite for nothing
+    bounds: Float[Array, "6 4"]  # u0, u1, v0, v1 of the visible part of a face; infinite if none
 
     @property
     def seen(self) -> list[int]:
-        """The faces that pixels look through."""
+        """The faces that some pixel ray crosses."""
         return np.flatnonzero(np.isfinite(self.bounds[:, 0])).tolist()
 
 
@@ -57,7 +57,7 @@ class PixelTrace:
 def trace_pixels(camera: Lens) -> PixelTrace:
     """Choose the cube around a camera and trace every pixel to it."""
     rays, inside = _rays(camera)
-    faces = _cheapest(rays[::_SKIPPED, ::_SKIPPED], inside[::_SKIPPED, ::_SKIPPED])
+    faces = _cheapest_cube(rays[::_STRIDE, ::_STRIDE], inside[::_STRIDE, ::_STRIDE])
     return PixelTrace(faces, *_trace(rays, inside, faces))
 
 
@@ -70,7 +70,7 @@ def cube_face(directions: Float[Array, "*n 3"], faces: Float[Array, "6 3 3"]) ->
 def _trace(
     rays: Float[Array, "H W 3"], inside: Bool[Array, "H W"], faces: Float[Array, "6 3 3"]
 ) -> tuple[Array, Array, Array]:
-    """`PixelTrace.face`, `slopes` and `bounds`; `cube_face` says the first readably."""
+    """`PixelTrace.face`, `slopes` and `bounds`; `cube_face` is the readable form of the first."""
     height, width = inside.shape
     face = np.full((height, width), -1, np.int8)
     slopes = np.zeros((height, width, 2))
@@ -107,7 +107,7 @@ def _rays(camera: Lens) -> tuple[Array, Array]:
 
 @cache
 def _cubes() -> tuple[Float[Array, "6 3 3"], ...]:
-    """Cubes to choose from: an edge on the axis (upright or lying), or a face on the axis."""
+    """Candidate cubes: an edge on the axis (vertical or horizontal), or a face on the axis."""
     cube = [_turn(1, a) for a in (0, pi / 2, pi, -pi / 2)] + [
         _turn(0, a) for a in (pi / 2, -pi / 2)
     ]
@@ -125,7 +125,9 @@ def _turn(axis: int, angle: float) -> Array:
     return R
 
 
-def _cheapest(rays: Float[Array, "h w 3"], inside: Bool[Array, "h w"]) -> Float[Array, "6 3 3"]:
+def _cheapest_cube(
+    rays: Float[Array, "h w 3"], inside: Bool[Array, "h w"]
+) -> Float[Array, "6 3 3"]:
     """The cube with the least area to draw, in squares of a face's half width, and fewest tiles."""
     du, dv = np.gradient(rays, axis=(1, 0))
     solid_angle = np.linalg.norm(np.cross(du, dv), axis=-1)[inside]

@@ -1,11 +1,11 @@
-"""Any camera out of flat pictures: which faces of a cube its lens sees, and how they become pixels.
+"""Fisheye images from perspective pictures: layout of the cube faces and the pixel lookup.
 
-The camera stands in the middle of a cube whose faces are rendered as flat pictures; every pixel of
-the fisheye image is then looked up where its ray leaves the cube. A cube with an *edge* on the
-optical axis covers a 180-degree lens with four faces. Each face is cropped to the rectangle the
-lens sees (a `Tile`), and the tiles of all cameras are packed into one picture, the atlas.
+The camera is at the centre of a cube whose faces are rendered as perspective pictures; every pixel
+of the fisheye image is then looked up where its ray leaves the cube. A cube with an *edge* on the
+optical axis covers a 180-degree lens with four faces. Each face is cropped to the rectangle visible
+to the lens (a `Tile`), and the tiles of all cameras are packed into one picture, the atlas.
 
-The atlas is stored as OpenGL reads it back, bottom row first, so rows grow against v (`cube`).
+The atlas is stored in OpenGL's order, bottom row first, so rows increase against v (`cube`).
 Atlas coordinates put the centre of the first pixel at 0, as `cv2.remap` and our cameras do;
 OpenGL's own put it at 0.5.
 """
@@ -29,7 +29,7 @@ MARGIN = 2  # pixels drawn past a tile's edge, so that interpolation never cross
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """The part of one cube face that a lens sees, and its place in the atlas."""
+    """The part of one cube face that is visible to a lens, and its place in the atlas."""
 
     view: int
     face: int  # index among the faces of this view's cube
@@ -69,7 +69,7 @@ class Atlas:
     tiles: tuple[Tile, ...]
     lookup: tuple[Float[Array, "H W 2"], ...]  # float32 per view
     inside: tuple[Bool[Array, "H W"], ...]  # the lens forms an image here
-    needed: Bool[Array, "h w"]  # atlas pixels that some ray comes near; the rest need no drawing
+    needed: Bool[Array, "h w"]  # atlas pixels near some ray; others are not drawn
     _faces: tuple[Float[Array, "6 3 3"], ...] = field(repr=False, default=())
 
     def locate(
@@ -77,8 +77,8 @@ class Atlas:
     ) -> tuple[Int[Array, "N"], Float[Array, "N 2"]]:
         """Tile index and atlas coordinates of directions in a camera's frame.
 
-        The tile is -1 where no tile of this view covers the direction; its coordinates then mean
-        nothing.
+        The tile is -1 where no tile of this view covers the direction; its coordinates are then
+        undefined.
         """
         directions = np.asarray(directions, float)
         tile_of = np.full(len(directions), -1)
@@ -103,9 +103,9 @@ def build_atlas(
     """Choose and pack the cube faces of each camera, and trace every pixel to them.
 
     `face_size` is the number of pixels along a whole cube face. Twice the camera's pixels per
-    radian on the axis would give a face's middle, its coarsest place, the density of the image's
-    centre; None takes 1.8 pixels per radian instead of 2, where markers without anti-aliasing still
-    land within 0.25 pixels. `sharpness` scales it.
+    radian would match the image's density at a face's centre, its coarsest point; None takes 1.8
+    times, where markers without anti-aliasing are still accurate to 0.25 pixels. `sharpness` scales
+    it.
     """
     traces = [trace_pixels(camera) for camera in cameras]
     densities = [sharpness * (face_size or round(1.8 * _pixels_per_radian(c))) / 2 for c in cameras]
@@ -150,14 +150,14 @@ def _tile(
     corner: tuple[int, int],
     density: float,
 ) -> Tile:
-    """A tile of a box in pixels, whose first pixel in the atlas is `corner`."""
+    """A tile of a box in pixels, with its first atlas pixel at `corner`."""
     x0, x1, y0, y1 = box
     slopes = x0 / density, x1 / density, y0 / density, y1 / density
     return Tile(view, face, R_camera_face, slopes, *corner, x1 - x0, y1 - y0, density)
 
 
 def _origins(tiles: Sequence[Tile], view: int) -> Float[Array, "6 4"]:
-    """Of the tile of each face of a view's cube: the atlas column and row, and u0 and v1 there."""
+    """Atlas column and row, u0 and v1 of the tile of each face of a view's cube."""
     origins = np.zeros((6, 4))
     for t in tiles:
         if t.view == view:
@@ -187,7 +187,7 @@ def _make_lookup(
 
 
 def _pack(sizes: Sequence[tuple[int, int]]) -> tuple[int, int, list[tuple[int, int]]]:
-    """Place rectangles on shelves: total width, total height and each one's first pixel."""
+    """Shelf packing of rectangles: total width, total height and the first pixel of each."""
     order = sorted(range(len(sizes)), key=lambda i: (-sizes[i][1], -sizes[i][0], i))
     widest, total = max(w for w, _ in sizes), sum(w for w, _ in sizes)
     best = None

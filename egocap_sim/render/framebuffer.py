@@ -1,4 +1,4 @@
-"""The pictures drawn into: colour, labels and depth of the atlas."""
+"""Framebuffers of the atlas: colour, labels and depth."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Window = tuple[int, int, int, int]  # column, row, width, height in the atlas
 
 
 class AtlasBuffer:
-    """Colour with labels in alpha, and depth; with `samples`, drawn finer and averaged on reading.
+    """Colour with labels in alpha, and depth; with `samples`, multisampled and resolved on reading.
 
-    Averaging would mix labels, so with `samples` they are drawn again, unaveraged, when asked for.
+    Resolving would mix labels, so with `samples` they are drawn again on demand, not multisampled.
     """
 
     def __init__(self, needed: Bool[Array, "h w"], samples: int) -> None:
@@ -30,18 +30,18 @@ class AtlasBuffer:
         self.color = np.empty((self.height, self.width, 4), np.uint8)
         self.labels = np.empty((self.height, self.width), np.uint8)
         self.has_labels = False
-        # Depth to start from: infinitely far, but nearest of all where nothing need be drawn.
+        # Initial depth: far, but nearest where no pixel needs to be drawn, which culls everything.
         empty = needed.astype(np.float32)
         self._texture, self._empty_depth = make_depth_target(self.width, self.height, empty)
 
     def begin(self, background: Float[Array, "3"], windows: Sequence[Window]) -> None:
-        """Clear and draw here, in windows; background colour as written to pixels, 0..1."""
+        """Clear and bind for drawing in windows; background colour as written to pixels, 0..1."""
         self.has_labels = False
         self._start(self._drawn, background, windows)
         (GL.glEnable if self.samples else GL.glDisable)(GL.GL_MULTISAMPLE)
 
     def end(self) -> None:
-        """Stop drawing, averaging the samples if there are any."""
+        """End drawing; resolve the samples if there are any."""
         GL.glDisable(GL.GL_SCISSOR_TEST)
         if self.samples:
             box = (0, 0, self.width, self.height)
@@ -51,29 +51,29 @@ class AtlasBuffer:
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._plain)
 
     def begin_labels(self) -> None:
-        """Draw labels and depth over the averaged colours, which have been read by now."""
+        """Bind for drawing labels and depth over the resolved colours; read those first."""
         self._start(self._plain, np.zeros(3), [(0, 0, self.width, self.height)])
 
     def take_labels(self) -> None:
-        """Take the labels out of the colours that have been read: unaveraged, they are whole."""
+        """Extract the labels from the alpha of the colours read; needs `samples` of 0."""
         cv2.extractChannel(self.color, 3, self.labels)
         self.has_labels = True
 
     def end_labels(self) -> None:
-        """Stop drawing labels, and read them."""
+        """End drawing labels, and read them."""
         GL.glDisable(GL.GL_SCISSOR_TEST)
-        self._read(self.labels, GL.GL_ALPHA, GL.GL_UNSIGNED_BYTE, (0, 0, self.width, self.height))
+        self._read(self.labels, GL.GL_ALPHA, GL.GL_UNSIGNED_BYTE)
         self.has_labels = True
 
     def read_color(self) -> Array:
         """The atlas (h, w, 4), bottom row first; overwritten by the next frame."""
-        self._read(self.color, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, (0, 0, self.width, self.height))
+        self._read(self.color, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE)
         return self.color
 
     def read_depth(self) -> Float[Array, "h w"]:
         """Depth buffer values 0..1 of the atlas."""
         depth = np.empty((self.height, self.width), np.float32)
-        self._read(depth, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, (0, 0, self.width, self.height))
+        self._read(depth, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
         return depth
 
     def read_depth_at(self, at: Int[Array, "N 2"]) -> Float[Array, "N"]:
@@ -81,27 +81,27 @@ class AtlasBuffer:
         depth = np.empty(len(at), np.float32)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._plain)
         for i, (column, row) in enumerate(at.tolist()):
-            # The unwrapped call: PyOpenGL's own costs three times as much as the read itself.
+            # The unwrapped call: PyOpenGL's wrapper takes three times as long as the read itself.
             place = c_void_p(depth.ctypes.data + 4 * i)
             read_pixels(column, row, 1, 1, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, place)
         return depth
 
     def free(self) -> None:
-        """Give the memory back."""
+        """Free the graphics memory."""
         frames = {self._plain, self._drawn, self._empty_depth}
         GL.glDeleteTextures([self._texture])
         GL.glDeleteFramebuffers(len(frames), list(frames))
         GL.glDeleteRenderbuffers(len(self._renderbuffers), self._renderbuffers)
 
-    def _read(self, out: Array, kind: int, dtype: int, box: tuple[int, int, int, int]) -> None:
+    def _read(self, out: Array, kind: int, dtype: int) -> None:
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._plain)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
-        GL.glReadPixels(*box, kind, dtype, out)
+        GL.glReadPixels(0, 0, self.width, self.height, kind, dtype, out)
 
     def _start(self, frame: int, background: Array, windows: Sequence[Window]) -> None:
         begin_depth_test(frame)
         GL.glDisable(GL.GL_BLEND)
-        # Depth first: clearing colour is put off to the drawing, unless a copy comes after it.
+        # Depth first: the driver defers clearing colour to the drawing, unless a copy follows.
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._empty_depth)
         for column, row, width, height in windows:
             box = (column, row, column + width, row + height)

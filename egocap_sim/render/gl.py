@@ -1,13 +1,13 @@
-"""OpenGL without a screen: the one place that imports pyrender and PyOpenGL, and makes contexts.
+"""Headless OpenGL: the only module that imports pyrender and PyOpenGL, and creates contexts.
 
 pyrender 0.1.45 pins PyOpenGL 3.1.0, which predates numpy 2 and today's EGL. Four things must hold
 before pyrender is imported, so every module takes `GL` and `pyrender` from here:
 `PYOPENGL_PLATFORM=egl` is set, `np.infty` exists, `OpenGL.GL.shaders` is imported before
-`OpenGL.EGL`, and `OpenGL.EGL` has an `EGLDeviceEXT` (mujoco's EGL wants it).
+`OpenGL.EGL`, and `OpenGL.EGL` has an `EGLDeviceEXT` (mujoco's EGL requires it).
 
-Mesa's software renderer uses one thread a core. With several worker processes, set
-`LP_NUM_THREADS=1` in each worker's environment before it makes a context; this module leaves the
-variable alone. Never fork after a context was made (the child hangs): start workers with spawn.
+Mesa's software renderer uses one thread per core. With several worker processes, set
+`LP_NUM_THREADS=1` in each worker's environment before it creates a context; this module does not
+set it. Never fork after a context was created (the child hangs): start workers with spawn.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ try:
     import OpenGL
     import OpenGL.raw.EGL._errors as _egl_errors
 
-    # Asked once a frame (`check`), not after each of its hundreds of calls, which takes longer than
-    # the calls. PyOpenGL 3.1.0 forgets EGL's checker then.
+    # Errors are checked once per frame (`check_errors`): checking after each call takes longer than
+    # the calls. PyOpenGL 3.1.0 then lacks the error checker of EGL.
     OpenGL.ERROR_CHECKING = False
     _egl_errors.__dict__.setdefault("_error_checker", None)
     import OpenGL.GL as GL
@@ -56,18 +56,18 @@ except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportE
 _spare = threading.local()  # a context belongs to one thread
 
 __all__ = [
-    "GL", "Context", "begin_depth_test", "check", "draw_runs", "make_depth_target", "pyrender",
-    "read_pixels", "set_sampling",
+    "GL", "Context", "begin_depth_test", "check_errors", "draw_runs", "make_depth_target",
+    "pyrender", "read_pixels", "set_sampling",
 ]  # fmt: skip
 
 
 class Context:
-    """An OpenGL core context without a window, current in the thread that made it.
+    """An OpenGL core context without a window, current in the thread that created it.
 
-    Several may live in one process, one after the other or side by side (unlike pyrender's own
-    off-screen renderer, whose deletion ends every EGL context of the process).
+    Several may exist in one process, also at the same time (unlike pyrender's off-screen renderer,
+    whose deletion ends every EGL context of the process).
 
-    Raises: MachineError where no EGL device gives a context.
+    Raises: MachineError if no EGL device provides a context.
     """
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ class Context:
 
     @classmethod
     def borrow(cls) -> Context:
-        """The context that this thread gave back last, its shaders compiled, or a new one."""
+        """The context that this thread released last, with compiled shaders, or a new one."""
         context: Context | None = _spare.__dict__.pop("context", None)
         if context is None:
             return cls()
@@ -89,18 +89,18 @@ class Context:
         return context
 
     def release(self) -> None:
-        """Keep it for the thread's next `borrow`; what was put into it must have been freed."""
+        """Keep it for the thread's next `borrow`; its buffers and textures must have been freed."""
         if "context" in _spare.__dict__ or GL.glGetError():
             self.close()
         else:
             _spare.context = self
 
     def make_current(self) -> None:
-        """Direct this thread's OpenGL calls here."""
+        """Make it the target of this thread's OpenGL calls."""
         self._platform.make_current()
 
     def close(self) -> None:
-        """End the context, and nothing else: the EGL display stays for other contexts."""
+        """Destroy the context only; the EGL display stays open for other contexts."""
         platform = getattr(self, "_platform", None)
         if platform is None:
             return
@@ -114,14 +114,14 @@ class Context:
         EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
 
 
-def check() -> None:
-    """Raise MachineError where OpenGL met an error since this was last asked."""
+def check_errors() -> None:
+    """Raise MachineError for an OpenGL error since the last check."""
     if error := GL.glGetError():
-        raise MachineError(f"OpenGL reports error {error:#x}, perhaps for want of memory")
+        raise MachineError(f"OpenGL reports error {error:#x}, possibly out of memory")
 
 
 def set_sampling(target: int, minify: int, magnify: int, wrap: int) -> None:
-    """How shaders sample the texture bound to `target`: OpenGL's filters and wrapping."""
+    """Set filters and wrapping of the texture bound to `target`."""
     GL.glTexParameteri(target, GL.GL_TEXTURE_MIN_FILTER, minify)
     GL.glTexParameteri(target, GL.GL_TEXTURE_MAG_FILTER, magnify)
     GL.glTexParameteri(target, GL.GL_TEXTURE_WRAP_S, wrap)
@@ -129,7 +129,7 @@ def set_sampling(target: int, minify: int, magnify: int, wrap: int) -> None:
 
 
 def begin_depth_test(frame: int) -> None:
-    """Draw into a frame buffer, the nearest surface on top, back faces culled where enabled."""
+    """Bind a framebuffer and set up the depth test and back-face culling."""
     GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
     GL.glDisable(GL.GL_SCISSOR_TEST)
     GL.glEnable(GL.GL_DEPTH_TEST)
@@ -139,7 +139,7 @@ def begin_depth_test(frame: int) -> None:
 
 
 def make_depth_target(width: int, height: int, values: np.ndarray | None = None) -> tuple[int, int]:
-    """A depth texture, left bound, and a frame buffer of it alone."""
+    """Create a depth texture, left bound, and a framebuffer with it alone."""
     texture = GL.glGenTextures(1)
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glTexImage2D(
@@ -164,7 +164,7 @@ def _first_working() -> _platform.EGLPlatform:
     problem: Exception | None = None
     try:
         devices = _platform.query_devices()
-    except Exception:  # no device extension: EGL's default display is what is left
+    except Exception:  # no device extension: use EGL's default display
         devices = [_platform.EGLDevice(None)]
     for device in devices:
         candidate = _platform.EGLPlatform(16, 16, device=device)
@@ -176,6 +176,6 @@ def _first_working() -> _platform.EGLPlatform:
         except Exception as error:
             problem = error
     raise MachineError(
-        f"none of {len(devices)} EGL devices gives an OpenGL 4.1 context ({problem!r})",
+        f"none of {len(devices)} EGL devices provides an OpenGL 4.1 context ({problem!r})",
         remedy=REMEDY,
     )

@@ -1,4 +1,4 @@
-"""A batch in graphics memory, with its textures in one array, and shader uniforms by name."""
+"""Batches in graphics memory, texture arrays, and shader uniforms by name."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ class GpuBatch:
         self._count = np.array([c.count for c in batch.chunks])
 
     def upload(self, positions: Float[Array, "N 3"], normals: Float[Array, "N 3"]) -> None:
-        """Replace the posed part of the vertices."""
+        """Upload posed vertices and normals."""
         self._vertices[:, :3], self._vertices[:, 3:6] = positions, normals
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self.primitive._buffers[0])
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._vertices.nbytes, self._vertices)
 
     def bind_textures(self, unit: int) -> None:
-        """Make the texture array readable by shaders."""
+        """Bind the texture array to a texture unit."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)  # pyright: ignore[reportOperatorIssue]
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._texture)
 
     def draw(self, chosen: Bool[Array, "C"]) -> None:
-        """Draw the chosen chunks with the bound program, hiding the backs of one-sided ones."""
+        """Draw the chosen chunks with the bound program, culling back faces of one-sided ones."""
         self.primitive._bind()
         GL.glEnable(GL.GL_CULL_FACE)
         self._draw_runs(chosen & ~self._double_sided)
@@ -58,18 +58,18 @@ class GpuBatch:
         self._draw_runs(chosen & self._double_sided)
 
     def free(self) -> None:
-        """Give the texture memory back; the buffers go with the renderer."""
+        """Free the texture memory; the renderer frees the buffers."""
         GL.glDeleteTextures([self._texture])
 
     def _draw_runs(self, chosen: Bool[Array, "C"]) -> None:
-        """Draw chunks in one call, neighbours as one run."""
+        """Draw chunks in one call, with neighbours merged into runs."""
         index = np.flatnonzero(chosen)
         if not len(index):
             return
         begin = np.flatnonzero(np.diff(index, prepend=-2) > 1)
         count = np.add.reduceat(self._count[index], begin, dtype=np.int32)
         first = self._offset[index[begin]]
-        # The unwrapped call: PyOpenGL's own takes no array of offsets.
+        # The unwrapped call: PyOpenGL's wrapper takes no array of offsets.
         draw_runs(
             GL.GL_TRIANGLES, c_void_p(count.ctypes.data), GL.GL_UNSIGNED_INT,
             c_void_p(first.ctypes.data), len(begin),
@@ -77,9 +77,9 @@ class GpuBatch:
 
 
 class Uniforms:
-    """Sets shader inputs by name, remembering where they are.
+    """Set shader uniforms by name with cached locations.
 
-    (pyrender's own `set_uniform` looks the name up each time and swallows every error.)
+    pyrender's `set_uniform` looks up the name each time and ignores errors.
     """
 
     def __init__(self) -> None:
@@ -87,13 +87,13 @@ class Uniforms:
 
     def matrix(self, program, name: str, value: Float[Array, "4 4"]) -> None:
         """A 4x4 matrix."""
-        GL.glUniformMatrix4fv(self._of(program, name), 1, GL.GL_TRUE, value.astype(np.float32))
+        GL.glUniformMatrix4fv(self._locate(program, name), 1, GL.GL_TRUE, value.astype(np.float32))
 
     def vector(self, program, name: str, value: Float[Array, "3"]) -> None:
         """Three numbers."""
-        GL.glUniform3f(self._of(program, name), *map(float, value))
+        GL.glUniform3f(self._locate(program, name), *map(float, value))
 
-    def _of(self, program, name: str) -> int:
+    def _locate(self, program, name: str) -> int:
         key = (program._program_id, name)
         if key not in self._location:
             location = GL.glGetUniformLocation(*key)
@@ -103,11 +103,11 @@ class Uniforms:
 
 
 def texture_array(layers: Sequence[Layer]) -> int:
-    """Make a texture array of layers, brought to one square size; its OpenGL name.
+    """Create a texture array of layers, resized to one square size; return its OpenGL name.
 
-    The smaller levels, each pixel the mean of four, are made here: on the software renderer
-    `glGenerateMipmap` takes ten times as long, and brightens them. Layer after layer goes through
-    the same little memory.
+    Mipmap levels are computed here by averaging four pixels: `glGenerateMipmap` of the software
+    renderer takes ten times as long and brightens them. Layers are uploaded one by one to limit
+    memory.
     """
     longest = max(max(layer.texture.shape[:2]) for layer in layers)
     levels = min(MAX_SIZE.bit_length(), 1 + max(longest - 1, 1).bit_length())

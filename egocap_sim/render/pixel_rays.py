@@ -1,6 +1,6 @@
-"""The ray of every pixel of a camera, fast: the lens is inverted along one radius, not everywhere.
+"""Rays of all pixels of a camera, with the lens inverted once along the radius.
 
-`egocap.cameras.camera.Camera.ray` is what this is tested against.
+The tests compare it with `egocap.cameras.camera.Camera.ray`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
 
-_STEPS = 8192  # of the table over radii: within 1e-7 rad of the inverse of any lens that is smooth
+_STEPS = 8192  # of the table over radii: accurate to 1e-7 rad for smooth lenses
 
 
 @lru_cache(maxsize=2)
@@ -25,14 +25,14 @@ def pixel_rays(camera: Camera) -> tuple[Float[Array, "H W 3"], Float[Array, "H W
     v = np.arange(camera.height) - camera.centre[1]
     corners = np.stack(np.meshgrid(u[[0, -1]], v[[0, -1]]), -1) @ to_plane.T
     table = np.linspace(0.0, float(np.linalg.norm(corners, axis=-1).max()), _STEPS)
-    rays, theta = _turned(u, v, to_plane, table[1], camera.radial.angle(table))
+    rays, theta = _interpolate_rays(u, v, to_plane, table[1], camera.radial.angle(table))
     for array in (rays, theta):
         array.flags.writeable = False
     return rays, theta
 
 
 @numba.njit(cache=True)
-def _turned(
+def _interpolate_rays(
     u: Float[Array, "W"],
     v: Float[Array, "H"],
     to_plane: Float[Array, "2 2"],
@@ -51,7 +51,9 @@ def _turned(
             share = radius / step - k
             s = sine[k] + share * (sine[k + 1] - sine[k])
             c = cosine[k] + share * (cosine[k + 1] - cosine[k])
-            unit = 1.0 / np.sqrt(s * s + c * c)  # a chord's points are not quite on the circle
+            unit = 1.0 / np.sqrt(
+                s * s + c * c
+            )  # interpolated points lie slightly inside the circle
             rays[j, i, 0] = x / radius * s * unit
             rays[j, i, 1] = y / radius * s * unit
             rays[j, i, 2] = c * unit

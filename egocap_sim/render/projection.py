@@ -1,4 +1,4 @@
-"""Matrices between the world, a tile's clip space and the light's, and what follows from them."""
+"""Projection matrices of tiles and lights, depth conversion and frustum culling."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def light_projection(
 ) -> Float[Array, "4 4"]:
     """Clip-from-world matrix of a distant light over a square around a point.
 
-    The square moves in whole shadow pixels, so that shadows of things at rest do not crawl.
+    The square moves in whole shadow pixels, so that shadows of static objects do not flicker.
     """
     z = -geometry.unit(direction)
     x = geometry.unit(np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z))
@@ -62,9 +62,9 @@ def light_projection(
 
 
 def ground_depth(clip: Float[Array, "4 4"], size: int) -> Float[Array, "3"]:
-    """Depth (0..1) of the floor z = 0 in a shadow map of so many pixels, drawn through `clip`.
+    """Depth (0..1) of the floor z = 0 in a shadow map of `size` pixels, drawn through `clip`.
 
-    At the middle of a pixel it is the first + the second * column + the third * row.
+    The depth at a pixel centre is result[0] + result[1] * column + result[2] * row.
     """
     to_world = np.linalg.inv(TO_TEXTURE @ clip)
     right, up, away, origin = to_world[2]  # height over the floor, by texture coordinates and depth
@@ -78,12 +78,12 @@ def linear_depth(raw: Float[Array, "*n"], near: float, far: float) -> Float[Arra
     return (near * far / (far - raw.astype(np.float64) * (far - near))).astype(np.float32)
 
 
-def may_see(
+def intersects_frustum(
     clip: Float[Array, "4 4"], low: Float[Array, "C 3"], high: Float[Array, "C 3"]
 ) -> Bool[Array, "C"]:
-    """Boxes that are not wholly outside one side of the view; never misses a visible one."""
+    """Which boxes may intersect the frustum; conservative: keeps every visible one."""
     planes = np.concatenate([clip[3] + clip[:2], clip[3] - clip[:2], (clip[3] + clip[2])[None]])
     normal = planes[:, :3]
-    # Of the box corner deepest inside each plane.
+    # Signed distance of the box corner deepest inside each plane.
     inside = np.maximum(normal, 0) @ high.T + np.minimum(normal, 0) @ low.T + planes[:, 3:]
     return np.all(inside >= 0, axis=0)

@@ -1,7 +1,7 @@
-"""Stereo fisheye views of posed actors in a place: every cube face of every camera in one picture.
+"""Render fisheye views of posed actors in an environment, all cube faces in one atlas.
 
-A frame is: pose the vertices, draw the shadow map, draw each tile of the atlas, read colour and
-part labels back at once (labels travel in alpha), and look the fisheye pixels up with `cv2.remap`.
+A frame: pose the vertices, draw the shadow map, draw each tile of the atlas, read colour and part
+labels (in alpha) together, and resample the fisheye pixels with `cv2.remap`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from egocap_sim.render.batch import Batch, merge
 from egocap_sim.render.contact import ContactShadows
 from egocap_sim.render.fisheye import Atlas, build_atlas
 from egocap_sim.render.framebuffer import AtlasBuffer, Window
-from egocap_sim.render.gl import GL, Context, check, pyrender
+from egocap_sim.render.gl import GL, Context, check_errors, pyrender
 from egocap_sim.render.gpu import GpuBatch, Uniforms
 from egocap_sim.render.shadow import shadow_map
 from egocap_sim.render.views import Resampler, Views
@@ -37,13 +37,13 @@ _SHADOW = pyrender.RenderFlags.DEPTH_ONLY
 def _traced(
     cameras: tuple[Camera, ...], face_size: int | None, sharpness: float
 ) -> tuple[Atlas, Resampler]:
-    """The atlas of cameras and how their pixels are found in it; kept for the next episode."""
+    """The atlas of cameras and its resampler; cached for the next episode."""
     atlas = build_atlas(cameras, face_size, sharpness)
     return atlas, Resampler(atlas)
 
 
 class _Canvas:
-    """An atlas, how images are looked up in it, and the buffer that it is drawn into."""
+    """An atlas, its resampler and its framebuffer."""
 
     def __init__(
         self, cameras: tuple[Camera, ...], face_size: int | None, sharpness: float, samples: int
@@ -53,11 +53,11 @@ class _Canvas:
 
 
 class FisheyeRenderer(pyrender.Renderer):
-    """Draws a rig's views of actors in a place, in this process and thread.
+    """Render a rig's views of actors in an environment, in this process and thread.
 
     Parameters: `samples` is 0, or 4 for anti-aliased outlines at about three times the cost;
-    `face_size` as in `fisheye.build_atlas`; `coarse` is the sharpness, as there, of what
-    is asked for so.
+    `face_size` as in `fisheye.build_atlas`; `coarse` is the sharpness, as there, of frames
+    drawn `coarsely`.
     Raises: MachineError without OpenGL, InputError for actors of the same name.
     The same inputs give the same bytes on the same driver. Close it, or use it in a `with`.
     """
@@ -84,21 +84,21 @@ class FisheyeRenderer(pyrender.Renderer):
         self._uniforms = Uniforms()
         self._batches: dict[str | None, Batch] = {a.name: merge(a.meshes) for a in actors}
         if place.meshes:
-            self._batches[None] = merge(place.meshes)  # last: most of it hides behind the actors
+            self._batches[None] = merge(place.meshes)  # last: mostly occluded by the actors
         self._gpu = {name: GpuBatch(batch) for name, batch in self._batches.items()}
         self._scene = pyrender.Scene()
         for gpu in self._gpu.values():
             self._scene.add(gpu.mesh)
         self._update_context(self._scene, _SCENE)
-        # About as fine on the floor as the image is there.
+        # Resolution on the floor similar to that of the image.
         finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = shadow_map(place.light.spread, fine=finest > 250)
         self._contact = ContactShadows(len(actors)) if actors and place.contact else None
         self._boxes: dict[str | None, tuple[Array, Array]] = {
             name: batch.boxes(batch.positions) for name, batch in self._batches.items()
         }
-        self._posed: dict[str, Array] = {}  # positions of actors now
-        self._shadowing: dict[str, Array] = {}  # and when the shadows were drawn
+        self._posed: dict[str, Array] = {}  # current vertex positions of actors
+        self._shadowing: dict[str, Array] = {}  # and those of the shadow map
         self._views: Views | None = None
 
     def render(
@@ -111,11 +111,11 @@ class FisheyeRenderer(pyrender.Renderer):
     ) -> Views:
         """Draw all views with the head at a pose and the actors under their skinning transforms.
 
-        With `rows`, only these rows of these views are drawn; there is nothing of use elsewhere.
-        Shadows stay as they were while no vertex is `still_m` metres from where it threw them.
-        `coarsely` draws at the lesser sharpness, for pictures of which many make one.
-        Everything lazy on the result (`parts`, `depth`, `surface_at`) is there until the next call.
-        Raises: InputError when an actor has no transforms, or too few.
+        With `rows`, only these rows of these views are drawn; others are undefined. The shadow
+        map is reused while no vertex has moved by `still_m` metres. `coarsely` draws at lower
+        sharpness, for sub-frames that are averaged. The lazy parts of the result (`parts`, `depth`,
+        `surface_at`) are valid until the next call.
+        Raises: InputError if an actor has no transforms, or too few.
         """
         self._require_transforms(skinning)
         self.context.make_current()
@@ -143,14 +143,14 @@ class FisheyeRenderer(pyrender.Renderer):
             self._contact.pose(self._posed)
         self._draw_scene(self._shadow_from_world)
         atlas = self._canvas.buffer.read_color()
-        check()
+        check_errors()
         if self._views is not None:
             self._views.expired = True
         self._views = Views(self, self.rig.cameras, self._canvas.resampler, atlas, rows)
         return self._views
 
     def _window(self, tile: int, rows: Mapping[int, slice] | None) -> Window | None:
-        """The part of a tile that rows of its view need; None: nothing."""
+        """The part of a tile that is needed for rows of its view; None if empty."""
         t = self._canvas.atlas.tiles[tile]
         if rows is None:
             return t.column, t.row, t.width, t.height
@@ -161,7 +161,7 @@ class FisheyeRenderer(pyrender.Renderer):
         return (left, low, right - left, high - low) if right > left and high > low else None
 
     def _has_moved(self, still_m: float) -> bool:
-        """Whether an actor is `still_m` metres from where it threw the shadows in the map."""
+        """Whether an actor has moved by `still_m` metres since the shadow map was drawn."""
         if not still_m or self._shadowing.keys() != self._posed.keys():
             return True
         return any(
@@ -170,7 +170,7 @@ class FisheyeRenderer(pyrender.Renderer):
         )
 
     def close(self) -> None:
-        """Free everything; the renderer cannot be used afterwards. Closing twice is harmless."""
+        """Free all resources; the renderer cannot be used afterwards. Closing twice is allowed."""
         if getattr(self, "context", None) is None:
             return
         self.context.make_current()
@@ -181,7 +181,9 @@ class FisheyeRenderer(pyrender.Renderer):
             self._contact.free()
         for canvas in self._canvases.values():
             canvas.buffer.free()
-        self._program_cache = pyrender.shader_program.ShaderProgramCache()  # theirs are kept
+        self._program_cache = (
+            pyrender.shader_program.ShaderProgramCache()
+        )  # the context keeps its programs
         self.delete()
         self.context.release()
         del self.context
@@ -193,7 +195,7 @@ class FisheyeRenderer(pyrender.Renderer):
         self.close()
 
     def __del__(self) -> None:
-        """Left to `close`: at exit the OpenGL library may be gone already."""
+        """Do nothing: `close` frees; at exit the OpenGL library may be unloaded already."""
 
     def read_depth(self) -> Float[Array, "h w"]:
         """Metres along the face's z axis at every atlas pixel."""
@@ -206,7 +208,7 @@ class FisheyeRenderer(pyrender.Renderer):
         return projection.linear_depth(self._canvas.buffer.read_depth_at(at), NEAR, FAR)
 
     def read_labels(self) -> Array:
-        """Part labels of the atlas (h, w) uint8, each of exactly one surface."""
+        """Part labels of the atlas (h, w) uint8, not multisampled."""
         self.context.make_current()
         if not self._canvas.buffer.has_labels:
             if self._canvas.buffer.samples:
@@ -226,7 +228,7 @@ class FisheyeRenderer(pyrender.Renderer):
                 raise InputError(f"no skinning transforms for actor '{name}'", valid=skinning)
 
     def _draw_shadows(self, focus: Float[Array, "3"]) -> Array:
-        """Draw depth as the light sees it; give the matrix from the world to the shadow map."""
+        """Draw the shadow map; return the matrix from the world to its texture coordinates."""
         clip = projection.light_projection(self.place.light.direction, focus, self._shadow.size)
         self._shadow.begin()
         for gpu in self._gpu.values():
@@ -279,9 +281,9 @@ class FisheyeRenderer(pyrender.Renderer):
             gpu.draw(seen)
 
     def _visible_tiles(self, low: Array, high: Array) -> Iterator[tuple[Array, Array, Array]]:
-        """Direct drawing to each tile that may see some of the boxes (low, high).
+        """Set the viewport to each tile whose frustum intersects some of the boxes (low, high).
 
-        Yields its clip-from-world matrix, its eye, and which boxes it may see.
+        Yields its clip-from-world matrix, its eye, and which boxes intersect.
         """
         for tile, clip, eye, window in zip(
             self._canvas.atlas.tiles, self._clip, self._eyes, self._windows, strict=True
@@ -289,7 +291,7 @@ class FisheyeRenderer(pyrender.Renderer):
             if window is None:
                 continue
             cropped = projection.crop_projection(clip, tile, window)
-            seen = projection.may_see(cropped, low, high)
+            seen = projection.intersects_frustum(cropped, low, high)
             if seen.any():
                 GL.glViewport(tile.column, tile.row, tile.width, tile.height)
                 GL.glScissor(*window)

@@ -1,8 +1,8 @@
 """Shadow maps: depth from the light; sharp for the sun, soft for lamps and windows.
 
-A sharp map is compared while it is looked up. A soft one keeps the mean of depth and of its square
-over a square as wide as the light's penumbra: a surface behind the mean is lit by at most the share
-that Chebyshev's inequality leaves. Where a caster stands near the ground, its shadow is sharper.
+A sharp map is compared while it is sampled. A soft one stores the mean of depth and of its square
+over the width of the light's penumbra; Chebyshev's inequality bounds the light on a surface behind
+the mean. Shadows of casters close to the ground are sharper.
 
 Source: Donnelly & Lauritzen 2006, "Variance shadow maps"; penumbrae by distance after Fernando
 2005, "Percentage-closer soft shadows", with the ground as the receiver.
@@ -22,20 +22,21 @@ from numpy import ndarray as Array
 from egocap_sim.render import projection
 from egocap_sim.render.gl import GL, begin_depth_test, make_depth_target, set_sampling
 
-GAPS_M = (0.5, 1.6)  # casters' distances from the ground, along the light, that are blurred for;
-# farther ones throw no wider penumbra
-_GAP = np.float32(1e-3)  # of the depth range: nearer to the ground nothing casts
-SOFT = 0.03  # tangent of a light's diameter from which its shadows are drawn soft; the sun's: 0.009
+GAPS_M = (0.5, 1.6)  # caster distances from the ground, along the light, with their own blur;
+# the penumbra does not widen beyond
+_GAP = np.float32(1e-3)  # of the depth range: least distance of a caster from the ground
+SOFT = 0.03  # least tangent of a light's diameter for soft shadows; the sun's: 0.009
 
 
 class ShadowMap:
     """Depth from the light, compared while it is sampled (four neighbours blended)."""
 
-    defines: Mapping[str, int] = {}  # of the shader that reads it
+    defines: Mapping[str, int] = {}  # of the shader that samples it
 
     def __init__(self, size: int) -> None:
         self.size = size
         self._texture, self._frame = make_depth_target(size, size)
+        self._sampled = self._texture  # by shaders
         _set_sampling()
         for key, value in (
             (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
@@ -44,32 +45,32 @@ class ShadowMap:
             GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
 
     def begin(self) -> None:
-        """Clear and draw here."""
+        """Clear and bind for drawing."""
         begin_depth_test(self._frame)
         GL.glViewport(0, 0, self.size, self.size)
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
-        GL.glEnable(GL.GL_DEPTH_CLAMP)  # casters behind the light still cast
+        GL.glEnable(GL.GL_DEPTH_CLAMP)  # keeps casters behind the light
         GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
         GL.glPolygonOffset(1.5, 2.0)
 
     def end(self, clip: Float[Array, "4 4"]) -> None:
-        """Stop drawing, which was through `clip`, from the world."""
+        """End drawing, which was through `clip`, the clip-from-world matrix."""
         GL.glDisable(GL.GL_POLYGON_OFFSET_FILL)
         GL.glDisable(GL.GL_DEPTH_CLAMP)
 
     def bind(self, unit: int) -> None:
-        """Make it readable by shaders."""
+        """Bind the texture to a texture unit."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)  # pyright: ignore[reportOperatorIssue]
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._sampled)
 
     def free(self) -> None:
-        """Give the memory back."""
+        """Free the graphics memory."""
         GL.glDeleteFramebuffers(1, [self._frame])
         GL.glDeleteTextures([self._texture])
 
 
 class SoftShadowMap(ShadowMap):
-    """The shadows of a light whose diameter is `spread` times its distance."""
+    """Shadow map of a light whose diameter is `spread` times its distance."""
 
     defines = {"SOFT_SHADOWS": 1}
 
@@ -78,7 +79,7 @@ class SoftShadowMap(ShadowMap):
         texel = 2.0 * projection.SHADOW_HALF_WIDTH / size
         self._widths = [2 * round(spread * gap / texel / 2) + 1 for gap in GAPS_M]  # pixels
         self._depth = np.empty((size, size), np.float32)
-        self._moments = GL.glGenTextures(1)
+        self._moments = self._sampled = GL.glGenTextures(1)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._moments)
         GL.glTexImage2D(
             GL.GL_TEXTURE_2D, 0, GL.GL_RG32F, size, size, 0, GL.GL_RG, GL.GL_FLOAT, c_void_p(0)
@@ -86,7 +87,7 @@ class SoftShadowMap(ShadowMap):
         _set_sampling()
 
     def end(self, clip: Float[Array, "4 4"]) -> None:
-        """Stop drawing, and blur."""
+        """End drawing, and blur."""
         super().end(clip)
         size = self.size
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._frame)
@@ -100,35 +101,30 @@ class SoftShadowMap(ShadowMap):
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._moments)
         GL.glTexSubImage2D(GL.GL_TEXTURE_2D, 0, 0, 0, size, size, GL.GL_RG, GL.GL_FLOAT, moments)
 
-    def bind(self, unit: int) -> None:
-        """Make it readable by shaders."""
-        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)  # pyright: ignore[reportOperatorIssue]
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._moments)
-
     def free(self) -> None:
-        """Give the memory back."""
+        """Free the graphics memory."""
         super().free()
         GL.glDeleteTextures([self._moments])
 
 
 def shadow_map(spread: float, fine: bool) -> ShadowMap:
-    """The map for a light's spread; `fine` for images of more than some 800 pixels."""
+    """The map for a light's spread; `fine` for images of more than about 800 pixels."""
     if spread < SOFT:
         return ShadowMap(1024 if fine else 640)
     return SoftShadowMap(640 if fine else 400, spread)
 
 
 def _set_sampling() -> None:
-    """Interpolate the bound texture; beyond its border everything is lit."""
+    """Interpolate the bound texture; everything beyond its border is lit."""
     set_sampling(GL.GL_TEXTURE_2D, GL.GL_LINEAR, GL.GL_LINEAR, GL.GL_CLAMP_TO_BORDER)
     GL.glTexParameterfv(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
 
 
 @njit(cache=True, error_model="numpy")
 def depth_moments(depth: Float[Array, "S S"], ground: Float[Array, "3"]) -> Float[Array, "S S 4"]:
-    """Depth and its square, how far a caster is from the ground, and whether there is one.
+    """Depth, its square, the distance of a caster from the ground, and whether there is one.
 
-    The ground's depth is ground[0] + ground[1] * column + ground[2] * row; nothing lies beyond it.
+    The ground's depth is ground[0] + ground[1] * column + ground[2] * row; depth is clamped to it.
     """
     size = len(depth)
     out = np.empty((size, size, 4), np.float32)
@@ -151,10 +147,10 @@ def soften(
     wide: Float[Array, "S S 4"],
     gaps: Float[Array, "2"],
 ) -> Float[Array, "S S 2"]:
-    """Depth and its square, as blurred as the casters around are far from the ground.
+    """Depth and its square, blurred by the mean distance of nearby casters from the ground.
 
-    `half` and `wide` are means over the penumbrae of casters at the `gaps`; between them and
-    `sharp` it is interpolated.
+    `half` and `wide` are means over the penumbrae of casters at the `gaps`; the result is
+    interpolated between them and `sharp`.
     """
     size, zero, one = len(sharp), np.float32(0.0), np.float32(1.0)
     out = np.empty((size, size, 2), np.float32)

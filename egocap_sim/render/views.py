@@ -1,4 +1,4 @@
-"""A rendered frame: images at once; labels, depth and single distances on demand."""
+"""A rendered frame: images; labels, depth and single distances on demand."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from numpy import ndarray as Array
 from egocap.cameras.camera import Camera
 from egocap_sim.render.fisheye import Atlas
 
-_SKIPPED = 4  # of the columns when it is found what a row needs
-_NEVER = 1 << 30  # a lowest place that no pixel looks up
+_STRIDE = 4  # of the columns, when the extent of a row is computed
+_NEVER = 1 << 30  # lowest index of an empty range
 _REACH = 20  # atlas pixels: neighbouring image pixels are up to four apart
 
 
-def _fixed(lookup: Float[Array, "H W 2"], *, nearest: bool) -> tuple[Array, Array]:
-    """Whole pixels (H, W, 2) of a map, and for what is between them an index of weights."""
+def _fixed_point_map(lookup: Float[Array, "H W 2"], *, nearest: bool) -> tuple[Array, Array]:
+    """Fixed-point map: whole pixels (H, W, 2), and an index of interpolation weights."""
     return cv2.convertMaps(lookup, None, cv2.CV_16SC2, nninterpolation=nearest)  # pyright: ignore[reportArgumentType, reportCallIssue, reportReturnType]
 
 
 class Resampler:
-    """Looks fisheye pixels up in the atlas: colours between four pixels, labels at the nearest."""
+    """Resample fisheye pixels from the atlas: colours bilinearly, labels at the nearest pixel."""
 
     def __init__(self, atlas: Atlas) -> None:
         self.atlas = atlas
         # Fixed-point maps (1/32 pixel) are twice as fast as float ones.
-        self._linear = [_fixed(xy, nearest=False) for xy in atlas.lookup]
-        self._nearest = [_fixed(xy, nearest=True)[0] for xy in atlas.lookup]
+        self._linear = [_fixed_point_map(xy, nearest=False) for xy in atlas.lookup]
+        self._nearest = [_fixed_point_map(xy, nearest=True)[0] for xy in atlas.lookup]
         self.ray_factor = np.ones((atlas.height, atlas.width), np.float32)
         for t in atlas.tiles:
             self.ray_factor[t.row : t.row + t.height, t.column : t.column + t.width] = (
@@ -52,20 +52,20 @@ class Resampler:
 
     @cached_property
     def extent(self) -> Int[Array, "tiles H 4"]:
-        """Atlas columns and rows (low, high, low, high) of each tile that each image row needs."""
+        """Atlas columns and rows (low, high, low, high) of each tile needed for each image row."""
         lookup, tiles = self.atlas.lookup, self.atlas.tiles
         extent = np.tile([_NEVER, -1, _NEVER, -1], (len(tiles), max(map(len, lookup)), 1))
         for i, t in enumerate(tiles):
             box = np.array([t.column, t.column + t.width, t.row, t.row + t.height])
-            needed = _needed(lookup[t.view], box) + [-_REACH, _REACH + 1, -_REACH, _REACH + 1]
+            needed = _row_extent(lookup[t.view], box) + [-_REACH, _REACH + 1, -_REACH, _REACH + 1]
             needed[:, 0::2] = np.maximum(needed[:, 0::2], box[0::2])
             needed[:, 1::2] = np.minimum(needed[:, 1::2], box[1::2])
             extent[i, : len(needed)] = needed
         return extent
 
     def nearest(self, view: int, atlas_values: Array, outside: float, rows: slice) -> Array:
-        """Rows of values at the nearest atlas pixel; `outside` where the lens sees nothing."""
-        border = cv2.BORDER_CONSTANT  # outside the lens the map points off the atlas
+        """Rows of values at the nearest atlas pixel; `outside` beyond the lens."""
+        border = cv2.BORDER_CONSTANT  # the map points off the atlas outside the lens
         return cv2.remap(  # pyright: ignore[reportCallIssue]
             atlas_values, self._nearest[view][rows], None, cv2.INTER_NEAREST,  # pyright: ignore[reportArgumentType]
             borderMode=border, borderValue=outside,
@@ -73,13 +73,13 @@ class Resampler:
 
 
 @numba.njit(cache=True)
-def _needed(lookup: Float[Array, "H W 2"], box: Int[Array, "4"]) -> Int[Array, "H 4"]:
-    """Lowest and highest column and row within a box of the atlas that each image row looks up."""
+def _row_extent(lookup: Float[Array, "H W 2"], box: Int[Array, "4"]) -> Int[Array, "H 4"]:
+    """Lowest and highest column and row within a box of the atlas used by each image row."""
     height, width, _ = lookup.shape
     needed = np.empty((height, 4), np.int64)
     needed[:, 0::2], needed[:, 1::2] = _NEVER, -_NEVER
     for y in range(height):
-        for x in range(0, width, _SKIPPED):
+        for x in range(0, width, _STRIDE):
             column, row = int(lookup[y, x, 0]), int(lookup[y, x, 1])
             if box[0] <= column < box[1] and box[2] <= row < box[3]:
                 needed[y, 0] = min(needed[y, 0], column)
@@ -90,7 +90,7 @@ def _needed(lookup: Float[Array, "H W 2"], box: Int[Array, "4"]) -> Int[Array, "
 
 
 class AtlasReader(Protocol):
-    """Reads labels and depth [m along a face's z axis] of the atlas that was drawn last."""
+    """Read labels and depth [m along a face's z axis] of the last atlas drawn."""
 
     def read_labels(self) -> UInt8[Array, "h w"]: ...
 
@@ -100,10 +100,10 @@ class AtlasReader(Protocol):
 
 
 class Views:
-    """One frame of a rig, or rows of it. `images` stay; the rest is valid until the next frame."""
+    """One frame of a rig, or rows of it. All but `images` is valid until the next frame only."""
 
     expired = False
-    """Set when the next frame is drawn."""
+    """True once the next frame is drawn."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class Views:
         atlas_rgba: UInt8[Array, "h w 4"],
         rows: Mapping[int, slice] | None = None,
     ) -> None:
-        """With `rows`, images hold only these rows of these views, and others none."""
+        """With `rows`, images contain only these rows of these views."""
         self._reader, self._cameras, self._resampler = reader, cameras, resampler
         self._distance: Float[Array, "h w"] | None = None
         drawn = [slice(None) if rows is None else rows.get(v, slice(0, 0))
@@ -132,7 +132,7 @@ class Views:
         return self._resampler.nearest(view, self._reader.read_labels(), 0, rows)
 
     def depth(self) -> tuple[Float[Array, "H W"], ...]:
-        """Distance along each pixel's ray in metres, float32; infinite where it hits nothing."""
+        """Distance along each pixel's ray in metres, float32; infinite without a surface."""
         return tuple(self.depth_rows(v, slice(None)) for v in range(len(self.images)))
 
     def depth_rows(self, view: int, rows: slice) -> Float[Array, "h W"]:
@@ -150,11 +150,11 @@ class Views:
         pixels: Float[Array, "N 2"],
         wanted: Bool[Array, "N 256"] | None = None,
     ) -> tuple[Float[Array, "N"], Int[Array, "N"]]:
-        """Distance along the ray (m) and part label of what is first hit at pixels of a view.
+        """Distance along the ray (m) and part label of the first surface at pixels of a view.
 
-        Pixels outside the image or the lens give an infinite distance and label 0. Cheap for a few
-        dozen pixels; what counts is the nearest atlas pixel. With `wanted`, only surfaces of the
-        labels wanted at a pixel have a distance, which takes time, and others an infinite one.
+        Pixels outside the image or the lens have an infinite distance and label 0. The nearest
+        atlas pixel is used. With `wanted`, distances are read only where the label is wanted at
+        that pixel, which saves time; others are infinite.
         """
         self._require_current()
         pixels = np.asarray(pixels, float)
@@ -177,4 +177,4 @@ class Views:
 
     def _require_current(self) -> None:
         if self.expired:
-            raise RuntimeError("these views are gone: the renderer has drawn another frame")
+            raise RuntimeError("these views have expired: the renderer has drawn another frame")

@@ -1,4 +1,4 @@
 """Perfect images in; images with the faults of a real camera out.
 
-Every fault is a setting of `config`, off by default, and drawn from the seed by `faults`.
+Every fault is a setting of `config`, off by default; `faults` draws them from the seed.
 """

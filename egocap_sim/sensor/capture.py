@@ -1,4 +1,4 @@
-"""One frame through the sensor: render sub-frames, average them, and apply the faults."""
+"""Simulate the capture of a frame: render sub-frames, average them, and apply the faults."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from egocap_sim.sensor.light import DECODING, compress, lamp_phase, lamp_rows, v
 from egocap_sim.sensor.plan import SensorPlan
 from egocap_sim.sensor.timing import exposure, instants
 
-STILL_M = 0.01  # bodies that moved less throw the shadow they threw
-MANY = 4  # sub-frames: their mean is blurred, so that each may be drawn less sharply
+STILL_M = 0.01  # the shadow map is reused for smaller body motion
+MANY = 4  # sub-frames from which on each is drawn at lower sharpness
 
 
 class JointTest(Protocol):
-    """Tells which joints the wanted ones of the views just drawn test; each must be drawn whole."""
+    """Visibility of joints in the wanted views just drawn, which must be complete."""
 
     def __call__(self, wanted: Collection[int]) -> UInt8[Array, "V 18"]: ...
 
 
 class Draw(Protocol):
-    """Renders rows of some views of a frame's world at a time in seconds.
+    """Render rows of some views of a frame's world at a time in seconds.
 
-    Shadows may be those drawn last where nothing moved by `still_m` metres since. `coarsely` is for
-    sub-frames of which many are averaged.
+    The shadow map may be reused if nothing moved by `still_m` metres. `coarsely` lowers the
+    sharpness, for many averaged sub-frames.
     """
 
     def __call__(
@@ -44,7 +44,7 @@ class Draw(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CapturedFrame:
-    """What is recorded of one frame, each a value a view. Planes not asked for are empty."""
+    """The recorded data of one frame, one value per view. Planes not requested are empty."""
 
     images: tuple[UInt8[Array, "H W 3"], ...]
     parts: tuple[UInt8[Array, "H W"], ...]
@@ -53,7 +53,7 @@ class CapturedFrame:
 
 
 class SensorSimulator:
-    """Takes a plan's frames. Frames may be taken in any order; each comes out the same."""
+    """Capture the frames of a plan; the result does not depend on their order."""
 
     def __init__(self, rig: Rig, plan: SensorPlan, draw: Draw, *, parts: bool, depth: bool) -> None:
         self._rig, self._plan, self._draw = rig, plan, draw
@@ -83,10 +83,10 @@ class SensorSimulator:
         return self._last[v][1]
 
     def _expose(self, index: int) -> tuple[list[Float[Array, "H W 3"]], CapturedFrame]:
-        """Linear light of each view, planes of each row's own time, and visibility of its middle.
+        """Linear light of each view, planes at each row's time, visibility at the middle time.
 
-        A sub-frame is drawn only in the rows that gather light then, but the one nearest to the
-        middle of a view's exposure whole: there it is judged what the view sees.
+        A sub-frame is drawn only in the rows exposed then, except the one nearest to the middle of
+        a view's exposure, which is drawn completely to test visibility.
         """
         sensor, applied = self._plan.sensor, self._plan.applied
         timing = sensor.shutter_s, sensor.readout_s
@@ -94,7 +94,7 @@ class SensorSimulator:
         rendered = instants(middle, *timing, int(applied.subframes[index]))
         exposures = [exposure(t, camera.height, *timing, rendered)
                      for t, camera in zip(middle, self._rig.cameras, strict=True)]  # fmt: skip
-        judged = np.abs(middle[:, None] - rendered.times).argmin(1)
+        reference = np.abs(middle[:, None] - rendered.times).argmin(1)
         coarsely = bool(applied.subframes[index] >= MANY)
         sizes = [(c.height, c.width) for c in self._rig.cameras]
         light = [np.zeros((*size, 3), np.float32) for size in sizes]
@@ -102,7 +102,7 @@ class SensorSimulator:
         depth = [np.zeros(size, np.float32) for size in sizes] if self._depth else []
         visibility = np.zeros((len(sizes), len(LABELS)), np.uint8)
         for i, time in enumerate(rendered.times):
-            whole = np.flatnonzero(judged == i)
+            whole = np.flatnonzero(reference == i)
             rows = {v: slice(0, sizes[v][0]) if v in whole else e.rows(i)
                     for v, e in enumerate(exposures)}  # fmt: skip
             rows = {v: band for v, band in rows.items() if band.stop > band.start}
@@ -113,7 +113,7 @@ class SensorSimulator:
             for v, band in rows.items():
                 weight = exposures[v].weights[band, i]
                 sensor_kernel.add_light(light[v][band], views.images[v], weight, DECODING)
-                own = np.flatnonzero(exposures[v].nearest == i)  # neighbours, if any
+                own = np.flatnonzero(exposures[v].nearest == i)  # contiguous, possibly empty
                 if len(own):
                     band = slice(int(own[0]), int(own[-1]) + 1)
                     if self._parts:
@@ -125,9 +125,9 @@ class SensorSimulator:
         return light, CapturedFrame((), tuple(parts), tuple(depth), visibility)
 
     def _develop(self, light: Float[Array, "H W 3"], index: int, v: int) -> UInt8[Array, "H W 3"]:
-        """The image that the sensor makes of the light."""
+        """The sensor's image of the light."""
         sensor = self._plan.sensor
-        if sensor.flicker:  # the mean of its rows is in the exposure
+        if sensor.flicker:  # the mean over the rows is part of the exposure
             phase = lamp_phase(make_rng(self._plan.seed, "sensor.flicker"))
             rows = lamp_rows(self._plan.applied.time[index, v], len(light), sensor, phase)
             light = light * (rows / max(rows.mean(), 1e-3)).astype(np.float32)[:, None, None]

@@ -1,4 +1,4 @@
-"""The `[sensor]` table: what a camera does to a perfect picture. Every fault is off by default."""
+"""The `[sensor]` table: faults of a camera. Every fault is off by default."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ Whole = Annotated[int, Field(strict=True)]
 
 
 class SensorTable(Strict):
-    """Faults of the cameras. A preset fills in whatever the table leaves out."""
+    """Faults of the cameras. A preset sets the keys that the table omits."""
 
     preset: Literal["clean", "webcam", "action-camera", "harsh"] = "clean"
 
     exposure_ev: Number = Field(default=0.0, ge=-6, le=6)  # stops brighter
-    exposure_drift_ev: Number = Field(default=0.0, ge=0, le=3)  # std. deviation of a slow wander
-    flicker: Share = 0.0  # of the light that swells and fades with the mains, twice a period
+    exposure_drift_ev: Number = Field(default=0.0, ge=0, le=3)  # standard deviation of a slow drift
+    flicker: Share = 0.0  # modulation of the light at twice the mains frequency
     mains_hz: Literal[50, 60] = 50
     gamma: Number = Field(default=1.0, ge=0.2, le=5)  # of the displayed values; above 1 is darker
-    vignetting: Share = 0.0  # share of the light lost at the lens's rim
+    vignetting: Share = 0.0  # share of the light lost at the edge of the lens
     full_well_e: Number | None = Field(
         default=None, ge=10, le=1e7
     )  # electrons at white; shot noise
     read_noise: Number = Field(default=0.0, ge=0, le=0.5)  # std. deviation, share of white
 
-    shutter_s: Number = Field(default=0.0, ge=0, le=0.2)  # how long each row gathers light
+    shutter_s: Number = Field(default=0.0, ge=0, le=0.2)  # exposure time of each row
     readout_s: Number = Field(default=0.0, ge=0, le=0.2)  # from the first row to the last
-    subframes: Whole = Field(default=9, ge=1, le=65)  # at most, of which a picture is put together
-    subframe_px: Number = Field(default=3.0, gt=0, le=100)  # motion that asks for one more of them
-    subframe_sharpness: Number = Field(default=1.0, ge=0.3, le=1)  # of each where they are many
+    subframes: Whole = Field(default=9, ge=1, le=65)  # at most, averaged to an image
+    subframe_px: Number = Field(default=3.0, gt=0, le=100)  # motion per sub-frame
+    subframe_sharpness: Number = Field(default=1.0, ge=0.3, le=1)  # of each when there are many
 
     jpeg_quality: Whole | None = Field(default=None, ge=1, le=100)  # the camera's own; chroma 4:2:0
-    time_offset_s: Number = Field(default=0.0, ge=-0.5, le=0.5)  # all views but the first see later
+    time_offset_s: Number = Field(default=0.0, ge=-0.5, le=0.5)  # delay of all views but the first
     drop_rate: Number = Field(default=0.0, ge=0, le=0.9)  # of each view's frames, from the second
-    drop: Literal["repeat", "black"] = "repeat"  # what stands in for a dropped frame
+    drop: Literal["repeat", "black"] = "repeat"  # replacement of a dropped frame
 
-    # How far rig.json is off the truth: exactly this much, in a direction drawn for each camera.
+    # Error of rig.json: exactly this much, in a random direction for each camera.
     calibration_rotation_deg: Number = Field(default=0.0, ge=0, le=30)
     calibration_translation_m: Number = Field(default=0.0, ge=0, le=0.2)
     calibration_focal: Number = Field(default=0.0, ge=0, le=0.3)  # share of the focal length
@@ -54,7 +54,7 @@ class SensorTable(Strict):
 
     @property
     def timed(self) -> bool:
-        """Whether a picture shows anything but the one instant of its frame."""
+        """Whether an image deviates from the single instant of its frame."""
         return any((self.shutter_s, self.readout_s, self.time_offset_s))
 
     @property
@@ -65,7 +65,7 @@ class SensorTable(Strict):
 
     @property
     def active(self) -> bool:
-        """Whether anything at all differs from the perfect picture."""
+        """Whether any fault is on."""
         neutral = SensorTable(subframes=self.subframes, subframe_px=self.subframe_px,
                               subframe_sharpness=self.subframe_sharpness,
                               drop=self.drop, mains_hz=self.mains_hz)  # fmt: skip
@@ -99,4 +99,4 @@ PRESETS: dict[str, dict[str, Any]] = {
         "calibration_focal": 0.01, "calibration_centre_px": 4.0,
     },
 }  # fmt: skip
-"""What each preset switches on. Made up to be typical of such cameras, not measured on any."""
+"""Settings of each preset: plausible for such cameras, not measured."""

@@ -1,4 +1,4 @@
-"""What the sensor does to each frame, drawn from the seed before anything is rendered."""
+"""Random sensor faults of each frame, drawn from the seed before rendering."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from egocap.data.sequence import BLACK
 from egocap.geometry import axis_angle, unit
 from egocap_sim.sensor.config import SensorTable
 
-_WAVES = 5  # sines of which the wander of the exposure is made
+_WAVES = 5  # number of sines in the exposure drift
 _PERIOD_S = (2.0, 20.0)
 
 
-def wander(times: Float[Array, "T"], deviation: float, rng: np.random.Generator) -> Array:
+def exposure_drift(times: Float[Array, "T"], deviation: float, rng: np.random.Generator) -> Array:
     """A slow random curve (T,) of zero mean and this standard deviation over long times.
 
-    A function of time alone: fewer frames are the start of more.
+    It depends on time alone: a shorter sequence has the same start.
     """
     low, high = np.log(_PERIOD_S)
     period = np.exp(rng.uniform(low, high, _WAVES))
@@ -32,7 +32,7 @@ def wander(times: Float[Array, "T"], deviation: float, rng: np.random.Generator)
 def draw_sources(
     frames: int, rate: float, stand_in: str, rng: np.random.Generator
 ) -> Int[Array, "frames"]:
-    """Of each frame, the frame whose picture is shown: itself, an earlier one, or BLACK.
+    """The source of each frame's image: its own index, an earlier one, or BLACK.
 
     The first frame is never dropped.
     """
@@ -45,10 +45,10 @@ def draw_sources(
 
 
 def miscalibrate(rig: Rig, sensor: SensorTable, rng: np.random.Generator) -> Rig:
-    """The rig as a calibration would have found it, off by the sensor's stated amounts.
+    """The rig with calibration errors of exactly the sensor's amounts.
 
-    Every camera is turned about a random axis, moved in a random direction, its focal lengths are
-    scaled up or down and its centre moved, each by exactly the stated size.
+    Every camera is rotated about a random axis and moved in a random direction; its focal lengths
+    are scaled up or down and its centre is moved.
     """
     mounts = []
     for mount in rig.mounts:

@@ -1,4 +1,4 @@
-"""Faults of one picture as pure functions: vignetting, flickering lamps, JPEG compression.
+"""Faults of one image as pure functions: vignetting, lamp flicker, JPEG compression.
 
 Linear light is 0 at black and 1 at white; the renderer's 8-bit values are its square roots.
 
@@ -24,7 +24,7 @@ DECODING = (np.arange(256, dtype=np.float32) / 255.0) ** 2
 def vignette(camera: Camera, strength: float) -> Float[Array, "H W"]:
     """Share of the light that reaches each pixel: 1 - strength (theta / theta_max)^2.
 
-    theta is the angle off the axis; at the rim of the lens `strength` of the light is lost.
+    theta is the angle off the axis; at the edge of the lens `strength` of the light is lost.
     """
     _, theta = pixel_rays(camera)
     ratio = np.minimum(theta / camera.max_angle, 1.0)
@@ -32,7 +32,7 @@ def vignette(camera: Camera, strength: float) -> Float[Array, "H W"]:
 
 
 def compress(image: UInt8[Array, "H W 3"], quality: int) -> UInt8[Array, "H W 3"]:
-    """Through JPEG and back, with chroma at half the resolution as cameras store it."""
+    """Encode as JPEG and decode, with chroma at half resolution as in cameras."""
     import simplejpeg
 
     data = simplejpeg.encode_jpeg(
@@ -42,9 +42,9 @@ def compress(image: UInt8[Array, "H W 3"], quality: int) -> UInt8[Array, "H W 3"
 
 
 def lamp_light(times: Float[Array, "*n"], sensor: SensorTable, phase: float) -> Float[Array, "*n"]:
-    """Mean light, 1 being that of a steady lamp, over exposures whose middles are at `times` [s].
+    """Mean light over exposures centred at `times` [s], relative to a steady lamp.
 
-    Without flicker 1 everywhere. `phase` (radians) is that of the light at time zero.
+    `phase` (radians) is that of the light at time zero.
     """
     twice = 2.0 * sensor.mains_hz
     seen = sensor.flicker * np.sinc(twice * sensor.shutter_s)  # numpy's sinc has the pi in it
@@ -52,7 +52,7 @@ def lamp_light(times: Float[Array, "*n"], sensor: SensorTable, phase: float) -> 
 
 
 def lamp_rows(middle: float, height: int, sensor: SensorTable, phase: float) -> Float[Array, "H"]:
-    """The same for every row of a picture whose middle row is exposed at `middle` [s]."""
+    """`lamp_light` of every row of an image whose middle row is exposed at `middle` [s]."""
     rows = row_time(np.full(height, middle), np.arange(height), height, sensor.readout_s)
     return lamp_light(rows, sensor, phase)
 

@@ -1,6 +1,6 @@
-"""The sensor's part of a recording: what it will do to each frame, and the truth that goes with it.
+"""Sensor plan of a recording: the faults of each frame and the matching ground truth.
 
-Made once before rendering and handed to the workers through the sequence's folder.
+It is made once before rendering and passed to the workers through the sequence's folder.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
+from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Rig
 from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, SensorTruth, Truth
 from egocap.geometry import inverse
@@ -21,29 +22,29 @@ from egocap_sim.core.pose_sampling import SampledPoses
 from egocap_sim.core.rng import make_rng
 from egocap_sim.human.body.person import Person
 from egocap_sim.sensor.config import SensorTable
-from egocap_sim.sensor.faults import draw_sources, wander
+from egocap_sim.sensor.faults import draw_sources, exposure_drift
 from egocap_sim.sensor.light import lamp_phase, lamp_rows
 from egocap_sim.sensor.timing import overlap_in_time, row_time
 
 DRAFTS = _TRUTH, _MOTION, _RATE = "sensor.draft.tmp", "motion.draft.tmp", "rate.draft.tmp"
-"""Files in a sequence's folder that workers read; gone when it is whole."""
-_ROUNDS = 4  # of finding the row a joint is in when its row is exposed; motion is slow beside it
-_BLOCK = 500  # frames looked at together: bounds memory
-_FAR_M = 1.5  # things the head moves past are about this far away
+"""Temporary files in a sequence's folder that workers read; removed when it is complete."""
+_ROUNDS = 4  # fixed-point iterations for the row and exposure time of a joint
+_BLOCK = 500  # frames processed together: bounds memory
+_FAR_M = 1.5  # assumed distance of the surroundings
 _BODIES = np.array([INDEX[LABEL_BODY[label]] for label in LABELS])
 
 
 @dataclass(frozen=True, eq=False)
 class SensorPlan:
-    """A sensor, its random seed, what it does to each frame, and the bodies between frames."""
+    """A sensor, its random seed, its faults of each frame, and the bodies between frames."""
 
     sensor: SensorTable
     seed: int
     applied: SensorTruth
-    poses: SampledPoses | None  # None where every picture shows the instant of its frame
+    poses: SampledPoses | None  # None if every image shows the instant of its frame
 
     def save(self, folder: Path) -> None:
-        """Leave it in a sequence's folder for the workers, under temporary names."""
+        """Write it to a sequence's folder for the workers, under temporary names."""
         self.applied.save(folder / _TRUTH)
         if self.poses is not None:
             self.poses.save(folder / _MOTION)
@@ -51,7 +52,7 @@ class SensorPlan:
 
     @classmethod
     def load(cls, folder: Path, sensor: SensorTable, seed: int) -> SensorPlan:
-        """Read what `save` left."""
+        """Read the files of `save`."""
         poses = None
         if sensor.timed:
             poses = SampledPoses.load(folder / _MOTION, float((folder / _RATE).read_text()))
@@ -59,7 +60,7 @@ class SensorPlan:
 
     @staticmethod
     def discard(folder: Path) -> None:
-        """Remove what `save` left."""
+        """Remove the files of `save`."""
         for name in DRAFTS:
             (folder / name).unlink(missing_ok=True)
 
@@ -72,12 +73,12 @@ def plan_sensor(
     sensor: SensorTable,
     seed: int,
 ) -> tuple[SensorPlan, Truth]:
-    """Decide what the sensor does to each frame; the truth as its views will expose it."""
+    """Draw the faults of each frame; also returns the truth at the times of exposure."""
     frames, views = len(truth.time), len(rig.views)
     middle = np.repeat(truth.time[:, None], views, 1)
     middle[:, 1:] += sensor.time_offset_s
-    drift = [wander(truth.time, sensor.exposure_drift_ev, make_rng(seed, f"sensor.exposure.{v}"))
-             for v in rig.views]  # fmt: skip
+    streams = [make_rng(seed, f"sensor.exposure.{v}") for v in rig.views]
+    drift = [exposure_drift(truth.time, sensor.exposure_drift_ev, rng) for rng in streams]
     shown = [draw_sources(frames, sensor.drop_rate, sensor.drop, make_rng(seed, f"sensor.drop.{v}"))
              for v in rig.views]  # fmt: skip
     joint_time = np.repeat(middle[..., None], len(LABELS), -1)
@@ -91,17 +92,19 @@ def plan_sensor(
     applied = SensorTruth(
         time=middle,
         joint_time=joint_time,
-        exposure_ev=sensor.exposure_ev + np.stack(drift, 1) + _lamps_ev(rig, sensor, seed, middle),
+        exposure_ev=sensor.exposure_ev
+        + np.stack(drift, 1)
+        + _flicker_ev(rig, sensor, seed, middle),
         source=np.stack(shown, 1),
         subframes=subframes,
     )
     return SensorPlan(sensor, seed, applied, poses), truth
 
 
-def _lamps_ev(
+def _flicker_ev(
     rig: Rig, sensor: SensorTable, seed: int, middle: Float[Array, "T V"]
 ) -> Float[Array, "T V"]:
-    """Stops by which flickering lamps brighten each picture: the mean of its rows."""
+    """Exposure offset of each image by lamp flicker, in stops: the mean over its rows."""
     if not sensor.flicker:
         return np.zeros_like(middle)
     phase = lamp_phase(make_rng(seed, "sensor.flicker"))
@@ -116,8 +119,8 @@ def _joints(
 ) -> tuple[Float[Array, "*n 18 3"], Float[Array, "*n 18 3"]]:
     """Joints in the world, and in the head frame of the same instant, each at its own time."""
     offsets = np.stack([person.landmarks[label] for label in LABELS])
-    T_world_body = poses.of_bodies(times, _BODIES)
-    T_head_world = inverse(poses.of_bodies(times, np.array(INDEX["head"])))
+    T_world_body = poses.at_bodies(times, _BODIES)
+    T_head_world = inverse(poses.at_bodies(times, np.array(INDEX["head"])))
     world = (T_world_body[..., :3, :3] @ offsets[:, :, None])[..., 0] + T_world_body[..., :3, 3]
     head = (T_head_world[..., :3, :3] @ world[..., None])[..., 0] + T_head_world[..., :3, 3]
     return world, head
@@ -126,7 +129,7 @@ def _joints(
 def _joint_times(
     poses: SampledPoses, person: Person, rig: Rig, sensor: SensorTable, middle: Float[Array, "t V"]
 ) -> Float[Array, "t V 18"]:
-    """When each view exposes each joint: the time of the row in which it is at that time."""
+    """Time at which each view exposes each joint, by the row of its projection."""
     times = np.repeat(middle[..., None], len(LABELS), -1)
     if not sensor.readout_s:
         return times
@@ -143,7 +146,7 @@ def _joint_times(
 def _expose_truth(
     truth: Truth, poses: SampledPoses, person: Person, rig: Rig, times: Float[Array, "T V 18"]
 ) -> Truth:
-    """The truth with what each view sees taken at the times at which it exposes it."""
+    """The truth with camera joints and projections at the times of exposure."""
     joints_camera = np.empty_like(truth.joints_camera)
     joints_2d, in_view = np.empty_like(truth.joints_2d), np.empty_like(truth.in_view)
     for first in range(0, len(times), _BLOCK):
@@ -164,10 +167,10 @@ def _expose_truth(
 def _subframes(
     poses: SampledPoses, person: Person, rig: Rig, sensor: SensorTable, middle: Float[Array, "t V"]
 ) -> Int[Array, "t"]:
-    """How many sub-frames keep the motion between two of them under `subframe_px`.
+    """Number of sub-frames that keeps the motion between two of them under `subframe_px`.
 
-    The motion is that of the joints in view and of the surroundings, as the head turns and moves
-    past them, while any of the views that share sub-frames gathers light.
+    It is the largest motion of visible joints and, by the motion of the head, of the surroundings
+    during the exposure of all views that share sub-frames.
     """
     span = sensor.shutter_s + sensor.readout_s
     half = span / 2
@@ -183,17 +186,24 @@ def _subframes(
         for time in (first[:, v], last[:, v]):
             joints = _joints(poses, person, np.repeat(time[:, None], len(LABELS), 1))[1]
             ends.append(camera.project(_in_camera(mount.T_head_camera, joints)))
-            heads.append(poses.of_bodies(time, head))
+            heads.append(poses.at_bodies(time, head))
         (a, seen_a), (b, seen_b) = ends
         moved = np.linalg.norm(b - a, axis=-1)
         motion = np.maximum(motion, np.where(seen_a & seen_b, moved, 0.0).max(1))
-        turn = inverse(heads[0]) @ heads[1]
-        cosine = (np.trace(turn[:, :3, :3], axis1=1, axis2=2) - 1) / 2
-        angle = np.arccos(np.clip(cosine, -1, 1)) + np.linalg.norm(turn[:, :3, 3], axis=1) / _FAR_M
-        edge, _ = camera.radial.radius(np.float64(camera.max_angle))
-        focal = np.sqrt(np.linalg.det(np.array(camera.affine))) * edge / camera.max_angle
-        motion = np.maximum(motion, angle * focal)
+        motion = np.maximum(motion, _surroundings_motion(camera, *heads))
     return np.clip(np.ceil(motion / sensor.subframe_px).astype(int), 1, sensor.subframes)
+
+
+def _surroundings_motion(
+    camera: Camera, before: Float[Array, "t 4 4"], after: Float[Array, "t 4 4"]
+) -> Float[Array, "t"]:
+    """Pixels by which the surroundings move in a camera between two poses of the head."""
+    turn = inverse(before) @ after
+    cosine = (np.trace(turn[:, :3, :3], axis1=1, axis2=2) - 1) / 2
+    angle = np.arccos(np.clip(cosine, -1, 1)) + np.linalg.norm(turn[:, :3, 3], axis=1) / _FAR_M
+    edge, _ = camera.radial.radius(np.float64(camera.max_angle))
+    focal = np.sqrt(np.linalg.det(np.array(camera.affine))) * edge / camera.max_angle
+    return angle * focal
 
 
 def _in_camera(

@@ -1,6 +1,6 @@
-"""Compiled loops over every pixel of a picture: gather light, and develop it.
+"""Compiled pixel loops: accumulate light and convert it to an image.
 
-The tests compare each with a readable form (`tests/egocap_sim/sensor/oracles.py`).
+The tests compare each with a readable reference (`tests/egocap_sim/sensor/oracles.py`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _STEPS = 4095  # of the encoding table over the square root of light
 
 @cache
 def noise_table() -> Float[Array, "NOISE_SAMPLES"]:
-    """Standard normal numbers, float32: every row of a picture takes a run of them. Don't write."""
+    """Standard normal samples, float32, of which every image row takes a run; do not write."""
     return np.random.default_rng(0).standard_normal(NOISE_SAMPLES, dtype=np.float32)
 
 
@@ -34,7 +34,7 @@ def add_light(
     weight: Float[Array, "h"],
     decoding: Float[Array, "256"],
 ) -> None:
-    """Add rows of a rendered sub-frame to a picture, in linear light, by their weights."""
+    """Add rows of a rendered sub-frame to an image in linear light, by their weights."""
     height, width, channels = picture.shape
     for y in range(height):
         w = weight[y]
@@ -55,7 +55,7 @@ def develop(
     start: Int[Array, "H"],
     encoding: UInt8[Array, "_"],
 ) -> UInt8[Array, "H W 3"]:
-    """The displayed picture of light: exposed, vignetted, with noise, encoded.
+    """Convert light to a displayed image: exposure, vignetting, noise, encoding.
 
     The noise of row y is the run of `noise` that begins at start[y], at most N - 3 W.
     """

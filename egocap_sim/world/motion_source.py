@@ -90,7 +90,7 @@ class MotionSource:
             ground_force=fine.ground_force[rows],
             root_wrench=fine.root_wrench[rows],
         )
-        return trajectory, SampledPoses.of(fine.T_world_body, fine.fps)
+        return trajectory, SampledPoses.from_transforms(fine.T_world_body, fine.fps)
 
     def _simulate(self, person: Person, per_frame: int, samples: int) -> Trajectory:
         from egocap_sim.physics.simulation import simulate

@@ -19,7 +19,7 @@ def swing(times: np.ndarray) -> np.ndarray:
 
 
 def test_between_samples_the_error_is_as_documented():
-    samples = SampledPoses.of(swing(np.arange(400) / RATE), RATE)
+    samples = SampledPoses.from_transforms(swing(np.arange(400) / RATE), RATE)
     times = np.random.default_rng(0).uniform(0, 1.4, 500)
     found, true = samples.at(times), swing(times)
     error = np.linalg.norm(found[..., :3, 3] - true[..., :3, 3], axis=-1)
@@ -29,7 +29,7 @@ def test_between_samples_the_error_is_as_documented():
 
 def test_samples_come_back_and_the_ends_hold(tmp_path):
     poses = swing(np.arange(20) / RATE)
-    samples = SampledPoses.of(poses, RATE)
+    samples = SampledPoses.from_transforms(poses, RATE)
     assert np.allclose(samples.at(np.arange(20) / RATE), poses, atol=1e-12)
     assert np.allclose(samples.at(-1.0), poses[0]) and np.allclose(samples.at(9.0), poses[-1])
     samples.save(tmp_path / "poses")
@@ -39,9 +39,9 @@ def test_samples_come_back_and_the_ends_hold(tmp_path):
 
 def test_single_bodies_at_their_own_times():
     poses = np.concatenate([swing(np.arange(50) / RATE), swing(np.arange(50) / RATE + 0.1)], 1)
-    samples = SampledPoses.of(poses, RATE)
+    samples = SampledPoses.from_transforms(poses, RATE)
     times = np.array([[0.03, 0.11], [0.05, 0.02]])
-    found = samples.of_bodies(times, np.array([1, 0]))
+    found = samples.at_bodies(times, np.array([1, 0]))
     for index in np.ndindex(2, 2):
         assert found[index] == pytest.approx(samples.at(times[index])[[1, 0][index[1]]])
 

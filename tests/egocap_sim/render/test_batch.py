@@ -12,7 +12,7 @@ from egocap.errors import InputError
 from egocap_sim.assets import textures
 from egocap_sim.assets.primitives import ball, box, sheet
 from egocap_sim.render.batch import merge
-from egocap_sim.render.projection import light_projection, may_see, tile_projection
+from egocap_sim.render.projection import intersects_frustum, light_projection, tile_projection
 
 GREY = textures.even(0.5)
 RED = textures.even(np.array([1.0, 0.0, 0.0]))
@@ -108,7 +108,7 @@ def test_culling_never_drops_a_box_that_shows():
         clip = tile_projection(tile, np.eye(4), 0.01, 50.0)
         p = np.c_[points.reshape(-1, 3), np.ones(24000)] @ clip.T
         shows = np.all(np.abs(p[:, :2]) < p[:, 3:], axis=1).reshape(400, 60).any(axis=1)
-        seen = may_see(clip, low, high)
+        seen = intersects_frustum(clip, low, high)
         assert (seen | ~shows).all()
         assert seen.mean() < 0.8
 

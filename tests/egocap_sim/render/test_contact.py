@@ -27,12 +27,12 @@ def contact(gl):
 
 def test_the_light_left_grows_with_height_and_distance(contact):
     def least(height: float) -> int:
-        return contact.make_contact_shadow(np.array([[2.0, -1.0, height]])).left.min()
+        return contact.make_contact_shadow(np.array([[2.0, -1.0, height]])).factor.min()
 
     heights = [least(h) for h in (0.0, 0.05, 0.1, 0.2)]
     assert heights == sorted(heights) and heights[0] < 200 < heights[-1]
     dark = contact.make_contact_shadow(np.array([[2.0, -1.0, 0.0], [2.1, -1.0, 0.0]]))
-    row, column = np.unravel_index(dark.left.argmin(), dark.left.shape)
+    row, column = np.unravel_index(dark.factor.argmin(), dark.factor.shape)
     x, y = dark.corner + contact.CELL_M * (np.array([column, row]) + 0.5)
     assert abs(x - 2.05) < 0.1 and abs(y + 1.0) < 0.05
     assert contact.make_contact_shadow(np.array([[0.0, 0.0, contact.HEIGHT_M]])) is None
@@ -43,7 +43,7 @@ def test_what_is_drawn_holds_all_that_is_dark(contact):
         dark = contact.make_contact_shadow(np.array(points))
         (x0, y0), (x1, y1) = dark.first, dark.last
         assert min(x0, y0) >= 0 and max(x1, y1) <= contact.CELLS
-        rest = dark.left.copy()
+        rest = dark.factor.copy()
         assert rest[y0:y1, x0:x1].min() < 200
         rest[y0 + 1 : y1 - 1, x0 + 1 : x1 - 1] = 255  # it ends without a step
         assert rest.min() == 255

@@ -1,4 +1,4 @@
-"""Drops, wander and calibration errors of stated sizes."""
+"""Drops, exposure_drift and calibration errors of stated sizes."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import BLACK
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.sensor.config import PRESETS, SensorTable
-from egocap_sim.sensor.faults import draw_sources, miscalibrate, wander
+from egocap_sim.sensor.faults import draw_sources, exposure_drift, miscalibrate
 
 
 def test_frames_are_dropped_at_the_rate_and_repeat_the_last_good_one():
@@ -29,7 +29,7 @@ def test_fewer_frames_are_dropped_as_the_start_of_more():
 
 def test_the_wander_has_its_deviation_and_is_slow():
     times = np.arange(0, 3000, 0.1)
-    curves = np.stack([wander(times, 0.3, np.random.default_rng(i)) for i in range(20)])
+    curves = np.stack([exposure_drift(times, 0.3, np.random.default_rng(i)) for i in range(20)])
     assert curves.std() == pytest.approx(0.3, rel=0.05)
     assert abs(curves.mean()) < 0.01
     assert np.abs(np.diff(curves)).max() < 0.3

@@ -1,4 +1,4 @@
-"""Commands of the detector: detect, calibrate-detector, train."""
+"""Commands of the detector: detect, calibrate-detector and train."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def detect(
     frames: int | None = None,
     json: bool = False,
 ) -> int:
-    """Find the body's 18 parts in every view of a sequence.
+    """Detect 18 body parts in every view of a sequence.
 
     Args:
         sequence: folder of a sequence.
         out: detections to write, npz.
         weights: detector weights, safetensors; those shipped by default.
-        engine: auto (the fastest here), onnxruntime, openvino (an extra), torch, or cuda.
+        engine: auto (the fastest installed), onnxruntime, openvino (an extra), torch or cuda.
         threads: threads of the network; all cores by default.
         frames: only so many frames, from the first.
         json: print the summary as JSON.
@@ -69,15 +69,15 @@ def calibrate_detector(
     store: Path | None = None,
     json: bool = False,
 ) -> int:
-    """Fit a detector's confidence and spread to footage that it was not trained on.
+    """Fit a detector's confidence and sigma on footage not used in training.
 
-    Writes the same weights with the calibration that was found.
+    Writes the same weights with the fitted calibration.
 
     Args:
         data: sequences, or folders of sequences.
         weights: detector weights to calibrate, safetensors.
         out: weights to write, safetensors; may be the same file.
-        store: folder to keep the canonical views made from the data; a temporary one by default.
+        store: folder for canonical views of the data; a temporary one by default.
         json: print the calibration as JSON.
     """
     import tempfile
@@ -101,7 +101,7 @@ def train(
     """Train a detector on footage with annotations.
 
     Writes detector.safetensors, curves.png, log.csv and validation.csv into the folder of the run.
-    SIGTERM and Ctrl-C stop it at the next step, to go on with --resume.
+    SIGTERM and Ctrl-C stop it after a step; --resume continues it.
 
     Args:
         run: what to train.
@@ -158,5 +158,5 @@ def _print_calibration(path: Path, found: dict[str, Any], as_json: bool) -> None
         print(json.dumps(found, indent=1))
         return
     seen, hidden = (math.exp(found[f"log_sigma_{kind}"]) for kind in ("seen", "hidden"))
-    print(f"{path}: spread times {seen:.2f} where joints are seen, {hidden:.2f} where hidden; "
+    print(f"{path}: sigma times {seen:.2f} for visible joints, {hidden:.2f} for hidden; "
           f"confidence from {found['scale']:.2f} x margin {found['offset']:+.2f}")  # fmt: skip

@@ -1,8 +1,7 @@
-"""What turns the network's own doubts into probabilities and pixels: fitted once, on other footage.
+"""Calibration of the network's visibility and sigma, fitted on footage not used in training.
 
-Confidence is a logistic function of the network's margin for "visible"; sigma is the network's own
-times one factor for joints that are seen and another for those that are hidden. What differs from
-label to label the network says itself.
+Confidence is a logistic function of the network's margin for "visible"; sigma is the network's
+output times one factor for visible joints and another for hidden joints.
 Source: Platt 1999 (logistic scaling); Guo et al. 2017 (temperature).
 """
 
@@ -17,13 +16,13 @@ from numpy import ndarray as Array
 
 from egocap.errors import InputError
 
-LIMIT = 4.0  # of every |coefficient|: e^4 = 55 times off is no calibration
-FEWEST = 50  # joints of a kind; fewer say nothing
+LIMIT = 4.0  # bound of every |coefficient|; e^4 = 55
+FEWEST = 50  # smallest number of joints to fit a coefficient
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Raises InputError for values that are not numbers of a sensible size."""
+    """Coefficients. Raises InputError for values out of range."""
 
     scale: float = 1.0  # of the margin for "visible"
     offset: float = 0.0
@@ -42,7 +41,7 @@ class Calibration:
         return asdict(self)
 
     def confidence(self, info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
-        """Probability that a label is seen."""
+        """Visibility probability of each label."""
         return _logistic(self.scale * margin(info) + self.offset)
 
     def sigma(self, info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
@@ -59,7 +58,7 @@ def margin(info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
 
 
 def present(info: Float[Array, "*n 18 4"]) -> Bool[Array, "*n 18"]:
-    """Whether a label is likelier to be in the view, seen or hidden, than not."""
+    """Whether a label is more probably in the view (visible or hidden) than absent."""
     logits = np.asarray(info[..., :3], float)
     return np.logaddexp(logits[..., 0], logits[..., 1]) > logits[..., 2]
 
@@ -70,17 +69,17 @@ def fit_calibration(
     seen: Bool[Array, "N 18"],
     in_view: Bool[Array, "N 18"],
 ) -> Calibration:
-    """The calibration that fits what a network said of N views to what was true of them.
+    """Fit a calibration to the network's output on N annotated views.
 
-    Confidence by maximum likelihood over joints in view; each factor of sigma so that the root mean
-    square of error / sigma along an axis is 1 over the joints it is for, and that are `present` by
-    what the network said: others are never detections, wherever they were placed.
+    Confidence is fitted by maximum likelihood over joints in view. Each factor of sigma makes the
+    root mean square of error / sigma along an axis 1 over its joints, visible or hidden, that are
+    `present` in the output; other joints are never detections.
 
     Args:
-        info: what the network said, labels in the network's own (mirrored) order or the body's.
-        errors: distance of each decoded place from the true one, canonical pixels.
-        seen: joints the camera sees.
-        in_view: joints inside the view, seen or not.
+        info: output of the network, labels in either order (mirrored or the body's).
+        errors: distance of each decoded point from the true one, canonical pixels.
+        seen: joints visible to the camera.
+        in_view: joints inside the view, visible or hidden.
 
     Raises:
         InputError: the views show fewer than `FEWEST` joints in view.
@@ -96,13 +95,13 @@ def fit_calibration(
 
 
 def _half_log_mean(squared: Float[Array, "N"]) -> float:
-    """Half the logarithm of the mean, 0 where there are too few to say."""
+    """Half the logarithm of the mean; 0 for fewer than `FEWEST` values."""
     enough = len(squared) >= FEWEST
     return float(np.clip(0.5 * np.log(squared.mean()), -LIMIT, LIMIT)) if enough else 0.0
 
 
 def _fit_logistic(x: Float[Array, "N"], y: Bool[Array, "N"]) -> tuple[float, float]:
-    """Slope and offset of greatest likelihood, held by a weak prior at 1 and 0."""
+    """Maximum a posteriori slope and offset; the weak prior is centred at 1 and 0."""
     from scipy.optimize import minimize
 
     signs = np.where(y, 1.0, -1.0)

@@ -1,10 +1,10 @@
-"""Canonical views: every camera of every rig, resampled to the one view the detector knows.
+"""Canonical views: images of any camera of any rig, resampled to the detector's input view.
 
 A canonical view is a fisheye image r = f sin(k theta) / k about an axis fixed in the head frame:
 below the camera, a little behind and towards the middle of the body, with the head's forward
-direction up. Cameras on the head's right side are mirrored. So neither lens nor mounting angle nor
-side reach the network; where the camera sits does. The middle, where the legs are smallest, is
-magnified most.
+direction up. Cameras on the head's right side are mirrored. So the network's input is independent
+of lens, mounting angle and side, but not of the camera's position. Magnification is largest in the
+middle, where the legs are smallest.
 Source: mirroring, EgoCap paper, section 4.3.1.
 """
 
@@ -22,13 +22,13 @@ from egocap.body.labels import MIRROR
 from egocap.cameras.rig import Mount
 from egocap.errors import InputError
 
-_SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel that bilinear sampling still averages
+_SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel; above, images are reduced first
 _MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
 
 
 @dataclass(frozen=True)
 class ViewSpec:
-    """The canonical view's size and projection. Raises InputError for an impossible one."""
+    """Size and projection of the canonical view. Raises InputError for values out of range."""
 
     width: int = 256  # pixels
     height: int = 224
@@ -97,7 +97,7 @@ class ViewSpec:
 
 
 class CanonicalView:
-    """One mounted camera's images and pixels, taken to the canonical view and back."""
+    """Mapping of one mounted camera's images and pixels to the canonical view and back."""
 
     def __init__(self, mount: Mount, spec: ViewSpec | None = None) -> None:
         self.spec = spec or ViewSpec()
@@ -109,10 +109,10 @@ class CanonicalView:
         self._maps = self._fixed_maps(pixels)
 
     def image(self, picture: UInt8[Array, "h w 3"], nearest: bool = False) -> UInt8[Array, "H W 3"]:
-        """A picture of the camera as the canonical view; black where the camera sees nothing.
+        """Resample an image to the canonical view; black outside the camera's field of view.
 
-        `nearest` is for pictures of labels, which do not mix; they may have one channel (h, w).
-        Raises InputError for a picture that is not the camera's.
+        `nearest` selects nearest-neighbour sampling, for label images, which may have one channel
+        (h, w). Raises InputError for an image whose size is not the camera's.
         """
         import cv2
 
@@ -136,16 +136,16 @@ class CanonicalView:
     def to_view(self, pixels: Float[Array, "*n 2"]) -> tuple[Any, Any]:
         """Canonical points (..., 2) and validity of the camera's pixels (..., 2).
 
-        Valid: the camera sees the pixel, and the canonical view holds it.
+        Valid: within the camera's field of view and the canonical view.
         """
         rays, seen = self._mount.camera.ray(np.asarray(pixels, float))
         points, inside = self.spec.points(self._turned(rays @ self._mount.T_head_camera[:3, :3].T))
         return points, seen & inside
 
     def to_camera(self, points: Float[Array, "*n 2"]) -> tuple[Any, Any]:
-        """The camera's pixels (..., 2) and validity of canonical points (..., 2); undoes `to_view`.
+        """The camera's pixels (..., 2) and validity of canonical points (..., 2).
 
-        Valid: within the canonical lens, and the camera sees it.
+        Inverse of `to_view`. Valid: within the canonical lens and the camera's field of view.
         """
         rays, defined = self.spec.rays(points)
         pixels, seen = self._mount.camera.project(
@@ -154,7 +154,7 @@ class CanonicalView:
         return pixels, seen & defined
 
     def magnification(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
-        """Camera pixels per canonical pixel at canonical points: the root of the area's ratio."""
+        """Camera pixels per canonical pixel: the root of the area ratio at canonical points."""
         points, step = np.asarray(points, float), 0.5
         along = [
             (self.to_camera(points + d)[0] - self.to_camera(points - d)[0]) / (2 * step)
@@ -164,10 +164,7 @@ class CanonicalView:
         return np.sqrt(np.abs(area))
 
     def labels(self, values: Array, axis: int) -> Array:
-        """Values of the 18 labels along `axis` with left and right swapped in a mirrored view.
-
-        Takes the body's labels to the network's and back: it is its own inverse.
-        """
+        """Swap left and right labels along `axis` if the view is mirrored; self-inverse."""
         return np.take(values, MIRROR, axis) if self.mirrored else values
 
     def _turned(self, rays: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
@@ -190,5 +187,5 @@ class CanonicalView:
         camera = self._mount.camera
         scale = np.array(self._shrunk_size) / (camera.width, camera.height)
         at = ((pixels + 0.5) * scale - 0.5).astype(np.float32)
-        at[~self.mask] = -9.0  # outside: the border's black
+        at[~self.mask] = -9.0  # outside: black border
         return cv2.convertMaps(at[..., 0].copy(), at[..., 1].copy(), cv2.CV_16SC2)

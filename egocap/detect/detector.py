@@ -1,7 +1,7 @@
-"""The learned detector: pictures of a rig's cameras in, body parts out.
+"""The learned detector: images of a rig's cameras in, detections of body parts out.
 
-Each picture is taken to the canonical view, all views go through the network together, and what it
-says is taken back to the cameras' pixels. A missing view leaves the others as they are.
+Images are resampled to the canonical view and run through the network in one batch; its output is
+mapped back to the cameras' pixels. Views are independent of each other.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from egocap.errors import InputError
 log = logging.getLogger(__name__)
 
 MODES = 3
-"""How many places of a label are kept."""
+"""Modes kept per label."""
 
-Slots = Int64[Array, "B 2"]  # frame within the batch, and view, of every picture that is there
+Slots = Int64[Array, "B 2"]  # frame within the batch, and view, of every image
 
 
 class Detector:
-    """A network ready to run on the images of a rig.
+    """The detector for the images of a rig.
 
     Args:
         rig: the cameras.
-        weights: a file of weights, or opened ones; those shipped with the package when None.
-        engine: what runs the network: one of `engine.EngineName`, or a ready engine.
+        weights: a file of weights, or opened ones; the shipped ones when None.
+        engine: one of `engine.EngineName`, or an open engine.
         threads: of the network; all cores when None.
 
     Raises:
@@ -81,18 +81,18 @@ class Detector:
     ) -> Detections:
         """Detections in the first `frames` of a sequence (all when None).
 
-        A thread reads and resamples images while the network runs on those before. A view without
-        an image is left out, with a warning that counts them. The sequence's truth is not read.
+        A thread reads and resamples the next images while the network runs. Views without an image
+        are skipped; a warning counts frames without detections. Truth is not read.
 
         Args:
             sequence: recorded with this rig.
             frames: how many, from the first.
-            batch: frames that go through the network together; 1, on a GPU 16, when None.
-            on_frames: called with the number of frames just done.
+            batch: frames per run of the network; 16 on a GPU, else 1, when None.
+            on_frames: called with the number of frames just finished.
 
         Raises:
             FileError: an image is damaged.
-            InputError: an impossible number of frames, or images that do not fit the rig.
+            InputError: too few or too many frames, or images that do not fit the rig.
         """
         count = len(sequence) if frames is None else frames
         if not 1 <= count <= len(sequence):
@@ -110,20 +110,20 @@ class Detector:
         found = joined(parts)
         for name, missing in zip(sequence.rig.views, missing_pictures(found), strict=True):
             if missing:
-                log.warning("view '%s' gave nothing in %d of %d frames", name, missing, count)
+                log.warning("view '%s' has no detections in %d of %d frames", name, missing, count)
         return found
 
     def detect_images(self, images: Row[Array | None], time: float = 0.0) -> Detections:
-        """Detections (T = 1) in the images of one instant, one a view, None where one is missing.
+        """Detections (T = 1) in the images of one instant, one per view, None where missing.
 
-        Images may be grey or 16 bits deep, and of any size with the aspect of the rig's; points
-        are in pixels of the rig's own size. Raises InputError for other images, or their number.
+        Images may be grey or have 16 bits, and any size with the aspect ratio of the rig's; points
+        are in pixels of the rig's image size. Raises InputError for other images, or their number.
         """
         views, slots = self.canonical([images])
         return self.read(self.run(views), slots, np.array([time]))
 
     def canonical(self, pictures: Row[Row[Array | None]]) -> tuple[UInt8[Array, "B H W 3"], Slots]:
-        """What the network sees of the pictures of T instants. Raises InputError."""
+        """Canonical views of the images of T instants, and their slots. Raises InputError."""
         found: list[Array] = []
         slots: list[tuple[int, int]] = []
         for t, images in enumerate(pictures):
@@ -138,7 +138,7 @@ class Detector:
         return np.stack(found), np.array(slots)
 
     def run(self, views: UInt8[Array, "B H W 3"]) -> Outputs:
-        """What the network says of canonical views."""
+        """Output of the network for canonical views."""
         if len(views):
             return self.engine.run(views)
         h, w = (n // self.weights.stride for n in self._shape[:2])
@@ -146,7 +146,7 @@ class Detector:
         return np.zeros((0, labels, h, w), np.float32), np.zeros((0, labels, 4), np.float32)
 
     def read(self, outputs: Outputs, slots: Slots, times: Float[Array, "T"]) -> Detections:
-        """Detections in the rig's pixels from what the network said of every slot's picture."""
+        """Decode the network's output of every slot into detections in the rig's pixels."""
         heat, info = outputs
         found = no_detections(times, len(self._views), self.source)
         if not len(slots):
@@ -166,7 +166,7 @@ class Detector:
         points: Float[Array, "n 18 K 2"], weight: Float[Array, "n 18 K"],
         info: Float[Array, "n 18 4"],
     ) -> None:  # fmt: skip
-        """Write one view's rows into `found`, whose arrays are ours."""
+        """Write one view's detections into the arrays of `found`."""
         camera = self.rig.cameras[v]
         assert found.modes is not None and found.mode_weights is not None
         pixels, seen = view.to_camera(points)
@@ -190,12 +190,12 @@ class Detector:
             return self._views[v].image(image)
         key = (v, width, height)
         if key not in self._resized:
-            # A pixel off in one direction is rounding; more is another picture than the rig's.
+            # One pixel of deviation in the aspect ratio is rounding.
             off = abs(width * camera.height - height * camera.width)
             if off > max(camera.width, camera.height):
                 raise InputError(
                     f"a picture of {width} x {height} for the view '{mount.name}'",
-                    valid=f"the aspect of {camera.width} x {camera.height}",
+                    valid=f"the aspect ratio of {camera.width} x {camera.height}",
                 )
             resized = replace(mount, camera=camera.resized(width, height))
             self._resized[key] = CanonicalView(resized, self.weights.view)
@@ -203,12 +203,12 @@ class Detector:
 
 
 def missing_pictures(found: Detections) -> list[int]:
-    """In how many frames each view gave no detection at all, for want of a picture or of a body."""
+    """Number of frames without any detection, for each view."""
     return [int(n) for n in np.count_nonzero(~found.valid.any(-1), axis=0)]
 
 
 def no_detections(times: Float[Array, "T"], views: int, source: str) -> Detections:
-    """Detections of T frames of which nothing is known yet: all missing."""
+    """Detections of T frames, all missing."""
     shape = (len(times), views, len(LABELS))
     return Detections(
         times=np.asarray(times, float),
@@ -223,7 +223,7 @@ def no_detections(times: Float[Array, "T"], views: int, source: str) -> Detectio
 
 
 def joined(parts: Row[Detections]) -> Detections:
-    """Detections of consecutive frames, of one source, as one."""
+    """Concatenate detections of consecutive frames from one source."""
     names = [f.name for f in fields(Detections) if f.name != "source"]
     arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
     return Detections(**arrays, source=parts[0].source)

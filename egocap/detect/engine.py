@@ -1,7 +1,7 @@
-"""What runs the network: OpenVINO or onnxruntime on processors, torch where it is asked for.
+"""Inference engines: OpenVINO or onnxruntime on CPUs, optionally torch on CPU or GPU.
 
-A network is exported to ONNX once and kept in the cache under its weights' checksum, so that a
-command that detects never waits for torch.
+The network is exported to ONNX once and cached under its weights' checksum, so that detection does
+not import torch.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from egocap.errors import EgocapError, InputError, MachineError
 from egocap.files import cache_folder, make_folder, replacing
 
 EngineName = Literal["auto", "onnxruntime", "openvino", "torch", "cuda"]
-"""auto: openvino where it is installed, else onnxruntime; onnxruntime: 32-bit floats, alike on
-every processor; openvino: bfloat16 where the processor has it, then twice as fast; torch: eager."""
+"""auto: openvino if installed, else onnxruntime; onnxruntime: 32-bit floats, reproducible across
+CPUs; openvino: bfloat16 on CPUs that support it, twice as fast; torch: eager mode."""
 
 INPUT, OUTPUTS = "images", ("heat", "info")
-_EXPORT = 1  # of the way to export: part of the cached file's name
+_EXPORT = 1  # version of the export, part of the cached file's name
 _OPSET = 17
 
 Outputs = tuple[Float[Array, "B 18 h w"], Float[Array, "B 18 4"]]
@@ -47,17 +47,16 @@ def open_engine(
     threads: int | None = None,
     spin: bool = False,
 ) -> Engine:
-    """Make a network ready to run.
+    """Open an inference engine.
 
     Args:
-        weights: of which network.
+        weights: of the network.
         name: one of `EngineName`.
-        threads: how many the network may use; all cores when None. Does not bind a GPU.
-        spin: let onnxruntime's threads wait busily within a call: sooner done on a quiet machine,
-            work wasted on a busy one.
+        threads: CPU threads of the network; all cores when None.
+        spin: let onnxruntime's threads spin within a call: lower latency on an idle machine.
 
     Raises:
-        InputError: no such engine, or an impossible number of threads.
+        InputError: unknown engine, or number of threads out of range.
         MachineError: the engine's package or the GPU is missing.
     """
     if name not in get_args(EngineName):
@@ -75,19 +74,19 @@ def open_engine(
 
 
 def fastest_engine() -> EngineName:
-    """What `auto` stands for here."""
+    """The engine of `auto` in this installation."""
     return "openvino" if find_spec("openvino") is not None else "onnxruntime"
 
 
 def available_cores() -> int:
-    """Processor cores this process may use."""
+    """Number of CPU cores available to this process."""
     return len(os.sched_getaffinity(0))
 
 
 def exported(weights: Weights) -> Path:
-    """The network as an ONNX file with free batch size, from the cache or made now.
+    """Path of the cached ONNX file with free batch size, exported if missing.
 
-    Raises MachineError when the cache cannot be written.
+    Raises MachineError if the cache cannot be written.
     """
     path = cache_folder() / f"detector-{weights.sha256[:32]}-{_EXPORT}.onnx"
     if path.is_file():
@@ -98,7 +97,7 @@ def exported(weights: Weights) -> Path:
             export_onnx(weights, temporary)
     except (EgocapError, OSError) as error:
         remedy = "set XDG_CACHE_HOME to a folder with 100 MB of space"
-        raise MachineError(f"cannot keep the exported network: {error}", remedy=remedy) from None
+        raise MachineError(f"cannot cache the exported network: {error}", remedy=remedy) from None
     return path
 
 
@@ -110,7 +109,7 @@ def export_onnx(weights: Weights, path: Path) -> None:
 
     images = torch.zeros((2, weights.view.height, weights.view.width, 3), dtype=torch.uint8)
     with warnings.catch_warnings(), torch.inference_mode():
-        # The exporter by tracing needs no package beside onnx; it is deprecated, not gone.
+        # The tracing exporter needs no package besides onnx; it is deprecated.
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
             weights.network(),
@@ -133,7 +132,7 @@ def _onnxruntime(path: Path, threads: int, spin: bool) -> Callable[[Array], Outp
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spin)))
-    # Threads that spin between two pictures take the core on which the next one is decoded.
+    # Threads that spin between runs would compete with image decoding.
     options.add_session_config_entry("session.force_spinning_stop", "1")
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
@@ -146,8 +145,8 @@ def _onnxruntime(path: Path, threads: int, spin: bool) -> Callable[[Array], Outp
 
 
 def _openvino(path: Path, threads: int) -> Callable[[Array], Outputs]:
-    # OpenVINO's import sends usage data from a child process; a fork after OpenGL has started can
-    # crash. Without this package it uses its own stub, which sends nothing.
+    # OpenVINO's import sends usage data from a forked process, and a fork after OpenGL has started
+    # can crash. Without this package it uses a stub.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
     try:
         import openvino  # pyright: ignore[reportMissingImports] (an extra)

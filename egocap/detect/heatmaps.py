@@ -1,6 +1,6 @@
-"""Heat maps: where cells lie, targets for training, and the points and modes they decode to.
+"""Heat maps: cell coordinates, training targets, and decoding of points and modes.
 
-A label's map of logits is, after a softmax over its cells, the distribution of the label's place.
+The softmax of a label's map of logits is the distribution of its position over the cells.
 Cell (row i, column j) has its centre at canonical pixel ((j + 0.5) s - 0.5, (i + 0.5) s - 0.5),
 s being the stride.
 """
@@ -14,15 +14,15 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-RADIUS = 3  # cells: of the window about a peak in which its place is the mean
+RADIUS = 3  # cells; of the window around a peak over which the mean is taken
 
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """Places read off heat maps. With modes, an axis K stands before the last."""
+    """Points decoded from heat maps; `modes` adds an axis K."""
 
     points: Float[Array, "*b 2"]  # canonical pixels
-    weight: Float[Array, "*b"]  # of the distribution, in the window about the peak; 0: no such mode
+    weight: Float[Array, "*b"]  # probability of the window around the peak; 0: no mode
 
 
 def probabilities(heat: Float[Array, "*b h w"]) -> Float[Array, "*b h w"]:
@@ -32,7 +32,7 @@ def probabilities(heat: Float[Array, "*b h w"]) -> Float[Array, "*b h w"]:
 
 
 def decode(heat: Float[Array, "*b h w"], stride: int) -> Decoded:
-    """The mean place in the window about each map's highest cell."""
+    """Mean position in the window around each map's highest cell."""
     p = np.asarray(heat)
     shape, (h, w) = p.shape[:-2], p.shape[-2:]
     p = probabilities(p.reshape(-1, h, w))
@@ -41,9 +41,9 @@ def decode(heat: Float[Array, "*b h w"], stride: int) -> Decoded:
 
 
 def modes(heat: Float[Array, "*b h w"], stride: int, count: int) -> Decoded:
-    """The `count` heaviest places of each map, heaviest peak first, windows taken out in turn.
+    """The `count` highest modes of each map; each peak's window is removed before the next.
 
-    A weight of 0 says that a map has no further mode.
+    A weight of 0 means that a map has no further mode.
     """
     p = np.asarray(heat)
     shape, (h, w) = p.shape[:-2], p.shape[-2:]
@@ -64,14 +64,14 @@ def to_pixels(cells: Any, stride: int) -> Any:
 
 
 def to_cells(pixels: Any, stride: int) -> Any:
-    """Positions in cells of canonical pixels; undoes `to_pixels`."""
+    """Positions in cells of canonical pixels, the inverse of `to_pixels`."""
     return (pixels + 0.5) / stride - 0.5
 
 
 def targets(points: Any, shape: tuple[int, int], stride: int, sigma: Any) -> Any:
     """Maps (..., h, w) that sum to one: Gaussians about canonical points (..., 2), torch.
 
-    `sigma` (...) is in cells. They are products of a row and a column, cut at the map's border.
+    `sigma` (...) is in cells. Maps are separable and truncated at the border.
     """
     import torch
 
@@ -96,7 +96,7 @@ def soft_points(heat: Any, stride: int) -> Any:
     rows, columns = (torch.from_numpy(a).to(heat.device) for a in (rows, columns))
     every = torch.arange(len(flat), device=heat.device)[:, None, None]
     picked = flat[every, rows[:, :, None], columns[:, None, :]].float()
-    # a window at the border holds its last row or column several times: counted once
+    # a window clipped at the border repeats rows or columns: count each once
     fresh = (_first(rows)[:, :, None] & _first(columns)[:, None, :]).to(picked.device)
     p = torch.softmax(picked.masked_fill(~fresh, -torch.inf).flatten(1), 1).reshape(picked.shape)
     x = (p.sum(1) * columns).sum(1)
@@ -105,14 +105,14 @@ def soft_points(heat: Any, stride: int) -> Any:
 
 
 def _first(index: Any) -> Any:
-    """Where each row of sorted indices holds a value for the first time."""
+    """Mask of the first occurrence of each value in rows of sorted indices."""
     import torch
 
     return torch.diff(index, dim=1, prepend=index[:, :1] - 1) != 0
 
 
 def _window(cells: Array, h: int, w: int) -> tuple[Array, Array]:
-    """Rows and columns (N, 2 RADIUS + 1) about flat cells (N,), held inside the map."""
+    """Rows and columns (N, 2 RADIUS + 1) around flat cells (N,), clipped to the map."""
     steps = np.arange(-RADIUS, RADIUS + 1)
     rows, columns = np.divmod(cells, w)
     return (

@@ -1,4 +1,4 @@
-"""Pictures as they come: of a sequence or a camera, grey or 16 bits deep, whole or missing."""
+"""Input images: conversion to 8-bit RGB, reading from sequences, and prefetching."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from egocap.data.sequence import Sequence
 from egocap.errors import FileError, InputError
 
 ENOUGH = 640
-"""Width [px] from which on a canonical view gains nothing from more: JPEGs are decoded smaller."""
+"""Image width [px] sufficient for a canonical view; larger JPEGs are decoded at reduced size."""
 
 _KINDS = "uint8 or uint16, (H, W), (H, W, 1) or RGB (H, W, 3)"
 _Made = TypeVar("_Made")
 
 
 def as_rgb(picture: Array) -> UInt8[Array, "H W 3"]:
-    """A picture as 8-bit RGB: grey ones get three equal channels, 16 bits their upper eight.
+    """Convert an image to 8-bit RGB; 16-bit values keep their upper eight bits.
 
-    Raises InputError for anything else; a picture with alpha has to be flattened by its owner.
+    Raises InputError for other types or shapes, such as images with an alpha channel.
     """
     picture = np.asarray(picture)
     if picture.ndim == 2:
@@ -39,15 +39,15 @@ def as_rgb(picture: Array) -> UInt8[Array, "H W 3"]:
 
 
 def recorded_pictures(sequence: Sequence, index: int) -> tuple[UInt8[Array, "h w 3"] | None, ...]:
-    """The pictures of one frame, no larger than a detector needs; None for a view not recorded.
+    """Images of one frame at the size the detector needs; None for a missing view.
 
-    Raises FileError for a damaged picture.
+    Raises FileError for a damaged image.
     """
     return tuple(_recorded(sequence, index, v) for v in range(len(sequence.manifest.views)))
 
 
 def ahead(jobs: Iterator[Any], make: Any, count: int = 2) -> Iterator[Any]:
-    """make(job) of every job in order, made by a thread up to `count` jobs ahead."""
+    """Yield make(job) of every job in order, computed by a thread up to `count` jobs ahead."""
     waiting: list[Future[Any]] = []
     with ThreadPoolExecutor(1, thread_name_prefix="pictures") as pool:
         try:
@@ -83,5 +83,5 @@ def _flags(width: int) -> int:
 
     smaller = ((8, cv2.IMREAD_REDUCED_GRAYSCALE_8), (4, cv2.IMREAD_REDUCED_GRAYSCALE_4),
                (2, cv2.IMREAD_REDUCED_GRAYSCALE_2))  # fmt: skip
-    # These flags say the factor alone once IMREAD_COLOR_RGB is set beside them.
+    # With IMREAD_COLOR_RGB these flags select the factor only, not greyscale.
     return next((flags for factor, flags in smaller if width // factor >= ENOUGH), 0)

@@ -3,8 +3,8 @@
 `default` is a residual encoder with a light decoder to 1/4 of the view, for two processor cores;
 `small` the same at half the size, for comparisons of training; `paper` is the paper's ResNet-101
 cut to stride 8 on 640 x 512; `tiny` is for tests. All end in the same head: a heat map for each
-label, and, from the features at the place the map points to, whether the label is visible there,
-occluded or absent, and how far off the place may be.
+label, and, from the features at its peak, the label's visibility (visible, occluded, absent) and
+the standard deviation of its position.
 Source: EgoCap paper, section 4.3.2; He et al. 2016 (residual blocks); Lin et al. 2017 (decoder).
 """
 
@@ -23,14 +23,14 @@ from egocap.detect.canonical_view import ViewSpec
 from egocap.errors import InputError
 
 VISIBLE, OCCLUDED, ABSENT = range(3)
-"""Order of the first three numbers the network says of a label; the fourth is log sigma."""
+"""Order of the first three channels of `info`; the fourth is log sigma."""
 
-_MEAN, _SCALE = 110.0, 60.0  # of pixel values: keeps the first layer's input about 0 and 1
+_MEAN, _SCALE = 110.0, 60.0  # normalisation of pixel values
 
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """What to build. Raises InputError for a view that does not fit the strides."""
+    """Architecture of a network. Raises InputError for a view that does not fit the strides."""
 
     name: str
     view: ViewSpec = field(default_factory=ViewSpec)
@@ -55,7 +55,7 @@ class NetworkConfig:
             )
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready form; `config_from_dict` gives an equal configuration back."""
+        """JSON-ready form, read by `config_from_dict`."""
         return asdict(self)
 
 
@@ -84,7 +84,7 @@ def config_named(name: str) -> NetworkConfig:
 
 
 def config_from_dict(data: dict[str, Any]) -> NetworkConfig:
-    """The configuration that `NetworkConfig.to_dict` described. Raises InputError."""
+    """Configuration from the form of `NetworkConfig.to_dict`. Raises InputError."""
     try:
         values: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in data.items()
@@ -124,7 +124,7 @@ class DetectorNetwork(nn.Module):
     def forward(
         self, images: Float[Tensor, "B H W 3"]
     ) -> tuple[Float[Tensor, "B 18 h w"], Float[Tensor, "B 18 4"]]:
-        """Heat maps and what is known of each label."""
+        """Heat maps and `info` of each label."""
         x = (images.permute(0, 3, 1, 2).to(self.heat.weight.dtype) - _MEAN) * (1.0 / _SCALE)
         features, context = self.body(x)
         heat = self.heat(features).float()
@@ -132,7 +132,7 @@ class DetectorNetwork(nn.Module):
 
 
 class LabelInfo(nn.Module):
-    """Visibility and log sigma of each label from the features where its heat map points."""
+    """Visibility and log sigma of each label from features weighted by its heat map."""
 
     def __init__(self, features: int, context: int, hidden: int = 64) -> None:
         super().__init__()
@@ -148,7 +148,7 @@ class LabelInfo(nn.Module):
         """`features` (B, C, h, w), `context` (B, D), `heat` (B, 18, h, w) -> info."""
         where = heat.detach().flatten(2)
         p = torch.softmax(where, -1)
-        spread = -(p * F.log_softmax(where, -1)).sum(-1, keepdim=True)  # nats: how many places
+        spread = -(p * F.log_softmax(where, -1)).sum(-1, keepdim=True)  # entropy, nats
         found = torch.bmm(p.to(features.dtype), features.flatten(2).transpose(1, 2))
         x = self.local(found) + self.context(context)[:, None]
         x = F.relu(x.float() + self.label)
@@ -207,7 +207,7 @@ class BasicBlock(nn.Module):
 
 
 class ResNet101(nn.Module):
-    """The paper's network up to stride 8: the last two stages keep it, with dilation."""
+    """The paper's network at stride 8: the last two stages are dilated."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -251,7 +251,7 @@ def conv(
     before: int, after: int, size: int, stride: int = 1, *,
     relu: bool = True, dilation: int = 1, gain: float = 1.0,
 ) -> nn.Sequential:  # fmt: skip
-    """Convolution, batch normalisation (scale starting at `gain`) and perhaps a ReLU."""
+    """Convolution, batch normalisation (initial scale `gain`) and optional ReLU."""
     layer = nn.Conv2d(
         before, after, size, stride, dilation * (size // 2), dilation=dilation, bias=False
     )

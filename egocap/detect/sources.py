@@ -1,7 +1,7 @@
-"""Detections of a sequence by the name of their source: a file, the network, or the true joints.
+"""Detections of a sequence by the name of their source: a file, the network, or simulation.
 
-This is the only module of the method that reads a sequence's truth; it passes it to the synthetic
-detector alone.
+No other module of the tracking pipeline reads the truth of a sequence; it is passed to the
+synthetic detector only.
 """
 
 from __future__ import annotations

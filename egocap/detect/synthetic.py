@@ -1,8 +1,6 @@
-"""Detections drawn from the truth: the named source `simulated:SIGMA[,OPTION=VALUE...]`.
+"""Detections simulated from the truth: the source `simulated:SIGMA[,OPTION=VALUE...]`.
 
-It stands in for a detector whose error is known. It is the only detector that is handed truth, and
-it hands on nothing but `Detections`. Alone, SIGMA gives independent Gaussian errors; the options
-add what learned detectors do wrong.
+SIGMA alone gives independent Gaussian errors; the options add typical errors of learned detectors.
 """
 
 from __future__ import annotations
@@ -25,41 +23,41 @@ FORM = (
     "640 x 512, P from 0 to 1, e.g. simulated:2.0 or simulated:2.0,outliers=0.1"
 )
 REFERENCE_WIDTH = 640
-"""Image width [px] at which SIGMA is stated; it grows in proportion to the image."""
+"""Image width [px] for which SIGMA is stated; it scales with the width."""
 LEARNED_LIKE = (
     "simulated:3.0,outliers=0.02,occluded=guess,spread=0.5,tails=3,correlation=0.1,"
     "overconfidence=1.3,swaps=0.02,wrong=0.02,modes=0.7"
 )
-"""All faults at once, about as bad as a learned detector on people it has not seen."""
+"""All error types, at the level of a learned detector on people unseen in training."""
 
 GUESS = 5.0
-"""How much wider than those of seen joints the errors of guessed ones are."""
+"""Ratio of the errors of guessed joints to those of visible joints."""
 SEEN_CONFIDENCE, GUESS_CONFIDENCE = 0.9, 0.2
 EPISODE_S = 0.25
-"""Mean duration of a swap of sides, or of a stranger's limb taken for the wearer's, seconds."""
+"""Mean duration of a left-right swap or a detection on another person's limb, seconds."""
 _SWAPPED = (("shoulder", "elbow", "wrist", "hand"), ("hip", "knee", "ankle", "foot"))
 _STRAY = tuple(
     tuple(LABEL_INDEX[f"{side}_{part}"] for part in parts)
     for side in ("left", "right")
     for parts in (("elbow", "wrist", "hand"), ("knee", "ankle", "foot"))
 )
-_STRAY_PX = (60.0, 200.0)  # how far off a stranger's limb is, at the reference width
+_STRAY_PX = (60.0, 200.0)  # distance of another person's limb, at the reference width
 
 
 @dataclass(frozen=True)
 class SimulatedSource:
-    """What to draw. Raises InputError for impossible values."""
+    """Error model. Raises InputError for values out of range."""
 
     sigma: float  # scale of the error along each image axis, pixels at 640 x 512
-    outliers: float = 0.0  # chance that a joint a view does not see gets a wild detection there
-    occluded: Literal["drop", "keep", "guess"] = "drop"  # what becomes of joints in view but hidden
-    spread: float = 0.0  # scatter of the logarithm of sigma, between joints and over time
+    outliers: float = 0.0  # probability of an outlier for a joint not visible in a view
+    occluded: Literal["drop", "keep", "guess"] = "drop"  # treatment of hidden joints in view
+    spread: float = 0.0  # standard deviation of log sigma between joints and over time
     tails: int = 0  # degrees of freedom of Student's t; 0: Gaussian
-    correlation: float = 0.0  # seconds over which errors are alike; 0: independent in every frame
-    overconfidence: float = 1.0  # how many times smaller the stated sigma is than the true scale
-    swaps: float = 0.0  # share of the time in which a view mistakes left for right, legs or arms
-    wrong: float = 0.0  # share of the time in which a view takes a stranger's limb for the wearer's
-    modes: float = 0.0  # chance that the true place of a swapped or stray joint is a second mode
+    correlation: float = 0.0  # correlation time of errors, s; 0: independent frames
+    overconfidence: float = 1.0  # ratio of true to stated sigma
+    swaps: float = 0.0  # fraction of time with left and right swapped, legs or arms
+    wrong: float = 0.0  # fraction of time on another person's limb
+    modes: float = 0.0  # probability of a second mode at the truth of a confused joint
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sigma) and 0.0 <= self.sigma <= REFERENCE_WIDTH):
@@ -85,7 +83,7 @@ class SimulatedSource:
 
 
 def parse_source(text: str) -> SimulatedSource:
-    """Read a source's name, e.g. "simulated:2.0"; InputError lists the valid form."""
+    """Parse a source's name, e.g. "simulated:2.0". InputError lists the valid form."""
     kind, colon, rest = text.partition(":")
     if kind != "simulated" or not colon:
         raise InputError(f"unknown source of detections '{text}'", valid=FORM)
@@ -105,7 +103,7 @@ def parse_source(text: str) -> SimulatedSource:
 
 
 class ProjectedJoints(NamedTuple):
-    """True joints as the cameras see them."""
+    """True joints projected into the cameras."""
 
     points: Float[Array, "T V 18 2"]  # pixels
     visible: Bool[Array, "T V 18"]  # not hidden
@@ -119,14 +117,13 @@ def simulate_detections(
 ) -> Detections:
     """Draw detections around the true joints of every view.
 
-    A joint that a view sees (`visible`; with occluded=keep: `in_view`) is detected there at its
-    true pixel plus noise, and missed if the noise carries it out of the image. With occluded=guess
-    a joint in view but hidden is detected with `GUESS` times the error, a sigma that says so and a
-    low confidence. Any other joint is missed, or, with chance `outliers`, detected at a place drawn
-    evenly from the image; such wild detections look like the others: same sigma, same confidence.
-    In episodes, sides are swapped and strangers' limbs taken for the wearer's; then the true place
-    may be kept as a second mode. The same generator state gives the same draws of noise and wild
-    places whatever the source's values. Raises InputError for an invalid source.
+    A visible joint (with occluded=keep: any joint in view) is detected at its true pixel plus
+    noise, and missed if that is outside the image. With occluded=guess a hidden joint in view is
+    detected with `GUESS` times the error and sigma and a low confidence. Any other joint is missed
+    or, with probability `outliers`, detected at a uniform random position with the sigma and
+    confidence of other detections. In random episodes left and right are swapped, or limbs of other
+    people are detected; the true position may then be a second mode. Draws of noise and outliers
+    depend on the generator state only, not on the source. Raises InputError for an invalid source.
     """
     joints_2d, visible, in_view, times, image_size = joints
     source = parse_source(source) if isinstance(source, str) else source
@@ -141,14 +138,14 @@ def simulate_detections(
     visible = visible & in_view
     guessed = in_view & ~visible & (source.occluded == "guess")
     seen = in_view if source.occluded == "keep" else visible | guessed
-    memory = _memory(times, source.correlation)
+    memory = _autocorrelation(times, source.correlation)
     sigma = source.sigma * scale * np.where(guessed, GUESS, 1.0)
     if source.spread:
-        level = _remembering(rng.standard_normal(shape), memory)
+        level = _autoregression(rng.standard_normal(shape), memory)
         sigma = sigma * np.exp(source.spread * level)
-    noise = _heavy(_remembering(noise, memory), memory, source.tails, rng)
+    noise = _student_t(_autoregression(noise, memory), memory, source.tails, rng)
     honest = np.where(seen[..., None], joints_2d + sigma[..., None] * noise, wild_place)
-    points, taken_for = _mistaken(honest, seen, times, scale, source, rng)
+    points, taken_for = _confused(honest, seen, times, scale, source, rng)
     sigma = np.take_along_axis(sigma, taken_for, 2)
     inside = _inside(points, image_size)
     present = np.take_along_axis(seen, taken_for, 2)
@@ -172,16 +169,16 @@ def _inside(points: Float[Array, "*batch 2"], size: tuple[int, int]) -> Bool[Arr
     return np.all((points >= -0.5) & (points <= (size[0] - 0.5, size[1] - 0.5)), axis=-1)
 
 
-def _memory(times: Float[Array, "T"], seconds: float) -> Float[Array, "T"]:
-    """Correlation of every frame's error with the last frame's; 0 for the first."""
+def _autocorrelation(times: Float[Array, "T"], seconds: float) -> Float[Array, "T"]:
+    """Correlation of every frame's error with the previous one; 0 for the first."""
     steps = np.diff(np.asarray(times, float), prepend=-np.inf)
     return np.exp(-steps / seconds) if seconds > 0 else np.zeros(len(steps))
 
 
-def _remembering(
+def _autoregression(
     draws: Float[Array, "T *rest"], memory: Float[Array, "T"]
 ) -> Float[Array, "T *rest"]:
-    """A first-order autoregression of unit variance made of independent draws."""
+    """First-order autoregression of unit variance from independent draws."""
     if not memory.any():
         return draws
     made = draws.copy()
@@ -190,24 +187,24 @@ def _remembering(
     return made
 
 
-def _heavy(
+def _student_t(
     noise: Float[Array, "T V 18 2"], memory: Float[Array, "T"], tails: int,
     rng: np.random.Generator,
 ) -> Float[Array, "T V 18 2"]:  # fmt: skip
-    """Student's t with as long a memory: the Gaussian over the root of a mean of squares."""
+    """Student's t with the same autocorrelation: Gaussian over the root of a mean of squares."""
     if tails == 0:
         return noise
     squares = [
-        _remembering(rng.standard_normal(noise.shape[:3]), memory) ** 2 for _ in range(tails)
+        _autoregression(rng.standard_normal(noise.shape[:3]), memory) ** 2 for _ in range(tails)
     ]
     return noise / np.sqrt(np.mean(squares, 0))[..., None]
 
 
-def _mistaken(
+def _confused(
     honest: Float[Array, "T V 18 2"], seen: Bool[Array, "T V 18"], times: Float[Array, "T"],
     scale: float, source: SimulatedSource, rng: np.random.Generator,
 ) -> tuple[Float[Array, "T V 18 2"], Array]:  # fmt: skip
-    """Points after swaps and strangers' limbs, and the joint (T, V, 18) each really shows."""
+    """Points after swaps and stray limbs, and the joint (T, V, 18) that each shows."""
     T, V = honest.shape[:2]
     shown = np.broadcast_to(np.arange(18), (T, V, 18)).copy()
     if source.swaps:
@@ -234,7 +231,7 @@ def _mistaken(
 def _episodes(
     times: Float[Array, "T"], views: int, share: float, rng: np.random.Generator
 ) -> Bool[Array, "T V"]:
-    """When something is on that is so for a share of the time, `EPISODE_S` at a stretch."""
+    """Two-state Markov chain: on for a fraction `share` of time, mean duration `EPISODE_S`."""
     chance = rng.random((len(times), views))
     steps = np.diff(np.asarray(times, float), prepend=times[0] if len(times) else 0.0)
     end = 1.0 - np.exp(-steps / EPISODE_S)

@@ -1,7 +1,7 @@
-"""Weights of the detector on disk: safetensors that say what network they are for.
+"""Weights files of the detector: safetensors with metadata.
 
-The header's metadata hold the network's configuration, the labels, the calibration and how the
-weights were made, so that a file is all a detector needs. Matrices are stored in half precision.
+The metadata hold the network's configuration, the labels, the calibration and the training record,
+so that a file is self-contained. Matrices are stored in half precision.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LONGEST_HEADER = 1 << 20  # bytes
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """A file of weights, its header read and checked; the tensors are read by `network`."""
+    """A weights file with a validated header; `network` reads the tensors."""
 
     path: Path
     sha256: str  # of the whole file
@@ -41,11 +41,11 @@ class Weights:
     view: ViewSpec
     stride: int  # view pixels per heat-map cell
     calibration: Calibration
-    training: Mapping[str, Any]  # how they were made, JSON-ready
+    training: Mapping[str, Any]  # record of the training, JSON-ready
 
     @property
     def name(self) -> str:
-        """The network's name and the beginning of the file's checksum."""
+        """The network's name and the start of the file's checksum."""
         return f"{self.config['name']}-{self.sha256[:12]}"
 
     def network(self) -> DetectorNetwork:
@@ -80,16 +80,16 @@ class Weights:
 
 
 def open_weights(path: str | Path | None = None) -> Weights:
-    """Read the header of a file of weights; None: of those shipped with the package.
+    """Read the header of a weights file; None: the shipped weights.
 
-    Raises FileError when the file is missing, truncated, or not weights of this detector.
+    Raises FileError if the file is missing, truncated, or not a weights file of this detector.
     """
     path = shipped_file() if path is None else Path(path)
     content = _content(path)
     metadata = _metadata(path, content)
     config, labels = (_parsed(path, metadata, key) for key in ("config", "labels"))
     if labels != list(LABELS):
-        raise FileError(path, "finds other labels", key="labels", valid=", ".join(LABELS))
+        raise FileError(path, "has other labels", key="labels", valid=", ".join(LABELS))
     optional = ({"training": "{}", "calibration": json.dumps(Calibration().to_dict())}) | metadata
     calibration, training = (_parsed(path, optional, key) for key in ("calibration", "training"))
     try:
@@ -108,7 +108,7 @@ def open_weights(path: str | Path | None = None) -> Weights:
 
 
 def load_weights(path: str | Path | None = None) -> DetectorNetwork:
-    """The network of a file of weights, for inference; None: of those shipped. Raises FileError."""
+    """The network of a weights file, for inference; None: the shipped one. Raises FileError."""
     return open_weights(path).network()
 
 
@@ -118,13 +118,13 @@ def save_weights(
     training: Mapping[str, Any] | None = None,
     calibration: Calibration | None = None,
 ) -> None:
-    """Write a network's weights, whole or not at all.
+    """Write a network's weights, atomically.
 
     Args:
         path: the file, *.safetensors.
         network: trained network; matrices are rounded to half precision, vectors are kept.
-        training: how it was made, JSON-ready: data, seeds, command, steps, metrics.
-        calibration: fitted on footage that the network was not trained on.
+        training: record of the training, JSON-ready: data, seeds, command, steps, metrics.
+        calibration: fitted on footage not used in training.
 
     Raises:
         MachineError: the file cannot be written.
@@ -144,7 +144,7 @@ def save_weights(
 def with_calibration(
     weights: Weights, calibration: Calibration, training: Mapping[str, Any], path: str | Path
 ) -> None:
-    """Write the same tensors under another calibration and account of their making."""
+    """Write the same tensors with another calibration and training record."""
     from safetensors.torch import load_file, save
 
     header = _header(weights.config, training, calibration)
@@ -152,7 +152,7 @@ def with_calibration(
 
 
 def shipped_file(name: str = SHIPPED) -> Path:
-    """Where the weights lie that come with the package. MachineError where none do."""
+    """Path of the shipped weights. Raises MachineError if they are not installed."""
     path = Path(str(files("egocap.detect") / "shipped" / f"{name}.safetensors"))
     if not path.is_file():
         raise MachineError(
@@ -176,7 +176,7 @@ def _header(
 
 
 def _in_order(content: bytes) -> bytes:
-    """The same safetensors file with its header's keys in order: equal weights are equal files."""
+    """Sort the keys of a safetensors header, so that equal weights give equal files."""
     (size,) = struct.unpack("<Q", content[:8])
     header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":"))
     text = header.encode()
@@ -196,7 +196,7 @@ def _content(path: Path) -> bytes:
 
 
 def _metadata(path: Path, content: bytes) -> dict[str, str]:
-    """The header's metadata; the file is as long as the header says, and ours."""
+    """Metadata of the header. Raises FileError for a truncated file or another format."""
     try:
         (size,) = struct.unpack("<Q", content[:8])
         if size > min(_LONGEST_HEADER, len(content) - 8):
@@ -206,9 +206,9 @@ def _metadata(path: Path, content: bytes) -> dict[str, str]:
         end = max(entry["data_offsets"][1] for entry in header.values())
     except (struct.error, ValueError, AttributeError, KeyError, TypeError, IndexError,
             RecursionError):  # fmt: skip
-        raise FileError(path, "not a whole safetensors file", valid=_EXPECTED) from None
+        raise FileError(path, "not a complete safetensors file", valid=_EXPECTED) from None
     if not isinstance(metadata, dict) or metadata.get("kind") != KIND:
-        raise FileError(path, "weights of something else", key="kind", valid=_EXPECTED)
+        raise FileError(path, "weights of another program", key="kind", valid=_EXPECTED)
     if len(content) != 8 + size + end:
         raise FileError(
             path, f"truncated: {len(content)} of {8 + size + end} bytes", valid=_EXPECTED

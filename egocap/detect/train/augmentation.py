@@ -1,10 +1,10 @@
-"""Augmentation of canonical views: other backgrounds, other colours, other shapes, worse cameras.
+"""Augmentation of canonical views: background, colour, geometry, occlusion and image quality.
 
 Every function takes and returns pixels of canonical views (H, W, 3), uint8 RGB, and draws from an
-explicit generator. Points move with pixels. Recolouring multiplies the colour of whole parts, so
-shading and texture stay; it and the background need part labels.
-Source: EgoCap paper, section 4.3.1 (background, intrinsic recolouring, gamma, scale). Clothes of
-the background's colour are ours.
+explicit generator. Points are transformed with the image. Recolouring scales the colour of whole
+parts, which keeps shading and texture; recolouring and background need part labels.
+Source: EgoCap paper, section 4.3.1 (background, intrinsic recolouring, gamma, scale);
+camouflage is an addition.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ from egocap.detect.train.config import AugmentationConfig
 from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, Example
 
 WEARER = np.isin(np.arange(256), np.arange(1, 22)) | (np.arange(256) == 40)
-"""Part labels of the person who wears the rig, and of the rig (`egocap_sim.core.part_labels`)."""
+"""Part labels of the wearer and the rig (`egocap_sim.core.part_labels`)."""
 
 OUTFIT: tuple[tuple[int, ...], ...] = (
     (2, 3, 6, 7, 10, 11), (8, 12), (1, 14, 18), (15, 19), (16, 17, 20, 21), (4, 5, 9, 13),
 )  # fmt: skip
-"""Parts that a garment or skin covers together: shirt, sleeves, hips and thighs, shins, shoes,
-skin."""
-_LEAST_PX = 30  # of a garment, and of what is behind it
+"""Parts recoloured together: shirt, sleeves, hips and thighs, shins, shoes, skin."""
+_LEAST_PX = 30  # of a garment, and of its background
 _DIM = 16.0  # added to levels 0 to 255
 
 
@@ -35,9 +34,9 @@ def augment(
     rng: np.random.Generator,
     other: Example | None = None,
 ) -> Example:
-    """An example changed in every way `config` asks for; `other` lends its image as background.
+    """Apply the augmentations of `config`; the image of `other` is the new background.
 
-    Background and recolouring leave examples without part labels as they are.
+    Background, recolouring and camouflage need part labels and are skipped without them.
     """
     image, parts = example.image, example.parts
     background, recolour = rng.random() < config.background, rng.random() < config.recolour
@@ -63,14 +62,14 @@ def augment(
 def recoloured(
     image: UInt8[Array, "H W 3"], parts: UInt8[Array, "H W"], rng: np.random.Generator
 ) -> UInt8[Array, "H W 3"]:
-    """Clothes and skin in other colours: one factor for each colour channel of each garment."""
+    """Recolour clothes and skin: one factor per colour channel of each garment."""
     gain = np.ones((256, 3), np.float32)
     for garment, covered in enumerate(OUTFIT):
         if rng.random() < 0.7:
-            spread = 0.12 if garment == len(OUTFIT) - 1 else 0.5  # skin stays skin
+            spread = 0.12 if garment == len(OUTFIT) - 1 else 0.5  # natural range of skin
             factor = np.exp(rng.normal(0.0, 0.35) + rng.normal(0.0, spread, 3))
             gain[list(covered)] = np.clip(factor, 0.2, 4.0)
-    # a shift of hue besides: channels change places in the clothes, not on skin
+    # shift of hue: permute the channels of clothes, not of skin
     order = rng.permutation(3) if rng.random() < 0.4 else np.arange(3)
     clothes = np.zeros(256, bool)
     clothes[[p for covered in OUTFIT[:-1] for p in covered]] = True
@@ -81,17 +80,17 @@ def recoloured(
 def camouflaged(
     image: UInt8[Array, "H W 3"], parts: UInt8[Array, "H W"], rng: np.random.Generator
 ) -> UInt8[Array, "H W 3"]:
-    """One garment in the colour of what is behind it, about: tan trousers before a tan floor."""
+    """Give one garment about the colour of its background."""
     covered = OUTFIT[int(rng.integers(len(OUTFIT) - 1))]  # not the skin
     worn = np.isin(parts, covered)
     if np.count_nonzero(worn) < _LEAST_PX:
         return image
     near = cv2.dilate(worn.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
-    behind = near & ~WEARER[parts] & image.any(-1)  # the black round the lens's circle is nothing
+    behind = near & ~WEARER[parts] & image.any(-1)  # without the black outside the image circle
     if np.count_nonzero(behind) < _LEAST_PX:
         return image
     colour = image[behind].mean(0) * np.exp(rng.normal(0.0, 0.12, 3))
-    light = image[worn].mean(1) + _DIM  # of dark cloth, little more than noise is left
+    light = image[worn].mean(1) + _DIM  # dark cloth is mostly noise
     shading = np.clip(light / light.mean(), 0.5, 1.5)
     image = image.copy()
     image[worn] = np.minimum(colour * shading[:, None], 255.0).astype(np.uint8)
@@ -104,7 +103,7 @@ def replaced_background(
     other: UInt8[Array, "H W 3"],
     rng: np.random.Generator,
 ) -> UInt8[Array, "H W 3"]:
-    """The wearer before another image, turned so that its own wearer is never upright there."""
+    """Replace the background by another image, rotated so that its wearer is never upright."""
     behind = np.ascontiguousarray(other)
     height, width = parts.shape
     angle, zoom = rng.uniform(75.0, 285.0), np.exp(rng.uniform(np.log(1.3), np.log(3.0)))
@@ -113,7 +112,7 @@ def replaced_background(
     )
     behind = cv2.warpAffine(behind, M, (width, height), borderMode=cv2.BORDER_REFLECT_101)
     wearer = WEARER[parts]
-    lens = image.any(-1)  # the black round the lens's circle stays black
+    lens = image.any(-1)  # the black outside the image circle is kept
     alpha = cv2.blur((wearer | ~lens).astype(np.float32), (3, 3))[..., None]
     return (image * alpha + behind * (1.0 - alpha)).astype(np.uint8)
 
@@ -125,7 +124,7 @@ def moved(
     config: AugmentationConfig,
     rng: np.random.Generator,
 ) -> tuple[UInt8[Array, "H W 3"], Float[Array, "18 2"], UInt8[Array, "18"]]:
-    """Scaled, turned and shifted about the image's centre; what leaves it is OUTSIDE."""
+    """Scale, rotate and shift about the image centre; labels that leave it become OUTSIDE."""
     height, width = image.shape[:2]
     scale = 1.0 + rng.uniform(-config.scale, config.scale)
     angle = rng.uniform(-config.rotation_deg, config.rotation_deg)
@@ -146,7 +145,7 @@ def occluded(
     state: UInt8[Array, "18"],
     rng: np.random.Generator,
 ) -> tuple[UInt8[Array, "H W 3"], UInt8[Array, "18"]]:
-    """One to three flat shapes in front; labels under them are HIDDEN."""
+    """Draw one to three flat occluders; labels under them become HIDDEN."""
     height, width = image.shape[:2]
     cover = np.zeros((height, width), np.uint8)
     image = image.copy()
@@ -171,7 +170,7 @@ def occluded(
 
 
 def blurred(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
-    """Out of focus, or moved during the exposure."""
+    """Defocus or motion blur."""
     if rng.random() < 0.5:
         return cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.3, 1.2)))
     length, angle = rng.uniform(1.0, 6.0), rng.uniform(0.0, np.pi)
@@ -186,7 +185,7 @@ def blurred(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Arr
 def toned(
     image: UInt8[Array, "H W 3"], config: AugmentationConfig, rng: np.random.Generator
 ) -> UInt8[Array, "H W 3"]:
-    """Another gamma; perhaps another colour temperature, contrast and saturation too."""
+    """Change gamma, and at random colour temperature, contrast and saturation."""
     gamma = np.exp(rng.uniform(-1.0, 1.0) * np.log(config.gamma))
     curve = np.linspace(0.0, 1.0, 256)[:, None] ** gamma * np.ones(3)
     if rng.random() < config.colour:
@@ -203,17 +202,17 @@ def toned(
 
 
 def noisy(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
-    """Sensor noise, grey or coloured."""
+    """Add sensor noise, grey or coloured."""
     height, width = image.shape[:2]
     channels = 3 if rng.random() < 0.5 else 1
-    # 8-bit uniform draws are much cheaper than normal ones; the mean of two is nearly normal
+    # the sum of two 8-bit uniform draws is nearly normal and much cheaper than normal draws
     raw = rng.integers(0, 256, (2, height, width, channels), np.uint8).astype(np.float32).sum(0)
     sigma = rng.uniform(1.0, 12.0)
     return np.clip(image + (raw - 255.0) * (sigma / 104.5), 0, 255).astype(np.uint8)
 
 
 def recompressed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
-    """Through JPEG at a low or fair quality."""
+    """Compress as JPEG at quality 30 to 90."""
     import simplejpeg
 
     data = simplejpeg.encode_jpeg(

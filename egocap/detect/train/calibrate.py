@@ -1,4 +1,4 @@
-"""Calibrating weights on annotated footage that they were not trained on."""
+"""Calibration of weights on annotated footage not used in training."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _BATCH = 8  # views at once
 
 
 @dataclass(frozen=True, eq=False)
-class Said:
-    """What a network said of N annotated views, and what is true of them."""
+class AnnotatedOutputs:
+    """Outputs of a network for N annotated views, with errors and true states."""
 
     info: Float[Array, "N 18 4"]
-    errors: Float[Array, "N 18"]  # from the true place, canonical pixels
+    errors: Float[Array, "N 18"]  # distance from the true point, canonical pixels
     state: UInt8[Array, "N 18"]  # `egocap.detect.train.examples`: SEEN, HIDDEN, OUTSIDE
 
 
@@ -40,18 +40,18 @@ def calibrate(
     engine: EngineName = "auto",
     threads: int | None = None,
 ) -> Calibration:
-    """Fit the calibration of `weights` on annotated sequences and write them with it to `out`.
+    """Fit the calibration of `weights` on annotated sequences and write both to `out`.
 
-    `paths` are sequences or folders of them, `store` a folder for the views made of them. The same
-    files give the same calibration. Raises FileError or InputError where there is nothing to fit.
+    `paths` are sequences or folders of them, `store` is a folder for their canonical views. The
+    result is deterministic. Raises FileError or InputError without enough annotated views.
     """
     folders = find_sequences(paths)
     views = build_store(folders, weights.view, store)
-    said = listen(open_engine(weights, engine, threads), weights.stride, views)
-    seen, in_view = said.state == SEEN, said.state != OUTSIDE
-    found = fit_calibration(said.info, said.errors, seen, in_view)
+    outputs = run_on_store(open_engine(weights, engine, threads), weights.stride, views)
+    seen, in_view = outputs.state == SEEN, outputs.state != OUTSIDE
+    found = fit_calibration(outputs.info, outputs.errors, seen, in_view)
     account: dict[str, Any] = {
-        "views": len(said.info), "sequences": len(folders),
+        "views": len(outputs.info), "sequences": len(folders),
         "joints_seen": int(seen.sum()), "joints_hidden": int((in_view & ~seen).sum()),
         "manifests_sha256": _checksum(folders),
     }  # fmt: skip
@@ -59,7 +59,7 @@ def calibrate(
     return found
 
 
-def listen(engine: Engine, stride: int, store: ViewStore) -> Said:
+def run_on_store(engine: Engine, stride: int, store: ViewStore) -> AnnotatedOutputs:
     """Run a network on every view of a store."""
     columns: list[tuple[Array, ...]] = []
     with progress("calibrating", len(store), unit="views") as advance:
@@ -70,7 +70,7 @@ def listen(engine: Engine, stride: int, store: ViewStore) -> Said:
                 off = decode(heat, stride).points - views.points[rows]
                 columns.append((info, np.linalg.norm(off, axis=-1), views.state[rows]))
                 advance(len(info))
-    return Said(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+    return AnnotatedOutputs(*(np.concatenate(c) for c in zip(*columns, strict=True)))
 
 
 def _checksum(folders: Several[Path]) -> str:

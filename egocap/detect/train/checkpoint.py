@@ -1,4 +1,4 @@
-"""A training run's files, whole or absent: checkpoint.pt to go on, final.safetensors to use."""
+"""Files of a training run, written atomically: checkpoint.pt and final.safetensors."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ CHECKPOINT, FINAL = "checkpoint.pt", "final.safetensors"
 
 @dataclass
 class RunState:
-    """Progress of a run, kept in its checkpoint."""
+    """Progress of a run, stored in its checkpoint."""
 
     step: int = 0
     seconds: float = 0.0  # spent in training steps, over all sessions
-    views: int = 0  # seen, over all processes
+    views: int = 0  # trained on, over all processes
 
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """State dictionaries of a run that can go on."""
+    """State dictionaries of a resumable run."""
 
     network: dict[str, Any]
     average: dict[str, Any]
@@ -47,7 +47,7 @@ def save_checkpoint(
     optimiser: torch.optim.Optimizer,
     state: dict[str, Any],
 ) -> Path:
-    """Write the folder's checkpoint, replacing the one before in one step."""
+    """Replace the folder's checkpoint atomically."""
     path = folder / CHECKPOINT
     content = {
         "network": network.state_dict(), "average": average.state_dict(),
@@ -73,7 +73,7 @@ def load_checkpoint(folder: Path, device: torch.device | str = "cpu") -> Checkpo
     except (RuntimeError, pickle.UnpicklingError, KeyError, TypeError, ValueError, EOFError) as e:
         raise FileError(
             path, f"not a whole checkpoint: {str(e).splitlines()[0] if str(e) else type(e)}",
-            valid="one written by egocap train; delete it to begin anew",
+            valid="one written by egocap train; delete it to start again",
         ) from None  # fmt: skip
 
 
@@ -92,8 +92,10 @@ def save_run_weights(folder: Path, network: DetectorNetwork, scores: Scores | No
 
 
 def load_run_weights(path: Path) -> dict[str, torch.Tensor]:
-    """State dictionary in a final.safetensors or checkpoint.pt (its averaged weights), for a warm
-    start. Raises FileError."""
+    """Read final.safetensors, or the averaged weights of checkpoint.pt, as initial weights.
+
+    Raises FileError.
+    """
     if path.is_dir():
         path = path / FINAL if (path / FINAL).exists() else path / CHECKPOINT
     if not path.exists():

@@ -12,55 +12,55 @@ from egocap.errors import InputError
 
 @dataclass(frozen=True)
 class AugmentationConfig:
-    """How training images are changed. Chances are per image."""
+    """Augmentation of training images. Probabilities are per image."""
 
-    background: float = 0.25  # chance that everything but the wearer comes from another image
-    recolour: float = 0.5  # chance that clothes and skin change colour, shading kept
-    camouflage: float = 0.15  # chance that a garment has about the colour of what is behind it
-    scale: float = 0.15  # largest relative change of size
-    rotation_deg: float = 8.0  # largest rotation: how much rigs are askew
-    shift: float = 0.04  # largest shift, of the image's width
-    gamma: float = 2.0  # gamma lies between its inverse and this
-    colour: float = 0.5  # chance of another colour temperature, saturation and contrast
-    blur: float = 0.3  # chance of blur, half of it by motion
-    noise: float = 0.5  # chance of sensor noise
-    jpeg: float = 0.2  # chance of another round of JPEG
-    occluders: float = 0.2  # chance of things in front
+    background: float = 0.25  # probability of another background
+    recolour: float = 0.5  # probability of other colours of clothes and skin
+    camouflage: float = 0.15  # probability of a garment in the colour of its background
+    scale: float = 0.15  # largest relative scaling
+    rotation_deg: float = 8.0  # largest rotation
+    shift: float = 0.04  # largest shift, fraction of the image width
+    gamma: float = 2.0  # largest gamma; the smallest is its inverse
+    colour: float = 0.5  # probability of another colour temperature, saturation and contrast
+    blur: float = 0.3  # probability of blur, half of it motion blur
+    noise: float = 0.5  # probability of sensor noise
+    jpeg: float = 0.2  # probability of JPEG compression
+    occluders: float = 0.2  # probability of occluders
 
 
 NO_AUGMENTATION = AugmentationConfig(0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0)
-"""Leaves images as they are."""
+"""No augmentation."""
 
 
 @dataclass(frozen=True)
 class LossConfig:
-    """Weights of the terms, and how wide targets are."""
+    """Weights of the loss terms, and widths of the targets."""
 
-    seen_cells: float = 0.75  # standard deviation of the target of a visible label
-    hidden_cells: float = 1.25  # and of one in view but occluded
+    seen_cells: float = 0.75  # standard deviation of the target of a visible label, cells
+    hidden_cells: float = 1.25  # the same of an occluded label, cells
     hidden: float = 0.5  # weight of occluded labels
     extremities: float = 1.5  # weight of wrists, hands, knees, ankles and feet
-    place: float = 0.5  # of the distance below the cell
+    place: float = 0.5  # weight of the sub-cell distance
     visibility: float = 0.2
     spread: float = 0.1
 
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """How to train. Raises InputError for impossible values."""
+    """How to train. Raises InputError for values out of range."""
 
-    minutes: float = 60.0  # how long to train; the learning rate falls over this time
-    steps: int = 0  # if not 0: train this many steps instead of by the clock
-    batch: int = 32  # views a step and process
-    learning_rate: float = 1.5e-3  # at its highest
-    warm_up: float = 0.04  # share of the training during which it rises
+    minutes: float = 60.0  # training time; the learning rate decays over it
+    steps: int = 0  # if not 0: number of steps, instead of minutes
+    batch: int = 32  # views per step and process
+    learning_rate: float = 1.5e-3  # peak learning rate
+    warm_up: float = 0.04  # fraction of the training during which the learning rate rises
     weight_decay: float = 0.03
-    average: float = 0.999  # decay a step of the averaged weights
+    average: float = 0.999  # decay per step of the averaged weights
     seed: int = 0
-    validate_minutes: float = 4.0  # between two validations
+    validate_minutes: float = 4.0  # minutes between validations
     validation_views: int = 384
     checkpoint_minutes: float = 4.0
-    compile: bool = False  # have torch compile the network first: minutes, then a third faster
+    compile: bool = False  # compile the network with torch: takes minutes, then a third faster
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     loss: LossConfig = field(default_factory=LossConfig)
 
@@ -83,17 +83,17 @@ FOR_A_RIG = ("; for a rig without footage, run egocap-eval train --rig RIG, "
 
 @dataclass(frozen=True)
 class RunConfig:
-    """What to train, on what, where. Raises InputError for values that contradict each other."""
+    """Network, data and folder of a run. Raises InputError for contradictory values."""
 
     out: Path  # folder of the run
     data: Positional[tuple[Path, ...]] = ()  # sequences, or folders of sequences
     config: str = "default"  # network to train: default, small, paper (ResNet-101) or tiny
-    held_out: float = 0.08  # share of the sequences to validate on and never train on
-    start: Path | None = None  # weights to begin from: detector weights, or the folder of a run
-    resume: bool = False  # go on with the run in --out, if there is one
-    store: Path | None = None  # folder of the canonical views of the data; by default in --out
-    backgrounds: tuple[Path, ...] = ()  # sequences whose images replace backgrounds; or the data's
-    shares: tuple[float, ...] = ()  # how much of the training is on each DATA; or by its views
+    held_out: float = 0.08  # fraction of the sequences held out for validation
+    start: Path | None = None  # initial weights: detector weights, or the folder of a run
+    resume: bool = False  # resume the run in --out, if there is one
+    store: Path | None = None  # folder for canonical views of the data; default: in --out
+    backgrounds: tuple[Path, ...] = ()  # sequences for backgrounds; default: DATA
+    shares: tuple[float, ...] = ()  # weight of each DATA in training; default: its views
 
     def __post_init__(self) -> None:
         if not self.data:

@@ -1,4 +1,4 @@
-"""A training run's record: log.csv, validation.csv, curves.png, and a line now and then."""
+"""Record of a training run: log.csv, validation.csv, curves.png, and log messages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 TERMS = ("heat", "place", "visibility", "spread")
 _EVERY = 20  # steps between two rows of log.csv, which are means over them
-_SAY_S = 30.0  # seconds between two lines on stderr
+_LOG_S = 30.0  # between log messages
 
 
 class RunLog:
@@ -30,7 +30,7 @@ class RunLog:
     def __init__(self, folder: Path, fresh: bool) -> None:
         self._folder = folder
         self._sums, self._count = np.zeros(len(TERMS)), 0
-        self._said, self._views_said = time.monotonic(), -1
+        self._logged, self._views_logged = time.monotonic(), -1
         if fresh:
             _row(folder / "log.csv", ("step", "seconds", "views", "rate", *TERMS), fresh=True)
             (folder / "validation.csv").unlink(missing_ok=True)
@@ -38,14 +38,14 @@ class RunLog:
     def step(
         self, state: RunState, terms: Losses, rate: float, progress: float, left: float
     ) -> None:
-        """Add a step's losses; writes and says something now and then."""
+        """Add a step's losses; write and log their means at intervals."""
         self._sums += [float(getattr(terms, name).detach()) for name in TERMS]
         self._count += 1
         now = time.monotonic()
-        if now - self._said >= _SAY_S or self._views_said < 0:
-            speed = (state.views - self._views_said) / max(now - self._said, 1e-9)
-            speed = speed if self._views_said >= 0 else 0.0
-            self._said, self._views_said = now, state.views
+        if now - self._logged >= _LOG_S or self._views_logged < 0:
+            speed = (state.views - self._views_logged) / max(now - self._logged, 1e-9)
+            speed = speed if self._views_logged >= 0 else 0.0
+            self._logged, self._views_logged = now, state.views
             heat = self._sums[0] / self._count
             log.info(
                 "step %d, %.1f %%, %.0f views/s, %.0f min left, heat %.3f",
@@ -73,7 +73,7 @@ class RunLog:
         draw_curves(self._folder)
 
     def close(self) -> None:
-        """Draw the curves a last time."""
+        """Draw the final curves."""
         draw_curves(self._folder)
 
 

@@ -1,9 +1,8 @@
-"""Training examples: canonical views of annotated sequences, read once and kept on disk.
+"""Training examples: canonical views of annotated sequences, stored on disk.
 
-Every sequence becomes a small folder of plain arrays in a store: images, part labels where they
-were recorded, and what each view's annotation says of the 18 labels. Training then reads views at
-random from memory maps, whatever the number of sequences. A damaged shard is left out, with a
-warning and a count.
+Every sequence becomes a folder of arrays in a store: images, part labels if recorded, and the 18
+labels of each view. Training reads random views from memory maps. Damaged shards are skipped with a
+warning and counted.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ class Views:
     parts: UInt8[Array, "N H W"] | None  # `egocap_sim.core.part_labels`; None: not recorded
     points: Float[Array, "N 18 2"]  # canonical pixels; meaningless where OUTSIDE
     state: UInt8[Array, "N 18"]  # SEEN, HIDDEN, OUTSIDE
-    magnification: Float[Array, "N 18"]  # pixels of a 640 pixels wide camera per canonical pixel
+    magnification: Float[Array, "N 18"]  # pixels at image width 640 per canonical pixel
     skipped: int = 0  # views whose shard was damaged
 
     def __len__(self) -> int:
@@ -67,11 +66,11 @@ class Views:
 
 @dataclass(frozen=True, eq=False)
 class ViewStore:
-    """Views of many sequences as one list."""
+    """Views of several sequences as one list."""
 
     sequences: tuple[Views, ...]
-    skipped: int = 0  # views left out because they could not be read
-    odds: tuple[float, ...] | None = None  # of drawing a view of each sequence; None: all alike
+    skipped: int = 0  # views that could not be read
+    odds: tuple[float, ...] | None = None  # sampling weight of a view of each sequence; None: equal
 
     def __post_init__(self) -> None:
         counts = np.array([len(views) for views in self.sequences])
@@ -83,13 +82,13 @@ class ViewStore:
         return int(self._ends[-1]) if len(self.sequences) else 0  # type: ignore[attr-defined]
 
     def locate(self, index: int) -> tuple[Views, int]:
-        """The sequence's views that hold view `index`, and its row there."""
+        """Views of the sequence that contains view `index`, and its row there."""
         which = int(np.searchsorted(self._ends, index, side="right"))  # type: ignore[attr-defined]
         views = self.sequences[which]
         return views, index - (int(self._ends[which]) - len(views))  # type: ignore[attr-defined]
 
     def draw(self, rng: np.random.Generator) -> tuple[Views, int]:
-        """A view at random, by the odds: its sequence's views, and its row there."""
+        """Draw a view: the views of its sequence, and its row there."""
         mass: Array = self._mass  # type: ignore[attr-defined]
         which = int(np.searchsorted(mass, rng.random() * mass[-1], side="right"))
         views = self.sequences[min(which, len(mass) - 1)]
@@ -97,7 +96,7 @@ class ViewStore:
 
 
 def mixed(stores: Several[ViewStore], shares: Several[float]) -> ViewStore:
-    """Several stores as one, which is drawn from by their shares."""
+    """Join stores, with sampling weights in the ratio of `shares`."""
     odds = (
         (share / len(store),) * len(store.sequences)
         for share, store in zip(shares, stores, strict=True)
@@ -110,10 +109,9 @@ def mixed(stores: Several[ViewStore], shares: Several[float]) -> ViewStore:
 
 
 def build_store(folders: Several[Path], spec: ViewSpec, store: Path) -> ViewStore:
-    """Views of all sequences, taken from the store or made there first.
+    """Views of all sequences, read from the store or added to it.
 
-    Sequences that cannot be opened, and shards that cannot be read, are left out with a warning.
-    Raises FileError when nothing is left.
+    Unreadable sequences and shards are skipped with a warning. Raises FileError if none is left.
     """
     store.mkdir(parents=True, exist_ok=True)
     kept, skipped = [], 0
@@ -124,11 +122,11 @@ def build_store(folders: Several[Path], spec: ViewSpec, store: Path) -> ViewStor
                 kept.append(views)
                 skipped += views.skipped
             except EgocapError as error:
-                log.warning("left out: %s", error)
+                log.warning("skipped: %s", error)
                 skipped += 1
             advance()
     if skipped:
-        log.warning("%d views or sequences were left out because they are damaged", skipped)
+        log.warning("%d damaged views or sequences were skipped", skipped)
     kept = [views for views in kept if len(views)]
     if not kept:
         raise FileError(folders[0], "none of the sequences can be read")
@@ -136,7 +134,7 @@ def build_store(folders: Several[Path], spec: ViewSpec, store: Path) -> ViewStor
 
 
 def sequence_views(folder: Path, spec: ViewSpec, store: Path) -> Views:
-    """Views of one sequence, from the store or made there first. Raises FileError."""
+    """Views of one sequence, read from the store or added to it. Raises FileError."""
     sequence = open_sequence(folder)
     place = store / _key(sequence, spec)
     if not (place / "labels.npz").exists():
@@ -171,7 +169,7 @@ def _write(sequence: Sequence, spec: ViewSpec, place: Path) -> None:
                 if not _dropped(sequence, shard.first + row, v)
             ]
         except (EgocapError, ValueError, KeyError) as error:
-            log.warning("shard %s of %s is left out: %s", shard.name, sequence.folder, error)
+            log.warning("shard %s of %s is skipped: %s", shard.name, sequence.folder, error)
             skipped += len(shard.frames) * len(canonical)
             continue
         images += [f[0] for f in found]
@@ -194,7 +192,7 @@ def _write(sequence: Sequence, spec: ViewSpec, place: Path) -> None:
 
 
 def _dropped(sequence: Sequence, index: int, view: int) -> bool:
-    """Whether the picture is not of the instant that its annotation describes."""
+    """Whether the frame was dropped, so that image and annotation differ in time."""
     return sequence.sensor is not None and bool(sequence.sensor.dropped[index, view])
 
 
@@ -215,7 +213,7 @@ def _view(
 def _labels(
     sequence: Sequence, index: int, name: str, view: CanonicalView
 ) -> tuple[Array, Array, Array]:
-    """Points, states and magnification of the 18 labels, as the network should see them."""
+    """Points, states and magnification of the 18 labels in the network's order."""
     annotation = sequence.annotation(index)
     pixels = np.array(annotation["joints_2d"][name], float)
     seen = np.array(annotation["visibility"][name])

@@ -1,4 +1,4 @@
-"""SIGTERM and Ctrl-C as a request: work ends at the next good place, not in the middle."""
+"""Deferred handling of SIGTERM and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from types import FrameType
 
 
 class Interruption:
-    """While entered, the first SIGTERM or SIGINT sets `requested`; a second acts as usual.
+    """While entered, the first SIGTERM or SIGINT sets `requested`; a second has its usual effect.
 
-    In other threads than the main one, signals keep their usual effect.
+    Has no effect outside the main thread.
     """
 
     def __init__(self) -> None:

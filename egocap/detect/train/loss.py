@@ -1,4 +1,4 @@
-"""What training minimises: how badly heat maps, visibility and predicted spread fit the labels."""
+"""Training losses of heat maps, visibility and predicted standard deviation."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from egocap.detect.train.config import LossConfig
 from egocap.detect.train.examples import OUTSIDE, SEEN
 
 _EXTREMITIES = ("wrist", "hand", "knee", "ankle", "foot")
-_FAR_PX = 48.0  # errors beyond count as this much in the spread's likelihood
-_NEAR_CELLS = 3.0  # within this of the truth a peak is pulled to it below the cell
+_FAR_PX = 48.0  # largest error in the likelihood of sigma
+_NEAR_CELLS = 3.0  # largest error for the sub-cell loss
 
 
 @dataclass(frozen=True, eq=False)
 class Losses:
     """The terms, each a scalar."""
 
-    heat: Tensor  # cross entropy of heat maps, nats above the target's own
+    heat: Tensor  # Kullback-Leibler divergence of heat maps from targets, nats
     place: Tensor  # smooth L1 distance of decoded places, cells
     visibility: Tensor  # cross entropy, nats
     spread: Tensor  # negative log likelihood of the places under the predicted sigma
@@ -46,7 +46,7 @@ def losses(
     stride: int,
     config: LossConfig,
 ) -> Losses:
-    """Losses of a batch; labels that are OUTSIDE count for the visibility alone."""
+    """Losses of a batch; OUTSIDE labels contribute to visibility only."""
     weight = label_weights(state, config)
     total = weight.sum().clamp(min=1.0)
     sigma = torch.where(state == SEEN, config.seen_cells, config.hidden_cells)
@@ -76,7 +76,7 @@ def spread_loss(
 
 
 def label_weights(state: Int64[Tensor, "B 18"], config: LossConfig) -> Float[Tensor, "B 18"]:
-    """Weight of every label's place: 0 outside the view, less where occluded."""
+    """Weight of every label's position: 0 outside the view, reduced if occluded."""
     by_label = torch.tensor(
         [config.extremities if n.split("_")[-1] in _EXTREMITIES else 1.0 for n in LABELS],
         device=state.device,

@@ -34,10 +34,10 @@ RUN = "run.json"
 def train_detector(
     request: RunConfig, training: TrainingConfig, command: Sequence[str] | None = None
 ) -> Outcome:
-    """Train a detector; the weights come out as `out`/detector.safetensors.
+    """Train a detector and write `out`/detector.safetensors.
 
-    `command` is recorded with the weights: the process's own arguments when None. Raises InputError
-    or FileError for data, weights or a run folder that do not fit.
+    `command` is recorded with the weights; None: that of the process. Raises InputError or
+    FileError for unusable data, weights or run folder.
     """
     network = config_named(request.config)
     start = prepare_run(request, training)
@@ -47,7 +47,7 @@ def train_detector(
         network, training, kept, held_out, request.out, start, _backgrounds(request, network)
     )
     if request.resume and trainer.resume():
-        log.info("going on from step %d", trainer.state.step)
+        log.info("resuming from step %d", trainer.state.step)
     outcome = trainer.run()
     if outcome.weights is not None:
         words = ["egocap", *sys.argv[1:]] if command is None else command
@@ -58,9 +58,9 @@ def train_detector(
 
 
 def prepare_run(request: RunConfig, training: TrainingConfig) -> dict[str, torch.Tensor] | None:
-    """Make the folder of a run, or check the one there; the weights to begin from, if any.
+    """Make or check the folder of a run, and read the initial weights, if any.
 
-    Raises InputError or FileError where the folder holds another run, or the weights do not fit.
+    Raises InputError or FileError if the folder holds another run or the weights do not fit.
     """
     network = config_named(request.config)
     start = _start(request, network)
@@ -69,7 +69,7 @@ def prepare_run(request: RunConfig, training: TrainingConfig) -> dict[str, torch
 
 
 def summary(request: RunConfig, outcome: Outcome) -> dict[str, Any]:
-    """How a run ended, JSON-ready."""
+    """Summary of a run, JSON-ready."""
     return {
         "finished": outcome.finished, "steps": outcome.state.step, "views": outcome.state.views,
         "seconds": round(outcome.state.seconds, 1),
@@ -79,10 +79,10 @@ def summary(request: RunConfig, outcome: Outcome) -> dict[str, Any]:
 
 
 def summary_text(request: RunConfig, outcome: Outcome) -> str:
-    """How a run ended, in one or two lines."""
+    """Summary of a run in one or two lines."""
     state = outcome.state
     if not outcome.finished:
-        return f"{request.out}: interrupted after {state.step} steps; go on with --resume"
+        return f"{request.out}: interrupted after {state.step} steps; continue with --resume"
     text = f"{weights_path(request.out)}: {state.step} steps, {state.views} views"
     if outcome.scores is not None:
         scores = outcome.scores.to_dict()
@@ -91,12 +91,12 @@ def summary_text(request: RunConfig, outcome: Outcome) -> str:
 
 
 def weights_path(out: Path) -> Path:
-    """The file of weights that a run ends with."""
+    """Path of the final weights of a run."""
     return out / "detector.safetensors"
 
 
 def split(folders: list[Path], share: float) -> tuple[list[Path], list[Path]]:
-    """Sequences to train on and to validate on: every n-th is held out, people never shared."""
+    """Split sequences for training and validation: every n-th one is held out."""
     if share == 0.0 or len(folders) < 2:
         return folders, []
     every = max(2, round(1.0 / share))
@@ -107,7 +107,7 @@ def split(folders: list[Path], share: float) -> tuple[list[Path], list[Path]]:
 
 
 def join_processes() -> None:
-    """Join the other processes that torchrun started, if it did."""
+    """Join the process group of torchrun, if there is one."""
     if int(os.environ.get("WORLD_SIZE", "1")) == 1:
         return
     import torch
@@ -119,7 +119,7 @@ def join_processes() -> None:
 
 
 def command_for_devices(words: Sequence[str], module: str = "egocap") -> list[str] | None:
-    """The command that runs `words` of a program on all GPUs; None where there are not several."""
+    """Command that runs a program on all GPUs with torchrun; None with fewer than two GPUs."""
     import torch
 
     if "WORLD_SIZE" in os.environ or torch.cuda.device_count() < 2:
@@ -130,13 +130,13 @@ def command_for_devices(words: Sequence[str], module: str = "egocap") -> list[st
 
 
 def _prepare(request: RunConfig, training: TrainingConfig, network: NetworkConfig) -> None:
-    """Make the run's folder, or check that the one there is this run's."""
+    """Make the run's folder, or check that an existing one belongs to this run."""
     what = {"network": network.to_dict(), "seed": training.seed, "batch": training.batch}
     path = request.out / RUN
     if (request.out / CHECKPOINT).exists() or (request.out / FINAL).exists():
         if not request.resume:
             raise InputError(
-                f"{request.out} holds a run already", valid="another --out, or --resume to go on"
+                f"{request.out} holds a run already", valid="another --out, or --resume"
             )
         try:
             before = json.loads(path.read_text(encoding="utf-8"))
@@ -153,7 +153,7 @@ def _prepare(request: RunConfig, training: TrainingConfig, network: NetworkConfi
 
 
 def _start(request: RunConfig, network: NetworkConfig) -> dict[str, torch.Tensor] | None:
-    """Weights to begin from. Raises FileError when they are of another network."""
+    """Initial weights. Raises FileError if they are of another network."""
     if request.start is None:
         return None
     if request.start.suffix == ".safetensors" and request.start.name != FINAL:
@@ -178,7 +178,7 @@ def _stores(request: RunConfig, network: NetworkConfig) -> tuple[ViewStore, View
     several = torch.distributed.is_available() and torch.distributed.is_initialized()
     if several and torch.distributed.get_rank() != 0:
         torch.distributed.barrier()  # the first process fills the store
-    if request.shares:  # each part of the data is split by itself, so that none is all held out
+    if request.shares:  # split each DATA separately, so that none is held out entirely
         parts = [split(find_sequences([data]), request.held_out) for data in request.data]
     else:
         parts = [split(find_sequences(request.data), request.held_out)]
@@ -203,7 +203,7 @@ def _backgrounds(request: RunConfig, network: NetworkConfig) -> ViewStore | None
 def _account(
     request: RunConfig, training: TrainingConfig, kept: ViewStore, outcome: Outcome
 ) -> dict[str, Any]:
-    """How the weights were made, for their file."""
+    """Training record for the weights file."""
     return {
         "data": [path.name for path in request.data],
         "shares": list(request.shares),
@@ -217,12 +217,12 @@ def _account(
 
 
 def _without_folder(word: str) -> str:
-    """A word of the command; of an absolute path the name, since weights are handed on."""
+    """A word of the command, with absolute paths reduced to the file name."""
     return Path(word).name if word.startswith("/") else word
 
 
 def _origin(start: Path | None) -> dict[str, Any] | None:
-    """What a run began from, with that one's own account where it has one."""
+    """Name of the initial weights, with their training record if they have one."""
     if start is None:
         return None
     if start.suffix != ".safetensors" or start.name == FINAL:

@@ -1,9 +1,8 @@
-"""Training the detector: batches, schedule, averages, checkpoints; any device, one or several.
+"""Training of the detector: batches, schedule, averaging and checkpoints, on one or more devices.
 
-A run is a folder: config.json, log.csv and curves.png (`train.curves`), checkpoint.pt to go
-on from, and final.safetensors, the averaged weights with calibrated spreads. A batch depends on the
-seed, the process and the step alone, so a run that was killed and resumed goes on as if it had not
-been.
+The folder of a run holds run.json, log.csv and curves.png (`train.curves`), checkpoint.pt, and
+final.safetensors, the averaged weights with fitted sigma. A batch depends only on seed, process and
+step, so that a resumed run equals an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -43,16 +42,16 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended."""
+    """Result of a run."""
 
-    finished: bool  # False: interrupted, and resumable
+    finished: bool  # False: interrupted
     state: RunState
     scores: Scores | None  # of the final weights on the held-out views
     weights: Path | None  # final.safetensors
 
 
 class Trainer:
-    """One run in one process (of several, each with a device of its own)."""
+    """One run in one process; several processes have one device each."""
 
     def __init__(
         self,
@@ -64,8 +63,7 @@ class Trainer:
         start: dict[str, Any] | None = None,
         backgrounds: ViewStore | None = None,
     ) -> None:
-        """`start` is a state dictionary to begin from (a warm start). Backgrounds are drawn from
-        `backgrounds`, or from the training views themselves."""
+        """`start`: initial state dictionary; `backgrounds`: the training views when None."""
         self.config, self.folder = config, folder
         self.training, self.validation = training, validation
         self.backgrounds = training if backgrounds is None else backgrounds
@@ -93,7 +91,7 @@ class Trainer:
             self._run = torch.compile(self._run)  # type: ignore[assignment]
 
     def resume(self) -> bool:
-        """Go on from the folder's checkpoint; False when there is none. Raises FileError."""
+        """Load the folder's checkpoint; False if there is none. Raises FileError."""
         found = load_checkpoint(self.folder, self.device)
         if found is None:
             return False
@@ -104,7 +102,7 @@ class Trainer:
         return True
 
     def run(self) -> Outcome:
-        """Train to the end, or until interrupted; validate, log and checkpoint on the way."""
+        """Train until finished or interrupted, with validation, logging and checkpoints."""
         record = RunLog(self.folder, fresh=self.state.step == 0) if self.rank == 0 else None
         since_check = since_validation = self.state.seconds
         self.network.train()
@@ -133,7 +131,7 @@ class Trainer:
         return self._finish(record)
 
     def progress(self) -> float:
-        """From 0 to 1, by steps or by the clock."""
+        """Fraction of the run that is done, by steps or time."""
         if self.config.steps:
             return self.state.step / self.config.steps
         return self.state.seconds / (60.0 * self.config.minutes)
@@ -154,7 +152,7 @@ class Trainer:
         return terms
 
     def _rate(self) -> float:
-        """One cycle: a linear rise, then half a cosine down to a hundredth."""
+        """Learning rate: linear rise, then cosine decay to 1 % of the peak."""
         done, rise = min(self.progress(), 1.0), self.config.warm_up
         if done < rise:
             return self.config.learning_rate * (0.05 + 0.95 * done / rise)
@@ -170,7 +168,7 @@ class Trainer:
         move([mine[k] for k in floats], [theirs[k] for k in floats], self.state.step)
 
     def _batches(self) -> Iterator[tuple[torch.Tensor, ...]]:
-        """Batches from the current step on, each made while the one before is trained on."""
+        """Batches from the current step on, prefetched by a thread."""
         with ThreadPoolExecutor(1) as pool:
             step = self.state.step
             ahead = [pool.submit(self._batch, step), pool.submit(self._batch, step + 1)]
@@ -203,7 +201,7 @@ class Trainer:
         return scores
 
     def _held_out(self) -> np.ndarray:
-        """The same views every time, spread over the held-out sequences."""
+        """Fixed views, evenly spaced over the held-out sequences."""
         assert self.validation is not None
         count = min(self.config.validation_views, len(self.validation))
         return np.unique(np.linspace(0, len(self.validation) - 1, count).astype(int))
@@ -229,7 +227,7 @@ class Trainer:
         return Outcome(True, self.state, scores, path)
 
     def _left(self) -> float:
-        """Seconds of training still to go, by its speed so far."""
+        """Estimated remaining training time, seconds."""
         done = self.progress()
         return self.state.seconds * max(1.0 - done, 0.0) / max(done, 1e-9)
 
@@ -237,7 +235,7 @@ class Trainer:
         return self.state.seconds - since >= 60.0 * minutes
 
     def _agreed_seconds(self, seconds: float) -> float:
-        """The first process's clock, so that all stop at the same step."""
+        """Time of the first process, so that all processes stop at the same step."""
         if self.world == 1:
             return seconds
         clock = torch.tensor(seconds, device=self.device)
@@ -267,7 +265,7 @@ def _device(local_rank: int) -> torch.device:
 
 
 def _groups(network: DetectorNetwork, decay: float) -> list[dict[str, Any]]:
-    """Weights of convolutions and linear layers decay, scales and biases do not."""
+    """Parameter groups: weight decay for matrices, none for scales and biases."""
     weights = [p for p in network.parameters() if p.ndim > 1]
     others = [p for p in network.parameters() if p.ndim <= 1]
     return [{"params": weights, "weight_decay": decay}, {"params": others, "weight_decay": 0.0}]

@@ -1,4 +1,4 @@
-"""How good a network is on held-out views, in pixels of cameras 640 pixels wide."""
+"""Accuracy of a network on held-out views, in pixels at image width 640."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Scores:
     """Over labels of held-out views. Percentages from 0 to 100."""
 
     pck: float  # visible labels within 20 px
-    auc: float  # mean share of visible labels within 0..20 px
+    auc: float  # mean PCK over thresholds 0..20 px
     error_px: float  # mean over visible labels
     median_px: float
     pck_in_view: float  # visible and occluded labels
@@ -45,7 +45,7 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """What a network says of views, beside the truth. N views; canonical pixels."""
+    """Outputs of a network for N views, and the truth, in canonical pixels."""
 
     off: Float[Array, "N 18 2"]  # decoded minus true
     log_sigma: Float[Array, "N 18"]
@@ -101,7 +101,7 @@ def score(found: Predictions) -> Scores:
 
 
 def auroc(higher: Float[Array, "n"], lower: Float[Array, "m"]) -> float:
-    """Chance that a draw from `higher` is above one from `lower`; nan when either is empty."""
+    """Probability that a draw from `higher` exceeds one from `lower`; nan if either is empty."""
     from scipy.stats import rankdata
 
     n, m = len(higher), len(lower)
@@ -112,15 +112,15 @@ def auroc(higher: Float[Array, "n"], lower: Float[Array, "m"]) -> float:
 
 
 def sigma_bias(found: Predictions) -> Float[Array, "18"]:
-    """What to add to log sigma so that every label's normalised error is 1 over visible views.
+    """Offset of log sigma for a normalised error of 1 over visible views, per label.
 
-    Labels with few visible views share the mean of the others.
+    Labels with few visible views are shrunk towards the mean of all labels.
     """
     seen = found.state == SEEN
     squared = (found.off**2).mean(-1) * np.exp(-2.0 * found.log_sigma)
     overall = float(squared[seen].mean()) if seen.any() else 1.0
     counts = seen.sum(0)
-    few = 20.0  # views by which the mean of all labels outweighs a label's own
+    few = 20.0  # visible views at which a label and the mean have equal weight
     each = ((squared * seen).sum(0) + few * overall) / (counts + few)
     return 0.5 * np.log(np.maximum(each, 1e-6))
 

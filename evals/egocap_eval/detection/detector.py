@@ -58,12 +58,12 @@ PAPER = {
 }  # fmt: skip
 TARGETS = {"pck20": 97.0, "auc20": 80.0, "wrist": 95.0, "ankle": 95.0}
 SIGMA_TARGET, AUROC_TARGET, RATE_TARGET = 0.10, 0.90, 60.0
-_BLOCK = 25  # frames that err alike
+_BLOCK = 25  # frames with correlated errors
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Detections beside the truth, lengths in pixels of images 640 wide."""
+    """Detections and truth, lengths in pixels at image width 640."""
 
     errors: Float[Array, "T V 18"]  # meaningful where detected and in view
     sigma: Float[Array, "T V 18"]
@@ -163,7 +163,7 @@ def study(
 
 
 def score(sequence: Sequence, found: Detections) -> Scored:
-    """Detections of a sequence's first frames beside its truth. InputError when they are not."""
+    """Pair detections of a sequence's first frames with its truth. Raises InputError."""
     truth = sequence.truth
     rows = slice(0, len(found.times))
     require_same_times(found.times, truth.time[rows], "the detections")
@@ -211,7 +211,7 @@ def summary(scored: Mapping[str, Scored]) -> dict[str, Any]:
 
 
 def missed(result: Mapping[str, Any]) -> list[str]:
-    """Targets that are not met, in words."""
+    """Descriptions of missed targets."""
     visible, found = result["visible"], []
     for name, least in TARGETS.items():
         value = visible["groups"][name] if name in GROUPS else visible[name]
@@ -230,7 +230,7 @@ def missed(result: Mapping[str, Any]) -> list[str]:
 
 
 def tables(result: Mapping[str, Any]) -> list[Table]:
-    """Table 1 with ours below the paper's, each sequence, calibration and speed."""
+    """Tables of accuracy (with the paper's Table 1), sequences, calibration and speed."""
     header = ("", *GROUPS, "PCK", "AUC")
     rows = [("paper", *(number(PAPER.get(g)) for g in GROUPS), "89.5", "56.9")]
     for kind, name in (("visible", "visible joints"), ("in_view", "all in view")):
@@ -257,7 +257,7 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
         ("confidence off by", number(confidence["calibration_error"], 3), "0"),
         ("found out of view", number(result["false_positives"], 3), "0"),
     ]
-    made.append(Table("Does it know", ("measure", "value", "ideally"), tuple(rows)))
+    made.append(Table("Calibration", ("measure", "value", "ideally"), tuple(rows)))
     if speed := result.get("speed"):
         stages = tuple((s, number(ms, 2)) for s, ms in speed["stage_cpu_ms"].items())
         whole = ("all, overlapping", number(1e3 / speed["pairs_per_second"], 2))

@@ -1,7 +1,7 @@
 """Held-out footage for the detector: 1000 stereo frames, after the paper's Validation2D.
 
-Nobody and nothing in it is seen in training: people, clothes and places of the seeds 160 to 170,
-motions of the named scenes and of clips kept for validation.
+None of its content is used in training: people, clothes and places have the seeds 160 to 170,
+motions are those of the named scenes and of validation clips.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def make_heldout(
     rig: str | None = None,
     workers: int = 1,
 ) -> list[Path]:
-    """Generate what is missing of the held-out set in folder `out`; its sequences' folders.
+    """Generate missing sequences of the held-out set in folder `out`; return all folders.
 
     Args:
         out: folder of the set, one sequence a folder in it.
@@ -100,7 +100,7 @@ def _scene(
 
 
 def _rig(rig: str | None, size: tuple[int, int]) -> dict[str, Any]:
-    """What a rig's name or file changes in a scene's rig table. Raises FileError."""
+    """Entries of a scene's rig table for a rig's name or file. Raises FileError."""
     if rig is None or rig in rig_names():
         return {} if rig is None else {"name": rig}
     camera = load_rig(rig).cameras[0]

@@ -1,9 +1,8 @@
-"""The model card of detector weights.
+"""Model card of detector weights.
 
     python -m egocap_eval.detection.model_card WEIGHTS RESULT.json CARD.md
 
-Every number comes from the weights' own metadata and from the result of `egocap-eval detector`, so
-that the card cannot say anything else than they do.
+Every number is read from the metadata of the weights and the result of `egocap-eval detector`.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ LIMITS = (
     "forehead's middle counts as left.",
     "Legs far below the head are a few pixels of the canonical view: larger pictures do not help.",
 )
-"""What the weights cannot do."""
+"""Limitations of the weights."""
 
 
 def card(weights: Weights, record: Mapping[str, Any]) -> str:
-    """The card as Markdown. FileError when the result is of other weights."""
+    """The card as Markdown. Raises FileError if the result is of other weights."""
     config = record.get("config", {})
     scored = config.get("weights")
     if scored != weights.sha256:

@@ -114,7 +114,9 @@ def test_other_sizes_of_the_same_aspect(detector, rig, size):
 
 def test_other_aspects_and_numbers_are_refused(detector, rig):
     black = np.zeros((480, 640, 3), np.uint8)
-    with pytest.raises(InputError, match=r"640 x 480 for the view 'left'.*aspect of 640 x 512"):
+    with pytest.raises(
+        InputError, match=r"640 x 480 for the view 'left'.*aspect ratio of 640 x 512"
+    ):
         detector.detect_images([black, black])
     with pytest.raises(InputError, match="3 pictures of a rig of 2 views"):
         detector.detect_images([None] * 3)
@@ -203,7 +205,7 @@ def test_frames_without_a_view_are_counted(tiny_sequence, tiny_file, tmp_path, c
     weights = open_weights(tiny_file)
     with caplog.at_level(logging.WARNING):
         found = Detector(half.rig, weights, threads=1).detect(half)
-    assert "view 'left' gave nothing in 1 of 7 frames" in caplog.text
+    assert "view 'left' has no detections in 1 of 7 frames" in caplog.text
     expected = Detector(whole.rig, weights, threads=1).detect(whole)
     assert not found.valid[2, 0].any()
     assert np.array_equal(found.valid[2, 1], expected.valid[2, 1])

@@ -79,8 +79,8 @@ def test_names_follow_the_content(tiny_file, tmp_path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"kind": "llama"}, "something else"),
-        ({"kind": None}, "something else"),
+        ({"kind": "llama"}, "another program"),
+        ({"kind": None}, "another program"),
         ({"schema_version": "2"}, "schema 2.*up to 1"),
         ({"schema_version": "x"}, "schema x"),
         ({"labels": '["nose"]'}, "other labels.*left_wrist"),
@@ -122,7 +122,7 @@ def test_tensors_must_fit_the_network(tiny_file, tmp_path):
 def test_other_files_are_refused(tiny_file, tmp_path):
     path = tmp_path / "w.safetensors"
     save_file({"a": torch.zeros(3)}, path)
-    with pytest.raises(FileError, match="something else"):
+    with pytest.raises(FileError, match="another program"):
         open_weights(path)
     path.write_bytes(tiny_file.read_bytes()[:-10])
     with pytest.raises(FileError, match=r"truncated: .* bytes"):

@@ -82,7 +82,7 @@ def test_the_seed_is_of_the_noise(egocap, tracked, tiny_sequence):
         ("--detections simulated:-1", "sigma -1.0"),
         ("--detections none.npz", "none.npz: no such file"),
         ("--detections simulated:1 --seed -1", "seed -1 (valid: 0 or more)"),
-        ("--detections simulated:1 --lambda-pose nan", "lambda_pose"),
+        ("--detections simulated:1 --advanced --lambda-pose nan", "lambda_pose"),
         ("--detections simulated:1 --out taken", "taken: is a folder"),
         ("--detections simulated:1 --out file/t.npz", "file: is not a folder"),
     ],

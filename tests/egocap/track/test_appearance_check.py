@@ -67,11 +67,11 @@ def test_an_arm_found_before_the_wall_is_not_believed(scene, imagined):
     motion, pictures = scene
     tracker = Tracker(motion.rig, motion.person)
     blind = tracker.track(imagined)
-    looking = tracker.track(imagined, pictures.__getitem__)
+    checked = tracker.track(imagined, pictures.__getitem__)
     assert wrist_error(motion, blind) > 0.2
-    assert wrist_error(motion, looking) < 0.5 * wrist_error(motion, blind)
+    assert wrist_error(motion, checked) < 0.5 * wrist_error(motion, blind)
     assert 10 <= estimated(checked)["rejected"] <= 2 * 3 * 18
-    json.dumps(looking.config)
+    json.dumps(checked.config)
     config = TrackerConfig(appearance_check=False)
     told = Tracker(motion.rig, motion.person, config).track(imagined, pictures.__getitem__)
     np.testing.assert_array_equal(told.angles, blind.angles)
@@ -83,7 +83,7 @@ def test_what_is_there_stays(scene):
     checked = Tracker(motion.rig, motion.person).track(found, pictures.__getitem__)
     assert estimated(checked)["rejected"] == 0
     np.testing.assert_array_equal(
-        looking.angles, Tracker(motion.rig, motion.person).track(found).angles
+        checked.angles, Tracker(motion.rig, motion.person).track(found).angles
     )
 
 

@@ -30,7 +30,7 @@ BASIC = (
 """Settings that are flags without --advanced."""
 _SOURCES = (
     StructFieldSpec(
-        name="config", type=Path | None, default=None,
+        name="config", type=Path | None, default=None,  # pyright: ignore[reportArgumentType]
         helptext="TOML file of the tracker's settings; flags override it.",
     ),
     StructFieldSpec(

@@ -138,6 +138,7 @@ def _body_rotations(track: Track) -> dict[str, Float[Array, "T 3 3"]]:
 
 
 def _root_position(track: Track) -> Float[Array, "T 3"]:
+    assert track.offsets is not None
     hips = points(Proportions(track.offsets), track.angles)[:, POINT_INDEX["lower_spine"]]
     if track.T_world_head is not None:
         T = track.T_world_head

@@ -107,7 +107,9 @@ class TrackerConfig:
         )  # fmt: skip
         for field in fields(self):
             value = getattr(self, field.name)
-            if not isinstance(value, bool | str) and not (0.0 <= value < float("inf")):
+            if isinstance(value, bool | str):
+                continue
+            if not 0.0 <= value < float("inf"):
                 raise InputError(f"{field.name} = {value}", valid="a number from 0")
             if field.name in positive and value <= 0:
                 raise InputError(f"{field.name} = {value}", valid="a number above 0")

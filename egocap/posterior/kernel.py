@@ -8,7 +8,7 @@ differences. numba's cache does not see changes of other files: clear `__pycache
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,7 +19,7 @@ from egocap.body.kinematics import KinematicTree, forward_kinematics
 
 BLOCK = 8
 """Vectors that a thread evaluates with one working memory."""
-LEAF = {"cache": True, "_nrt": False}
+LEAF: dict[str, Any] = {"cache": True, "_nrt": False}
 """Functions that allocate nothing: without reference counts, for which threads would compete."""
 
 

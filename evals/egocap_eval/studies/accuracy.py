@@ -73,9 +73,10 @@ def missed(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 def _scenes(motions: Path | None, size: tuple[int, int]) -> list[Scene]:
     scenes = [builtin_scene(name) for name in SCENES]
     walk = resized(scenes[0], size)
-    for clip in CLIPS if motions is not None else ():
-        named = walk.model_copy(update={"name": Path(clip).stem})
-        scenes.append(with_clip(named, motions / clip, CLIP_FRAMES))
+    if motions is not None:
+        for clip in CLIPS:
+            named = walk.model_copy(update={"name": Path(clip).stem})
+            scenes.append(with_clip(named, motions / clip, CLIP_FRAMES))
     return [scene.model_copy(update={"rig": walk.rig}) for scene in scenes]
 
 

@@ -10,9 +10,11 @@ The manifest holds the byte range of every file in every shard, for random acces
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
@@ -169,6 +171,15 @@ class Sequence:
         return (
             f"Sequence('{m.name}', {m.frames} frames at {m.fps:g} Hz, {len(m.views)} views{truth})"
         )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the summary and the middle frame's images at half size."""
+        import simplejpeg
+
+        images = self.frame(len(self) // 2).images
+        jpegs = [simplejpeg.encode_jpeg(np.ascontiguousarray(i[::2, ::2]), 85) for i in images]
+        tags = (f'<img src="data:image/jpeg;base64,{b64encode(j).decode()}">' for j in jpegs)
+        return f"<p>{escape(repr(self))}</p>{' '.join(tags)}"
 
     def __len__(self) -> int:
         return self.manifest.frames

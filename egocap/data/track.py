@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,19 @@ class Track:
         frame = "head" if self.joints_world is None else "head and world"
         return (f"Track({frames} frames, {seconds:.1f} s, {int(self.converged.sum())} converged, "
                 f"{frame} frame)")  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the summary and, with a covariance, each joint's median uncertainty."""
+        summary = f"<p>{escape(repr(self))}</p>"
+        if self.covariance is None:
+            return summary
+        sigma = np.sqrt(np.trace(self.covariance, axis1=2, axis2=3) / 3)  # (T, 18) metres
+        rows = "".join(
+            f"<tr><td>{label.replace('_', ' ')}</td><td>{1000 * s:.1f}</td></tr>"
+            for label, s in zip(LABELS, np.median(sigma, 0), strict=True)
+        )
+        head = "<tr><th>joint</th><th>standard deviation along an axis, median [mm]</th></tr>"
+        return f"{summary}<table>{head}{rows}</table>"
 
 
 def save_track(path: str | Path, track: Track) -> None:

@@ -35,3 +35,17 @@ def test_sequences_and_what_they_hold_fit_a_line(tiny_sequence):
     assert repr(sequence.rig).count("Camera(") == 2
     for value in (sequence, found, sequence.body, sequence.rig, camera):
         assert len(repr(value)) < 160 and "\n" not in repr(value)
+
+
+def test_notebooks_show_images_of_a_sequence(tiny_sequence):
+    page = Sequence(tiny_sequence)._repr_html_()
+    assert page.count('<img src="data:image/jpeg;base64,/9j/') == 2
+    assert "7 frames at 30 Hz" in page
+
+
+def test_notebooks_show_the_uncertainty_of_a_track():
+    track = make_track()
+    assert "<table>" not in track._repr_html_()
+    covariance = np.broadcast_to(np.eye(3) * 0.01**2, (250, 18, 3, 3))
+    page = replace(track, covariance=covariance)._repr_html_()
+    assert page.count("<td>10.0</td>") == 18 and "<td>left wrist</td>" in page

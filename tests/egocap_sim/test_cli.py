@@ -199,7 +199,7 @@ def test_output_folders_that_cannot_be(sim, tiny_scene, tiny_sequence):
     Path("tiny.toml").write_text(to_toml(tiny_scene))
     before = sorted((p.name, p.stat().st_mtime_ns) for p in tiny_sequence.iterdir())
     line = complaint(sim("generate", "tiny.toml", "--seed", 5, "--out", tiny_sequence))
-    assert "holds another sequence (it differs in seed: 162 there, 5 asked for)" in line
+    assert "holds another sequence (it differs in seed: 162 recorded, 5 requested)" in line
     assert sorted((p.name, p.stat().st_mtime_ns) for p in tiny_sequence.iterdir()) == before
     Path("mine").mkdir()
     Path("mine/notes.txt").write_text("dear to me")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import logging
 import os
@@ -116,6 +117,7 @@ def join_processes() -> None:
     if cuda:
         torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     torch.distributed.init_process_group("nccl" if cuda else "gloo")
+    atexit.register(torch.distributed.destroy_process_group)  # its threads must not outlive Python
 
 
 def command_for_devices(words: Sequence[str], module: str = "egocap") -> list[str] | None:

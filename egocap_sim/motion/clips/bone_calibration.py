@@ -47,11 +47,15 @@ TYPICAL_PRONATION = 0.26  # radians, of a hand on average (measured on 47 clips 
 def calibrate(clip: Clip, hints: Hints | None = None) -> Clip:
     """The same motion with canonical rotations (`Clip.canonical`); positions are unchanged.
 
-    Raises InputError where left and right are exchanged: the knees would bend forward.
+    Raises InputError where left and right are exchanged (the knees would bend forward), and for
+    bones without length, whose direction is undefined.
     """
     if clip.canonical:
         return clip
     K = bone_frames(clip, hints)
+    undefined = [BODIES[b] for b in np.flatnonzero(~(np.linalg.det(K) > 0.5))]
+    if undefined:
+        raise InputError(f"no direction of {', '.join(undefined)}: a bone there has no length")
     return dataclasses.replace(clip, rotations=clip.rotations @ K, canonical=True)
 
 

@@ -106,6 +106,15 @@ def test_damaged_files_give_a_finite_clip_or_an_error(
     assert np.isfinite(clip.positions).all() and np.isfinite(clip.rotations).all()
 
 
+def test_a_bone_without_length_is_an_error(active, bvh_file):
+    path = bvh_file(active)
+    text = path.read_text()
+    at = text.index("OFFSET", text.index("JOINT l_calf"))
+    path.write_text(text[:at] + "OFFSET 0 0 0" + text[text.index("\n", at) :])
+    with pytest.raises(FileError, match=r"l_thigh.* a bone there has no length"):
+        load_clip(path)
+
+
 @pytest.mark.parametrize("name", SAMPLE)
 def test_recorded_motions_are_human(name: str, shared_motions) -> None:
     clip = load_clip(shared_motions / name)

@@ -1,5 +1,6 @@
 """README and docs: their Python runs, their commands exist, their links lead somewhere."""
 
+import importlib
 import importlib.util
 import os
 import re
@@ -121,3 +122,9 @@ def test_links_lead_somewhere(page):
 
 def test_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+
+
+def test_the_reference_names_what_exists():
+    for name in re.findall(r"^::: (\S+)$", (ROOT / "docs/reference/api.md").read_text(), re.M):
+        module, _, attribute = name.rpartition(".")
+        assert hasattr(importlib.import_module(module), attribute), name

@@ -15,8 +15,9 @@ MOST_MODULES = 20
 LAYERS = (
     {"egocap.errors", "egocap.geometry"},
     {"egocap.schema", "egocap.commandline", "egocap.files"},
-    {"egocap.cameras", "egocap.body"},
+    {"egocap.cameras", "egocap.body", "egocap.media"},
     {"egocap.data"},
+    {"egocap.footage"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose"},  # these do not import each other
     {"egocap.detect.train", "egocap.image_model"},
     {"egocap.track"},
@@ -159,5 +160,5 @@ METHOD_WITHOUT_TRUTH = [
 def test_truth_is_out_of_reach_of_detectors_and_trackers(name):
     for node in ast.walk(TREES[name]):
         assert not (isinstance(node, ast.Attribute) and node.attr == "truth"), name
-        if isinstance(node, ast.ImportFrom) and node.module == "egocap.data.sequence":
+        if isinstance(node, ast.ImportFrom) and node.module == "egocap.data.truth":
             assert "Truth" not in {alias.name for alias in node.names}, name

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from egocap.data.sequence import MANIFEST
+from egocap.data.manifest import MANIFEST
 from egocap.errors import FileError, InputError
 from egocap.schema import Strict, checked, read_json, refuse_newer
 

@@ -13,7 +13,7 @@ import shutil
 from pathlib import Path
 
 from egocap.data.dataset import EPISODES, Dataset, EpisodeEntry, episode_name, load_dataset
-from egocap.data.sequence import MANIFEST, load_manifest
+from egocap.data.manifest import MANIFEST, load_manifest
 from egocap.data.sequence_writer import FolderLock, refuse_other_files, require_same_config
 from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically

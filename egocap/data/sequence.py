@@ -3,6 +3,8 @@
 A folder of manifest.json, rig.json, scene.toml, body.json, truth.npz [rig.true.json sensor.npz
 others.npz] and WebDataset shards (shard-00000.tar with KEY.left.jpg KEY.right.jpg
 [KEY.left.mask.png KEY.left.depth.png] KEY.json).
+A sequence of footage has footage.json and times.npz instead of scene, body and truth, and its
+pictures in shards or in the files they were imported from.
 The manifest holds the byte range of every file in every shard, for random access to frames.
 `egocap.data.sequence_writer` writes such folders.
 """
@@ -16,75 +18,23 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int64, UInt8, UInt16
+from jaxtyping import Float, UInt8, UInt16
 from numpy import ndarray as Array
-from pydantic import Field
 
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
-from egocap.data.arrays import FrameArrays
+from egocap.data.footage import FOOTAGE, TIMES, Footage, FootageImages, FrameTimes, load_footage
+from egocap.data.manifest import MANIFEST, load_manifest
+from egocap.data.truth import OthersTruth, SensorTruth, Truth
 from egocap.errors import FileError, InputError
-from egocap.schema import Strict, checked, read_json, refuse_newer
 
-SCHEMA = 1
-MANIFEST = "manifest.json"
 TRUE_RIG = "rig.true.json"  # where rig.json has a calibration error
 SENSOR = "sensor.npz"
 OTHERS = "others.npz"  # in scenes with other people
-
-BLACK = -1  # `SensorTruth.source` of a dropped frame that is recorded black
-VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED = range(4)
-"""Values of `Truth.visibility`; out of view: of the image or lens; OCCLUDED: by other things."""
-
-
-class ShardEntry(Strict):
-    """One shard: its checksum, and the byte range of every file of its frames."""
-
-    name: str = Field(pattern=r"^shard-\d{5}\.tar$")
-    first: int = Field(ge=0)  # index of its first frame
-    bytes: int = Field(gt=0)
-    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
-    frames: list[dict[str, tuple[int, int]]]  # for each frame: suffix -> (offset, size)
-
-
-class FileEntry(Strict):
-    """Size and checksum of a side file."""
-
-    bytes: int = Field(ge=0)
-    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
-
-
-class Manifest(Strict):
-    """manifest.json. Units are metres, radians, seconds and pixels throughout."""
-
-    kind: Literal["egocap-sequence"] = "egocap-sequence"
-    schema_version: int = Field(ge=1)
-    name: str
-    units: dict[str, str] = {"length": "m", "angle": "rad", "time": "s", "image": "px"}
-    fps: float = Field(gt=0)
-    frames: int = Field(ge=1)
-    shard_frames: int = Field(ge=1)
-    views: tuple[str, ...]
-    seed: int
-    config: dict[str, Any]  # everything the content depends on, resolved
-    config_sha256: str
-    code_version: str
-    files: dict[str, FileEntry] = {}
-    shards: list[ShardEntry] = []
-
-    @property
-    def shard_count(self) -> int:
-        """Number of shards of the complete sequence."""
-        return -(-self.frames // self.shard_frames)
-
-    @property
-    def complete(self) -> bool:
-        """Whether every shard and the truth are recorded."""
-        return len(self.shards) == self.shard_count and "truth.npz" in self.files
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,59 +43,8 @@ class Frame:
 
     index: int
     time: float  # seconds
-    images: tuple[UInt8[Array, "H W 3"], ...]  # RGB, one a view
-
-
-@dataclass(frozen=True, eq=False)
-class Truth(FrameArrays):
-    """Exact state of the simulated person at every frame. Axis J follows `labels.LABELS`."""
-
-    time: Float[Array, "T"]
-    T_world_head: Float[Array, "T 4 4"]
-    joints_world: Float[Array, "T 18 3"]
-    joints_head: Float[Array, "T 18 3"]
-    joints_camera: Float[Array, "T V 18 3"]
-    joints_2d: Float[Array, "T V 18 2"]  # pixels; meaningful where `in_view`
-    in_view: Bool[Array, "T V 18"]  # inside the lens's field of view and the image
-    visibility: UInt8[Array, "T V 18"]  # VISIBLE, OUT_OF_VIEW, SELF_OCCLUDED, OCCLUDED
-    T_world_body: Float[Array, "T 21 4 4"]  # `egocap_sim.core.bodies.BODIES`
-    contact: Bool[Array, "T 4"]  # left foot, left toe, right foot, right toe on the ground
-    ground_force: Float[Array, "T 2 3"]  # left, right; newtons, world, on the person
-    root_wrench: Float[Array, "T 6"]  # residual force (N) and torque (N m) at the pelvis
-
-
-@dataclass(frozen=True, eq=False)
-class SensorTruth(FrameArrays):
-    """Sensor effects on every frame; absent for an ideal sensor.
-
-    `Truth` holds joints_camera, joints_2d, in_view and visibility at the instant at which the view
-    exposed each joint, everything else at the frame's time. The truth of a dropped frame is that of
-    the lost image.
-    """
-
-    time: Float[Array, "T V"]  # s, middle of the exposure of the view's middle row
-    joint_time: Float[Array, "T V 18"]  # s, middle of the exposure of the joint's row
-    exposure_ev: Float[
-        Array, "T V"
-    ]  # exposure relative to the rendered image, stops; includes flicker
-    source: Int64[Array, "T V"]  # index of the frame whose image is recorded; BLACK: none
-    subframes: Int64[Array, "T"]  # number of subframes averaged per image
-
-    @property
-    def dropped(self) -> Bool[Array, "T V"]:
-        """Whether a frame was dropped and another image is recorded for it."""
-        return self.source != np.arange(len(self.source))[:, None]
-
-
-@dataclass(frozen=True, eq=False)
-class OthersTruth(FrameArrays):
-    """Joints of other people at every frame's time; axis O follows `[others]`, float32.
-
-    Absent in sequences without other people.
-    """
-
-    joints_world: Float[Array, "T O 18 3"]
-    joints_camera: Float[Array, "T V O 18 3"]
+    images: tuple[UInt8[Array, "H W 3"], ...]  # RGB, one a view; black where not `present`
+    present: tuple[bool, ...]  # whether a view has a picture of this instant
 
 
 class Sequence:
@@ -159,15 +58,16 @@ class Sequence:
         self.manifest = load_manifest(self.folder)
         if not self.manifest.complete:
             done, all_ = len(self.manifest.shards), self.manifest.shard_count
+            command = "generate" if self.manifest.truth else "import"
             raise FileError(
                 self.folder,
                 f"unfinished: {done} of {all_} shards are recorded; "
-                "run the same generate command again to complete it",
+                f"run the same {command} command again to complete it",
             )
 
     def __repr__(self) -> str:
         m = self.manifest
-        truth = "" if "truth.npz" in m.files else ", no truth"
+        truth = "" if m.truth else ", no truth"
         return (
             f"Sequence('{m.name}', {m.frames} frames at {m.fps:g} Hz, {len(m.views)} views{truth})"
         )
@@ -209,13 +109,32 @@ class Sequence:
 
     @cached_property
     def body(self) -> Proportions:
-        """Body proportions of the wearer, available to trackers."""
+        """Body proportions of the wearer, available to trackers.
+
+        Raises FileError for footage, whose wearer is not known.
+        """
+        if not self.manifest.truth and "body.json" not in self.manifest.files:
+            raise FileError(self.folder, "footage of a person of unknown proportions",
+                            valid="--body FILE, average:HEIGHT or fit")  # fmt: skip
         return Proportions.load(self.folder / "body.json")
 
     @cached_property
     def truth(self) -> Truth:
-        """Simulated truth, for evaluations; not part of a Frame."""
+        """Simulated truth, for evaluations; not part of a Frame. Raises FileError for footage."""
+        if not self.manifest.truth:
+            raise FileError(self.folder, "footage, which has no truth",
+                            valid="a sequence made by egocap-sim generate")  # fmt: skip
         return Truth.load(self.folder / "truth.npz")
+
+    @cached_property
+    def footage(self) -> Footage | None:
+        """Files, clocks and colours of the views of footage; None for a simulated sequence."""
+        return None if self.manifest.truth else load_footage(self.folder / FOOTAGE)
+
+    @cached_property
+    def frame_times(self) -> FrameTimes | None:
+        """Pictures of every frame of footage; None for a simulated sequence."""
+        return None if self.manifest.truth else FrameTimes.load(self.folder / TIMES)
 
     @cached_property
     def others(self) -> OthersTruth | None:
@@ -224,18 +143,26 @@ class Sequence:
             return None
         return OthersTruth.load(self.folder / OTHERS)
 
-    @property
+    @cached_property
     def times(self) -> Float[Array, "T"]:
         """Frame times in seconds."""
+        if self.frame_times is not None:
+            return self.frame_times.time
         return np.arange(self.manifest.frames) / self.manifest.fps
 
     def frame(self, index: int) -> Frame:
         """Decode the images of one frame."""
-        return Frame(index, index / self.manifest.fps, self.images(index))
+        found = self.pictures(index)
+        return Frame(index, float(self.times[index]), self._blackened(found),
+                     tuple(image is not None for image in found))  # fmt: skip
 
     def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
-        """RGB images of all views at a frame."""
-        return tuple(self._image(index, view) for view in self.manifest.views)
+        """RGB images of all views at a frame; black where a view of footage has none."""
+        return self._blackened(self.pictures(index))
+
+    def pictures(self, index: int) -> tuple[UInt8[Array, "H W 3"] | None, ...]:
+        """RGB images of all views at a frame; None where a view of footage has none."""
+        return tuple(self.picture(index, v) for v in range(len(self.manifest.views)))
 
     def mask(self, index: int, view: str) -> UInt8[Array, "H W"] | None:
         """Part labels (`core.part_labels`) of one view; None where they were not recorded."""
@@ -251,7 +178,6 @@ class Sequence:
 
     def read(self, index: int, suffix: str) -> bytes:
         """Raw bytes of one file of one frame, e.g. suffix 'left.jpg'."""
-        entry = self.manifest.shards[index // self.manifest.shard_frames]
         try:
             offset, size = self.files(index)[suffix]
         except KeyError:
@@ -259,7 +185,7 @@ class Sequence:
                 f"frame {index} of {self.folder} has no '{suffix}'",
                 valid=sorted(self.files(index)),
             ) from None
-        path = self.folder / entry.name
+        path = self.folder / self.manifest.shards[index // self.manifest.shard_frames].name
         try:
             with path.open("rb") as file:
                 file.seek(offset)
@@ -279,17 +205,43 @@ class Sequence:
 
     def files(self, index: int) -> dict[str, tuple[int, int]]:
         """Recorded files of a frame: suffix -> offset and size in its shard."""
-        if not 0 <= index < self.manifest.frames:
-            raise InputError(
-                f"no frame {index} in {self.folder}", valid=f"0 to {self.manifest.frames - 1}"
-            )
+        self._check_frame(index)
+        if not self.manifest.shards_hold_images:
+            return {}
         shard, row = divmod(index, self.manifest.shard_frames)
         return self.manifest.shards[shard].frames[row]
 
-    def _image(self, index: int, view: str) -> UInt8[Array, "H W 3"]:
+    def picture(self, index: int, view: int) -> UInt8[Array, "H W 3"] | None:
+        """RGB image of one view at a frame; None where footage has none. Raises FileError."""
         import cv2
 
-        return self._decoded(index, self.image_suffix(index, view), cv2.IMREAD_COLOR_RGB)
+        if self._referred is not None:
+            self._check_frame(index)
+            image = self._referred.image(index, view)
+        elif self.frame_times is not None and not self.frame_times.present[index, view]:
+            return None
+        else:
+            suffix = self.image_suffix(index, self.manifest.views[view])
+            image = self._decoded(index, suffix, cv2.IMREAD_COLOR_RGB)
+        if image is None or self.footage is None:
+            return image
+        return self.footage.views[view].colour.applied(image)
+
+    @cached_property
+    def _referred(self) -> FootageImages | None:
+        """Pictures that are not in shards."""
+        if self.manifest.shards_hold_images:
+            return None
+        assert self.footage is not None and self.frame_times is not None
+        return FootageImages(self.footage, self.frame_times)
+
+    def _blackened(
+        self, found: tuple[UInt8[Array, "H W 3"] | None, ...]
+    ) -> tuple[UInt8[Array, "H W 3"], ...]:
+        return tuple(
+            np.zeros((camera.height, camera.width, 3), np.uint8) if image is None else image
+            for image, camera in zip(found, self.rig.cameras, strict=True)
+        )
 
     def image_suffix(self, index: int, view: str) -> str:
         """Suffix of the image of a view for `read`: 'left.jpg' or 'left.png'. Raises FileError."""
@@ -299,6 +251,12 @@ class Sequence:
                 return suffix
         path = self.folder / MANIFEST
         raise FileError(path, f"no image of view '{view}'", valid=sorted(suffixes))
+
+    def _check_frame(self, index: int) -> None:
+        if not 0 <= index < self.manifest.frames:
+            raise InputError(
+                f"no frame {index} in {self.folder}", valid=f"0 to {self.manifest.frames - 1}"
+            )
 
     def _plane(self, index: int, suffix: str) -> Any:
         import cv2
@@ -321,42 +279,3 @@ class Sequence:
 def open_sequence(folder: str | Path) -> Sequence:
     """Open a complete sequence folder."""
     return Sequence(folder)
-
-
-def load_manifest(folder: Path) -> Manifest:
-    """Read manifest.json of a complete or unfinished sequence. Raises FileError."""
-    path = folder / MANIFEST
-    if not folder.is_dir():
-        raise FileError(folder, "no such folder", valid="a sequence made by egocap-sim generate")
-    if not path.exists():
-        if (folder / "episodes.json").exists():
-            raise FileError(folder, "holds a data set of several sequences",
-                            valid=f"one of them, e.g. {folder}/episode-00000")  # fmt: skip
-        raise FileError(folder, f"not a sequence: it has no {MANIFEST}")
-    data = read_json(path)
-    refuse_newer(data, SCHEMA, path)
-    manifest = checked(Manifest, data, path)
-    _check_index(manifest, path)
-    return manifest
-
-
-def _check_index(manifest: Manifest, path: Path) -> None:
-    if len(manifest.shards) > manifest.shard_count:
-        raise FileError(path, f"lists {len(manifest.shards)} shards for {manifest.frames} frames",
-                        key="shards", valid=f"at most {manifest.shard_count}")  # fmt: skip
-    last = -1
-    for i, shard in enumerate(manifest.shards):
-        index, rest = divmod(shard.first, manifest.shard_frames)
-        expected = min(manifest.shard_frames, manifest.frames - shard.first)
-        if rest or len(shard.frames) != expected or shard.name != shard_name(index):
-            raise FileError(
-                path, f"entry of {shard.name} does not fit the frame count", key=f"shards.{i}"
-            )
-        if index <= last:  # shards are indexed by position
-            raise FileError(path, f"{shard.name} is repeated or out of order", key=f"shards.{i}")
-        last = index
-
-
-def shard_name(index: int) -> str:
-    """File name of a shard."""
-    return f"shard-{index:05d}.tar"

@@ -18,15 +18,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
-from egocap.data.sequence import (
+from egocap.data.manifest import (
     MANIFEST,
     FileEntry,
     Manifest,
     ShardEntry,
-    Truth,
     load_manifest,
     shard_name,
 )
+from egocap.data.truth import Truth
 from egocap.errors import InputError, MachineError
 from egocap.files import disk_errors, replacing, write_atomically
 

@@ -65,6 +65,8 @@ def ahead(jobs: Iterator[Any], make: Any, count: int = 2) -> Iterator[Any]:
 def _recorded(sequence: Sequence, index: int, view: int) -> UInt8[Array, "h w 3"] | None:
     import cv2
 
+    if sequence.footage is not None:
+        return sequence.picture(index, view)
     name = sequence.manifest.views[view]
     suffixes = [f"{name}.{kind}" for kind in ("jpg", "png") if f"{name}.{kind}"
                 in sequence.files(index)]  # fmt: skip

@@ -67,7 +67,7 @@ def synthetic_detections(
 def _simulated(sequence: Sequence, source: str, seed: int) -> Detections:
     import numpy as np
 
-    from egocap.data.sequence import VISIBLE
+    from egocap.data.truth import VISIBLE
     from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 
     if seed < 0:

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.data.input_checks import require_finite, require_shape
-from egocap.data.sequence import VISIBLE, Truth
+from egocap.data.truth import VISIBLE, Truth
 from egocap.errors import InputError
 from egocap.evaluation import metrics
 from egocap.evaluation.protocol import HIPS, Protocol, find_protocol

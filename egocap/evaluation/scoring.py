@@ -12,8 +12,9 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.data.detections import Detections
 from egocap.data.input_checks import require_same_times
-from egocap.data.sequence import VISIBLE, Sequence, Truth
+from egocap.data.sequence import Sequence
 from egocap.data.track import Track
+from egocap.data.truth import VISIBLE, Truth
 from egocap.errors import InputError
 from egocap.evaluation import metrics
 from egocap.evaluation.detection_scores import DetectionScore, evaluate_detections

@@ -15,7 +15,7 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
-from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
+from egocap.data.truth import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
 from egocap.image_model.occlusion import DEPTH, optical_depths
 
 DETECTED = 0.5

@@ -17,7 +17,8 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.files import disk_errors, write_atomically
 from egocap_sim.core.part_labels import WEARER_FIRST, WEARER_LAST
 from egocap_sim.export.formats import new_folder

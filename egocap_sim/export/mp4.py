@@ -9,7 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from egocap.data.sequence import OUT_OF_VIEW, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OUT_OF_VIEW
 from egocap.errors import InputError, MachineError
 from egocap_sim.export.preview import overlay
 

@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
-from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
 from egocap.errors import InputError
 from egocap.files import make_folder, write_atomically
 

@@ -15,17 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from egocap.cameras.rig import Rig
-from egocap.data.sequence import (
-    OTHERS,
-    SCHEMA,
-    SENSOR,
-    TRUE_RIG,
-    Manifest,
-    Sequence,
-    ShardEntry,
-    Truth,
-)
+from egocap.data.manifest import SCHEMA, Manifest, ShardEntry
+from egocap.data.sequence import OTHERS, SENSOR, TRUE_RIG, Sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, write_shard
+from egocap.data.truth import Truth
 from egocap.errors import InputError
 from egocap_sim.core.trajectory import PhysicsStats
 from egocap_sim.core.version import code_version

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
-from egocap.data.sequence import BLACK
+from egocap.data.truth import BLACK
 from egocap_sim.core.rng import make_rng
 from egocap_sim.render.views import Views
 from egocap_sim.sensor import sensor_kernel

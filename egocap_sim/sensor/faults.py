@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Mount, Rig
-from egocap.data.sequence import BLACK
+from egocap.data.truth import BLACK
 from egocap.geometry import axis_angle, unit
 from egocap_sim.sensor.config import SensorTable
 

@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Rig
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, SensorTruth, Truth
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE, SensorTruth, Truth
 from egocap.geometry import inverse
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
 from egocap_sim.core.pose_sampling import SampledPoses

@@ -12,7 +12,9 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX, LABELS
-from egocap.data.sequence import VISIBLE, Manifest, Sequence, Truth
+from egocap.data.manifest import Manifest
+from egocap.data.sequence import Sequence
+from egocap.data.truth import VISIBLE, Truth
 from egocap.geometry import GRAVITY, unit
 from egocap.schema import read_json
 

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.data.sequence import OUT_OF_VIEW
+from egocap.data.truth import OUT_OF_VIEW
 from egocap.geometry import inverse, transform
 from egocap_sim.assets.mesh import Actor, Mesh
 from egocap_sim.core.bodies import INDEX

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, OthersTruth, Truth
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE, OthersTruth, Truth
 from egocap.geometry import inverse, transform
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
 from egocap_sim.core.trajectory import Trajectory

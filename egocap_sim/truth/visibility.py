@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
-from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
+from egocap.data.truth import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
 from egocap.geometry import inverse, transform
 from egocap_sim.core.bodies import BODIES, INDEX, LABEL_BODY, PARENT
 from egocap_sim.core.part_labels import RIG, WEARER_FIRST, WEARER_LAST, wearer_part

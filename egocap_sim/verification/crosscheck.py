@@ -13,7 +13,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
-from egocap.data.sequence import VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import VISIBLE
 from egocap.errors import InputError
 from egocap.geometry import GRAVITY
 from egocap_sim.core.bodies import BODIES, PARENTS

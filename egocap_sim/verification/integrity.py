@@ -10,16 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from egocap.data.dataset import EPISODES, load_dataset
-from egocap.data.sequence import (
-    MANIFEST,
-    OUT_OF_VIEW,
-    Manifest,
-    Sequence,
-    ShardEntry,
-    Truth,
-    load_manifest,
-)
+from egocap.data.manifest import MANIFEST, Manifest, ShardEntry, load_manifest
+from egocap.data.sequence import Sequence
 from egocap.data.sequence_writer import digest, file_is_intact, shard_is_intact
+from egocap.data.truth import OUT_OF_VIEW, Truth
 from egocap.errors import EgocapError
 from egocap.files import sha256
 from egocap.geometry import inverse, transform

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from egocap.data.sequence import Truth
+from egocap.data.truth import Truth
 from egocap.files import disk_errors
 from egocap_sim.sensor.config import SensorTable
 from egocap_sim.sensor.plan import DRAFTS, SensorPlan

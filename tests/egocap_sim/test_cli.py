@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.data.sequence import Sequence, load_manifest
+from egocap.data.manifest import load_manifest
+from egocap.data.sequence import Sequence
 from egocap_sim import cli
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.scene.config import Scene, to_toml

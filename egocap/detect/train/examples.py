@@ -22,12 +22,8 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.commandline import progress
-from egocap.data.sequence import (
-    OUT_OF_VIEW,
-    VISIBLE,
-    Sequence,
-    open_sequence,
-)
+from egocap.data.sequence import Sequence, open_sequence
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.errors import EgocapError, FileError
 

@@ -16,7 +16,8 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from egocap.body.labels import LABELS
 from egocap.data.detections import Detections, load_detections
 from egocap.data.input_checks import require_same_times
-from egocap.data.sequence import VISIBLE, open_sequence
+from egocap.data.sequence import open_sequence
+from egocap.data.truth import VISIBLE
 from egocap.errors import InputError
 from egocap.evaluation.detection_scores import (
     LEVELS,

@@ -24,8 +24,9 @@ from egocap.body.labels import LABELS
 from egocap.body.skeleton import LIMITS
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
-from egocap.data.sequence import VISIBLE, open_sequence
 from egocap.data.sequence import Sequence as Footage
+from egocap.data.sequence import open_sequence
+from egocap.data.truth import VISIBLE
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import EgocapError
 from egocap.evaluation import evaluate_detections

@@ -36,7 +36,8 @@ def study(
     """
     from egocap.commandline import progress
     from egocap.data.dataset import find_sequences
-    from egocap.data.sequence import VISIBLE, Sequence
+    from egocap.data.sequence import Sequence
+    from egocap.data.truth import VISIBLE
     from egocap_eval.harness.result_file import write_text
     from egocap_sim.stats.collect import Statistics
     from egocap_sim.stats.page import render_page, summary

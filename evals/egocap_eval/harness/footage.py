@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from egocap.commandline import progress
-from egocap.data.sequence import MANIFEST, Sequence, open_sequence
+from egocap.data.manifest import MANIFEST
+from egocap.data.sequence import Sequence, open_sequence
 from egocap.errors import FileError
 from egocap_eval.harness.suite import SequenceEntry, Suite
 

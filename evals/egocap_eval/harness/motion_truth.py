@@ -18,7 +18,7 @@ from egocap.body.labels import LABELS
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
-from egocap.data.sequence import SELF_OCCLUDED, VISIBLE, Truth
+from egocap.data.truth import SELF_OCCLUDED, VISIBLE, Truth
 from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap_sim.scene.config import MotionTable, PlaceTable, RigTable, Scene
 

@@ -16,7 +16,8 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX, UPPER
 from egocap.body.skeleton import DOF_COUNT, DOFS
-from egocap.data.sequence import VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import VISIBLE
 from egocap.image_model.colour_measure import PAPER
 from egocap.image_model.colour_solver import UPPER_BODY, ImageSolver, ImageSolverConfig
 from egocap.image_model.colour_term import ColourTerm

@@ -12,7 +12,8 @@ from numpy import ndarray as Array
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import EVALUATED, UPPER
 from egocap.body.skeleton import DOF_COUNT, forward
-from egocap.data.sequence import VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import VISIBLE
 from egocap.detect.sources import synthetic_detections
 from egocap.image_model.colour_measure import PAPER, ColourMeasure
 from egocap.image_model.colour_solver import ImageSolver, ImageSolverConfig

@@ -20,7 +20,8 @@ import egocap
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.body.skeleton import forward
 from egocap.commandline import progress
-from egocap.data.sequence import VISIBLE, Sequence, open_sequence
+from egocap.data.sequence import Sequence, open_sequence
+from egocap.data.truth import VISIBLE
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import parse_source
 from egocap.errors import InputError

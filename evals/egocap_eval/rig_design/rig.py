@@ -63,7 +63,8 @@ def check_visibility(folders: Sequence[Path]) -> dict[str, float]:
     Joints occluded by others do not count. The people are rebuilt from the sequences' scenes.
     Raises FileError.
     """
-    from egocap.data.sequence import OCCLUDED, VISIBLE, open_sequence
+    from egocap.data.sequence import open_sequence
+    from egocap.data.truth import OCCLUDED, VISIBLE
     from egocap.geometry import inverse
     from egocap_eval.rig_design.ray_visibility import RayVisibility
     from egocap_sim.core.bodies import INDEX

@@ -20,9 +20,9 @@ import egocap
 from egocap.body.labels import EVALUATED, LOWER, UPPER
 from egocap.commandline import progress
 from egocap.data.detections import Detections
-from egocap.data.sequence import VISIBLE
 from egocap.data.sequence import Sequence as Footage
 from egocap.data.track import Track
+from egocap.data.truth import VISIBLE
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import InputError

@@ -69,7 +69,7 @@ def simulate_view(
     from dataclasses import replace
 
     from egocap.cameras.camera import Camera
-    from egocap.data.sequence import SELF_OCCLUDED
+    from egocap.data.truth import SELF_OCCLUDED
     from egocap.geometry import rigid
     from egocap_sim.core.bodies import INDEX
     from egocap_sim.environment.place import Light, Place

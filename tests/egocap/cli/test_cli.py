@@ -13,7 +13,8 @@ from egocap import cli
 from egocap.body.labels import LABELS
 from egocap.body.proportions import Proportions
 from egocap.data.detections import load_detections, save_detections
-from egocap.data.sequence import Sequence, load_manifest
+from egocap.data.manifest import load_manifest
+from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
 
 

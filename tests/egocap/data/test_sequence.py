@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
-from egocap.data.sequence import SCHEMA, Manifest, Sequence, Truth
+from egocap.data.manifest import SCHEMA, Manifest
+from egocap.data.sequence import Sequence
 from egocap.data.sequence_writer import SequenceWriter, write_shard
+from egocap.data.truth import Truth
 from egocap.errors import FileError, InputError, MachineError
 from egocap.files import write_atomically
 
@@ -100,7 +102,12 @@ def test_frames_come_back_as_written(folder):
 
 
 def test_a_frame_holds_no_truth(folder):
-    assert {f.name for f in fields(Sequence(folder).frame(0))} == {"index", "time", "images"}
+    assert {f.name for f in fields(Sequence(folder).frame(0))} == {
+        "index",
+        "time",
+        "images",
+        "present",
+    }
 
 
 def test_truth_round_trips(folder):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from egocap.data.detections import Detections
-from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
 from egocap.data.track import HIDDEN
+from egocap.data.truth import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
 from egocap.pose.inverse_kinematics import nearest_angles
 from egocap.track.joint_occlusion import occlusion_causes
 

@@ -8,7 +8,8 @@ import pytest
 
 from egocap.body.labels import LABELS
 from egocap.data.detections import Detections, save_detections
-from egocap.data.sequence import VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import VISIBLE
 from egocap.detect.canonical_view import CanonicalView
 from egocap.errors import FileError, InputError
 from egocap_eval.detection.detector import CURVE, GROUPS, missed, score, study, summary, tables

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from egocap.data.sequence import MANIFEST
+from egocap.data.manifest import MANIFEST
 from egocap.errors import InputError
 from egocap_eval.harness.footage import prepare_sequence
 

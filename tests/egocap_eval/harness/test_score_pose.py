@@ -14,18 +14,11 @@ from egocap.body.labels import LABELS
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
 from egocap.data.detections import Detections, save_detections
-from egocap.data.sequence import (
-    OCCLUDED,
-    OUT_OF_VIEW,
-    SCHEMA,
-    SELF_OCCLUDED,
-    VISIBLE,
-    Manifest,
-    Truth,
-    open_sequence,
-)
+from egocap.data.manifest import SCHEMA, Manifest
+from egocap.data.sequence import open_sequence
 from egocap.data.sequence_writer import SequenceWriter, write_shard
 from egocap.data.track import Track, save_track
+from egocap.data.truth import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE, Truth
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.evaluation.predictions import Predictions, save_predictions

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap_eval.cli import main
 from egocap_eval.harness.cases import run_sweep
 from egocap_eval.harness.motion_truth import draw_detections, on_rig, simulate_motion

@@ -7,7 +7,8 @@ import hashlib
 import numpy as np
 import pytest
 
-from egocap.data.sequence import OCCLUDED, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OCCLUDED
 from egocap.errors import InputError
 from egocap_sim.core.part_labels import OBJECT, OTHER_PERSON
 from egocap_sim.record.recorder import generate

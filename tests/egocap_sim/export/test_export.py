@@ -11,7 +11,8 @@ from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.cameras.camera import Camera
 from egocap.cameras.camera_files import load_camera
 from egocap.cameras.rig_files import load_rig
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.errors import InputError
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.export.formats import FORMATS, export

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from egocap.data.sequence import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
 from egocap.errors import FileError, InputError
 from egocap_sim.export.preview import contact_sheet, overlay, save_contact_sheet
 

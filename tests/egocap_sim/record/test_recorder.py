@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from egocap.body.labels import LABEL_INDEX
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.errors import InputError
 from egocap.geometry import GRAVITY
 from egocap_sim.core.part_labels import RIG, WEARER_FIRST, WEARER_LAST

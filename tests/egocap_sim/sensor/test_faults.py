@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egocap.cameras.rig_files import load_rig
-from egocap.data.sequence import BLACK
+from egocap.data.truth import BLACK
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.sensor.config import PRESETS, SensorTable
 from egocap_sim.sensor.faults import draw_sources, exposure_drift, miscalibrate

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.data.sequence import SensorTruth, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import SensorTruth
 from egocap.errors import FileError
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.record.recorder import generate

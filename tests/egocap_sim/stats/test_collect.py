@@ -8,7 +8,8 @@ import pytest
 
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.data.dataset import find_sequences
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.errors import FileError, InputError
 from egocap_sim.stats.collect import Statistics, joint_bend
 from egocap_sim.stats.page import render_page, summary

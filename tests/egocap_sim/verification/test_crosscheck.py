@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.data.sequence import SELF_OCCLUDED, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import SELF_OCCLUDED, VISIBLE
 from egocap.errors import InputError
 from egocap.geometry import GRAVITY, inverse, transform
 from egocap_sim.motion.generators.registry import make_motion

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.data.sequence import OUT_OF_VIEW, Truth
+from egocap.data.truth import OUT_OF_VIEW, Truth
 from egocap.errors import FileError
 from egocap_sim.verification.integrity import verify
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from egocap.body.labels import MIRROR
-from egocap.data.sequence import OUT_OF_VIEW, VISIBLE, Sequence
+from egocap.data.sequence import Sequence
+from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.detect.train.examples import (
     HIDDEN,

@@ -1,0 +1,181 @@
+"""Video files: every decodable frame with the time that its container states.
+
+Times are presentation times, so that variable frame rates, dropped frames and B-frames are as
+recorded. Rotation flags are applied. Frames that the decoder cannot restore are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import cached_property
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.errors import FileError
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.packet import Packet
+    from av.video.frame import VideoFrame
+    from av.video.stream import VideoStream
+
+_READ_ON_S = 1.0
+"""Seconds ahead up to which `Video.image` decodes on instead of seeking."""
+_TICK_S = 1e-6  # by which times may differ in rounding
+
+
+class Video:
+    """A video file, open for reading. Not to be shared between threads.
+
+    Raises FileError if it is no video, or holds no frame that can be decoded.
+    """
+
+    def __init__(self, path: str | Path, threads: int = 0) -> None:
+        self.path, self._threads = Path(path), threads  # 0: as many as there are cores
+        first = next(self.frames(), None)
+        if first is None:
+            raise FileError(self.path, "holds no frame that can be decoded", valid="a whole video")
+        height, width = first[1].shape[:2]
+        self.size = (width, height)
+        self._run: Iterator[tuple[float, UInt8[Array, "H W 3"]]] = iter(())
+        self._last: tuple[float, UInt8[Array, "H W 3"] | None] = (math.inf, None)
+
+    def __repr__(self) -> str:
+        return f"Video('{self.path}', {self.size[0]} x {self.size[1]}, {len(self.times)} frames)"
+
+    @property
+    def times(self) -> Float[Array, "N"]:
+        """Time of every frame in the file, damaged ones included [s]; increasing.
+
+        The whole file is read once, and nothing decoded.
+        """
+        return self._times
+
+    @cached_property
+    def _times(self) -> Float[Array, "N"]:
+        with self._open() as (container, stream):
+            stamps = {
+                _stamp(packet.pts, packet.dts)
+                for packet in _packets(container, stream)
+                if not packet.is_discard
+            }
+            assert stream.time_base is not None
+            base = float(stream.time_base)
+        return np.sort([stamp * base for stamp in stamps if stamp is not None])
+
+    def frames(
+        self, start: float = -math.inf, end: float = math.inf
+    ) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
+        """Time [s] and RGB image of every decodable frame, from `start` to `end`, in order."""
+        with self._open() as (container, stream):
+            base = stream.time_base
+            assert base is not None
+            if start > 0.0 and math.isfinite(start):
+                container.seek(int(start / base), stream=stream)
+            for frame in _decoded(container, stream):
+                time = _time(frame, base)
+                if time > end + _TICK_S:
+                    return
+                if time >= start - _TICK_S:
+                    yield time, _upright(frame)
+
+    def image(self, index: int) -> UInt8[Array, "H W 3"] | None:
+        """RGB image of a frame, by its place in `times`; None where it is damaged.
+
+        Fast in order; a jump decodes from the nearest key frame before.
+        """
+        wanted = float(self.times[index])
+        if not self._last[0] - _TICK_S <= wanted <= self._last[0] + _READ_ON_S:
+            self._run = self.frames(start=wanted)
+            self._last = (-math.inf, None)
+        while self._last[0] < wanted - _TICK_S:
+            self._last = next(self._run, (math.inf, None))
+        return self._last[1] if self._last[0] <= wanted + _TICK_S else None
+
+    def close(self) -> None:
+        """Release the file."""
+        self._run, self._last = iter(()), (math.inf, None)
+
+    def _open(self) -> _Opened:
+        return _Opened(self.path, self._threads)
+
+
+class _Opened:
+    """The container and its first video stream, closed at the end of a `with`."""
+
+    def __init__(self, path: Path, threads: int) -> None:
+        self.path, self.threads = path, threads
+
+    def __enter__(self) -> tuple[InputContainer, VideoStream]:
+        import av.container
+        import av.error
+
+        try:
+            self.container = av.open(str(self.path), metadata_errors="replace")
+        except (av.error.FFmpegError, OSError) as error:
+            raise FileError(
+                self.path, f"cannot be read as a video: {error.strerror or error}",
+                valid="mp4, mkv, avi or mov, complete",
+            ) from None  # fmt: skip
+        if not self.container.streams.video:
+            self.container.close()
+            raise FileError(self.path, "holds no pictures", valid="a video")
+        stream = self.container.streams.video[0]
+        stream.thread_type = "AUTO"
+        stream.codec_context.thread_count = self.threads
+        return self.container, stream
+
+    def __exit__(self, *_: object) -> None:
+        self.container.close()
+
+
+def open_video(path: str | Path) -> Video:
+    """Open a video file. Raises FileError."""
+    return Video(path)
+
+
+def _packets(container: InputContainer, stream: VideoStream) -> Iterator[Packet]:
+    """Packets up to the end, or to where the file breaks off."""
+    import av.error
+
+    try:
+        for packet in container.demux(stream):
+            if packet.size:  # the last one is empty: `_decoded` asks for what is left itself
+                yield packet
+    except av.error.FFmpegError:
+        return
+
+
+def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
+    """Frames without those that the decoder knows to be damaged."""
+    import av.error
+
+    for packet in chain(_packets(container, stream), [None]):
+        try:
+            frames = stream.decode(packet)
+        except av.error.FFmpegError:
+            continue
+        yield from (frame for frame in frames if not frame.is_corrupt)
+
+
+def _stamp(pts: int | None, dts: int | None) -> int | None:
+    """An AVI file states decoding times only."""
+    return dts if pts is None else pts
+
+
+def _time(frame: VideoFrame, base: Fraction) -> float:
+    return float(_stamp(frame.pts, frame.dts) * base)  # pyright: ignore[reportOptionalOperand]
+
+
+def _upright(frame: VideoFrame) -> UInt8[Array, "H W 3"]:
+    """The RGB image, turned counterclockwise as the file's display matrix says."""
+    image = frame.to_ndarray(format="rgb24")
+    quarters = round(frame.rotation / 90) % 4
+    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image

@@ -1,0 +1,133 @@
+"""Videos: times are the container's, pictures those that were encoded."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from egocap.errors import FileError
+from egocap.media.video import open_video
+
+SIZE = (64, 48)
+
+
+def picture(number: int) -> np.ndarray:
+    """Grey levels that say which frame it is, brighter on the left."""
+    image = np.full((SIZE[1], SIZE[0], 3), 20 + 7 * number, np.uint8)
+    image[:, : SIZE[0] // 2] += 30
+    return image
+
+
+def noisy(number: int) -> np.ndarray:
+    """A picture whose size in the file is that of its detail."""
+    noise = np.random.default_rng(1).integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+    return np.roll(noise, number, 1)
+
+
+def write_video(path: Path, ticks, codec="libx264", rotation=0, options=None, clock=90_000):
+    """A video whose frames are shown at ticks of a clock."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=30, options=options or {})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.codec_context.time_base = Fraction(1, clock)
+        if rotation:
+            stream.set_display_rotation(rotation)
+        for number, tick in enumerate(ticks):
+            frame = av.VideoFrame.from_ndarray(picture(number), format="rgb24")
+            frame.pts, frame.time_base = tick, Fraction(1, clock)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+UNEVEN = [0, 3003, 6006, 12012, 15015, 18500, 21021, 24024]
+
+
+@pytest.mark.parametrize("name, codec", [
+    ("a.mp4", "libx264"), ("a.mkv", "libx264"), ("a.mov", "libx265"), ("a.mp4", "libx265"),
+])  # fmt: skip
+def test_times_are_the_containers_and_pictures_in_their_order(tmp_path, name, codec):
+    video = open_video(write_video(tmp_path / name, UNEVEN, codec))
+    tolerance = 0.51e-3 if name.endswith("mkv") else 1e-5  # Matroska counts milliseconds
+    np.testing.assert_allclose(np.diff(video.times), np.diff(UNEVEN) / 90_000, atol=2 * tolerance)
+    found = list(video.frames())
+    np.testing.assert_allclose([time for time, _ in found], video.times, atol=1e-6)
+    for number, (_, image) in enumerate(found):
+        assert image.shape == (SIZE[1], SIZE[0], 3)
+        assert abs(image[:, 40:].mean() - picture(number)[:, 40:].mean()) < 4
+
+
+@pytest.mark.parametrize("name, codec", [("a.avi", "mjpeg"), ("a.avi", "libx264")])
+def test_avi_has_one_time_a_frame(tmp_path, name, codec):
+    video = open_video(write_video(tmp_path / name, range(8), codec, clock=30))
+    np.testing.assert_allclose(np.diff(video.times), 1 / 30, atol=1e-6)
+    assert len(list(video.frames())) == 8
+
+
+def test_a_frame_is_found_from_anywhere(tmp_path):
+    ticks = [3003 * i for i in range(25)]
+    path = write_video(tmp_path / "a.mp4", ticks, options={"g": "10", "bf": "3"})
+    video = open_video(path)
+    for number in (3, 4, 22, 5, 5, 0, 24):
+        image = video.image(number)
+        assert image is not None and abs(image[:, 40:].mean() - picture(number)[0, 40, 0]) < 4
+    some = [time for time, _ in video.frames(start=ticks[12] / 90_000, end=ticks[15] / 90_000)]
+    np.testing.assert_allclose(some, np.array(ticks[12:16]) / 90_000, atol=1e-5)
+
+
+def display_matrix(path):
+    """Where the file says that right and down of a stored picture are shown: (2, 2), x and y.
+
+    Source: ISO/IEC 14496-12, track header box: a, b, u, c, d, v, x, y, w.
+    """
+    data = path.read_bytes()
+    at = data.index(b"tkhd") + 4 + 4 + 20 + 8 + 8  # version, times and number, reserved, layers
+    a, b, _, c, d = np.frombuffer(data[at : at + 20], ">i4") / 65536
+    return np.array([[a, b], [c, d]])
+
+
+@pytest.mark.parametrize("rotation", [90, 180, -90])
+def test_the_rotation_flag_is_applied(tmp_path, rotation):
+    path = write_video(tmp_path / "a.mp4", [0, 3003], rotation=rotation)
+    (right_x, right_y), (down_x, down_y) = display_matrix(path).round().astype(int)
+    _, image = next(open_video(path).frames())
+    stored = picture(0)
+    height, width = image.shape[:2]
+    assert (width, height) == (SIZE if right_x else SIZE[::-1])
+    for x, y in ((5, 7), (50, 40)):
+        shown_x = (right_x * x + down_x * y) % width if right_x + down_x > 0 else (
+            width - 1 + right_x * x + down_x * y)  # fmt: skip
+        shown_y = (right_y * x + down_y * y) % height if right_y + down_y > 0 else (
+            height - 1 + right_y * x + down_y * y)  # fmt: skip
+        assert abs(int(image[shown_y, shown_x, 0]) - int(stored[y, x, 0])) < 5
+
+
+def test_a_damaged_stretch_loses_its_frames_alone(tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), "picture", noisy)
+    path = write_video(
+        tmp_path / "a.mkv", [3003 * i for i in range(30)], options={"g": "5", "bf": "0"}
+    )
+    data = bytearray(path.read_bytes())
+    middle = slice(int(0.45 * len(data)), int(0.5 * len(data)))
+    data[middle] = np.random.default_rng(0).bytes(middle.stop - middle.start)
+    path.write_bytes(data)
+    found = [time for time, _ in open_video(path).frames()]
+    assert 10 <= len(found) < 30 and found[0] == 0.0 and found[-1] > 0.9
+
+
+@pytest.mark.parametrize("content", [b"", b"not a video at all" * 100])
+def test_what_is_no_video_is_said(tmp_path, content):
+    path = tmp_path / "a.mp4"
+    path.write_bytes(content)
+    with pytest.raises(FileError, match="cannot be read as a video"):
+        open_video(path)
+
+
+def test_a_file_that_breaks_off_gives_what_is_there(tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), "picture", noisy)
+    path = write_video(tmp_path / "a.mkv", [3003 * i for i in range(30)], options={"g": "5"})
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert 5 < len(list(open_video(path).frames())) < 30

@@ -5,6 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+LONGEST_MESSAGE, LONGEST_KEY, LONGEST_VALID = 300, 60, 1000
+"""Characters of a message without its valid values, of a key, and of a list of valid values.
+
+All of them may quote a file of any content.
+"""
+
 
 class EgocapError(Exception):
     """Root of every error a user's input or machine can cause.
@@ -23,7 +29,7 @@ class InputError(EgocapError):
     """A value given by the user is wrong. The message names it and the valid values."""
 
     def __init__(self, problem: str, *, valid: str | Iterable[str] | None = None) -> None:
-        super().__init__(problem + _valid(valid))
+        super().__init__(_shown(problem) + _valid(valid))
 
 
 class FileError(EgocapError):
@@ -45,8 +51,8 @@ class FileError(EgocapError):
         if line is not None:
             where += f", line {line}"
         if key is not None:
-            where += f", key '{key}'"
-        super().__init__(f"{where}: {problem}{_valid(valid)}")
+            where += f", key '{_shown(key, LONGEST_KEY)}'"
+        super().__init__(_shown(f"{where}: {problem}") + _valid(valid))
         self.path, self.line, self.key = Path(path), line, key
 
 
@@ -70,4 +76,11 @@ def _valid(valid: str | Iterable[str] | None) -> str:
     if valid is None:
         return ""
     names = valid if isinstance(valid, str) else ", ".join(valid)
-    return f" (valid: {names})"
+    return f" (valid: {_shown(names, LONGEST_VALID)})"
+
+
+def _shown(text: str, most: int = LONGEST_MESSAGE) -> str:
+    """The text in one line: control characters escaped, the middle of a long text left out."""
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split("\n")))
+    return text if len(text) <= most else f"{text[: most - 40]} ... {text[-35:]}"

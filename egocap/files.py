@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
+import math
 import os
 import zipfile
 import zlib
@@ -21,6 +22,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, MachineError
+
+MOST_ARRAYS = 1000
+"""In one npz archive."""
+
+ALWAYS_UNPACKED, MOST_RATIO = 1 << 29, 32
+"""An npz archive may unpack to the first, in bytes, or to this multiple of its own size."""
+
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0}  # fmt: skip
 
 
 @contextmanager
@@ -108,20 +118,53 @@ def write_npz(path: Path, *, compressed: bool = True, **arrays: Any) -> None:
 def read_npz(path: Path, only: Collection[str] | None = None) -> dict[str, Array]:
     """Read the arrays of an npz file, or only those named in `only`.
 
-    Raises FileError unless the file is a complete archive of plain arrays.
+    The archive's directory and the arrays' headers are checked before anything is allocated.
+    Raises FileError unless the file is a complete archive of plain arrays within the limits.
     """
     if not path.is_file():
         raise FileError(path, "is a folder" if path.is_dir() else "no such file")
     try:
-        if not zipfile.is_zipfile(path):  # np.load also reads other formats
-            raise ValueError
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {n: archive[n] for n in archive.files if only is None or n in only}
-        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
-            raise ValueError  # np.load returns the bytes of a member that is no array
-        return arrays
-    except (ValueError, OSError, EOFError, KeyError, AttributeError, NotImplementedError,
-            RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile,
-            zlib.error) as error:  # fmt: skip
-        detail = f": {error}" if str(error) else ""
+        with zipfile.ZipFile(path) as archive:
+            members = _members(archive, path.stat().st_size)
+            chosen = {n: info for n, info in members.items() if only is None or n in only}
+            return {name: _array(archive, info) for name, info in chosen.items()}
+    except (ArithmeticError, ValueError, OSError, EOFError, MemoryError, RuntimeError, SyntaxError,
+            TypeError, TokenError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+        detail = f": {error!s:.200}" if str(error) else ""
         raise FileError(path, f"not a whole npz archive of plain arrays{detail}") from None
+
+
+def _members(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:
+    """The members by array name. Raises ValueError for what no npz archive of ours holds."""
+    infos = archive.infolist()
+    if len(infos) > MOST_ARRAYS:
+        raise ValueError(f"{len(infos)} members, at most {MOST_ARRAYS}")
+    unpacked, limit = sum(i.file_size for i in infos), max(ALWAYS_UNPACKED, MOST_RATIO * size)
+    if unpacked > limit:
+        raise ValueError(f"unpacks to {unpacked:,} bytes, at most {limit:,}")
+    for info in infos:
+        if not info.filename.endswith(".npy"):
+            raise ValueError(f"{info.filename!r:.80} is not an array (.npy)")
+        if info.flag_bits & 1:
+            raise ValueError(f"{info.filename!r:.80} is encrypted")
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise ValueError(f"{info.filename!r:.80} has compression {info.compress_type}")
+    members = {info.filename.removesuffix(".npy"): info for info in infos}
+    if len(members) < len(infos):
+        raise ValueError("two members of one name")
+    return members
+
+
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
+    """One array; its header must state exactly the bytes that the member has."""
+    with archive.open(info) as member:
+        version = np.lib.format.read_magic(member)
+        if version not in _HEADERS:
+            raise ValueError(f"{info.filename!r:.80} has .npy version {version}")
+        shape, _, dtype = _HEADERS[version](member)
+        if dtype.kind not in "biufU" or not dtype.itemsize or min(shape, default=0) < 0:
+            raise ValueError(f"{info.filename!r:.80} has type {dtype!s:.80}, shape {shape!s:.80}")
+        if math.prod(shape) * dtype.itemsize != info.file_size - member.tell():
+            raise ValueError(f"{info.filename!r:.80} has not the size of its shape {shape!s:.80}")
+    with archive.open(info) as member:
+        return np.lib.format.read_array(member, allow_pickle=False)

@@ -6,6 +6,7 @@ pydantic models derive from `Strict`; `checked` turns a validation error into on
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -16,6 +17,16 @@ from egocap.errors import FileError
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number; text and booleans are refused."""
+
+
+MOST_TEXT, MOST_TOML = 1 << 28, 1 << 22
+"""Largest text file and largest TOML file, bytes."""
+
+MOST_LEVELS = 32
+"""Deepest nesting of JSON and TOML."""
+
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MOST_LEVELS}}}")
 
 
 class Strict(BaseModel):
@@ -41,33 +52,54 @@ def checked(
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file. Raises FileError."""
-    try:
-        return tomllib.loads(read_text(path))
-    except ValueError as error:  # a TOMLDecodeError, or a number beyond what Python converts
-        raise FileError(path, f"not TOML: {error}") from None
-    except RecursionError:
-        raise FileError(path, "TOML nested too deeply") from None
+    """Read a TOML file. Raises FileError, also beyond the limits of size and nesting."""
+    text = read_text(path, MOST_TOML)
+    if _LONG_KEY.search(text):  # tomllib needs memory in the square of a key's parts
+        raise FileError(path, f"a key of more than {MOST_LEVELS} parts")
+    return parsed(text, path, "TOML")
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
     """Read a JSON object from a file. Raises FileError, also for JSON that is not an object."""
+    return parsed(read_text(path), path)
+
+
+def parsed(text: str | bytes, path: str | Path, form: str = "JSON", **place: Any) -> dict[str, Any]:
+    """The table of a JSON or TOML text of `path`; `place`: its line or key there.
+
+    Raises FileError for anything else, and for nesting deeper than MOST_LEVELS.
+    """
     try:
-        data = json.loads(read_text(path))
+        data = tomllib.loads(str(text)) if form == "TOML" else json.loads(text)
     except json.JSONDecodeError as error:
-        raise FileError(path, f"not JSON: {error.msg}", line=error.lineno) from None
-    except ValueError as error:  # a number with more digits than Python converts
-        raise FileError(path, f"not readable JSON: {error}") from None
-    except RecursionError:
-        raise FileError(path, "JSON nested too deeply") from None
+        place = {"line": error.lineno} | place
+        raise FileError(path, f"not JSON: {error.msg}", **place) from None
+    except ValueError as error:  # a TOMLDecodeError, or a number with too many digits
+        raise FileError(path, f"not {form}: {error}", **place) from None
+    except (RecursionError, MemoryError):
+        raise FileError(path, f"{form} nested too deeply", **place) from None
     if not isinstance(data, dict):
-        raise FileError(path, f"holds a {type(data).__name__}", valid="a JSON object")
+        problem = f"holds a {type(data).__name__}"
+        raise FileError(path, problem, valid=f"a {form} object", **place)
+    level: list[Any] = [data]
+    for _ in range(MOST_LEVELS):
+        level = [inner for node in level for inner in _inside(node)]
+    if level:
+        raise FileError(path, f"{form} nested deeper than {MOST_LEVELS} levels", **place)
     return data
 
 
-def read_text(path: str | Path) -> str:
-    """Read a text file. Raises FileError if it is missing, a folder, or not UTF-8."""
+def _inside(node: Any) -> Any:
+    if isinstance(node, dict):
+        return node.values()
+    return node if isinstance(node, list) else ()
+
+
+def read_text(path: str | Path, limit: int = MOST_TEXT) -> str:
+    """Read a text file. Raises FileError if it is missing, a folder, too large, or not UTF-8."""
     try:
+        if (size := Path(path).stat().st_size) > limit:
+            raise FileError(path, f"has {size:,} bytes", valid=f"at most {limit:,}")
         return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise FileError(path, "no such file") from None

@@ -30,3 +30,9 @@ def test_errors_cross_process_boundaries(error):
 def test_exit_codes_tell_input_from_machine():
     assert InputError("x").exit_code == FileError("f", "x").exit_code == 2
     assert MachineError("x").exit_code == 1
+
+
+def test_a_message_is_one_short_printable_line_whatever_it_quotes():
+    text = str(FileError("a.json", "x\n" * 9000, key="\x1b[31m" + "k" * 9000, valid=["v"] * 9000))
+    assert text.isprintable() and len(text) < 1400
+    assert text.startswith("a.json, key '\\x1b[31mkkk")

@@ -65,3 +65,30 @@ def test_extremes_are_refused(tmp_path: Path, value: str) -> None:
     path.write_text("a = " + value)
     with pytest.raises(FileError, match="extreme"):
         read_toml(path)
+
+
+@pytest.mark.parametrize("text", ["a." * 100_000 + "b = 1", "[" + ".".join("k" * 40) + "]"])
+def test_keys_of_many_parts_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_text(text)
+    with pytest.raises(FileError, match="key of more than 32 parts"):
+        read_toml(path)
+
+
+def test_deep_nesting_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "deep.json"
+    for levels, good in ((31, True), (33, False)):
+        path.write_text('{"a": ' + "[" * levels + "]" * levels + "}")
+        if good:
+            assert "a" in read_json(path)
+        else:
+            with pytest.raises(FileError, match="deeper than 32 levels"):
+                read_json(path)
+
+
+def test_a_large_text_file_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "large.toml"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(FileError, match=r"has 1,099,511,627,776 bytes \(valid: at most 4,194,304"):
+        read_toml(path)

@@ -193,8 +193,8 @@ def summary(scored: Mapping[str, Scored]) -> dict[str, Any]:
     ))  # fmt: skip
     return {
         "frames": len(pooled.errors),
-        "visible": _accuracy(pooled, pooled.seen, intervals=True),
-        "in_view": _accuracy(pooled, pooled.in_view),
+        "visible": accuracy(pooled, pooled.seen, intervals=True),
+        "in_view": accuracy(pooled, pooled.in_view),
         "spread": {
             "visible": _spread(pooled, pooled.seen),
             "hidden": _spread(pooled, pooled.in_view & ~pooled.seen),
@@ -203,7 +203,7 @@ def summary(scored: Mapping[str, Scored]) -> dict[str, Any]:
         "false_positives": _number(mean_error(pooled.detected, ~pooled.in_view)),
         "per_sequence": {
             name: {"frames": len(s.errors)} | {
-                kind: {k: v for k, v in _accuracy(s, counted).items() if k in _MAIN}
+                kind: {k: v for k, v in accuracy(s, counted).items() if k in _MAIN}
                 for kind, counted in (("visible", s.seen), ("in_view", s.in_view))
             } for name, s in scored.items()
         },
@@ -270,7 +270,8 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
 _MAIN = ("pck20", "auc20", "median_px")
 
 
-def _accuracy(s: Scored, counted: Bool[Array, "T V 18"], intervals: bool = False) -> dict[str, Any]:
+def accuracy(s: Scored, counted: Bool[Array, "T V 18"], intervals: bool = False) -> dict[str, Any]:
+    """PCK, AUC and further measures of the counted joints; each group's too. JSON-ready."""
     found = s.errors, s.detected
     measured = s.detected & counted
     groups = {g: [i for i, n in enumerate(LABELS) if n.split("_")[-1] in names]

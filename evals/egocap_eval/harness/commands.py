@@ -17,6 +17,10 @@ STUDIES = {
     "run": ("harness.run", "Run a suite: sequences, predictions, scores and a report."),
     "compare": ("harness.compare", "List what changed between two runs, with paired intervals."),
     "check": ("harness.check", "Run the regression guard: a fixed small suite and its baseline."),
+    "recorded": (
+        "studies.recorded",
+        "Detect and track the recorded motions of a set, from images.",
+    ),
     "accuracy": ("studies.accuracy", "Track the validation scenes from simulated detections."),
     "stress": ("studies.stress", "Track under one growing fault at a time, without rendering."),
     "stress-rendered": ("studies.stress_rendered", "Track under one growing image fault."),
@@ -30,6 +34,7 @@ STUDIES = {
     "augmentation": ("studies.augmentation", "Train detectors with and without augmentation."),
     "training-set": ("studies.training_set", "Train detectors on fewer people or frames."),
     "learn-prior": ("studies.learn_prior", "Learn the tracker's pose or motion prior from clips."),
+    "motion-sets": ("sets.takes", "List the sets of motion clips; find takes that two sets share."),
     "dataset": ("harness.dataset_card", "Count a data set's people, rigs and visible joints."),
     "detector": ("detection.detector", "Score the learned detector: PCK, calibration, speed."),
     "image-model": ("image_model.study", "Measure the image model: accuracy, basin of attraction."),

@@ -22,6 +22,8 @@ PACKAGES = (
     "egocap", "numpy", "scipy", "torch", "mujoco", "pyrender", "anny", "numba",
     "opencv-contrib-python-headless", "onnxruntime", "openvino",
 )  # fmt: skip
+OUTPUTS = (":(top,exclude)evals/results", ":(top,exclude)evals/test_log.jsonl")
+"""What studies write: changes there do not change what the code does."""
 
 
 def save_result(
@@ -115,7 +117,8 @@ def git_commit() -> str | None:
     head = _git(folder, "rev-parse", "HEAD")
     if head is None or _git(folder, "ls-files", "--error-unmatch", "result_file.py") is None:
         return None  # no repository, or another one around an installed copy
-    return head + ("+changes" if _git(folder, "status", "--porcelain", "-uno") else "")
+    changed = _git(folder, "status", "--porcelain", "-uno", "--", ":/", *OUTPUTS)
+    return head + ("+changes" if changed else "")
 
 
 def cpu_model() -> str:

@@ -29,6 +29,7 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import Observations, tangent_basis
 from egocap.track import online_filter, smoother
 from egocap_eval.harness.study import Outcome
+from egocap_eval.sets.motion_sets import motion_sets
 from egocap_eval.studies.physics import find_clips
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.person import Person
@@ -43,8 +44,6 @@ from egocap_sim.truth.truth import label_positions
 
 log = logging.getLogger(__name__)
 
-HELD_OUT = ("07_", "007_", "walking_4", "basketball_signal_3")
-"""Beginnings of the names of clips kept for validation."""
 UNNATURAL = ("005_",)
 """Clips with anatomically impossible foot directions."""
 FPS, MAX_FRAMES = 30.0, 400
@@ -130,8 +129,9 @@ def _clips(folder: Path | None, built_in: bool) -> Iterator[tuple[Clip, int]]:
         seconds = SEQUENCE_SECONDS if name == "sequence" else SECONDS
         clip = make_motion(name, seconds, np.random.default_rng(FIRST_SEED + i))
         yield clip, int(seconds * FPS)
+    sets = motion_sets()
     for path in find_clips(folder) if folder else ():
-        if not path.name.startswith(HELD_OUT + UNNATURAL):
+        if sets.may_train(path) and not path.name.startswith(UNNATURAL):
             try:
                 yield load_clip(path), MAX_FRAMES
             except EgocapError as error:

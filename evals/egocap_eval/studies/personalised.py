@@ -106,7 +106,7 @@ def development_cases(people: int, first_seed: int, frames: int) -> list[Case]:
             _changed(base, f"person-{seed}-{motion}", motion, changes)
             for motion in ("walk", "gestures")
         )
-        cases.append(Case(f"person-{seed}", _calibration(base, f"person-{seed}", seed), clips))
+        cases.append(Case(f"person-{seed}", calibration_scene(base, f"person-{seed}", seed), clips))
     return cases
 
 
@@ -115,11 +115,12 @@ def heldout_cases() -> list[Case]:
     cases = []
     for name in SCENES:
         scene = builtin_scene(name, SIZE)
-        cases.append(Case(name, _calibration(scene, name, scene.seed), (scene,)))
+        cases.append(Case(name, calibration_scene(scene, name, scene.seed), (scene,)))
     return cases
 
 
-def _calibration(like: Scene, name: str, seed: int) -> Scene:
+def calibration_scene(like: Scene, name: str, seed: int) -> Scene:
+    """A clip for fitting the body of the person of a seed: squatting and gesturing."""
     changes = {"seed": seed, "frames": round(CALIBRATION_S * FPS)}
     scene = _changed(like, f"{name}-calibration", "sequence", changes)
     motion = type(scene.motion)(name="sequence", parameters={"parts": CALIBRATION})

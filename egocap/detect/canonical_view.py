@@ -2,15 +2,16 @@
 
 A canonical view is a fisheye image r = f sin(k theta) / k about an axis fixed in the head frame:
 below the camera, a little behind and towards the middle of the body, with the head's forward
-direction up. Cameras on the head's right side are mirrored. So the network's input is independent
-of lens, mounting angle and side, but not of the camera's position. Magnification is largest in the
-middle, where the legs are smallest.
+direction up. A camera near the face sees the body below and ahead of it, not behind: its axis
+points farther forward (`near_pitch_deg`). Cameras on the head's right side are mirrored. So the
+network's input is independent of lens, mounting angle and side, but not of the camera's position.
+Magnification is largest in the middle, where the legs are smallest.
 Source: mirroring, EgoCap paper, section 4.3.1.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import cos, pi, radians, sin
 from typing import Any
 
@@ -23,6 +24,7 @@ from egocap.cameras.rig import Mount
 from egocap.errors import InputError
 
 _SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel; above, images are reduced first
+_FACE_TO_ARM_M = (0.14, 0.26)  # camera's distance in front of the skull base
 _MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
 
 
@@ -36,6 +38,7 @@ class ViewSpec:
     compression: float = 0.75  # k of r = focal sin(k theta) / k; 0 is the equidistant lens
     pitch_deg: float = 105.0  # of the axis, below the head's forward direction
     toe_in_deg: float = 8.0  # of the axis, towards the body's middle plane
+    near_pitch_deg: float | None = None  # `pitch_deg` of cameras near the face; None: the same
 
     def __post_init__(self) -> None:
         if not (8 <= self.width <= 4096 and 8 <= self.height <= 4096):
@@ -49,6 +52,16 @@ class ViewSpec:
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready form: the fields."""
         return asdict(self)
+
+    def mounted(self, forward_m: float) -> ViewSpec:
+        """The view of a camera `forward_m` in front of the skull base.
+
+        Its pitch changes linearly from `near_pitch_deg` at the face to `pitch_deg` at 0.26 m.
+        """
+        if self.near_pitch_deg is None:
+            return self
+        pitch = np.interp(forward_m, _FACE_TO_ARM_M, (self.near_pitch_deg, self.pitch_deg))
+        return replace(self, pitch_deg=float(pitch), near_pitch_deg=None)
 
     @property
     def axes(self) -> Float[Array, "3 3"]:
@@ -100,7 +113,7 @@ class CanonicalView:
     """Mapping of one mounted camera's images and pixels to the canonical view and back."""
 
     def __init__(self, mount: Mount, spec: ViewSpec | None = None) -> None:
-        self.spec = spec or ViewSpec()
+        self.spec = (spec or ViewSpec()).mounted(float(mount.T_head_camera[0, 3]))
         self.mirrored = bool(mount.T_head_camera[1, 3] < 0.0)
         self._mount = mount
         v, u = np.mgrid[: self.spec.height, : self.spec.width]

@@ -21,6 +21,18 @@ from egocap_sim.scene.config import EpisodesTable, MotionTable, Scene
 
 KINDS = (".bvh", ".npz")
 SPEEDS = (0.8, 1.25)
+SUITING: dict[str, tuple[tuple[str, ...], ...]] = {
+    "cycle": (("bicycle",),),
+    "desk": (("desk", "chair"),),
+    "dribble": (("ball",),),
+    "hold": (("newspaper",), ("phone",), ("cup",)),
+    "juggle": (("juggling_balls",),),
+    "sit": (("chair",), ("sofa",)),
+    "stairs": (("stairs",),),
+    "work": (("counter",),),
+}
+"""Props of procedural motions, one row for each choice; with other motions `HANDHELD` ones."""
+HANDHELD = ("phone", "cup")
 _STARTS_S = (0.5, 6.0)  # range of start times in a procedural motion
 _SPARE_S = 0.5  # of motion beyond the last frame, for late cameras and smoothing
 _BLENDED = 0.25  # probability that a clip is joined with another
@@ -64,7 +76,18 @@ def draw_episode(scene: Scene, job: Job, clips: Sequence[ClipFile], attempt: int
     if rng.random() < table.dusk:
         data["place"]["light"] = "dusk"
     data["others"]["count"] = int(rng.integers(scene.others.count + 1))
+    if not scene.things and rng.random() < table.props:
+        data["things"] = _props(data["motion"].get("name"), rng)
     return Scene.model_validate(data)
+
+
+def _props(motion: str | None, rng: np.random.Generator) -> list[dict[str, Any]]:
+    """Draw props that suit a motion: its own, or one in each of one or two hands."""
+    if motion in SUITING:
+        suits = SUITING[motion]
+        return [{"kind": kind} for kind in suits[int(rng.integers(len(suits)))]]
+    hands = (("left",), ("right",), ("left", "right"))[int(rng.integers(3))]
+    return [{"kind": str(rng.choice(HANDHELD)), "hand": hand} for hand in hands]
 
 
 def _motion(

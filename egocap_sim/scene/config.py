@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from egocap.schema import Number, Strict, checked, read_toml
+from egocap_sim.core.resources import SAMPLED
 from egocap_sim.sensor.config import SensorTable, Share
 
 Whole = Annotated[int, Field(strict=True)]
@@ -36,6 +37,9 @@ class RigTable(Strict):
     """The cameras: a built-in rig's name or a rig file, and the recorded image size."""
 
     name: str | None = None  # None and no file: egorig1
+    family: Literal["arms", "glasses", "headset", "single", "any"] | None = (
+        None  # of a sampled rig; None: arms
+    )
     file: str | None = None  # path, relative to the scene file; in place of a name
     size: tuple[Pixels, Pixels] | None = None  # width, height; None: the rig's own
 
@@ -43,6 +47,8 @@ class RigTable(Strict):
     def _one_source(self) -> RigTable:
         if self.name is not None and self.file is not None:
             raise ValueError("give either 'name' (a built-in rig) or 'file' (a rig file)")
+        if self.family is not None and self.name != SAMPLED:
+            raise ValueError(f"'family' is of the rig '{SAMPLED}'")
         return self
 
 
@@ -55,7 +61,9 @@ class PersonTable(Strict):
     skin_tone: Number | None = Field(default=None, ge=0, le=1)  # light to dark
     phenotype: dict[str, Number] = {}  # weight, muscle, ...: egocap_sim.human.body.phenotype
     outfit: dict[str, str] = {}  # garments and fabrics: egocap_sim.human.clothing.outfit
-    headgear: Literal["helmet", "headset", "none", "rig"] = "rig"  # "rig": the one of the rig
+    headgear: Literal["helmet", "headset", "cap", "glasses", "none", "rig"] = (
+        "rig"  # "rig": the one of the rig
+    )
 
 
 class MotionTable(Strict):
@@ -142,6 +150,7 @@ class EpisodesTable(Strict):
     clips: str | None = None  # folder of BVH and npz files, relative to the file
     clip_share: Share = 0.5  # share of episodes with a clip, if there are clips
     dusk: Share = 0.0  # share of episodes at dusk
+    props: Share = 0.0  # share of episodes with props that suit the motion
 
     @model_validator(mode="after")
     def _least_before_most(self) -> EpisodesTable:

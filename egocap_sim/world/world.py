@@ -71,6 +71,7 @@ class World:
     @cached_property
     def person(self) -> Person:
         """The wearer; missing values are drawn from the seed."""
+        from egocap_sim.human.clothing.camera_mounts import with_cameras
         from egocap_sim.human.clothing.wardrobe import make_person
 
         table, seed = self.scene.person, self.scene.seed
@@ -80,7 +81,8 @@ class World:
         given = table.model_dump(exclude={"headgear"}, exclude_none=True)
         worn = None if headgear == "none" else headgear
         with errors_name_key(self.scene.name, "person"):
-            return make_person(seed, headgear=worn, name="wearer", **given)
+            person = make_person(seed, headgear=worn, name="wearer", **given)
+        return with_cameras(person, self.rig, worn)
 
     @cached_property
     def motion(self) -> MotionSource:

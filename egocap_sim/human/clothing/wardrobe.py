@@ -24,6 +24,7 @@ SAMPLED_HEIGHTS_M = (1.50, 2.00)
 SAMPLED_BMI = (18.0, 35.0)  # kg/m^2
 SEXES = ("female", "male")
 DENSITY = (1010.0, 985.0)  # kg/m^3 with air in the lungs, at phenotype weights 0 and 1
+WORN = {"cap": {"hat": "cap"}, "glasses": {"glasses": "glasses"}}  # headgear that is an accessory
 SHAPE, SKIN, OUTFIT, FABRIC, GEAR = range(5)  # random number streams of one seed
 
 
@@ -46,24 +47,26 @@ def make_person(
     to 1 (dark); `phenotype` fixes values of `Phenotype` other than age and height (weight, muscle,
     proportions, gender, ...); `outfit` fixes parts of `Outfit` by name (top='hoodie',
     top_fabric='stripes:white,navy', shoes='barefoot', hair='bob', ...); `headgear` is None,
-    'helmet' or 'headset'. All vertices of a `bystander` have the part label of other people.
+    'helmet', 'headset', 'cap' or 'glasses'. All vertices of a `bystander` have the part label of other people.
 
     Raises InputError, with the valid values, for invalid ones.
     """
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed is {seed!r}", valid="an integer from 0")
-    _check("headgear", headgear, tuple(HEADGEAR))
+    _check("headgear", headgear, (*HEADGEAR, *WORN))
     _check_range("skin_tone", skin_tone, (0.0, 1.0))
 
     shape_rng = _stream(seed, SHAPE)
     sex, years, body = _sample_body(shape_rng, sex, height_m, age_years, phenotype or {})
     tone = _tone(body.phenotype, _stream(seed, SKIN)) if skin_tone is None else float(skin_tone)
     clothes = sample_outfit(sex, years, tone, _stream(seed, OUTFIT))
-    clothes = change_outfit(clothes, outfit or {}, hatless=headgear is not None)
+    changes = {**(outfit or {}), **WORN.get(headgear or "", {})}
+    over_hair = headgear if headgear in HEADGEAR else None
+    clothes = change_outfit(clothes, changes, hatless=over_hair is not None)
     chart = make_chart(body)
-    meshes = dress(chart, clothes, tone, headgear, _stream(seed, FABRIC))
-    if headgear:
-        meshes.append(HEADGEAR[headgear](chart.skull, _stream(seed, GEAR)))
+    meshes = dress(chart, clothes, tone, over_hair, _stream(seed, FABRIC))
+    if over_hair:
+        meshes.append(HEADGEAR[over_hair](chart.skull, _stream(seed, GEAR)))
     if bystander:
         meshes = [replace(m, parts=np.full_like(m.parts, OTHER_PERSON)) for m in meshes]
     drawn = {

@@ -33,6 +33,7 @@ PITCH_DEG = (50.0, 100.0)
 TOE_OUT_DEG = (-5.0, 20.0)
 FOV_DEG = (140.0, 220.0)
 FILL = (0.9, 1.2)  # diameter of the image circle, in image widths
+ANY_FILL = (0.75, 1.45)  # of the families without arms: from a dark rim all around to a crop
 MODELS = ("equidistant", "kannala_brandt", "ocam")
 WIDE_FOV_DEG = (100.0, 220.0)  # of the families without arms
 SIZES = ((640, 512), (640, 480), (512, 512), (400, 400), (848, 800), (1280, 1024), (256, 256))
@@ -89,7 +90,7 @@ def _arms(rng: np.random.Generator) -> Rig:
 
 def _glasses(rng: np.random.Generator) -> Rig:
     """Two lenses in or just before the frame, looking down or ahead past nose and cheeks."""
-    lens = _Lens(rng, rng.uniform(*WIDE_FOV_DEG), _size(rng))
+    lens = _Lens(rng, rng.uniform(*WIDE_FOV_DEG), _size(rng), ANY_FILL)
     place = np.array([rng.uniform(0.125, 0.165), rng.uniform(0.03, 0.08), rng.uniform(0.0, 0.07)])
     pitch, toe_out, roll = _pitch(rng, lens), rng.uniform(-5.0, 25.0), rng.choice(ROLL_DEG)
     mounts = [
@@ -101,7 +102,7 @@ def _glasses(rng: np.random.Generator) -> Rig:
 
 def _headset(rng: np.random.Generator) -> Rig:
     """Four cameras at the edges of a headset: two look down ahead, two down to the sides."""
-    lens = _Lens(rng, rng.uniform(120.0, 190.0), _size(rng))
+    lens = _Lens(rng, rng.uniform(120.0, 190.0), _size(rng), ANY_FILL)
     front = np.array([rng.uniform(0.20, 0.23), rng.uniform(0.04, 0.09), rng.uniform(-0.03, 0.07)])
     side_ = np.array([rng.uniform(0.16, 0.21), rng.uniform(0.10, 0.12), rng.uniform(-0.02, 0.07)])
     pitch, toe_out, roll = rng.uniform(35.0, 85.0), rng.uniform(0.0, 25.0), rng.choice(ROLL_DEG)
@@ -118,7 +119,7 @@ def _headset(rng: np.random.Generator) -> Rig:
 
 def _single(rng: np.random.Generator) -> Rig:
     """One camera near the middle plane: before the brow, at a cap's brim, or on a helmet's arm."""
-    lens = _Lens(rng, rng.uniform(140.0, 220.0), _size(rng))
+    lens = _Lens(rng, rng.uniform(140.0, 220.0), _size(rng), ANY_FILL)
     forward = rng.uniform(0.25, 0.45) if rng.random() < 0.5 else rng.uniform(0.175, 0.25)
     place = np.array([forward, rng.normal(0.0, 0.02), rng.uniform(0.05, 0.16)])
     angles = (rng.uniform(55.0, 110.0), rng.normal(0.0, 6.0), rng.choice(ROLL_DEG))
@@ -158,12 +159,16 @@ class _Lens:
     """A lens design; its cameras differ by manufacturing tolerances."""
 
     def __init__(
-        self, rng: np.random.Generator, fov_deg: float, size: tuple[int, int] = SIZE
+        self,
+        rng: np.random.Generator,
+        fov_deg: float,
+        size: tuple[int, int] = SIZE,
+        fill: tuple[float, float] = FILL,
     ) -> None:
         self.size = size
         self.model = str(rng.choice(MODELS))
         self.max_angle = np.deg2rad(fov_deg) / 2
-        self.circle = size[0] * rng.uniform(*FILL) / 2
+        self.circle = size[0] * rng.uniform(*fill) / 2
         for _ in range(_TRIES):
             self.bend = (rng.uniform(*_BEND), rng.normal(0, 0.002))
             if self._valid():

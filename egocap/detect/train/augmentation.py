@@ -51,9 +51,19 @@ def augment(
         image, state = occluded(image, points, state, rng)
     if rng.random() < config.blur:
         image = blurred(image, rng)
+    if rng.random() < config.flare:
+        image = flared(image, rng)
+    if rng.random() < config.exposure:
+        image = exposed(image, rng)
     image = toned(image, config, rng)
+    if rng.random() < config.aberration:
+        image = aberrated(image, rng)
+    if rng.random() < config.rim:
+        image, state = rimmed(image, points, state, rng)
     if rng.random() < config.noise:
         image = noisy(image, rng)
+    if rng.random() < config.grey:
+        image = greyed(image, rng)
     if rng.random() < config.jpeg:
         image = recompressed(image, rng)
     return Example(image, points, state)
@@ -195,10 +205,64 @@ def toned(
         curve = curve + 0.5 + brightness
         if rng.random() < 0.3:
             grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[..., None]
-            keep = rng.uniform(0.0, 1.3)
+            keep = rng.uniform(0.0, 1.8)
             image = cv2.addWeighted(image, keep, np.repeat(grey, 3, 2), 1.0 - keep, 0.0)
     table = np.clip(np.rint(curve * 255.0), 0, 255).astype(np.uint8)
     return cv2.LUT(image, table[None])
+
+
+def exposed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
+    """Change the exposure by up to 1.5 stops; what exceeds white is clipped."""
+    light = (np.arange(256) / 255.0) ** 2.2 * 2.0 ** rng.uniform(-1.5, 1.5)
+    table = np.rint(255.0 * np.minimum(light, 1.0) ** (1.0 / 2.2)).astype(np.uint8)
+    return cv2.LUT(image, table)
+
+
+def flared(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
+    """Add the glow of a lamp or the sun: a soft spot and a veil over the whole image."""
+    height, width = image.shape[:2]
+    x, y = rng.uniform(0, width), rng.uniform(0, height)
+    v, u = np.ogrid[:height, :width]
+    far = ((u - x) ** 2 + (v - y) ** 2) / (width * rng.uniform(0.05, 0.3)) ** 2
+    glow = (rng.uniform(40, 200) / (1.0 + far) + rng.uniform(0, 20)).astype(np.float32)
+    colour = (1.0 + rng.normal(0.0, 0.08, 3)).astype(np.float32)
+    return np.minimum(image + glow[..., None] * colour, 255.0).astype(np.uint8)
+
+
+def aberrated(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
+    """Lateral chromatic aberration: red and blue are magnified by up to 1 % more or less."""
+    height, width = image.shape[:2]
+    strength = rng.uniform(-0.01, 0.01)
+    image = image.copy()
+    for channel, sign in ((0, 1.0), (2, -1.0)):
+        M = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0, 1 + sign * strength)
+        image[..., channel] = cv2.warpAffine(image[..., channel].copy(), M, (width, height))
+    return image
+
+
+def rimmed(
+    image: UInt8[Array, "H W 3"],
+    points: Float[Array, "18 2"],
+    state: UInt8[Array, "18"],
+    rng: np.random.Generator,
+) -> tuple[UInt8[Array, "H W 3"], UInt8[Array, "18"]]:
+    """Black out what lies outside an ellipse with a soft edge; labels there become OUTSIDE."""
+    height, width = image.shape[:2]
+    centre = np.array([width, height]) / 2 + rng.normal(0.0, 0.06 * width, 2)
+    half = np.array([width, height]) / 2 * rng.uniform(0.75, 1.3) * rng.uniform(0.9, 1.1, 2)
+    v, u = np.ogrid[:height, :width]
+    ratio = np.sqrt(((u - centre[0]) / half[0]) ** 2 + ((v - centre[1]) / half[1]) ** 2)
+    light = np.clip((1.0 - ratio) / rng.uniform(0.01, 0.15), 0.0, 1.0).astype(np.float32)
+    beyond = (((points - centre) / half) ** 2).sum(-1) > 1.0
+    return (image * light[..., None]).astype(np.uint8), np.where(beyond, OUTSIDE, state).astype(
+        np.uint8
+    )
+
+
+def greyed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
+    """The image of a monochrome camera with a random spectral sensitivity."""
+    weights = rng.dirichlet([2.0, 3.0, 2.0]).astype(np.float32)
+    return cv2.transform(image, np.tile(weights, (3, 1)))
 
 
 def noisy(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
@@ -212,10 +276,10 @@ def noisy(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array
 
 
 def recompressed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
-    """Compress as JPEG at quality 30 to 90."""
+    """Compress as JPEG at quality 12 to 90."""
     import simplejpeg
 
     data = simplejpeg.encode_jpeg(
-        np.ascontiguousarray(image), quality=int(rng.integers(30, 90)), colorsubsampling="420"
+        np.ascontiguousarray(image), quality=int(rng.integers(12, 90)), colorsubsampling="420"
     )
     return simplejpeg.decode_jpeg(data)

@@ -26,9 +26,14 @@ class AugmentationConfig:
     noise: float = 0.5  # probability of sensor noise
     jpeg: float = 0.2  # probability of JPEG compression
     occluders: float = 0.2  # probability of occluders
+    exposure: float = 0.3  # probability of another exposure, which may clip
+    grey: float = 0.12  # probability of a monochrome camera
+    rim: float = 0.15  # probability of a dark rim outside a round mask
+    aberration: float = 0.15  # probability of lateral chromatic aberration
+    flare: float = 0.1  # probability of lens flare
 
 
-NO_AUGMENTATION = AugmentationConfig(0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0)
+NO_AUGMENTATION = AugmentationConfig(0, 0, 0, 0, 0, 0, 1, *(0,) * 10)
 """No augmentation."""
 
 

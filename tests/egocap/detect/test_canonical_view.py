@@ -143,3 +143,15 @@ def test_impossible_views_are_refused():
         ViewSpec(compression=2.0)
     with pytest.raises(InputError, match="8 to 4096"):
         ViewSpec(width=0)
+
+
+@pytest.mark.parametrize("forward, pitch", [(0.05, 85.0), (0.14, 85.0), (0.20, 95.0), (0.30, 105.0)])
+def test_axis_of_a_camera_near_the_face_points_farther_forward(forward, pitch):
+    spec = ViewSpec(near_pitch_deg=85.0, toe_in_deg=0.0)
+    mount = mounted(1.0)
+    T = mount.T_head_camera.copy()
+    T[0, 3] = forward
+    view = CanonicalView(replace(mount, T_head_camera=T), spec)
+    axis = view.spec.axes[2]
+    assert np.degrees(np.arctan2(-axis[2], axis[0])) == pytest.approx(pitch)
+    assert ViewSpec().mounted(forward) == ViewSpec()  # weights of views without the key

@@ -5,12 +5,17 @@ import pytest
 
 from egocap.detect.train.augmentation import (
     WEARER,
+    aberrated,
     augment,
     camouflaged,
+    exposed,
+    flared,
+    greyed,
     moved,
     occluded,
     recoloured,
     replaced_background,
+    rimmed,
     toned,
 )
 from egocap.detect.train.config import NO_AUGMENTATION, AugmentationConfig
@@ -164,3 +169,45 @@ def test_wearer_is_who_the_simulator_says():
 
     mine = set(np.flatnonzero(WEARER))
     assert mine == {*range(parts.WEARER_FIRST, parts.WEARER_LAST + 1), parts.RIG}
+
+
+def test_grey_images_have_equal_channels():
+    image = np.random.default_rng(0).integers(0, 256, (*SHAPE, 3), np.uint8)
+    grey = greyed(image, np.random.default_rng(1))
+    assert (np.ptp(grey, axis=-1) == 0).all() and grey.std() > 20
+
+
+def test_exposure_clips_at_white_and_keeps_the_order():
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, 2)
+    made = [exposed(ramp, np.random.default_rng(s))[0, :, 0].astype(int) for s in range(20)]
+    assert all((np.diff(m) >= 0).all() for m in made)
+    assert max((m == 255).sum() for m in made) > 50 and min(m.max() for m in made) < 250
+
+
+def test_beyond_the_rim_it_is_black_and_labels_are_outside():
+    u = np.linspace(0, SHAPE[1] - 1, 18)
+    points = np.stack([u, np.full(18, (SHAPE[0] - 1) / 2)], -1)
+    white, seen = np.full((*SHAPE, 3), 255, np.uint8), np.full(18, SEEN, np.uint8)
+    lost = 0
+    for seed in range(30):
+        image, state = rimmed(white, points, seen, np.random.default_rng(seed))
+        at = np.rint(points).astype(int)
+        dark = image[at[:, 1], at[:, 0], 0] == 0
+        assert (dark[state == OUTSIDE]).all() and (state == OUTSIDE).sum() >= dark.sum() - 1
+        lost += int((state == OUTSIDE).sum())
+    assert 0 < lost < 30 * 9
+
+
+def test_aberration_moves_red_and_blue_apart_and_leaves_green():
+    image = np.zeros((*SHAPE, 3), np.uint8)
+    image[100:104, 230:234] = 255
+    shifted = aberrated(image, np.random.default_rng(2))
+    red, green, blue = centres(shifted)
+    assert np.array_equal(shifted[..., 1], image[..., 1])
+    assert abs((red - green) + (blue - green)).max() < 0.1 < abs(red - blue)[0]
+
+
+def test_flare_only_adds_light():
+    image = np.random.default_rng(0).integers(0, 256, (*SHAPE, 3), np.uint8)
+    lit = flared(image, np.random.default_rng(3))
+    assert (lit.astype(int) >= image).all() and lit.mean() > image.mean() + 1

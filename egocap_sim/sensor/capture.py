@@ -15,7 +15,7 @@ from egocap.cameras.rig import Rig
 from egocap.data.truth import BLACK
 from egocap_sim.core.rng import make_rng
 from egocap_sim.render.views import Views
-from egocap_sim.sensor import sensor_kernel
+from egocap_sim.sensor import optics, sensor_kernel
 from egocap_sim.sensor.light import DECODING, compress, lamp_phase, lamp_rows, vignette
 from egocap_sim.sensor.plan import SensorPlan
 from egocap_sim.sensor.timing import exposure, instants
@@ -59,8 +59,8 @@ class SensorSimulator:
         self._rig, self._plan, self._draw = rig, plan, draw
         self._parts, self._depth = parts, depth
         sensor = plan.sensor
-        self._vignette = [vignette(m.camera, sensor.vignetting) for m in rig.mounts]
-        self._encoding = sensor_kernel.encoding_table(sensor.gamma)
+        self._vignette = [vignette(m.camera, sensor.vignetting, sensor.rim) for m in rig.mounts]
+        self._encoding = sensor_kernel.encoding_table(sensor.gamma, sensor.tone)
         self._noise = sensor_kernel.noise_table()
         self._last: dict[int, tuple[int, UInt8[Array, "H W 3"]]] = {}  # view: frame and picture
 
@@ -127,6 +127,7 @@ class SensorSimulator:
     def _develop(self, light: Float[Array, "H W 3"], index: int, v: int) -> UInt8[Array, "H W 3"]:
         """The sensor's image of the light."""
         sensor = self._plan.sensor
+        light = self._through_lens(light, v)
         if sensor.flicker:  # the mean over the rows is part of the exposure
             phase = lamp_phase(make_rng(self._plan.seed, "sensor.flicker"))
             rows = lamp_rows(self._plan.applied.time[index, v], len(light), sensor, phase)
@@ -139,4 +140,17 @@ class SensorSimulator:
             1.0 / sensor.full_well_e if sensor.full_well_e else 0.0, sensor.read_noise**2,
             self._noise, start, self._encoding,
         )  # fmt: skip
+        if sensor.saturation != 1.0:
+            image = optics.saturated(image, sensor.saturation)
         return image if sensor.jpeg_quality is None else compress(image, sensor.jpeg_quality)
+
+    def _through_lens(self, light: Float[Array, "H W 3"], v: int) -> Float[Array, "H W 3"]:
+        """Light with the faults of the lens and of the white balance."""
+        sensor = self._plan.sensor
+        if sensor.glare:
+            light = optics.glare(light, sensor.glare)
+        if sensor.aberration:
+            light = optics.aberrated(light, self._rig.cameras[v], sensor.aberration)
+        if sensor.warmth_ev:
+            light = light * optics.balance_gains(sensor.warmth_ev)
+        return light

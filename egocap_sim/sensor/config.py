@@ -15,14 +15,20 @@ Whole = Annotated[int, Field(strict=True)]
 class SensorTable(Strict):
     """Faults of the cameras. A preset sets the keys that the table omits."""
 
-    preset: Literal["clean", "webcam", "action-camera", "harsh"] = "clean"
+    preset: Literal["clean", "webcam", "action-camera", "harsh", "consumer", "monochrome"] = "clean"
 
     exposure_ev: Number = Field(default=0.0, ge=-6, le=6)  # stops brighter
     exposure_drift_ev: Number = Field(default=0.0, ge=0, le=3)  # standard deviation of a slow drift
     flicker: Share = 0.0  # modulation of the light at twice the mains frequency
     mains_hz: Literal[50, 60] = 50
     gamma: Number = Field(default=1.0, ge=0.2, le=5)  # of the displayed values; above 1 is darker
+    tone: Share = 0.0  # strength of an S-shaped tone curve
+    saturation: Number = Field(default=1.0, ge=0, le=3)  # 0: a monochrome camera
+    warmth_ev: Number = Field(default=0.0, ge=-3, le=3)  # red over blue, of the white balance
     vignetting: Share = 0.0  # share of the light lost at the edge of the lens
+    rim: Share = 0.0  # outer share of the field of view over which the image fades to black
+    glare: Share = 0.0  # share of the light that the lens scatters widely
+    aberration: Number = Field(default=0.0, ge=-0.05, le=0.05)  # magnification of red; blue: minus
     full_well_e: Number | None = Field(
         default=None, ge=10, le=1e7
     )  # electrons at white; shot noise
@@ -89,6 +95,17 @@ PRESETS: dict[str, dict[str, Any]] = {
         "time_offset_s": 0.003,
         "calibration_rotation_deg": 0.1, "calibration_translation_m": 0.001,
         "calibration_focal": 0.002, "calibration_centre_px": 0.7,
+    },
+    "consumer": {
+        "exposure_ev": 0.7, "exposure_drift_ev": 0.25, "tone": 0.6, "saturation": 1.35,
+        "warmth_ev": 0.25, "vignetting": 0.4, "rim": 0.06, "glare": 0.06, "aberration": 0.003,
+        "full_well_e": 4000.0, "read_noise": 0.003,
+        "shutter_s": 1 / 100, "readout_s": 0.015, "jpeg_quality": 60,
+    },
+    "monochrome": {
+        "exposure_drift_ev": 0.2, "gamma": 1.05, "tone": 0.2, "saturation": 0.0,
+        "vignetting": 0.5, "rim": 0.1, "glare": 0.03, "full_well_e": 2000.0, "read_noise": 0.008,
+        "shutter_s": 1 / 200, "jpeg_quality": 80,
     },
     "harsh": {
         "exposure_ev": -0.7, "exposure_drift_ev": 0.35, "gamma": 1.25, "vignetting": 0.6,

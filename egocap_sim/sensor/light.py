@@ -21,14 +21,18 @@ DECODING = (np.arange(256, dtype=np.float32) / 255.0) ** 2
 """Linear light of the 256 displayed values, float32."""
 
 
-def vignette(camera: Camera, strength: float) -> Float[Array, "H W"]:
+def vignette(camera: Camera, strength: float, rim: float = 0.0) -> Float[Array, "H W"]:
     """Share of the light that reaches each pixel: 1 - strength (theta / theta_max)^2.
 
-    theta is the angle off the axis; at the edge of the lens `strength` of the light is lost.
+    theta is the angle off the axis; at the edge of the lens `strength` of the light is lost. Over
+    the outer share `rim` of the field of view the light fades to 0.
     """
     _, theta = pixel_rays(camera)
     ratio = np.minimum(theta / camera.max_angle, 1.0)
-    return (1.0 - strength * ratio**2).astype(np.float32)
+    light = 1.0 - strength * ratio**2
+    if rim:
+        light *= np.clip((1.0 - ratio) / rim, 0.0, 1.0)
+    return light.astype(np.float32)
 
 
 def compress(image: UInt8[Array, "H W 3"], quality: int) -> UInt8[Array, "H W 3"]:

@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
+from egocap_sim.sensor.optics import toned
+
 NOISE_SAMPLES = 1 << 20
 _STEPS = 4095  # of the encoding table over the square root of light
 
@@ -22,9 +24,10 @@ def noise_table() -> Float[Array, "NOISE_SAMPLES"]:
     return np.random.default_rng(0).standard_normal(NOISE_SAMPLES, dtype=np.float32)
 
 
-def encoding_table(gamma: float) -> UInt8[Array, "_STEPS+1"]:
-    """Displayed values over the square root of light."""
-    return np.rint(255.0 * (np.arange(_STEPS + 1) / _STEPS) ** gamma).astype(np.uint8)
+def encoding_table(gamma: float, tone: float = 0.0) -> UInt8[Array, "_STEPS+1"]:
+    """Displayed values over the square root of light; `tone` as in `optics.toned`."""
+    values = toned((np.arange(_STEPS + 1) / _STEPS) ** gamma, tone)
+    return np.rint(255.0 * values).astype(np.uint8)
 
 
 @numba.njit(cache=True)

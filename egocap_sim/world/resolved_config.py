@@ -14,6 +14,8 @@ _OMITTED = (
     ("motion", "speed", 1.0),
     ("motion", "then_start_s", 0.0),
     ("sensor", "subframe_sharpness", 1.0),
+    *(("sensor", key, 0.0) for key in ("tone", "warmth_ev", "rim", "glare", "aberration")),
+    ("sensor", "saturation", 1.0),
     ("episodes", "props", 0.0),
 )
 """Keys that are left out at their default, so that hashes of older sequences stay valid."""

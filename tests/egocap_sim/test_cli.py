@@ -127,7 +127,7 @@ def test_what_the_command_line_asks_for_wins():
         ("--seed -1", r"'seed': "),
         ("--size 0 0", r"'rig\.size\.0': .*equal to 64"),
         ("--size 100000 64", r"'rig\.size\.0': .*8192"),
-        ("--rig egorig9", r"no built-in rig or file 'egorig9' \(valid: egorig1, egorig2"),
+        ("--rig egorig9", r"no built-in rig or file 'egorig9' \(valid: cap, egorig1, egorig2"),
         ("--rig none.toml", r"none\.toml: no such file"),
         ("--rig .", "is a folder"),
         ("--motion wlak", r"no built-in motion or file 'wlak' \(valid: walk, "),

@@ -145,7 +145,9 @@ def test_impossible_views_are_refused():
         ViewSpec(width=0)
 
 
-@pytest.mark.parametrize("forward, pitch", [(0.05, 85.0), (0.14, 85.0), (0.20, 95.0), (0.30, 105.0)])
+@pytest.mark.parametrize(
+    "forward, pitch", [(0.05, 85.0), (0.14, 85.0), (0.20, 95.0), (0.30, 105.0)]
+)
 def test_axis_of_a_camera_near_the_face_points_farther_forward(forward, pitch):
     spec = ViewSpec(near_pitch_deg=85.0, toe_in_deg=0.0)
     mount = mounted(1.0)

@@ -14,6 +14,7 @@ from egocap.errors import FileError, InputError
 from egocap.geometry import matrix_to_quaternion
 from egocap_sim.core.bodies import BODIES
 from egocap_sim.motion.generators.registry import make_motion
+from egocap_sim.props.registry import check_prop
 from egocap_sim.record.episode_plan import draw_episode, find_clips, plan_episodes
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene
@@ -118,6 +119,24 @@ def test_clips_are_mixed_in_and_a_bad_one_is_left_out(tmp_path, caplog):
     share = sum(m.file is not None for m in motions) / len(motions)
     assert 0.2 < share < 0.8
     assert any(m.mirrored for m in motions) and any(m.then for m in motions)
+
+
+def test_props_suit_the_motion_and_leave_the_other_draws_alone():
+    table = {"frames": (2, 2), "motions": ("hold", "sit", "walk", "cycle")}
+    with_props, without = (
+        scene(120, episodes=table | {"props": share}, others={"count": 2}) for share in (0.7, 0.0)
+    )
+    held = 0
+    for job in plan_episodes(with_props, [120]):
+        drawn, plain = draw_episode(with_props, job, ()), draw_episode(without, job, ())
+        assert not plain.things
+        assert drawn.model_copy(update={"things": ()}) == plain
+        kinds = [thing.kind for thing in drawn.things]
+        held += bool(kinds)
+        for thing in drawn.things:
+            check_prop(thing, drawn.motion.name)
+        assert not {"bicycle"} & set(kinds) or drawn.motion.name == "cycle"
+    assert 0.5 < held / 60 < 0.9
 
 
 def test_a_cluster_makes_the_same_bytes(recording, tmp_path):

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from egocap.cameras.rig_files import load_rig
 from egocap_sim.render.fisheye import build_atlas
 from egocap_sim.scene import rig_sampler
+from egocap_sim.scene.config import RigTable
 from egocap_sim.scene.rig_sampler import headgear_for, sample_rig
+from egocap_sim.scene.rig_source import resolve_headgear, resolve_rig
 
 
 @settings(deadline=None, max_examples=60)
@@ -72,3 +74,52 @@ def test_headgear_is_clear_of_the_cameras():
         forward = rig.T_head_camera[:, 0, 3].min() - rig_sampler.BROW_M
         assert gear == "none" or forward > 0.05
     assert set(worn) == {"none", "helmet", "headset"}
+
+
+NADIR = np.array([0.1, 0.0, -1.5])  # about where the feet are, in the head frame
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**63 - 1))
+def test_glasses_sit_before_the_face_and_see_the_feet(seed):
+    rig = sample_rig(np.random.default_rng(seed), "glasses")
+    places = rig.T_head_camera[:, :3, 3]
+    assert rig.views == ("left", "right")
+    assert 0.05 < places[0, 1] - places[1, 1] < 0.18
+    assert (places[:, 0] > 0.105).all() and (places[:, 0] < 0.185).all()
+    for T, camera in zip(rig.T_head_camera, rig.cameras, strict=True):
+        assert 100 <= np.degrees(2 * camera.max_angle) <= 220
+        ray = (NADIR - T[:3, 3]) @ T[:3, :3]
+        assert np.arctan2(np.hypot(*ray[:2]), ray[2]) < camera.max_angle + np.radians(10)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_headsets_have_two_cameras_to_the_sides(seed):
+    rig = sample_rig(np.random.default_rng(seed), "headset")
+    assert rig.views == ("front_left", "front_right", "side_left", "side_right")
+    axes = rig.T_head_camera[:, :3, 2]
+    assert axes[2, 1] > 0.15 and axes[3, 1] < -0.15 and (np.abs(axes[:2, 1]) < 0.5).all()
+    assert (axes[:, 2] < 0).all()
+
+
+def test_any_draws_every_family_at_every_roll_and_size():
+    rigs = [sample_rig(np.random.default_rng(i), "any") for i in range(300)]
+    assert set(Counter(len(rig.mounts) for rig in rigs)) == {1, 2, 4}
+    assert {(r.cameras[0].width, r.cameras[0].height) for r in rigs} == set(rig_sampler.SIZES)
+    up = [r.T_head_camera[0, :3, 1] for r in rigs]  # image down in the head frame
+    assert min(d[2] for d in up) < -0.3 and max(d[2] for d in up) > 0.3  # some hang upside down
+
+
+def test_a_family_decides_the_headgear_and_its_images_fit():
+    for seed in range(40):
+        table = RigTable(name="sampled", family="any", size=(420, 400))
+        rig = resolve_rig(table, seed)
+        gear = resolve_headgear(table, rig, seed)
+        allowed = {1: {"helmet", "headset", "cap"}, 2: {"glasses"}, 4: {"headset"}}
+        assert gear in allowed[len(rig.mounts)]
+        assert all(c.width <= 420 and c.height <= 400 for c in rig.cameras)
+
+
+def test_only_sampled_rigs_have_a_family():
+    with pytest.raises(ValueError, match="sampled"):
+        RigTable(name="egorig1", family="glasses")

@@ -47,7 +47,8 @@ def make_person(
     to 1 (dark); `phenotype` fixes values of `Phenotype` other than age and height (weight, muscle,
     proportions, gender, ...); `outfit` fixes parts of `Outfit` by name (top='hoodie',
     top_fabric='stripes:white,navy', shoes='barefoot', hair='bob', ...); `headgear` is None,
-    'helmet', 'headset', 'cap' or 'glasses'. All vertices of a `bystander` have the part label of other people.
+    'helmet', 'headset', 'cap' or 'glasses'. All vertices of a `bystander` have the part label of
+    other people.
 
     Raises InputError, with the valid values, for invalid ones.
     """

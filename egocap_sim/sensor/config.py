@@ -101,11 +101,15 @@ PRESETS: dict[str, dict[str, Any]] = {
         "warmth_ev": 0.25, "vignetting": 0.4, "rim": 0.06, "glare": 0.06, "aberration": 0.003,
         "full_well_e": 4000.0, "read_noise": 0.003,
         "shutter_s": 1 / 100, "readout_s": 0.015, "jpeg_quality": 60,
+        "calibration_rotation_deg": 0.2, "calibration_translation_m": 0.002,
+        "calibration_focal": 0.003, "calibration_centre_px": 1.0,
     },
     "monochrome": {
         "exposure_drift_ev": 0.2, "gamma": 1.05, "tone": 0.2, "saturation": 0.0,
         "vignetting": 0.5, "rim": 0.1, "glare": 0.03, "full_well_e": 2000.0, "read_noise": 0.008,
         "shutter_s": 1 / 200, "jpeg_quality": 80,
+        "calibration_rotation_deg": 0.1, "calibration_translation_m": 0.001,
+        "calibration_focal": 0.002, "calibration_centre_px": 0.7,
     },
     "harsh": {
         "exposure_ev": -0.7, "exposure_drift_ev": 0.35, "gamma": 1.25, "vignetting": 0.6,

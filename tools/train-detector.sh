@@ -1,18 +1,28 @@
 #!/bin/sh
-# Train weights on from those that are shipped: footage, training, then release-detector.sh.
+# Make detector weights: footage, training, then release-detector.sh.
 #
-#     sh tools/train-detector.sh WORK TRAINING_CLIPS
+#     sh tools/train-detector.sh WORK TRAINING_CLIPS TEXTURES
 #
 # TRAINING_CLIPS is a folder of BVH and npz clips without those that validation is made of
-# (007_*, walking_4*, basketball_signal_3). More folders of footage may be added to the last
-# command, each with its share. Two hours on two cores; all of it goes on after a kill.
+# (007_*, walking_4*, basketball_signal_3); TEXTURES is a folder of images for floors and walls.
+# Training goes on from the shipped weights for MINUTES (60 on two cores). With START= (empty) it
+# begins with random weights; MINUTES=600 or more is then needed. All of it goes on after a kill.
 set -eu
-work=$1 clips=$2 bin=${BIN:-.venv/bin}
+work=$1 clips=$2 textures=$3 bin=${BIN:-.venv/bin}
+start=${START-egocap/detect/shipped/default.safetensors}
 
-"$bin/egocap-sim" generate train-varied --frames 20000 --motions "$clips" --out "$work/varied"
-"$bin/egocap-sim" generate tools/training-all.toml --motions "$clips" --out "$work/all"
-"$bin/egocap-sim" generate tools/training-poses.toml --motions "$clips" --out "$work/poses"
-"$bin/egocap-sim" generate tools/training-bikes.toml --out "$work/bikes"
-"$bin/egocap" train "$work/varied" "$work/all" "$work/poses" "$work/bikes" --shares 9 8 4 2 --out "$work/run" \
-    --resume --start egocap/detect/shipped/default.safetensors --minutes 60 --learning-rate 0.001 \
-    --average 0.997 --compile --seed 2
+footage() {
+    name=$1
+    shift
+    "$bin/egocap-sim" generate "$@" --textures "$textures" --out "$work/$name"
+}
+
+footage clips tools/training-clips.toml --motions "$clips"
+footage families tools/training-families.toml --motions "$clips"
+footage varied train-varied --frames 8000 --motions "$clips"
+footage all tools/training-all.toml --motions "$clips"
+footage poses tools/training-poses.toml --motions "$clips"
+footage bikes tools/training-bikes.toml
+"$bin/egocap" train "$work/clips" "$work/families" "$work/varied" "$work/all" "$work/poses" \
+    "$work/bikes" --shares 9 9 4 2 2 1 --out "$work/run" --resume ${start:+--start "$start"} \
+    --minutes "${MINUTES:-60}" --learning-rate 0.001 --average 0.997 --compile --seed 2

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from egocap.geometry import rigid, unit
 from egocap_sim.assets import textures
 from egocap_sim.assets.mesh import AnimatedActor, Material, Mesh, moving
-from egocap_sim.assets.primitives import box, cylinder, sheet
+from egocap_sim.assets.primitives import box, cylinder, placed, ring, sheet, tube
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.part_labels import OBJECT
 from egocap_sim.props.performance import Performance
@@ -38,6 +38,29 @@ def cup(performance: Performance, rng: np.random.Generator, hand: int) -> Animat
     body = cylinder("cup", (0, 0, -_CUP_H / 2), (0.85 * _CUP_R, _CUP_R), _CUP_H, glaze)
     top = cylinder("tea", (0, 0, _CUP_H / 2), 0.9 * _CUP_R, 0.001, tea)
     return _in_hand("cup", [body, top], performance, hand, away=_CUP_R, upright=True)
+
+
+def controller(performance: Performance, rng: np.random.Generator, hand: int) -> AnimatedActor:
+    """A game controller in the fist, with a ring above the thumb."""
+    shell = replace(textures.even(np.full(3, rng.choice([0.05, 0.85]))), part=OBJECT, shininess=0.3)
+    grip = cylinder("grip", (0, 0, -0.06), (0.016, 0.019), 0.11, shell)
+    guard = ring("guard", 0.045, 0.006, replace(shell, tile=1.0))
+    guard = replace(guard, parts=np.full(len(guard.vertices), OBJECT, np.uint8))
+    meshes = [grip, *placed([guard], (0.0, 0.0, 0.085))]
+    return _in_hand("controller", meshes, performance, hand, away=0.02, upright=True)
+
+
+def bag(performance: Performance, rng: np.random.Generator, hand: int) -> AnimatedActor:
+    """A shopping bag that hangs from the palm, its broad sides to the left and right."""
+    size = np.array([rng.uniform(0.24, 0.36), rng.uniform(0.08, 0.16), rng.uniform(0.26, 0.38)])
+    cloth = replace(textures.cloth(rng), part=OBJECT)
+    top = -0.16
+    body = box("bag", (0, 0, top - size[2] / 2), size, cloth)
+    straps = [tube("strap", (0, 0, 0), (x, 0, top), 0.006, cloth) for x in (-0.09, 0.09)]
+    x = unit(performance.bodies[:, 0, :3, 0] * [1.0, 1.0, 0.0])  # ahead of the pelvis
+    z = np.broadcast_to([0.0, 0.0, 1.0], x.shape)
+    pose = rigid(np.stack([x, np.cross(z, x), z], -1), performance.palm_paths[hand])
+    return moving("bag", [(0, mesh) for mesh in (body, *straps)], pose[:, None])
 
 
 def newspaper(performance: Performance, rng: np.random.Generator) -> list[AnimatedActor]:

@@ -12,7 +12,7 @@ from egocap_sim.assets.mesh import AnimatedActor, Mesh, resting
 from egocap_sim.props.balls import basketball, juggling_balls
 from egocap_sim.props.bicycle import bicycle
 from egocap_sim.props.furnishing import chair, counter, desk, sofa, stairs, table
-from egocap_sim.props.handheld import cup, newspaper, phone
+from egocap_sim.props.handheld import bag, controller, cup, newspaper, phone
 from egocap_sim.props.performance import Performance
 from egocap_sim.scene.config import ThingTable
 
@@ -35,7 +35,9 @@ def at_rest(make: Callable[[Performance, Rng], list[Mesh]]) -> Maker:
     ]
 
 
-HELD: dict[str, Callable[[Performance, Rng, int], AnimatedActor]] = {"phone": phone, "cup": cup}
+HELD: dict[str, Callable[[Performance, Rng, int], AnimatedActor]] = {
+    "phone": phone, "cup": cup, "controller": controller, "bag": bag,
+}  # fmt: skip
 """Kinds held in one hand: 0 left, 1 right."""
 KINDS: dict[str, Kind] = {
     "ball": Kind(basketball, "dribble"),

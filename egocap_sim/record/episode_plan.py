@@ -32,7 +32,7 @@ SUITING: dict[str, tuple[tuple[str, ...], ...]] = {
     "work": (("counter",),),
 }
 """Props of procedural motions, one row for each choice; with other motions `HANDHELD` ones."""
-HANDHELD = ("phone", "cup")
+HANDHELD = ("phone", "cup", "controller", "bag")
 _STARTS_S = (0.5, 6.0)  # range of start times in a procedural motion
 _SPARE_S = 0.5  # of motion beyond the last frame, for late cameras and smoothing
 _BLENDED = 0.25  # probability that a clip is joined with another

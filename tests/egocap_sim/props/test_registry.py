@@ -130,7 +130,7 @@ def test_the_figure_is_as_long_as_itself(stand_in):
     assert leg_scale(stand_in) == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", ["phone", "cup"])
+@pytest.mark.parametrize("kind", ["phone", "cup", "controller", "bag"])
 def test_handheld_prop_stays_in_the_hand(stand_in, kind):
     performance = perform(stand_in, "hold", seconds=2.0)
     for hand, name in enumerate(("left", "right")):

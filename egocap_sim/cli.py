@@ -15,6 +15,8 @@ from egocap.commandline import DONE, USAGE, progress, run
 from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene, shown
 
 if TYPE_CHECKING:
+    from egocap_sim.motion.clips.clip_check import ClipReport
+    from egocap_sim.motion.clips.load import LoadedMotion
     from egocap_sim.record.sequence_recorder import Summary
     from egocap_sim.scene.config import Scene
 
@@ -43,7 +45,8 @@ def generate(
         workers: number of rendering processes.
         cluster: render on the workers of this Dask scheduler, e.g. tcp://host:8786.
         append: extend a finished sequence of fewer frames up to --frames.
-        strict: stop at a file in --motions that cannot be read, instead of skipping it.
+        strict: stop at a motion file that is suspect (check-motion), and at one in --motions that
+            cannot be read, instead of skipping it.
         json: print the summary as JSON; of several scenes, a list.
     """
     from egocap.errors import InputError
@@ -193,6 +196,45 @@ def stats(
     return DONE
 
 
+@app.command(name="check-motion")
+def check_motion(
+    files: Positional[tuple[Path, ...]],
+    out: Path | None = None,
+    strict: bool = False,
+    json: bool = False,
+) -> int:
+    """Check motion files against anatomy, speed and the floor, and list what cleaning changes.
+
+    Args:
+        files: BVH and npz files, or folders of them.
+        out: HTML page with stick figures to write.
+        strict: exit with 3 if a file is suspect or cannot be read.
+        json: print the findings as JSON.
+    """
+    from egocap.commandline import MISSED
+    from egocap.errors import InputError
+    from egocap.files import make_folder, write_atomically
+    from egocap_sim.stats.motion_page import render_motions
+
+    if not files:
+        raise InputError("no file given", valid="BVH and npz files, or folders of them")
+    if out is not None and out.suffix.lower() != ".html":
+        raise InputError(f"cannot write '{out.name}'", valid="a name that ends in .html")
+    motions, unreadable = _read_motions(files)
+    if out is not None:
+        make_folder(out.parent)
+        write_atomically(out, render_motions(motions, unreadable))
+    reports = [(path, motion.report) for path, motion in motions]
+    if json:
+        _print_json([{"file": path, **report.to_dict()} for path, report in reports]
+                    + [{"file": path, "verdict": "unreadable", "error": text}
+                       for path, text in unreadable])  # fmt: skip
+    else:
+        _print_reports(reports, unreadable)
+    bad = bool(unreadable) or any(report.suspect for _, report in reports)
+    return MISSED if strict and bad else DONE
+
+
 @app.command(name="list")
 def list_() -> int:
     """List the built-in scenes, rigs, motions and sensors."""
@@ -243,6 +285,7 @@ def _as_json(summary: Summary) -> dict[str, object]:
     physics = vars(summary.physics) if summary.physics else None
     return {"folder": str(summary.folder), "frames": summary.frames, "rendered": summary.rendered,
             "seconds": summary.seconds, "bytes": summary.bytes, "physics": physics,
+            "motions": [report.to_dict() for report in summary.motions],
             "episodes": summary.episodes, "people": summary.people}  # fmt: skip
 
 
@@ -258,6 +301,43 @@ def _print_summary(summary: Summary) -> None:
         print(f"physics: joints within {stats.joint_error_cm:.2f} cm of the reference (max "
               f"{stats.joint_error_max_cm:.1f}), planted feet {stats.planted_foot_speed_cm_s:.1f} "
               f"cm/s, residual wrench {stats.residual_wrench_bw:.2f} body weights")  # fmt: skip
+        if stats.raw_error_cm is not None:
+            print(f"         joints within {stats.raw_error_cm:.2f} cm of the motion file as "
+                  f"recorded (max {stats.raw_error_max_cm:.1f})")  # fmt: skip
+
+
+def _read_motions(
+    files: tuple[Path, ...],
+) -> tuple[list[tuple[str, LoadedMotion]], list[tuple[str, str]]]:
+    """Motions of files and folders by path, and the errors of those that cannot be read."""
+    from egocap.errors import EgocapError
+    from egocap_sim.motion.clips.clip_store import stored_motion
+    from egocap_sim.record.episode_plan import clip_files
+
+    paths = [p for f in files for p in (clip_files(f) if f.is_dir() else [f])]
+    motions, unreadable = [], []
+    with progress("motions", len(paths), unit="files") as advance:
+        for path in paths:
+            try:
+                motions.append((str(path), stored_motion(path)))
+            except EgocapError as error:
+                unreadable.append((str(path), str(error)))
+            advance(1)
+    return motions, unreadable
+
+
+def _print_reports(
+    reports: list[tuple[str, ClipReport]], unreadable: list[tuple[str, str]]
+) -> None:
+    """Print the table of checked motion files."""
+    print(f"{'verdict':10} {'frames':>6} {'Hz':>6} {'moved cm':>8} {'max':>5}  file, findings")
+    for path, report in reports:
+        print(f"{report.verdict:10} {report.frames:6} {report.fps:6.4g} {report.moved_cm:8.1f} "
+              f"{report.moved_max_cm:5.0f}  {path}")  # fmt: skip
+        for finding in report.findings:
+            print(f"{'':41}{'! ' if finding.severe else '- '}{finding}")
+    for path, text in unreadable:
+        print(f"{'unreadable':41}{path}: {text}")
 
 
 def _print_json(content: object) -> None:

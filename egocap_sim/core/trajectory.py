@@ -20,6 +20,8 @@ class PhysicsStats:
     penetration_max_cm: float
     residual_wrench_bw: float  # median force of the root's residual wrench, in body weights
     ms_per_second: float  # processor time per simulated second
+    raw_error_cm: float | None = None  # mean, to the motion file as recorded; None: no file
+    raw_error_max_cm: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,20 +132,26 @@ def _clip_motion(
 def find_clips(folder: Path, *, strict: bool) -> tuple[ClipFile, ...]:
     """Read the motion files in a folder and its subfolders.
 
-    Skips unreadable files with a warning, or raises if `strict`. Raises FileError if none is left.
+    Skips unreadable files with a warning, and warns of suspect ones (`clip_check`); raises for both
+    if `strict`. Raises FileError if none is left.
     """
-    from egocap_sim.motion.clips.clip_store import stored_clip
+    from egocap_sim.motion.clips.clip_store import stored_motion
 
     files = clip_files(folder)
     found: list[ClipFile] = []
     for path in files:
         try:
-            clip = stored_clip(path)
+            motion = stored_motion(path)
         except EgocapError as error:
             if strict:
                 raise
             log.warning("skipped: %s", error)
             continue
+        clip, report = motion.clip, motion.report
+        if report.suspect and strict:
+            raise FileError(path, f"suspect: {report.severe_text()}")
+        if report.suspect:
+            log.warning("%s is suspect: %s", path.name, report.severe_text())
         seconds = (len(clip.positions) - 1) / clip.fps
         found.append(ClipFile(str(path.absolute()), seconds, sha256(path)))
     if not found:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
+from egocap.errors import InputError
 from egocap_sim.record.episode_recorder import record_episodes
 from egocap_sim.record.jobs import Executor, InProcess
 from egocap_sim.record.process_pool import ProcessPool
 from egocap_sim.record.sequence_recorder import Summary, record_sequence
 from egocap_sim.scene.config import Scene
-from egocap_sim.world.world import build_world
+from egocap_sim.scene.scene_error import errors_name_key
+from egocap_sim.world.world import World, build_world
+
+log = logging.getLogger(__name__)
 
 
 def generate(
@@ -31,7 +36,8 @@ def generate(
         workers: processes that render; 0: this one.
         cluster: address of a Dask scheduler whose workers render instead.
         append: extend a finished sequence of fewer frames.
-        strict: raise for a motion file of [episodes] that cannot be read, instead of skipping it.
+        strict: raise for a motion file of [episodes] that cannot be read, instead of skipping it,
+            and for a suspect motion file (`egocap_sim.motion.clips.clip_check`).
         on_frames: called with the number of frames of an earlier run, then with the number of
             frames of each finished shard or episode.
 
@@ -40,8 +46,24 @@ def generate(
     """
     world, executor = build_world(scene), _executor(workers, cluster)
     if scene.episodes is None:
+        _report_motions(world, strict)
         return record_sequence(world, out, executor, append=append, on_frames=on_frames)
     return record_episodes(world, out, executor, append=append, strict=strict, on_frames=on_frames)
+
+
+def _report_motions(world: World, strict: bool) -> None:
+    """Log what was found and repaired in the motion files, or raise for a suspect one."""
+    with errors_name_key(world.scene.name, "motion"):
+        reports = world.motion.reports()
+    for report in reports:
+        if report.suspect and strict:
+            raise InputError(
+                f"motion '{report.name}' is suspect: {report.severe_text()}",
+                valid="another motion file, or no --strict",
+            )
+        for finding in report.findings:
+            log.log(logging.WARNING if finding.severe else logging.INFO, "%s: %s",
+                    report.name, finding)  # fmt: skip
 
 
 def _executor(workers: int, cluster: str | None) -> Executor:

@@ -22,6 +22,7 @@ from egocap.data.truth import Truth
 from egocap.errors import InputError
 from egocap_sim.core.trajectory import PhysicsStats
 from egocap_sim.core.version import code_version
+from egocap_sim.motion.clips.clip_check import ClipReport
 from egocap_sim.record.jobs import Executor, Job
 from egocap_sim.record.process_pool import count_frames
 from egocap_sim.scene.config import Scene, to_toml
@@ -45,6 +46,7 @@ class Summary:
     bytes: int
     physics: PhysicsStats | None  # None if the recording was complete, and of episodes
     episodes: int = 0  # 0: a single sequence
+    motions: tuple[ClipReport, ...] = ()  # what is wrong with the motion files
 
     @property
     def people(self) -> int:
@@ -122,7 +124,8 @@ def record_sequence(
         _finish(writer, take)
     rendered = sum(len(job.frames) for job in jobs)
     stats = world.trajectory.stats
-    return Summary(out, scene.frames, rendered, seconds, _size(out), stats)
+    motions = tuple(world.motion.reports())
+    return Summary(out, scene.frames, rendered, seconds, _size(out), stats, motions=motions)
 
 
 def _manifest(world: World) -> Manifest:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from egocap_sim.core.pose_sampling import SampledPoses
     from egocap_sim.core.trajectory import Trajectory
     from egocap_sim.human.body.person import Person
+    from egocap_sim.motion.clips.clip_check import ClipReport
+    from egocap_sim.motion.clips.load import LoadedMotion
     from egocap_sim.motion.kinematics.clip import Clip
     from egocap_sim.motion.retarget.retarget import Reference
 
@@ -39,11 +41,7 @@ class MotionSource:
         """Make or read the reference clip."""
         table = self.table
         if table.file is not None:
-            from egocap_sim.motion.clips.clip_store import stored_clip
-
-            names = Path(table.joint_names) if table.joint_names else None
-            clip = stored_clip(Path(table.file), up=table.up, unit=table.unit, names=names)
-            return self._variant(clip)
+            return self._variant([motion.clip for motion in self._files()])
         from egocap_sim.motion.clips.editing import trim
         from egocap_sim.motion.generators.registry import make_motion
 
@@ -52,6 +50,21 @@ class MotionSource:
         duration = table.length_s or math.ceil(needed / _BLOCK_S) * _BLOCK_S
         clip = make_motion(table.name, duration, self._rng(), **table.parameters)
         return trim(clip, self._skipped_s, duration) if self._skipped_s else clip
+
+    def reports(self) -> list[ClipReport]:
+        """What is wrong with the motion files; empty for a procedural motion."""
+        return [motion.report for motion in self._files()]
+
+    def _files(self) -> list[LoadedMotion]:
+        from egocap_sim.motion.clips.clip_store import stored_motion
+
+        table, found = self.table, []
+        if table.file is not None:
+            names = Path(table.joint_names) if table.joint_names else None
+            found.append(stored_motion(Path(table.file), up=table.up, unit=table.unit, names=names))
+        if table.then is not None:
+            found.append(stored_motion(Path(table.then)))
+        return found
 
     def available_frames(self, clip: Clip) -> int:
         """Number of frames from the start time to the end of the clip. Raises InputError for 0."""
@@ -77,7 +90,7 @@ class MotionSource:
         from egocap_sim.physics.simulation import steps_per_frame
 
         if tail_s is None:
-            return self._simulate(person, 1, self.frames), None
+            return self._compared(person, self._simulate(person, 1, self.frames)), None
         steps = steps_per_frame(self.fps)
         frames = self.frames + math.ceil(tail_s * self.fps)
         fine = self._simulate(person, steps, (frames - 1) * steps + 1)
@@ -90,7 +103,9 @@ class MotionSource:
             ground_force=fine.ground_force[rows],
             root_wrench=fine.root_wrench[rows],
         )
-        return trajectory, SampledPoses.from_transforms(fine.T_world_body, fine.fps)
+        return self._compared(person, trajectory), SampledPoses.from_transforms(
+            fine.T_world_body, fine.fps
+        )
 
     def _simulate(self, person: Person, per_frame: int, samples: int) -> Trajectory:
         from egocap_sim.physics.simulation import simulate
@@ -109,6 +124,32 @@ class MotionSource:
             force_every=per_frame,
         )
 
+    def _compared(self, person: Person, trajectory: Trajectory) -> Trajectory:
+        """The trajectory with its distance from the motion as recorded, if that is a file's.
+
+        The recorded motion is retargeted without cleaning, floor alignment and planted feet.
+        """
+        if self.table.file is None:
+            return trajectory
+        from egocap.body.labels import EVALUATED
+        from egocap_sim.motion.retarget.retarget import retarget, sample_reference
+        from egocap_sim.truth.truth import label_positions
+
+        raw, clean = self._variant([motion.raw for motion in self._files()]), self.clip()
+        positions, rotations = raw.positions.copy(), raw.rotations.copy()
+        # The first pose is the origin of the motion: a repair of it would offset all frames.
+        positions[0], rotations[0] = clean.positions[0], clean.rotations[0]
+        raw = replace(raw, positions=positions, rotations=rotations)
+        times = self._start_s + np.arange(len(trajectory.T_world_body)) / self.fps
+        recorded = sample_reference(person, retarget(raw, person, grounded=False), times)
+        difference = label_positions(person, trajectory.T_world_body)[:, EVALUATED, :]
+        difference = difference - label_positions(person, recorded)[:, EVALUATED, :]
+        error = 100 * np.linalg.norm(difference, axis=-1)
+        stats = replace(
+            trajectory.stats, raw_error_cm=float(error.mean()), raw_error_max_cm=float(error.max())
+        )
+        return replace(trajectory, stats=stats)
+
     def _reference(self, clip: Clip, person: Person) -> Reference:
         """Retarget the clip to the person, on the floor or on a vehicle."""
         from egocap_sim.motion.generators.registry import MOTIONS, motion_parameters
@@ -122,16 +163,15 @@ class MotionSource:
         parameters = motion_parameters(name, self.table.parameters)
         return mounted(reference, person, self._rng(), parameters)
 
-    def _variant(self, clip: Clip) -> Clip:
-        """Cut, join, mirror and change the speed of the clip according to the table."""
-        from egocap_sim.motion.clips.clip_store import stored_clip
+    def _variant(self, clips: list[Clip]) -> Clip:
+        """Cut, join, mirror and change the speed of the clips according to the table."""
         from egocap_sim.motion.clips.editing import change_speed, join_clips, mirror, trim
 
-        table = self.table
+        table, clip = self.table, clips[0]
         if table.then is not None:
             assert table.length_s is not None
             half = 0.5 * table.length_s * table.speed
-            following = trim(stored_clip(Path(table.then)), table.then_start_s, half)
+            following = trim(clips[1], table.then_start_s, half)
             clip = join_clips(trim(clip, table.start_s, half), following)
         elif table.length_s is not None:
             clip = trim(clip, table.start_s, table.length_s * table.speed)

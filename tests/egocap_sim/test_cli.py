@@ -258,11 +258,15 @@ def test_a_motion_file_decides_how_long_a_sequence_is(monkeypatch):
     import numpy as np
 
     from egocap_sim.core.resources import builtin_file
+    from egocap_sim.motion.clips.clip_check import ClipReport
+    from egocap_sim.motion.clips.load import LoadedMotion
     from egocap_sim.motion.kinematics.clip import Clip
     from egocap_sim.scene.config import load_scene
 
     clip = Clip("two seconds", 60.0, np.zeros((121, 21, 3)), np.tile(np.eye(3), (121, 21, 1, 1)))
-    monkeypatch.setattr("egocap_sim.motion.clips.load.load_clip", lambda *args, **options: clip)
+    report = ClipReport(clip.name, 121, 60.0, (), 0.0, 0.0)
+    motion = LoadedMotion(clip, clip, report)
+    monkeypatch.setattr("egocap_sim.motion.clips.load.load_motion", lambda *a, **options: motion)
     scene = load_scene(builtin_file("scene", "validation-gesture"))
     for asked, frames in (
         (Overrides(motion="clip.bvh"), 60),
@@ -271,3 +275,54 @@ def test_a_motion_file_decides_how_long_a_sequence_is(monkeypatch):
         (Overrides(), 750),
     ):
         assert override_scene(scene, asked).frames == frames
+
+
+def _write_motion(path, local):
+    from egocap.geometry import matrix_to_quaternion
+    from egocap_sim.core.bodies import BODIES
+    from egocap_sim.motion.clips.cleaning import with_local_rotations
+    from egocap_sim.motion.generators.registry import make_motion
+
+    clip = make_motion("explain", 2.0, np.random.default_rng(1))
+    clip = with_local_rotations(clip, local(clip))
+    quaternions = matrix_to_quaternion(clip.rotations)
+    np.savez(path, joints=np.array(BODIES), pos=clip.positions, quat=quaternions, fps=clip.fps)
+
+
+def _elbow_reversed(clip):
+    from egocap.geometry import axis_angle
+    from egocap_sim.core.bodies import INDEX
+    from egocap_sim.motion.clips.cleaning import to_local
+
+    local = to_local(clip.rotations)
+    local[:, INDEX["l_forearm"]] = axis_angle(np.array([0.0, 1.0, 0.0]), np.deg2rad(100))
+    return local
+
+
+def test_suspect_motion_is_listed_drawn_and_refused_by_strict(sim, monkeypatch, tiny_scene, caplog):
+    from egocap_sim.motion.clips.cleaning import to_local
+
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    Path("clips").mkdir()
+    _write_motion("clips/good.npz", lambda clip: to_local(clip.rotations))
+    _write_motion("clips/reversed.npz", _elbow_reversed)
+    Path("clips/broken.bvh").write_text("nothing")
+    code, out, _ = sim("check-motion", "clips", "--out", "clips.html", "--json")
+    found = {Path(row["file"]).name: row for row in json.loads(out)}
+    verdicts = {name: row["verdict"] for name, row in found.items()}
+    assert (code, verdicts) == (0, {"good.npz": "good", "reversed.npz": "suspect",
+                                    "broken.bvh": "unreadable"})  # fmt: skip
+    assert found["reversed.npz"]["findings"][0]["where"] == "left_elbow"
+    page = Path("clips.html").read_text()
+    assert page.count("<svg") == 2 and "left elbow bends backwards" in page
+    code, out, _ = sim("check-motion", "clips", "--strict")
+    assert code == 3 and "! left elbow bends backwards" in out
+    assert sim("check-motion", "clips/good.npz", "--strict")[0] == 0
+    Path("tiny.toml").write_text(to_toml(tiny_scene))
+    made = "generate", "tiny.toml", "--frames", 2, "--motion", "clips/reversed.npz", "--out", "seq"
+    assert "suspect: left elbow bends backwards" in complaint(sim(*made, "--strict"))
+    code, out, _ = sim(*made, "--workers", 1, "--json")
+    assert code == 0 and "left elbow bends backwards" in caplog.text
+    summary = json.loads(out)
+    assert summary["motions"][0]["verdict"] == "suspect"
+    assert summary["physics"]["raw_error_max_cm"] > 20 > 5 > summary["physics"]["joint_error_cm"]

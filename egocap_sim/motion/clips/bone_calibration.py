@@ -47,21 +47,31 @@ TYPICAL_PRONATION = 0.26  # radians, of a hand on average (measured on 47 clips 
 def calibrate(clip: Clip, hints: Hints | None = None) -> Clip:
     """The same motion with canonical rotations (`Clip.canonical`); positions are unchanged.
 
-    Raises InputError where left and right are exchanged (the knees would bend forward), and for
-    bones without length, whose direction is undefined.
+    Raises InputError as `bone_frames`.
     """
+    return canonical(clip, bone_frames(clip, hints))
+
+
+def canonical(clip: Clip, K: Float[Array, "21 3 3"]) -> Clip:
+    """The clip with canonical rotations, given the bone frames; unchanged if it has them."""
     if clip.canonical:
         return clip
-    K = bone_frames(clip, hints)
-    undefined = [BODIES[b] for b in np.flatnonzero(~(np.linalg.det(K) > 0.5))]
-    if undefined:
-        raise InputError(f"no direction of {', '.join(undefined)}: a bone there has no length")
     return dataclasses.replace(clip, rotations=clip.rotations @ K, canonical=True)
 
 
 def bone_frames(clip: Clip, hints: Hints | None = None) -> Float[Array, "21 3 3"]:
-    """Canonical axes (columns forward, left, up) of every body in its source bone's frame."""
-    return _Calibration(clip, hints or {}).run()
+    """Canonical axes (columns forward, left, up) of every body in its source bone's frame.
+
+    Raises InputError where left and right are exchanged (the knees would bend forward), and for
+    bones without length, whose direction is undefined.
+    """
+    if clip.canonical:
+        return np.broadcast_to(np.eye(3), (len(BODIES), 3, 3))
+    K = _Calibration(clip, hints or {}).run()
+    undefined = [BODIES[b] for b in np.flatnonzero(~(np.linalg.det(K) > 0.5))]
+    if undefined:
+        raise InputError(f"no direction of {', '.join(undefined)}: a bone there has no length")
+    return K
 
 
 class _Calibration:

@@ -1,13 +1,13 @@
 """Repair recorded motion: spikes, angles beyond joint limits, the height of the floor.
 
-`Cleaning` counts the changes. Rotations are repaired relative to the parent body, so that a glitch
-of one body does not spread to others.
+Rotations are repaired relative to the parent body, so that a glitch of one body does not spread to
+others. `clip_check` lists what was found and changed.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -33,22 +33,6 @@ MAX_ANGLE = {
 """Largest plausible rotation of a body relative to its parent, radians."""
 ANKLE_HEIGHT, TOE_HEIGHT = 0.095, 0.03  # of the leg's length, above the sole
 FLOOR_QUANTILE = 0.06  # of the frames may have their lower sole under the floor
-
-
-@dataclass(frozen=True)
-class Cleaning:
-    """What cleaning changed in a clip; counts are of body frames (T * 21)."""
-
-    trimmed: int = 0  # frames before or after a cut
-    spikes: int = 0
-    beyond_limits: int = 0
-    floor_shift: float = 0.0  # metres added to every height
-
-    def __str__(self) -> str:
-        return (
-            f"{self.trimmed} frames outside the longest take dropped, {self.spikes} spikes and "
-            f"{self.beyond_limits} impossible angles repaired, raised by {self.floor_shift:.3f} m"
-        )
 
 
 def longest_take(clip: Clip) -> tuple[Clip, int]:
@@ -101,16 +85,36 @@ def repair_beyond_limits(clip: Clip) -> tuple[Clip, int]:
     return _interpolate_frames(clip, local, q, bad)
 
 
-def floor_height(clip: Clip) -> float:
-    """Height of the floor under a clip, from the lower sole of each frame, in metres."""
-    p, quantile = clip.positions, FLOOR_QUANTILE
+def interpolate_bodies(clip: Clip, bodies: Sequence[str], bad: Bool[Array, "T"]) -> Clip:
+    """The clip with the rotations of bodies to their parents interpolated over bad frames.
+
+    Where most frames are bad, the bodies are fixed to their parents.
+    """
+    local = to_local(clip.rotations)
+    q = continuous(matrix_to_quaternion(local))
+    mask = np.zeros(q.shape[:2], bool)
+    for b in (INDEX[body] for body in bodies):
+        mask[:, b] = bad
+        if bad.mean() > 0.5:
+            q[:, b], mask[:, b] = (1.0, 0.0, 0.0, 0.0), True
+    return _interpolate_frames(clip, local, q, mask)[0]
+
+
+def sole_heights(clip: Clip) -> Float[Array, "T"]:
+    """Height of the lower sole in each frame, metres."""
+    p = clip.positions
     leg = leg_length(p)
     soles = [
         p[:, INDEX[s + part], 2] - leg * above
         for s in ("l_", "r_")
         for part, above in (("foot", ANKLE_HEIGHT), ("toe", TOE_HEIGHT))
     ]
-    return float(np.quantile(np.min(soles, axis=0), quantile))
+    return np.min(soles, axis=0)
+
+
+def floor_height(clip: Clip) -> float:
+    """Height of the floor under a clip, from the lower sole of each frame, in metres."""
+    return float(np.quantile(sole_heights(clip), FLOOR_QUANTILE))
 
 
 def put_on_floor(clip: Clip) -> tuple[Clip, float]:

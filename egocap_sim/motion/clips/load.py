@@ -6,8 +6,8 @@ Accepts BVH with joint names of `skeleton_names.CONVENTIONS` or a name map, npz 
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,21 +17,20 @@ from numpy import ndarray as Array
 from egocap.errors import FileError, InputError
 from egocap.geometry import unit
 from egocap_sim.core.bodies import BODIES, INDEX
-from egocap_sim.motion.clips.bone_calibration import Hints, calibrate
+from egocap_sim.motion.clips.anatomy import raise_head, reversed_hinges, straighten
+from egocap_sim.motion.clips.bone_calibration import Hints, bone_frames, calibrate, canonical
 from egocap_sim.motion.clips.bvh import Bvh, pose, read_bvh
 from egocap_sim.motion.clips.cleaning import (
-    Cleaning,
     despike,
     longest_take,
     put_on_floor,
     repair_beyond_limits,
 )
+from egocap_sim.motion.clips.clip_check import ClipReport, check_clip
 from egocap_sim.motion.clips.npz import read_npz_clip
 from egocap_sim.motion.clips.skeleton_names import map_joints, normal, read_name_map
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.figure import leg_length
-
-log = logging.getLogger(__name__)
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048, "cmu": 0.0254 / 0.45}
 """Metres per file unit; 'cmu' is the unit of the CMU database's skeletons (0.45 per inch)."""
@@ -44,6 +43,15 @@ _TO_Z_UP = {
     "y": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),  # facing +z becomes +x
     "z": np.eye(3),
 }
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedMotion:
+    """A motion file: the clip to use, the clip as recorded, and what is wrong with it."""
+
+    clip: Clip  # cleaned
+    raw: Clip  # canonical and on the floor like `clip`, nothing else repaired
+    report: ClipReport
 
 
 def load_clip(
@@ -59,6 +67,17 @@ def load_clip(
     body -> joint or a TOML file of it; what is not given is inferred from the file. Raises
     FileError for an invalid file, InputError for invalid options.
     """
+    return load_motion(path, up=up, unit=unit, names=names).clip
+
+
+def load_motion(
+    path: str | Path,
+    *,
+    up: str | None = None,
+    unit: str | float | None = None,
+    names: str | Path | Mapping[str, str] | None = None,
+) -> LoadedMotion:
+    """Read a motion file like `load_clip`, with the recorded motion and the check of both."""
     path = Path(path)
     _check_options(up, unit)
     if path.is_dir():
@@ -77,20 +96,29 @@ def load_clip(
         wrong = "positions are in metres" if kind == ".npz" else f"unit={'|'.join(UNITS)}"
         raise FileError(path, f"the person's legs are {leg:.3g} m long", valid=wrong)
     try:
-        clip, cleaning = clean(clip, hints)
+        return clean(clip, hints)
     except InputError as e:
         raise FileError(path, str(e)) from e
-    log.debug("%s: %d frames; %s", path, len(clip.positions), cleaning)
-    return clip
 
 
-def clean(clip: Clip, hints: Hints | None = None) -> tuple[Clip, Cleaning]:
-    """Trim, despike, calibrate, enforce joint limits, put on the floor; returns what changed."""
-    clip, trimmed = longest_take(clip)
-    clip, spikes = despike(clip)
-    clip, beyond = repair_beyond_limits(calibrate(clip, hints))
-    clip, shift = put_on_floor(clip)
-    return clip, Cleaning(trimmed, spikes, beyond, shift)
+def clean(clip: Clip, hints: Hints | None = None) -> LoadedMotion:
+    """Trim, despike, calibrate, enforce anatomy and put on the floor; check what that changed."""
+    hints = hints or {}
+    take, trimmed = longest_take(clip)
+    smooth, _ = despike(take)
+    K = bone_frames(smooth, hints)
+    raw, posed = canonical(take, K), canonical(smooth, K)
+    hinges = reversed_hinges(posed)
+    cleaned = posed
+    if hinges:
+        for hinge in hinges:
+            cleaned = straighten(replace(cleaned, canonical=True), hinge)
+        turned = {b: {k: K[INDEX[b]].T @ v for k, v in of.items()} for b, of in hints.items()}
+        cleaned = calibrate(cleaned, turned)
+    cleaned, _ = repair_beyond_limits(raise_head(cleaned))
+    cleaned, shift = put_on_floor(cleaned)
+    raw = replace(raw, positions=raw.positions + [0.0, 0.0, shift])
+    return LoadedMotion(cleaned, raw, check_clip(raw, posed, cleaned, trimmed, hinges, shift))
 
 
 def _check_options(up: str | None, unit: str | float | None) -> None:

@@ -38,6 +38,9 @@ CONVENTIONS: dict[str, tuple[str, ...]] = {
     "plain": (
         "clavicle|collar|shoulder", "upperarm|uparm", "lowerarm|forearm|lowarm", "hand|wrist",
         "upperleg|thigh|upleg", "lowerleg|calf|shin|lowleg", "foot|ankle", "toes|toe|toebase"),
+    "Poser / DAZ": (
+        "collar", "shldr|shldrbend", "forearm|forearmbend", "hand", "thigh|thighbend", "shin",
+        "foot", "toe"),
     "SMPL": ("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot"),
 }  # fmt: skip
 

@@ -10,8 +10,8 @@ from egocap.errors import FileError
 from egocap.geometry import matrix_to_quaternion
 from egocap_sim.core.bodies import BODIES
 from egocap_sim.motion.clips import clip_store, load
-from egocap_sim.motion.clips.clip_store import stored_clip
-from egocap_sim.motion.clips.load import load_clip
+from egocap_sim.motion.clips.clip_store import stored_clip, stored_motion
+from egocap_sim.motion.clips.load import load_clip, load_motion
 from egocap_sim.motion.generators.registry import make_motion
 
 
@@ -31,11 +31,18 @@ def _written(path, motion):
 def test_the_second_reading_is_the_first_without_its_work(file, monkeypatch):
     expected = load_clip(file)
     first = stored_clip(file)
-    monkeypatch.setattr(load, "load_clip", None)
+    monkeypatch.setattr(load, "load_motion", None)
     for clip in (first, stored_clip(file)):
         assert (clip.name, clip.fps, clip.canonical) == (expected.name, expected.fps, True)
         np.testing.assert_array_equal(clip.positions, expected.positions)
         np.testing.assert_array_equal(clip.rotations, expected.rotations)
+
+
+def test_raw_motion_and_report_are_kept(file):
+    expected = load_motion(file)
+    for motion in (stored_motion(file), stored_motion(file)):
+        np.testing.assert_array_equal(motion.raw.rotations, expected.raw.rotations)
+        assert motion.report == expected.report
 
 
 def test_another_content_is_another_clip_and_damage_is_repaired(file, caplog):

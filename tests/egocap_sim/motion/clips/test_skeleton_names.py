@@ -57,6 +57,8 @@ TOOLS = {
     "AdvancedSkeleton": rig_names("Root_M Spine1_M Chest_M Neck_M Head_M",
                                   "Scapula Shoulder Elbow Wrist Hip Knee Ankle Toes",
                                   "LIMB_SIDE", "L R"),
+    "Poser": rig_names("hip abdomen chest neck head",
+                       "Collar Shldr ForeArm Hand Thigh Shin Foot Toe", "SIDELIMB", "l r"),
     "Unreal": rig_names("pelvis spine_01 spine_03 neck_01 head",
                         "clavicle upperarm lowerarm hand thigh calf foot ball",
                         "LIMB_SIDE", "l r"),

@@ -30,6 +30,7 @@ _MODULES = {
     "TrackerConfig": "pose.config",
     "evaluate": "evaluation.scoring",
     "fit_body": "fitting.fit_body",
+    "import_footage": "footage.importing",
     "load_camera": "cameras.camera_files",
     "load_rig": "cameras.rig_files",
     "open_sequence": "data.sequence",

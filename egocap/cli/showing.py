@@ -52,6 +52,7 @@ def posterior(
     page: Path | None = None,
     checkpoint: Path | None = None,
     colour: bool = False,
+    body: str | None = None,
     json: bool = False,
 ) -> int:
     """Sample the posterior of the pose in one frame: uncertainty of every joint.
@@ -69,17 +70,21 @@ def posterior(
         checkpoint: file to save the chain in, npz; the same command continues an interrupted run.
         colour: include the image colours in the likelihood, learned from the sequence's own track;
             takes minutes.
+        body: the person's proportions, as for track.
         json: print the summary as JSON.
     """
     import json as jsons
 
     from egocap.data.sequence import Sequence
     from egocap.files import make_folder
+    from egocap.fitting.wearer import find_body
     from egocap.posterior.frame_posterior import sample_posterior
     from egocap.posterior.result import save_posterior
 
     opened = Sequence(sequence)
     found = detections_from(opened, detections, 0)
+    if body is not None:
+        opened.body = find_body(body, opened.rig, found)
     for path in (out, page, checkpoint):
         if path is not None:
             make_folder(path.parent)

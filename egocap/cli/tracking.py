@@ -30,7 +30,7 @@ def track(
     solver: SolverName = "fast",
     settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
     seed: int = 0,
-    body: Path | None = None,
+    body: str | None = None,
     save_detections: Path | None = None,
     head_pose: Path | None = None,
     json: bool = False,
@@ -50,23 +50,26 @@ def track(
             solvers have the smoothing alone.
         settings: the tracker's settings.
         seed: seed of simulated detections.
-        body: the person's proportions, as fit-body writes them; by default the sequence's own.
+        body: the person's proportions: a file of fit-body, average:HEIGHT, fit or fit:HEIGHT (from
+            the first 20 s); by default the sequence's own, which footage does not have.
         save_detections: also write the detections used, npz.
         head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
             `T_world_head` (4 x 4); the track then has its joints in that world, too.
         json: print the summary as JSON.
     """
-    from egocap.body.proportions import Proportions
     from egocap.data import detections as detection_file
     from egocap.data.head_pose import in_world
     from egocap.data.sequence import Sequence
     from egocap.data.track import save_track
     from egocap.files import make_folder
+    from egocap.fitting.wearer import find_body
     from egocap.paper.tracker import make_tracker
 
     opened = Sequence(sequence)
-    proportions = opened.body if body is None else Proportions.load(body)
+    if body is None:
+        _ = opened.body  # before anything takes time
     found = detections_from(opened, detections, seed)
+    proportions = opened.body if body is None else find_body(body, opened.rig, found)
     tracker = make_tracker(opened.rig, proportions, solver, settings)
     result = tracker.track(found, opened.images)
     of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it

@@ -7,7 +7,7 @@ belongs to each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 from pydantic import Field
 
 from egocap.data.arrays import FrameArrays
+from egocap.errors import FileError
 from egocap.media.pictures import PictureOptions
 from egocap.media.source import Part, PictureSource, open_source
 from egocap.schema import Strict, checked, read_json, refuse_newer
@@ -93,6 +94,10 @@ class FrameTimes(FrameArrays):
     source: Int64[Array, "T V"]  # place of the picture in its source; meaningful where `present`
     present: Bool[Array, "T V"]  # whether the view has a picture of this frame
 
+    def __getitem__(self, rows: slice) -> FrameTimes:
+        """A range of frames; arrays are views of these."""
+        return FrameTimes(*(getattr(self, f.name)[rows] for f in fields(self)))
+
 
 def load_footage(path: Path) -> Footage:
     """Read footage.json. Raises FileError."""
@@ -119,8 +124,16 @@ class FootageImages:
 
     def _picture(self, entry: FootageView, place: int) -> UInt8[Array, "H W 3"] | None:
         if entry.path not in self._sources:
+            _require_same(entry)
             self._sources[entry.path] = open_source(entry.path, entry.options)
         last = self._last.get(entry.path)
         if last is None or last[0] != place:
             last = self._last[entry.path] = place, self._sources[entry.path].image(place)
         return last[1]
+
+
+def _require_same(entry: FootageView) -> None:
+    path = Path(entry.path)
+    if path.is_file() and path.stat().st_size != entry.bytes:
+        raise FileError(path, "is another file than the one that was imported",
+                        valid="that file, or egocap import again")  # fmt: skip

@@ -63,8 +63,12 @@ class Manifest(Strict):
     @property
     def complete(self) -> bool:
         """Whether every shard is recorded, and the truth or the times of footage."""
-        last = "truth.npz" if self.truth else "times.npz"
-        return len(self.shards) == self.shard_count and last in self.files
+        return len(self.shards) == self.shard_count and self.last_file in self.files
+
+    @property
+    def last_file(self) -> str:
+        """The file without which no sequence is complete."""
+        return "truth.npz" if self.truth else "times.npz"
 
 
 def load_manifest(folder: Path) -> Manifest:

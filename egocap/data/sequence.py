@@ -111,7 +111,7 @@ class Sequence:
     def body(self) -> Proportions:
         """Body proportions of the wearer, available to trackers.
 
-        Raises FileError for footage, whose wearer is not known.
+        Assign to it for footage, whose wearer is not known: until then FileError is raised.
         """
         if not self.manifest.truth and "body.json" not in self.manifest.files:
             raise FileError(self.folder, "footage of a person of unknown proportions",

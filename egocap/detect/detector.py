@@ -26,6 +26,7 @@ from egocap.detect.canonical_view import CanonicalView
 from egocap.detect.engine import Engine, EngineName, Outputs, open_engine
 from egocap.detect.heatmaps import modes
 from egocap.detect.input_images import ahead, as_rgb, recorded_pictures
+from egocap.detect.view_times import at_frame_times
 from egocap.detect.weights import Weights, open_weights
 from egocap.errors import InputError
 
@@ -108,6 +109,9 @@ class Detector:
             parts.append(self.read(self.run(views), slots, sequence.times[list(rows)]))
             on_frames(len(rows))
         found = joined(parts)
+        if sequence.frame_times is not None:
+            widths = np.array([camera.width for camera in self.rig.cameras], float)
+            found = at_frame_times(found, sequence.frame_times[:count], widths)
         for name, missing in zip(sequence.rig.views, missing_pictures(found), strict=True):
             if missing:
                 log.warning("view '%s' has no detections in %d of %d frames", name, missing, count)

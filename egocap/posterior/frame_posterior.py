@@ -85,7 +85,7 @@ def learned_likelihood(sequence: Footage, detections: Detections, frame: int) ->
     assert found.covariance is not None
     term = learn_colour_term(
         rig, person, TrackerConfig(adapt_illumination=False), sequence.images,
-        found.angles, found.covariance.sum(axis=1),
+        found.angles, found.covariance.sum(axis=1), np.asarray(detections.valid.any(-1).all(-1)),
     )  # fmt: skip
     return colour_likelihood(term, sequence.frame(frame).images, found.angles[frame])
 

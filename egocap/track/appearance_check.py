@@ -48,7 +48,9 @@ def find_rejected(
     step = max(1, round(CHECK_EVERY_S / usual))
     term.reset_background()
     evidence = np.array([
-        _evidence(term, images(t), angles[t], found[t]) for t in range(0, len(times), step)
+        _evidence(term, images(t), angles[t], found[t])
+        if found[t].any(-1).all() else np.zeros(len(LABELS))  # a view may lack its picture
+        for t in range(0, len(times), step)
     ])  # fmt: skip
     nearest = np.minimum((np.arange(len(times)) + step // 2) // step, len(evidence) - 1)
     return _reject(evidence)[nearest]

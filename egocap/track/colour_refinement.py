@@ -73,13 +73,16 @@ def _refine_frame(
 
 def learn_colour_term(
     rig: Rig, proportions: Proportions, config: TrackerConfig, images: Images,
-    angles: Float[Array, "T 37"], covariances: Float[Array, "T N N"],
+    angles: Float[Array, "T 37"], covariances: Float[Array, "T N N"], seeing: Bool[Array, "T"],
 ) -> ColourTerm:  # fmt: skip
     """The colour term with the colours of the most certain frames of a track.
 
+    Frames that are `seeing` in all views are preferred: the others may lack a picture.
     Raises InputError for pictures that are not of the rig's shape.
     """
-    frames = [(images(t), angles[t]) for t in most_certain_frames(covariances, PALETTE_FRAMES)]
+    rows = np.flatnonzero(seeing) if seeing.any() else np.arange(len(angles))
+    chosen = rows[most_certain_frames(covariances[rows], PALETTE_FRAMES)]
+    frames = [(images(int(t)), angles[t]) for t in chosen]
     settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)
     return ColourTerm.learned(rig, proportions, frames, settings, config.adapt_illumination)
 

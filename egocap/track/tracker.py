@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 from threadpoolctl import threadpool_limits
 
@@ -120,8 +120,9 @@ class Tracker:
             return estimate
         assert estimate.covariances is not None  # `checks_appearance` requires them
         term = learn_colour_term(
-            self.rig, self.proportions, self.config, images, solution.angles, estimate.covariances
-        )
+            self.rig, self.proportions, self.config, images, solution.angles,
+            estimate.covariances, seeing(observations),
+        )  # fmt: skip
         stopwatch.lap("palette")
         total = 0
         for _ in range(_MAX_APPEARANCE_CHECKS):
@@ -144,8 +145,9 @@ class Tracker:
         angles, covariances = estimate.angles, estimate.covariances
         assert covariances is not None  # the settings require them
         term = learn_colour_term(
-            self.rig, self.proportions, self.config, images, angles, covariances
-        )
+            self.rig, self.proportions, self.config, images, angles, covariances,
+            seeing(estimate.observations),
+        )  # fmt: skip
         stopwatch.lap("palette")
         seen = np.any(estimate.solution.chosen.weights > 0.0, axis=1)
         angles, covariances, colour = refine_by_colour(angles, covariances, seen, term, images)
@@ -186,6 +188,11 @@ class _Estimate:
     angles: Float[Array, "T 37"]
     covariances: Float[Array, "T 37 37"] | None
     colour: Float[Array, "T"]  # energy
+
+
+def seeing(observations: Observations) -> Bool[Array, "T"]:
+    """Frames in which every view detected something."""
+    return np.asarray((observations.weights > 0.0).any(-1).all(-1))
 
 
 def require_increasing_times(detections: Detections) -> None:

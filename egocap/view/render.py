@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from egocap.body.gaussians import GaussianBody
+from egocap.body.proportions import Proportions
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
 from egocap.errors import FileError, InputError
@@ -34,11 +35,15 @@ def view_model(
     if not 0 <= frame < len(sequence):
         raise InputError(f"no frame {frame} in {folder}", valid=f"0 to {len(sequence) - 1}")
     if track is None:
+        if not sequence.manifest.truth:
+            raise InputError(f"{folder} is footage, whose pose is not known", valid="--track FILE")
         angles = nearest_angles(sequence.body, sequence.truth.joints_head[frame])
     else:
         found = load_track(track)
         if len(found.times) != len(sequence):
             raise FileError(track, f"has {len(found.times)} frames, the sequence {len(sequence)}")
         angles = found.angles[frame]
+        if not sequence.manifest.truth and found.offsets is not None:
+            sequence.body = Proportions(found.offsets)
     body = GaussianBody.load(gaussians) if gaussians is not None else None
     return draw_model(sequence, frame, angles, out, body, *size)

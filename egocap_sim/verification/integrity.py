@@ -108,11 +108,13 @@ def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
     if missing:
         yield f"unfinished: {missing} of {manifest.shard_count} shards are not there yet"
     elif not manifest.complete:
-        yield "unfinished: truth.npz is not there yet"
+        yield f"unfinished: {manifest.last_file} is not there yet"
     elif not damaged:
         try:
             sequence = Sequence(folder)
             yield from _image_problems(sequence)
+            if not manifest.truth:
+                return
             contradictions = list(_truth_problems(sequence))
             yield from contradictions or _crosscheck_problems(sequence)
         except EgocapError as error:

@@ -1,0 +1,186 @@
+"""Import of footage: videos or folders of pictures of a rig's cameras in, a sequence out.
+
+Every source is scanned once; the views' clocks and colours are estimated or taken as given; frames
+are paired on the first view's clock. Pictures stay where they are, or are copied into shards.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import egocap
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig
+from egocap.data.footage import (
+    FOOTAGE,
+    TIMES,
+    Footage,
+    FootageImages,
+    FootageView,
+    FrameTimes,
+    ViewTiming,
+    load_footage,
+)
+from egocap.data.manifest import MANIFEST, SCHEMA, Manifest, load_manifest
+from egocap.data.sequence import Sequence as Recording
+from egocap.data.sequence import open_sequence
+from egocap.data.sequence_writer import SequenceWriter, digest, require_same_config, write_shard
+from egocap.errors import InputError
+from egocap.files import make_folder
+from egocap.footage.config import ImportOptions
+from egocap.footage.pairing import ViewFrames, pair, view_frames
+from egocap.footage.scan import ViewScan
+from egocap.footage.sources import (
+    Step,
+    fitted_rig,
+    open_views,
+    scan_name,
+    scan_views,
+    view_entries,
+)
+
+SHARD_FRAMES = 50
+QUALITY = 95  # of JPEG; chroma at full resolution, as subsampling destroys thin coloured limbs
+
+
+def import_footage(
+    sources: Sequence[str | Path],
+    rig: Rig | str | Path,
+    out: str | Path,
+    options: ImportOptions = ImportOptions(),  # noqa: B008 (frozen)
+    on_step: Step = lambda name, total: lambda count: None,
+) -> Recording:
+    """Import footage as a sequence without truth. The same call completes an interrupted one.
+
+    Args:
+        sources: a video or a folder of pictures for every view, in the order of the rig; one for
+            all with `side_by_side`.
+        rig: the cameras, or their file. Scaled to the pictures where their aspect ratio fits.
+        out: folder of the sequence.
+        options: how the footage is read.
+        on_step: called at the beginning of every step.
+
+    Raises:
+        FileError: a file is missing, no footage, or of another shape than the rig's.
+        InputError: another number of sources than of views, or no common time.
+    """
+    loaded, out = rig if isinstance(rig, Rig) else load_rig(rig), Path(out)
+    views = open_views(sources, loaded, options)
+    fitted = fitted_rig(loaded, views)
+    entries = view_entries(views, options)
+    config = _config(fitted, entries, options)
+    prepared = _earlier(out, config)
+    if prepared is None:
+        make_folder(out)
+        scans = scan_views(views, entries, out, on_step)
+        timings = _timings(options, len(views))
+        found = view_frames(scans, timings)
+        times = pair(found, options.range)
+        report = {view.name: _report(scans[v], found[v], times, v) for v, view in enumerate(views)}
+        clocked = [
+            e.model_copy(update={"timing": t}) for e, t in zip(entries, timings, strict=True)
+        ]
+        prepared = Footage(views=tuple(clocked), report=report), times
+    _write(out, fitted, *prepared, config, options, on_step)
+    return open_sequence(out)
+
+
+def _earlier(out: Path, config: dict[str, object]) -> tuple[Footage, FrameTimes] | None:
+    """What an earlier call found. Raises InputError if it had other options."""
+    if not (out / MANIFEST).exists():
+        return None
+    require_same_config(out, load_manifest(out), _Asked(config, digest(config)))
+    return load_footage(out / FOOTAGE), FrameTimes.load(out / TIMES)
+
+
+@dataclass
+class _Asked:
+    config: dict[str, Any]
+    config_sha256: str
+    code_version: str = egocap.__version__
+
+
+def _timings(options: ImportOptions, views: int) -> list[ViewTiming]:
+    """Clocks as given: own time = lag + (1 + drift) x common time."""
+    for name, values in (("--lag", options.lag), ("--drift", options.drift)):
+        if len(values) not in (0, views - 1):
+            raise InputError(f"{len(values)} values of {name}",
+                             valid=f"{views - 1}, one for each view after the first")  # fmt: skip
+    found = [ViewTiming()]
+    for v in range(views - 1):
+        lag, drift = ((*values, *[0.0] * views)[v] for values in (options.lag, options.drift))
+        rate = 1.0 / (1.0 + 1e-6 * drift)
+        origin = "given" if options.lag or options.drift else "assumed"
+        found.append(ViewTiming(offset_s=-lag * rate, drift_ppm=1e6 * (rate - 1.0), origin=origin))
+    return found
+
+
+def _report(seen: ViewScan, view: ViewFrames, times: FrameTimes, v: int) -> dict[str, float]:
+    """What was found in a view's pictures."""
+    return {
+        "pictures": len(seen.time), "fps": round(1.0 / seen.period, 4), "dropped": seen.dropped,
+        "damaged": int((~seen.decoded).sum()), "repeated": int(view.repeated.sum()),
+        "black": int(view.black.sum()), "first_s": view.span[0], "last_s": view.span[1],
+        "frames_without": int((~times.present[:, v]).sum()),
+    }  # fmt: skip
+
+
+def _config(rig: Rig, entries: list[FootageView], options: ImportOptions) -> dict[str, object]:
+    """Everything that the sequence depends on."""
+    sources = [{"name": e.name, "sha256": e.sha256, "part": list(e.part)} for e in entries]
+    return json.loads(json.dumps({"sources": sources, "rig": rig.to_dict(),
+                                  "options": asdict(options)}))  # fmt: skip
+
+
+def _write(
+    out: Path, rig: Rig, footage: Footage, times: FrameTimes, config: dict[str, object],
+    options: ImportOptions, on_step: Step,
+) -> None:  # fmt: skip
+    files = {
+        "rig.json": (json.dumps(rig.to_dict(), indent=1) + "\n").encode(),
+        FOOTAGE: (footage.model_dump_json(indent=1) + "\n").encode(), TIMES: times.content(),
+    }  # fmt: skip
+    files |= {name: (out / name).read_bytes() for name in map(scan_name, footage.views)}
+    manifest = Manifest(
+        schema_version=SCHEMA, name=out.name, fps=_rate(times), frames=len(times.time),
+        shard_frames=SHARD_FRAMES, views=rig.views, seed=0, truth=False,
+        shards_hold_images=options.copy, config=config, config_sha256=digest(config),
+        code_version=egocap.__version__,
+    )  # fmt: skip
+    with SequenceWriter(out, manifest, files) as writer:
+        writer.begin()
+        advance = on_step("copy", len(times.time)) if writer.pending() else None
+        pictures = FootageImages(footage, times)
+        for shard in writer.pending():
+            rows = writer.shard_range(shard)
+            assert advance is not None
+            frames = (_copied(pictures, rig.views, i, advance) for i in rows)
+            writer.add_shard(write_shard(out, shard, rows.start, frames))
+
+
+def _rate(times: FrameTimes) -> float:
+    return round(float(1.0 / np.median(np.diff(times.time))), 6)
+
+
+def _copied(
+    pictures: FootageImages, views: tuple[str, ...], index: int, advance: Callable[[int], None]
+) -> dict[str, bytes]:
+    """Files of one frame; a view without a picture has none."""
+    import simplejpeg
+
+    files = {}
+    for v, name in enumerate(views):
+        image = pictures.image(index, v)
+        if image is not None:
+            files[f"{name}.jpg"] = simplejpeg.encode_jpeg(
+                np.ascontiguousarray(image), QUALITY, colorsubsampling="444"
+            )
+    files["json"] = json.dumps({"time": float(pictures.times.time[index])}).encode()
+    advance(1)
+    return files

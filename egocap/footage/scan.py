@@ -1,0 +1,76 @@
+"""One pass over the pictures of a source: which can be decoded, how each differs from the last.
+
+The result is kept as npz, so that an interrupted import does not decode twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import repeat
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.data.arrays import FrameArrays
+from egocap.media.source import Part, PictureSource
+
+_SIZE = (80, 64)  # to which pictures are reduced, px
+_TICK_S = 1e-5  # by which the time of a picture and of its place in the file may differ
+
+
+@dataclass(frozen=True, eq=False)
+class ViewScan(FrameArrays):
+    """What is known of every picture of one view. Axis N: pictures in the order of their times."""
+
+    time: Float[Array, "N"]  # s, as the file states it
+    decoded: Bool[Array, "N"]
+    change: Float[Array, "N"]  # mean absolute difference to the last decoded picture, grey levels
+    light: Float[Array, "N"]  # mean grey level
+
+    @property
+    def period(self) -> float:
+        """Median time between pictures [s]."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0 / 30.0
+
+    @property
+    def dropped(self) -> int:
+        """Number of pictures that the gaps between times have room for."""
+        return int(np.maximum(np.rint(np.diff(self.time) / self.period) - 1.0, 0.0).sum())
+
+
+def scan(
+    source: PictureSource,
+    parts: tuple[Part, ...],
+    on_frames: Callable[[int], None] = lambda count: None,
+) -> list[ViewScan]:
+    """Scan the views that share a source. `on_frames` is called for every picture read."""
+    times = source.times
+    N = len(times)
+    decoded, change, light = np.zeros(N, bool), np.zeros((len(parts), N)), np.zeros((len(parts), N))
+    last: list[Array | None] = list(repeat(None, len(parts)))
+    at = -1
+    for time, image in source.frames():
+        i = int(np.searchsorted(times, time - _TICK_S))
+        if i >= N or abs(times[i] - time) > 1e-3:
+            continue  # the decoder made up a time of its own
+        decoded[i] = True
+        for p, part in enumerate(parts):
+            small = _reduced(image[:, part.columns(image.shape[1])])
+            light[p, i] = small.mean()
+            before = last[p]
+            change[p, i] = np.inf if before is None else np.abs(small - before).mean()
+            last[p] = small
+        on_frames(i - at)
+        at = i
+    on_frames(N - 1 - at)
+    return [ViewScan(times, decoded, change[p], light[p]) for p in range(len(parts))]
+
+
+def _reduced(image: UInt8[Array, "H W 3"]) -> Float[Array, "h w"]:
+    """Every few pixels, so that a difference anywhere is not averaged away."""
+    import cv2
+
+    small = cv2.resize(image, _SIZE, interpolation=cv2.INTER_NEAREST)
+    return cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(float)

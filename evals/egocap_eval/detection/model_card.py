@@ -1,8 +1,9 @@
 """Model card of detector weights.
 
-    python -m egocap_eval.detection.model_card WEIGHTS RESULT.json CARD.md
+    python -m egocap_eval.detection.model_card WEIGHTS RESULT.json CARD.md [RIG=RESULT.json ...]
 
-Every number is read from the metadata of the weights and the result of `egocap-eval detector`.
+Every number is read from the metadata of the weights and the results of `egocap-eval detector`, the
+first on the held-out set, the others on other rigs.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 
 from egocap.detect.weights import Weights, open_weights
 from egocap.errors import FileError
+from egocap.evaluation.table import Table, number
 from egocap_eval.detection.detector import tables
 from egocap_eval.harness.result_file import load_result, write_text
 
@@ -26,17 +28,21 @@ LIMITS = (
     "measurement.",
     "Cameras on the head's left are seen as they are, on its right mirrored; a camera on the "
     "forehead's middle counts as left.",
+    "Beside the face, cheeks and chest hide most of the body: hips, knees and feet of people with "
+    "glasses are seen by few pixels, if at all.",
     "Legs far below the head are a few pixels of the canonical view: larger pictures do not help.",
 )
 """Limitations of the weights."""
 
 
-def card(weights: Weights, record: Mapping[str, Any]) -> str:
-    """The card as Markdown. Raises FileError if the result is of other weights."""
-    config = record.get("config", {})
-    scored = config.get("weights")
-    if scored != weights.sha256:
-        raise FileError(weights.path, "the result is of other weights", valid=str(scored))
+def card(
+    weights: Weights, record: Mapping[str, Any], others: Mapping[str, Mapping[str, Any]] = {}
+) -> str:
+    """The card as Markdown; `others` are results by rig. FileError for those of other weights."""
+    for each in (record, *others.values()):
+        scored = each.get("config", {}).get("weights")
+        if scored != weights.sha256:
+            raise FileError(weights.path, "the result is of other weights", valid=str(scored))
     view, result = weights.view, record["result"]
     training = {k: v for k, v in weights.training.items() if k != "calibration"}
     parts = [
@@ -52,10 +58,22 @@ def card(weights: Weights, record: Mapping[str, Any]) -> str:
         f"On {result['frames']} stereo frames that nobody trained or tuned on "
         f"(`{record['command']}`, commit `{record['commit']}`):",
         *(table.markdown() for table in tables(result)),
+        *([_other_rigs(others).markdown()] if others else []),
         "## What it cannot do",
         "\n".join(f"- {limit}" for limit in LIMITS),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _other_rigs(records: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Accuracy on other rigs, one a row."""
+    rows = []
+    for rig, record in records.items():
+        result = record["result"]
+        scores = (result[kind][m] for kind in ("visible", "in_view") for m in ("pck20", "auc20"))
+        rows.append((rig, str(result["frames"]), *map(number, scores)))
+    header = ("rig", "frames", "PCK", "AUC", "PCK in view", "AUC")
+    return Table("Other rigs (evals/rig-families.toml)", header, tuple(rows))
 
 
 def _listed(values: Mapping[str, Any]) -> str:
@@ -66,9 +84,10 @@ def _listed(values: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    """Write the card of the weights and result named on the command line."""
-    weights, result, out = sys.argv[1:]
-    write_text(Path(out), card(open_weights(weights), load_result(result)))
+    """Write the card of the weights and results named on the command line."""
+    weights, result, out, *named = sys.argv[1:]
+    others = {rig: load_result(path) for rig, _, path in (pair.partition("=") for pair in named)}
+    write_text(Path(out), card(open_weights(weights), load_result(result), others))
 
 
 if __name__ == "__main__":

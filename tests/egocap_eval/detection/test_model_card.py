@@ -46,3 +46,12 @@ def test_a_result_of_other_weights_is_refused(files, tmp_path):
     save_weights(other, build_network(CONFIGS["tiny"]), TRAINING)
     with pytest.raises(FileError, match="other weights"):
         card(open_weights(other), load_result(files[1]))
+
+
+def test_other_rigs_have_a_row_each_and_must_be_of_the_same_weights(files):
+    weights, result = open_weights(files[0]), load_result(files[1])
+    pck = f"{result['result']['visible']['pck20']:.1f}"
+    assert f"| glasses | 4 | {pck} |" in card(weights, result, {"glasses": result})
+    wrong = {**result, "config": {"weights": "0"}}
+    with pytest.raises(FileError, match="other weights"):
+        card(weights, result, {"glasses": wrong})

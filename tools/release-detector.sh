@@ -5,7 +5,7 @@
 #
 # WORK keeps footage between calls: WORK/calibration is made here of evals/calibration.toml, 90 people
 # that no training and no validation has seen, on six rigs; WORK/heldout is the held-out set. MOTIONS is a folder
-# with the validation clips alone (bvh/007_*, npz/walking_4*, npz/basketball_signal_3.npz).
+# of the validation set's clips alone (evals/egocap_eval/sets/motion_sets.toml), in bvh/ and npz/.
 set -eu
 weights=$1 work=$2 motions=$3
 bin=${BIN:-.venv/bin} shipped=egocap/detect/shipped results=evals/results

@@ -3,8 +3,8 @@
 #
 #     sh tools/train-detector.sh WORK TRAINING_CLIPS TEXTURES
 #
-# TRAINING_CLIPS is a folder of BVH and npz clips without those that validation is made of
-# (007_*, walking_4*, basketball_signal_3); TEXTURES is a folder of images for floors and walls.
+# TRAINING_CLIPS is a folder of the training set's clips alone, as
+# evals/egocap_eval/sets/motion_sets.toml names them; TEXTURES is a folder of images for floors and walls.
 # Training goes on from the shipped weights for MINUTES (60 on two cores). With START= (empty) it
 # begins with random weights; MINUTES=600 or more is then needed. All of it goes on after a kill.
 set -eu

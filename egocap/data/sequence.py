@@ -31,6 +31,7 @@ from egocap.data.footage import FOOTAGE, TIMES, Footage, FootageImages, FrameTim
 from egocap.data.manifest import MANIFEST, load_manifest
 from egocap.data.truth import OthersTruth, SensorTruth, Truth
 from egocap.errors import FileError, InputError
+from egocap.media.decoding import decode
 
 TRUE_RIG = "rig.true.json"  # where rig.json has a calibration error
 SENSOR = "sensor.npz"
@@ -266,10 +267,7 @@ class Sequence:
         return self._decoded(index, suffix, cv2.IMREAD_UNCHANGED)
 
     def _decoded(self, index: int, suffix: str, flags: int) -> Any:
-        import cv2
-
-        data = np.frombuffer(self.read(index, suffix), np.uint8)
-        image = cv2.imdecode(data, flags) if len(data) else None
+        image = decode(self.read(index, suffix), flags)
         if image is None:
             shard = self.manifest.shards[index // self.manifest.shard_frames].name
             raise FileError(self.folder / shard, f"frame {index}: '{suffix}' is damaged")

@@ -6,6 +6,7 @@ not import torch.
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -30,7 +31,10 @@ INPUT, OUTPUTS = "images", ("heat", "info")
 _EXPORT = 1  # version of the export, part of the cached file's name
 _OPSET = 17
 
+log = logging.getLogger(__name__)
+
 Outputs = tuple[Float[Array, "B 18 h w"], Float[Array, "B 18 4"]]
+Run = Callable[[UInt8[Array, "B H W 3"]], Outputs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +42,7 @@ class Engine:
     """A network ready to run: `run` takes images (B, H, W, 3), uint8 RGB."""
 
     name: str
-    run: Callable[[UInt8[Array, "B H W 3"]], Outputs]
+    run: Run
 
 
 def open_engine(
@@ -67,9 +71,9 @@ def open_engine(
     if name == "auto":
         name = fastest_engine()
     if name == "onnxruntime":
-        return Engine(name, _onnxruntime(exported(weights), threads, spin))
+        return Engine(name, _from_cache(weights, lambda path: _onnxruntime(path, threads, spin)))
     if name == "openvino":
-        return Engine(name, _openvino(exported(weights), threads))
+        return Engine(name, _from_cache(weights, lambda path: _openvino(path, threads)))
     return Engine(name, _torch(weights, "cuda" if name == "cuda" else "cpu", threads))
 
 
@@ -81,6 +85,19 @@ def fastest_engine() -> EngineName:
 def available_cores() -> int:
     """Number of CPU cores available to this process."""
     return len(os.sched_getaffinity(0))
+
+
+def _from_cache(weights: Weights, start: Callable[[Path], Run]) -> Run:
+    """An engine of the cached ONNX file, which is exported again where it cannot be read."""
+    path = exported(weights)
+    try:
+        return start(path)
+    except EgocapError:
+        raise
+    except Exception as error:  # each engine has its own exceptions for a damaged file
+        log.warning("%s: exported again, as it is damaged (%s)", path, str(error).split("\n")[0])
+        path.unlink(missing_ok=True)
+        return start(exported(weights))
 
 
 def exported(weights: Weights) -> Path:
@@ -123,7 +140,7 @@ def export_onnx(weights: Weights, path: Path) -> None:
         )
 
 
-def _onnxruntime(path: Path, threads: int, spin: bool) -> Callable[[Array], Outputs]:
+def _onnxruntime(path: Path, threads: int, spin: bool) -> Run:
     try:
         import onnxruntime
     except ImportError:
@@ -144,7 +161,7 @@ def _onnxruntime(path: Path, threads: int, spin: bool) -> Callable[[Array], Outp
     return run
 
 
-def _openvino(path: Path, threads: int) -> Callable[[Array], Outputs]:
+def _openvino(path: Path, threads: int) -> Run:
     # OpenVINO's import sends usage data from a forked process, and a fork after OpenGL has started
     # can crash. Without this package it uses a stub.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
@@ -165,7 +182,7 @@ def _openvino(path: Path, threads: int) -> Callable[[Array], Outputs]:
     return run
 
 
-def _torch(weights: Weights, device: str, threads: int) -> Callable[[Array], Outputs]:
+def _torch(weights: Weights, device: str, threads: int) -> Run:
     import torch
 
     if device == "cuda" and not torch.cuda.is_available():

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from egocap.data.sequence import Sequence
 from egocap.errors import FileError, InputError
+from egocap.media.decoding import decode
 
 ENOUGH = 640
 """Image width [px] sufficient for a canonical view; larger JPEGs are decoded at reduced size."""
@@ -72,9 +73,8 @@ def _recorded(sequence: Sequence, index: int, view: int) -> UInt8[Array, "h w 3"
                 in sequence.files(index)]  # fmt: skip
     if not suffixes:
         return None
-    data = np.frombuffer(sequence.read(index, suffixes[0]), np.uint8)
     flags = _flags(sequence.rig.cameras[view].width) if suffixes[0].endswith("jpg") else 0
-    picture = cv2.imdecode(data, flags | cv2.IMREAD_COLOR_RGB) if len(data) else None
+    picture = decode(sequence.read(index, suffixes[0]), flags | cv2.IMREAD_COLOR_RGB)
     if picture is None:
         raise FileError(sequence.folder, f"frame {index}: '{suffixes[0]}' is damaged")
     return as_rgb(picture)

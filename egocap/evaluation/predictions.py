@@ -37,7 +37,7 @@ from egocap.body.labels import LABELS
 from egocap.data.input_checks import require_shape
 from egocap.errors import FileError, InputError
 from egocap.files import read_npz, write_atomically, write_npz
-from egocap.schema import Number, Strict, checked, read_text
+from egocap.schema import Number, Strict, checked, parsed, read_text
 
 log = logging.getLogger(__name__)
 
@@ -162,8 +162,8 @@ def _read_npz(path: Path) -> tuple[_Header, dict[str, Array]]:
 def _read_lines(path: Path) -> tuple[_Header, dict[str, Array]]:
     numbered = [(i, t) for i, t in enumerate(read_text(path).splitlines(), 1) if t.strip()]
     first, text = numbered[0] if numbered else (1, "{}")
-    header = checked(_Header, _parsed(path, text, first), path, line=first)
-    lines = [checked(_Line, _parsed(path, t, i), path, line=i) for i, t in numbered[1:]]
+    header = checked(_Header, parsed(text, path, line=first), path, line=first)
+    lines = [checked(_Line, parsed(t, path, line=i), path, line=i) for i, t in numbered[1:]]
     for (i, _), line in zip(numbered[1:], lines, strict=True):
         if len(line.positions) != len(header.joints):
             problem = f"{len(line.positions)} instead of {len(header.joints)} points"
@@ -180,16 +180,6 @@ def _read_lines(path: Path) -> tuple[_Header, dict[str, Array]]:
         if values:
             arrays[f"{name}s"] = np.array(values)
     return header, arrays
-
-
-def _parsed(path: Path, text: str, line: int) -> Any:
-    try:
-        record = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileError(path, f"not JSON: {error}", line=line) from None
-    if not isinstance(record, dict):
-        raise FileError(path, f"holds a {type(record).__name__}", line=line, valid="a JSON object")
-    return record
 
 
 def _checked(path: Path, header: _Header, arrays: Mapping[str, Array]) -> Predictions:

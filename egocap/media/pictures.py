@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError
+from egocap.media.decoding import decode
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -83,8 +84,7 @@ class PictureFolder:
     def _read(self, path: Path) -> UInt8[Array, "H W 3"] | None:
         import cv2
 
-        data = np.fromfile(path, np.uint8)
-        picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        picture = decode(path.read_bytes(), cv2.IMREAD_UNCHANGED)
         return None if picture is None else _rgb(picture, path, self.options)
 
 

@@ -121,7 +121,7 @@ def load_motion_prior(path: Path = FILE) -> MotionPrior:
     except (FileError, ValueError, KeyError):
         raise FileError(path, "not a motion prior") from None
     shapes = prior.mean.shape, prior.covariances.shape
-    if tuple(found.get("dofs", ())) != DOFS or shapes != (
+    if not np.array_equal(found.get("dofs", ()), DOFS) or shapes != (
         (DOF_COUNT,), (LAGS, DOF_COUNT, DOF_COUNT)
     ):  # fmt: skip
         raise FileError(path, "not for this skeleton's angles", key="dofs")

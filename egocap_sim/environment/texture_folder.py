@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from egocap.errors import FileError
+from egocap.errors import FileError, InputError
+from egocap.media.decoding import decode
 from egocap_sim.assets.textures import SIZE
 from egocap_sim.environment.place import Place
 
@@ -34,13 +35,11 @@ def picture_files(folder: Path) -> list[Path]:
 def decode_picture(path: Path, valid: str) -> UInt8[Array, "H W 3"]:
     """Decode a picture (RGB). Raises FileError with the hint `valid` if it cannot be read."""
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        image = decode(path.read_bytes(), cv2.IMREAD_COLOR_RGB)
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from None
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if len(data) else None
-    except cv2.error:
-        image = None
+    except InputError as error:
+        raise FileError(path, str(error)) from None
     if image is None:
         raise FileError(path, "is not a readable picture", valid=valid)
     return image

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,17 +66,45 @@ def load_checkpoint(folder: Path, device: torch.device | str = "cpu") -> Checkpo
     path = folder / CHECKPOINT
     if not path.exists():
         return None
-    try:
+    with _whole(path):
         found = torch.load(path, map_location=device, weights_only=True)
         return Checkpoint(
             found["network"], found["average"], found["optimiser"], found["state"],
             json.loads(found["config"]),
         )  # fmt: skip
-    except (RuntimeError, pickle.UnpicklingError, KeyError, TypeError, ValueError, EOFError) as e:
-        raise FileError(
-            path, f"not a whole checkpoint: {str(e).splitlines()[0] if str(e) else type(e)}",
-            valid="one written by egocap train; delete it to start again",
-        ) from None  # fmt: skip
+
+
+def restore_checkpoint(
+    folder: Path,
+    network: DetectorNetwork,
+    average: DetectorNetwork,
+    optimiser: torch.optim.Optimizer,
+    device: torch.device | str = "cpu",
+) -> RunState | None:
+    """Load the folder's checkpoint into a run; None when there is none. Raises FileError."""
+    found = load_checkpoint(folder, device)
+    if found is None:
+        return None
+    with _whole(folder / CHECKPOINT):
+        network.load_state_dict(found.network)
+        average.load_state_dict(found.average)
+        optimiser.load_state_dict(found.optimiser)
+        state = RunState(**found.state)
+        if not all(value >= 0 for value in (state.step, state.seconds, state.views)):
+            raise ValueError(f"progress {state}")
+        return state
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[None]:
+    """Raise FileError for what a damaged checkpoint makes torch and us raise."""
+    try:
+        yield
+    except (RuntimeError, pickle.UnpicklingError, LookupError, TypeError, ValueError, EOFError,
+            AttributeError, AssertionError, OSError) as error:  # fmt: skip
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        valid = "one written by egocap train; delete it to start again"
+        raise FileError(path, f"not a whole checkpoint: {first}", valid=valid) from None
 
 
 def save_run_weights(folder: Path, network: DetectorNetwork, scores: Scores | None) -> Path:

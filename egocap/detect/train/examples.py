@@ -26,6 +26,8 @@ from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.errors import EgocapError, FileError
+from egocap.files import read_npz
+from egocap.media.decoding import decode
 
 log = logging.getLogger(__name__)
 
@@ -133,7 +135,13 @@ def sequence_views(folder: Path, spec: ViewSpec, store: Path) -> Views:
     """Views of one sequence, read from the store or added to it. Raises FileError."""
     sequence = open_sequence(folder)
     place = store / _key(sequence, spec)
-    if not (place / "labels.npz").exists():
+    if place.exists():
+        try:
+            return _read(place)
+        except (FileError, ValueError, KeyError, OSError) as error:
+            log.warning("%s: made again, as it is damaged (%s)", place, error)
+            shutil.rmtree(place)
+    if not place.exists():
         part = place.with_name(f"{place.name}.{os.getpid()}.part")
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir()
@@ -229,16 +237,16 @@ def _decoded(data: bytes) -> UInt8[Array, "h w 3"]:
         return simplejpeg.decode_jpeg(data)
     import cv2
 
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
+    image = decode(data, cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise ValueError("an image is damaged")
     return image
 
 
 def _read(place: Path) -> Views:
-    with np.load(place / "labels.npz", allow_pickle=False) as labels:
-        points, state = labels["points"], labels["state"]
-        magnification, skipped = labels["magnification"], int(labels["skipped"])
+    labels = read_npz(place / "labels.npz")
+    points, state = labels["points"], labels["state"]
+    magnification, skipped = labels["magnification"], int(labels["skipped"])
     images = np.load(place / "images.npy", mmap_mode="r" if len(points) else None)
     parts = place / "parts.npy"
     return Views(

@@ -23,6 +23,7 @@ from egocap.detect.train.trainer import Outcome, Trainer
 from egocap.detect.weights import open_weights, save_weights
 from egocap.errors import FileError, InputError
 from egocap.files import make_folder, write_json
+from egocap.schema import read_json
 
 if TYPE_CHECKING:
     import torch
@@ -140,10 +141,7 @@ def _prepare(request: RunConfig, training: TrainingConfig, network: NetworkConfi
             raise InputError(
                 f"{request.out} holds a run already", valid="another --out, or --resume"
             )
-        try:
-            before = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            raise FileError(path, "cannot be read", valid="the run.json of a run") from None
+        before = read_json(path)
         if before != json.loads(json.dumps(what)):
             raise InputError(
                 f"{request.out} holds a run with another network, seed or batch",

@@ -26,7 +26,7 @@ from egocap.detect.network import DetectorNetwork, NetworkConfig, build_network
 from egocap.detect.train.augmentation import augment
 from egocap.detect.train.checkpoint import (
     RunState,
-    load_checkpoint,
+    restore_checkpoint,
     save_checkpoint,
     save_run_weights,
 )
@@ -92,14 +92,12 @@ class Trainer:
 
     def resume(self) -> bool:
         """Load the folder's checkpoint; False if there is none. Raises FileError."""
-        found = load_checkpoint(self.folder, self.device)
-        if found is None:
-            return False
-        self.network.load_state_dict(found.network)
-        self.average.load_state_dict(found.average)
-        self.optimiser.load_state_dict(found.optimiser)
-        self.state = RunState(**found.state)
-        return True
+        state = restore_checkpoint(
+            self.folder, self.network, self.average, self.optimiser, self.device
+        )
+        if state is not None:
+            self.state = state
+        return state is not None
 
     def run(self) -> Outcome:
         """Train until finished or interrupted, with validation, logging and checkpoints."""

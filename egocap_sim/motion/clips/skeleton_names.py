@@ -9,11 +9,11 @@ clavicles, toes, spine or neck are left out of the map; `load` fills them from t
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from egocap.errors import FileError
+from egocap.schema import read_toml
 from egocap_sim.core.bodies import BODIES, PARENT
 
 LIMBS = ("clavicle", "upperarm", "forearm", "hand", "thigh", "calf", "foot", "toe")
@@ -85,13 +85,7 @@ def map_joints(
 
 def read_name_map(path: str | Path) -> dict[str, str]:
     """Read a TOML name map (`body = "JointName"`, one line per body)."""
-    path = Path(path)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as e:
-        raise FileError(path, f"cannot be read: {e.strerror or e}") from e
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise FileError(path, f"is not TOML: {e}", valid='body = "JointName"') from e
+    table = read_toml(path)
     for body, joint in table.items():
         if body not in BODIES:
             raise FileError(path, "is not a body", key=body, valid=BODIES)

@@ -22,6 +22,7 @@ from egocap.data.track import Track
 from egocap.errors import EgocapError, FileError, InputError
 from egocap.evaluation.predictions import Predictions, save_predictions
 from egocap.pose.config import TrackerConfig
+from egocap.schema import read_json
 from egocap_eval.harness.result_file import config_hash, git_commit, write_text
 from egocap_eval.harness.score_pose import OWN_TRACKER, find_detections, run_tracker
 from egocap_eval.harness.suite import MethodEntry, Suite
@@ -138,8 +139,8 @@ def load_description(job: Job) -> dict[str, Any]:
         return {"depends": {}, "commit": None}
     path = _sidecar_path(job)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_json(path)
+    except FileError:
         raise FileError(path, "not readable; it describes how the predictions were made",
                         valid="remove the predictions to make them again") from None  # fmt: skip
 

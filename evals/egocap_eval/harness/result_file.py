@@ -16,6 +16,7 @@ from typing import Any
 
 from egocap.errors import FileError
 from egocap.files import make_folder, write_atomically
+from egocap.schema import read_json
 
 SCHEMA = 1
 PACKAGES = (
@@ -65,13 +66,8 @@ def save_result(
 
 def load_result(path: str | Path) -> dict[str, Any]:
     """Read what `save_result` wrote; FileError for another file or a newer schema."""
-    try:
-        record = json.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileError(path, "no such file") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileError(path, f"not a readable result: {error}") from None
-    if not isinstance(record, dict) or not {"schema", "command", "result"} <= record.keys():
+    record = read_json(path)
+    if not {"schema", "command", "result"} <= record.keys():
         raise FileError(path, "not a result", valid="a file written with --out FILE.json")
     if not isinstance(record["schema"], int) or record["schema"] > SCHEMA:
         raise FileError(path, f"of schema {record['schema']}", key="schema",

@@ -13,7 +13,6 @@ made with other settings, or from another sequence, is refused.
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from collections.abc import Mapping
@@ -33,6 +32,7 @@ from egocap.evaluation.predictions import load_predictions
 from egocap.evaluation.protocol import find_protocol
 from egocap.evaluation.scoring import make_report, prediction_errors
 from egocap.files import write_npz
+from egocap.schema import read_json
 from egocap_eval.harness.commands import STUDIES, main
 from egocap_eval.harness.footage import prepare_sequences
 from egocap_eval.harness.predict import (
@@ -190,7 +190,7 @@ def _lock(work: Path, suite: Suite) -> None:
     """Write the suite into its folder; FileError for the folder of another suite."""
     path = work / "suite.json"
     if path.is_file():
-        before = json.loads(path.read_text(encoding="utf-8")).get("name")
+        before = read_json(path).get("name")
         if before != suite.name:
             raise FileError(path, f"this folder is of the suite '{before}'", valid="another --work")
     write_text(path, suite.model_dump_json(indent=1) + "\n")

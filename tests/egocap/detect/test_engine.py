@@ -82,6 +82,19 @@ def test_exported_once(weights, monkeypatch):
     assert not [p for p in path.parent.iterdir() if p.name.endswith(".tmp")]
 
 
+@pytest.mark.parametrize("engine", ["onnxruntime", "openvino"])
+def test_a_damaged_cache_is_exported_again(weights, engine, monkeypatch, tmp_path, caplog):
+    pytest.importorskip(engine)
+    monkeypatch.setattr(engines, "cache_folder", lambda: tmp_path)
+    wanted = open_engine(weights, engine, threads=1).run(images(1))
+    path = exported(weights)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    found = open_engine(weights, engine, threads=1).run(images(1))
+    assert "exported again" in caplog.text
+    for one, other in zip(found, wanted, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_cache_that_cannot_be_written_says_so(weights, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(engines, "cache_folder", lambda: tmp_path / "file" / "egocap")

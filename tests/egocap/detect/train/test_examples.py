@@ -58,6 +58,17 @@ def test_store_is_read_again(tiny_sequence, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2  # another view, another place
 
 
+@pytest.mark.parametrize("name", ["labels.npz", "images.npy"])
+def test_damaged_store_is_made_again(tiny_sequence, tmp_path, caplog, name):
+    whole = build_store([tiny_sequence], SPEC, tmp_path)
+    wanted = whole.sequences[0].images.copy()
+    (file,) = tmp_path.glob(f"*/{name}")
+    file.write_bytes(file.read_bytes()[:100])
+    again = build_store([tiny_sequence], SPEC, tmp_path)
+    assert "made again" in caplog.text and again.skipped == whole.skipped
+    np.testing.assert_array_equal(again.sequences[0].images, wanted)
+
+
 def test_damaged_shard_is_left_out_and_counted(tiny_sequence, tmp_path, caplog):
     folder = tmp_path / "sequence"
     shutil.copytree(tiny_sequence, folder)

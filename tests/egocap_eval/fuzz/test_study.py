@@ -1,0 +1,56 @@
+"""Fuzzing: mutations are reproducible, failures are noticed, and no reader of ours fails."""
+
+import time
+
+import numpy as np
+import pytest
+
+from egocap.errors import FileError
+from egocap_eval.fuzz import study as fuzzing
+from egocap_eval.fuzz.mutations import mutated
+from egocap_eval.fuzz.study import fuzz
+from egocap_eval.fuzz.targets import Target, make_targets
+
+CASES = 40
+
+
+@pytest.fixture(scope="module")
+def targets(tiny_sequence, tmp_path_factory):
+    return make_targets(tiny_sequence, tmp_path_factory.mktemp("fuzz"))
+
+
+def test_every_reader_reads_or_refuses(targets, tmp_path):
+    for target in targets:
+        target.load(target.folder or target.file)
+        counts = fuzz(target, tmp_path / target.name, range(CASES))
+        assert not counts.failures
+        assert counts.read + counts.refused == CASES
+
+
+def test_mutations_are_reproducible_and_differ(targets):
+    for target in targets:
+        content, suffix = target.file.read_bytes(), target.file.suffix
+        one, other = ([mutated(content, suffix, np.random.default_rng([seed, case]))
+                       for case in range(8)] for seed in (0, 0))  # fmt: skip
+        assert one == other
+        assert len(set(one)) > 4
+
+
+def test_failures_are_noticed_and_their_files_kept(tmp_path, monkeypatch):
+    valid = tmp_path / "a.txt"
+    valid.write_text("1 2 3")
+    monkeypatch.setattr(fuzzing, "LIMIT_S", 0.05)
+
+    def load(path):
+        content = path.read_bytes()
+        if len(content) % 3 == 0:
+            raise KeyError(len(content))
+        if len(content) % 3 == 1:
+            time.sleep(1.0)
+        raise FileError(path, "refused")
+
+    counts = fuzz(Target("a", valid, load), tmp_path / "work", range(20))
+    found = {failure.what.split(":")[0] for failure in counts.failures}
+    assert found == {"KeyError", "TimeoutError"}
+    assert counts.read == 0 and 0 < counts.refused == 20 - len(counts.failures)
+    assert len(list((tmp_path / "work").glob("failed-*.txt"))) == len(counts.failures)

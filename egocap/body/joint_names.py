@@ -40,9 +40,58 @@ DATASET_NAMES: Mapping[str, Mapping[str, str]] = {
                  **_both("Right", "Left", "{side}{part}", {**_LIMBS, "ToeBase": "foot"})},
     "mo2cap2": {"Neck": "neck",
                 **_both("Right", "Left", "{side}{part}", {**_LIMBS, "Toe": "foot"})},
+    "egobody3m": {
+        "b_head": "head",
+        "b_neck0": "neck",
+        **_both("r", "l", "b_{side}_{part}", {
+            "arm": "shoulder", "forearm": "elbow", "wrist": "wrist", "upleg": "hip", "leg": "knee",
+            "talocrural": "ankle", "transversetarsal": "foot",
+        }),
+    },
+    "renderpeople": {
+        "head": "head",
+        "neck": "neck",
+        **_both("r", "l", "{part}_{side}", {
+            "upperarm": "shoulder", "lowerarm": "elbow", "hand": "wrist", "middle_01": "hand",
+            "upperleg": "hip", "lowerleg": "knee", "foot": "ankle", "ball": "foot",
+        }),
+    },
 }  # fmt: skip
-"""Data set -> its joint name -> label. UnrealEgo2 and -RW use UnrealEgo's names; EgoRear uses
-Ego4View's; SceneEgo, EgoPW and EgoWholeMocap use Mo2Cap2's."""
+"""Data set -> its joint name -> label. UnrealEgo2 uses UnrealEgo's names; UnrealEgo-RW, EgoRear and
+xR-EgoPose use Ego4View's; SceneEgo and EgoPW use Mo2Cap2's, and so do EgoWholeMocap's body joints,
+whose skeleton with fingers is RenderPeople's. EgoBody3M has the middle of the foot, not its ball,
+and RenderPeople's first joint of the middle finger is the hand's knuckles."""
+
+_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+
+JOINT_ORDER: Mapping[str, tuple[str, ...]] = {
+    "egocap": LABELS,
+    "unrealego": ("head", "neck_01", *(
+        f"{part}_{side}"
+        for part in ("upperarm", "lowerarm", "hand", "thigh", "calf", "foot", "ball")
+        for side in "lr")),
+    "ego4view": ("Head", "Neck", *(
+        f"{side}{part}" for part in (*_LIMBS, "ToeBase") for side in ("Left", "Right"))),
+    "mo2cap2": ("Neck", *(
+        f"{side}{part}"
+        for parts in (("Arm", "ForeArm", "Hand"), ("UpLeg", "Leg", "Foot", "Toe"))
+        for side in (("Right", "Left")) for part in parts)),
+    "egobody3m": (
+        "b_head", "b_l_shoulder", "b_l_arm", "b_l_forearm", "b_l_wrist",
+        "b_r_shoulder", "b_r_arm", "b_r_forearm", "b_r_wrist",
+        "b_neck0", "b_spine0", "b_spine1", "b_spine2", "b_spine3",
+        *(f"b_{side}_{part}" for side in "rl" for part in
+          ("upleg", "leg", "foot_twist", "talocrural", "subtalar", "transversetarsal"))),
+    "renderpeople": (
+        "hip", "upperleg_l", "upperleg_r", "spine_01", "lowerleg_l", "lowerleg_r", "spine_02",
+        "foot_l", "foot_r", "spine_03", "ball_l", "ball_r", "foot_end_l", "foot_end_r", "neck",
+        "shoulder_l", "shoulder_r", "head", "upperarm_l", "upperarm_r", "lowerarm_l", "lowerarm_r",
+        "hand_l", "hand_r", "head_end", "jaw", "jaw_end", "eye_l", "eye_end_l", "eye_r",
+        "eye_end_r", "mouth_l", "mouth_r",
+        *(f"{finger}_{part}_{side}" for side in "lr" for finger in _FINGERS
+          for part in ("01", "02", "03", "end"))),
+}  # fmt: skip
+"""Data set -> all its joints, in the order of its arrays."""
 
 
 def _label_indices(dataset: str) -> tuple[int, ...]:

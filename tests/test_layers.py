@@ -20,7 +20,7 @@ LAYERS = (
     {"egocap.footage"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose"},  # these do not import each other
     {"egocap.detect.train", "egocap.image_model"},
-    {"egocap.track"},
+    {"egocap.track", "egocap.datasets"},
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
     {"egocap.view"},
     {"egocap.cli"},

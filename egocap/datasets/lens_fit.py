@@ -18,7 +18,7 @@ from egocap.errors import FileError, InputError
 from egocap.geometry import rigid, transform, unit
 
 TOLERANCE_PX = 0.5  # median residual of a fit
-MOST_POINTS = 2000  # enough for 11 parameters; more take time
+MOST_POINTS = 800  # enough for 11 parameters; more take time
 _POWERS = np.array([1, 3, 5, 7, 9])
 
 

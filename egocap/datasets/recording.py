@@ -59,7 +59,8 @@ class Recording:
 
     def frame(self, index: int) -> Frame:
         """Decode the images of one frame. Raises FileError."""
-        return Frame(index, float(self.times[index]), self.images(index))
+        images = self.images(index)
+        return Frame(index, float(self.times[index]), images, (True,) * len(images))
 
     def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
         """RGB images of all views at a frame, of the rig's sizes. Raises FileError."""

@@ -95,14 +95,13 @@ def _read(dataset: str, layout: Layout, root: Path, folder: Path, rig: Rig | Non
     if not frames:
         raise FileError(folder, "neither JSON files nor images of frames")
     pictures = tuple(_pictures(folder / layout.images, images, n) for n in frames)
-    calibrations = [] if rig is not None else [_calibration(layout, folder, c) for c in cameras]
-    labels = None
-    if files:
-        points = _Points.read(files, layout, cameras)
-        rig = rig or _rig(dataset, layout, folder, cameras, calibrations, points)
-        labels = _labels(layout, rig, points, folder)
+    points = _Points.read(files, layout, cameras) if files else None
+    if rig is None:
+        lenses = [_calibration(layout, folder, camera) for camera in cameras]
+        rig = (_nominal_rig(dataset, layout, folder, cameras, lenses) if points is None
+               else _rig(dataset, layout, folder, cameras, lenses, points))  # fmt: skip
+    labels = None if points is None else _labels(layout, rig, points, folder)
     name = folder.relative_to(root).as_posix() if folder != root else folder.name
-    rig = rig or _nominal_rig(dataset, layout, folder, cameras, calibrations)
     category = folder.parent.name if dataset in ("unrealego", "unrealego2") else ""
     times = frame_times(frames, RATE)
     return Recording(dataset, name, rig, times, frames, pictures, labels, category=category)

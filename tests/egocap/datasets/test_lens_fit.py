@@ -56,7 +56,8 @@ def test_a_few_wrong_pixels_do_not_move_the_lens(points):
 
 
 def test_pixels_of_no_lens_are_refused(points):
-    pixels = np.random.default_rng(2).uniform(0, 800, (800, 2))
+    pixels = np.random.default_rng(2).uniform(0, 800, (800, 2))[::8]
+    points = points[::8]
     with pytest.raises(FileError, match="no fisheye lens fits"):
         fit_lens(points, pixels, SIZE, Path("labels"))
     with pytest.raises(FileError, match="one axis"):

@@ -139,4 +139,4 @@ def test_missing_and_foreign_parts_are_named(root, tmp_path):
     with pytest.raises(FileError, match="neither this folder nor its"):
         list(recordings("egocap", root))
     with pytest.raises(FileError, match=r"none of EgoCap's sets"):
-        list(recordings("egocap", tmp_path / "training_v000"))
+        list(recordings("egocap", tmp_path / "other"))

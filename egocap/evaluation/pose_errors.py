@@ -36,6 +36,7 @@ class GroundTruth:
     seen: Bool[Array, "T 18"] | None = None  # by at least one camera
     T_world_head: Float[Array, "T 4 4"] | None = None
     contact: Bool[Array, "T 4"] | None = None  # left foot, left toe, right foot, right toe
+    labelled: Bool[Array, "T 18"] | None = None  # joints that the truth has; all, when None
 
     def __post_init__(self) -> None:
         joints = np.asarray(self.joints_head, np.float64)
@@ -44,9 +45,10 @@ class GroundTruth:
         require_shape(joints, ("T", len(LABELS), 3), "true joints")
         if not len(joints):
             raise InputError("there is no frame to score", valid="one frame or more")
-        if self.seen is not None and self.seen.shape != joints.shape[:2]:
-            raise InputError(f"visibility has shape {self.seen.shape}", valid=str(joints.shape[:2]))
-        require_finite(joints, "true joints")
+        for what, mask in (("visibility", self.seen), ("the labels' mask", self.labelled)):
+            if mask is not None and mask.shape != joints.shape[:2]:
+                raise InputError(f"{what} has shape {mask.shape}", valid=str(joints.shape[:2]))
+        require_finite(joints, "true joints", self.labelled)
 
     @classmethod
     def from_truth(cls, truth: Truth) -> GroundTruth:
@@ -92,7 +94,11 @@ class PoseErrors:
             raise InputError(f"predicted joints' mask has shape {valid.shape}",
                              valid=str(expected.shape[:2]))  # fmt: skip
         require_finite(predicted, "predicted joints", valid)
+        if truth.labelled is not None:
+            valid = valid & truth.labelled
         errors = cls(predicted, truth, rules, valid)
+        if not errors.evaluated.any():
+            raise InputError(f"the truth has no joint of {rules.name}", valid="labels in 3-D")
         if not errors.counted.any():
             raise InputError(f"no joint of {rules.name} was predicted in any frame")
         if rules.alignment == "mid-hip" and not errors.hips_everywhere:
@@ -104,9 +110,10 @@ class PoseErrors:
 
     @cached_property
     def evaluated(self) -> Bool[Array, "T 18"]:
-        """The protocol's joints, predicted or not."""
-        return np.broadcast_to(np.isin(np.arange(len(LABELS)), self.protocol.joints),
-                               self.valid.shape)  # fmt: skip
+        """The protocol's joints that the truth has, predicted or not."""
+        chosen = np.isin(np.arange(len(LABELS)), self.protocol.joints)
+        labelled = self.truth.labelled
+        return np.broadcast_to(chosen, self.valid.shape) & (True if labelled is None else labelled)
 
     @cached_property
     def counted(self) -> Bool[Array, "T 18"]:

@@ -69,10 +69,25 @@ def _bone_adjusted(
     Source: BA-MPJPE of Wang et al., EgoWholeMocap, CVPR 2024, which brings both poses to a standard
     skeleton; here the truth stays as it is, so that a perfect pose has no error.
     """
+    return align_similarity(_resized(predicted, truth, joints), truth, mask)
+
+
+def _bones_then_rigid(
+    predicted: Array, truth: Array, mask: Array | None, joints: tuple[int, ...]
+) -> Array:
+    """Bones as long as the frame's true ones, then a rotation and translation.
+
+    Source: the evaluation of Xu et al., Mo2Cap2, IEEE VR 2019, which brings both poses to a
+    standard skeleton.
+    """
+    return align_rigid(_resized(predicted, truth, joints), truth, mask)
+
+
+def _resized(predicted: Array, truth: Array, joints: tuple[int, ...]) -> Array:
+    """Predicted joints with every bone as long as the truth's in the same frame."""
     place = {joint: i for i, joint in enumerate(joints)}
     bones = tuple((place[a], place[b]) for a, b in TREE if a in place and b in place)
-    resized = resize_bones(predicted, bone_lengths(truth, bones), bones)
-    return align_similarity(resized, truth, mask)
+    return resize_bones(predicted, bone_lengths(truth, bones), bones)
 
 
 def _mid_hip(predicted: Array, truth: Array, mask: Array | None, joints: tuple[int, ...]) -> Array:
@@ -104,6 +119,11 @@ ALIGNMENTS: Mapping[str, AlignmentRule] = {
         "-ba",
         "each frame's bones made as long as the true ones, then aligned by a similarity",
         _bone_adjusted,
+    ),
+    "bones-then-rigid": AlignmentRule(
+        "-ba-rigid",
+        "each frame's bones made as long as the true ones, then rigidly aligned",
+        _bones_then_rigid,
     ),
 }
 

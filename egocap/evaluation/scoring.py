@@ -105,7 +105,7 @@ def make_report(errors: PoseErrors, rng: np.random.Generator | None = None) -> R
         per_joint_mm={LABELS[j]: None if np.isnan(per_joint[j]) else float(per_joint[j])
                       for j in joints},
         visible_share=None if truth.seen is None else float(truth.seen[:, joints].mean()),
-        coverage_share=float(errors.valid[:, joints].mean()),
+        coverage_share=float(errors.counted.sum() / errors.evaluated.sum()),
         frames=len(truth.times),
         protocol=rules.name,
         protocol_description=rules.description,

@@ -131,7 +131,8 @@ def match_labels(names: Sequence[str], dataset: str = "egocap") -> dict[int, int
         others = [d for d in DATASET_NAMES if most and _known(names, d) == most]
         theirs = f"; {most} of them are names of {' or '.join(others)}" if others else ""
         raise InputError(
-            f"{len(found)} of the names {', '.join(names)} are joints of {dataset}{theirs}",
+            f"{len(found)} of {len(names)} names are joints of {dataset}{theirs}: "
+            f"{', '.join(names)}",
             valid=DATASET_NAMES[dataset],
         )
     return found

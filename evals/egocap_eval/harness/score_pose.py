@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 import egocap
 from egocap.body.labels import LABELS
@@ -22,25 +22,27 @@ from egocap.errors import FileError, InputError
 from egocap.evaluation.predictions import Predictions, load_predictions
 from egocap.evaluation.protocol import find_protocol
 from egocap.evaluation.scoring import evaluate, with_detections
+from egocap_eval.harness.score_dataset import NO_DATASET, DatasetOptions, score_dataset
 from egocap_eval.harness.study import Outcome
 
 OWN_TRACKER = "egocap"
 
 
 def study(
-    sequence: Positional[Annotated[Path, arg(metavar="SEQ")]],
+    sequence: Positional[Annotated[Path | None, arg(metavar="SEQ")]] = None,
     /,
     track: Annotated[Path | None, arg(metavar="FILE")] = None,
     predictions: Annotated[Path | None, arg(metavar="FILE")] = None,
     tracker: Annotated[str | None, arg(metavar="NAME")] = None,
     detections: Annotated[str | None, arg(metavar="SOURCE")] = None,
-    protocol: Annotated[str, arg(metavar="NAME")] = "egocap-17",
+    protocol: Annotated[str | None, arg(metavar="NAME")] = None,
     missing: Literal["refuse", "skip"] = "refuse",
+    dataset: Annotated[DatasetOptions, OmitArgPrefixes] = NO_DATASET,
 ) -> Outcome:
     """Score a tracked motion, or any method's poses, against the truth of its sequence.
 
     Args:
-        sequence: Folder of the sequence the poses were made from.
+        sequence: Folder of the sequence the poses were made from; not with --dataset.
         track: Track file written by `egocap track`.
         predictions: Poses of any method, .npz or .jsonl with joints, unit and frame stated.
         tracker: Run egocap, or a plug-in (an installed one, or MODULE:FUNCTION), and score its
@@ -48,15 +50,25 @@ def study(
         detections: File of detections the poses were made from, scored too; with --tracker also
             a source such as simulated:2.0, or detector:PLUG-IN.
         protocol: Joints (egocap-17, egocap-18, unrealego-16, mo2cap2-15), alone or with
-            -mid-hip, -rigid, -pa, -sequence, -sequence-rigid or -ba for an alignment.
+            -mid-hip, -rigid, -pa, -sequence, -sequence-rigid, -ba or -ba-rigid for an alignment;
+            egocap-17 by default, or the data set's own.
         missing: Refuse or skip frames that the predictions lack.
+        dataset: A published data set in place of SEQ.
     """
     given = [path for path in (track, predictions, tracker) if path is not None]
     if len(given) != 1:
         valid = "exactly one of --track, --predictions, --tracker"
         raise InputError(f"{len(given)} results to score", valid=valid)
-    opened = open_sequence(sequence)
-    find_protocol(protocol)  # before any file is read
+    if protocol is not None:
+        find_protocol(protocol)  # before any file is read
+    if dataset.dataset is not None:
+        if sequence is not None or tracker is not None:
+            valid = "--dataset with --track or --predictions"
+            raise InputError("--dataset together with SEQ or --tracker", valid=valid)
+        return score_dataset(dataset, track, predictions, detections, protocol, missing)
+    if sequence is None:
+        raise InputError("no sequence", valid="SEQ, or --dataset NAME:PATH")
+    opened, protocol = open_sequence(sequence), protocol or "egocap-17"
     provenance = {"sequence": str(sequence), "seed": opened.manifest.seed,
                   "content_sha256": opened.manifest.config_sha256}  # fmt: skip
     if tracker is not None:

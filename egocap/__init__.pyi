@@ -6,6 +6,8 @@ from egocap.cameras.rig_files import load_rig as load_rig
 from egocap.data.detections import Detections as Detections
 from egocap.data.sequence import open_sequence as open_sequence
 from egocap.data.track import Track as Track
+from egocap.datasets.catalogue import open_dataset as open_dataset
+from egocap.datasets.scoring import evaluate_recording as evaluate_recording
 from egocap.detect.detector import Detector as Detector
 from egocap.detect.sources import synthetic_detections as synthetic_detections
 from egocap.errors import EgocapError as EgocapError

@@ -1,6 +1,7 @@
 """Export to UnrealEgo's folders: a JSON file a frame in centimetres, PNG images, depth if recorded.
 
-Axes differ from Unreal's: world right-handed with z up, cameras x right, y down, z forward.
+World positions and rotations are Unreal's: left-handed, z up, rotations as pitch, yaw and roll in
+degrees. Points in a camera's frame are OpenCV's.
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.data.sequence import Sequence
 from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically
-from egocap.geometry import inverse, matrix_to_quaternion, transform
+from egocap.geometry import inverse, transform
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
 from egocap_sim.export.formats import new_folder
 from egocap_sim.export.ocam import ocam_calibration
@@ -32,11 +35,16 @@ JOINTS: dict[str, str] = {"head": "head", "neck_01": "neck"} | {
 }  # fmt: skip
 """UnrealEgo's 16 joints, in its order, and their labels in EgoCap."""
 
+R_CAMERA_UNREAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""Columns: Unreal's forward, left (unmirrored) and up in a camera's OpenCV frame."""
+_MIRROR = np.array([1.0, -1.0, 1.0])  # between right- and left-handed axes
+
 _README = """\
 {name}: a simulated sequence in UnrealEgo's layout, written by egocap-sim {version}.
 
 Lengths are centimetres, images and 2-D points pixels, (0, 0) the centre of the top-left pixel.
-trans: world, right-handed, z up (Unreal's own is left-handed). rot: quaternion w, x, y, z.
+trans, rot: Unreal's world, left-handed, z up; pitch, yaw and roll in degrees. A camera looks along
+its x axis, z up. Bones have the simulation's axes.
 camera_*_pts3d: the camera's frame, x right, y down, z forward. The device-relative pose is the mean
 of camera_left_pts3d and camera_right_pts3d. Depth images, where there are any: 16-bit PNG,
 millimetres along the ray, 0 where nothing was hit. The preprocessed npy files are not written.
@@ -93,7 +101,8 @@ def frame_content(sequence: Sequence, frame: int) -> dict[str, Any]:
         joint[f"camera_{mount.name}_pts3d"] = _centimetres(point)
         joint[f"camera_{mount.name}_pts2d"] = mount.camera.project(point)[0].tolist()
         T_world_camera = inverse(T_camera_world[v])
-        content[f"camera_{mount.name}"] = _pose(T_world_camera[:3, 3], T_world_camera[:3, :3])
+        looking = T_world_camera[:3, :3] @ R_CAMERA_UNREAL
+        content[f"camera_{mount.name}"] = _pose(T_world_camera[:3, 3], looking)
     content["joints"]["pelvis"] = joint
     return content
 
@@ -125,8 +134,16 @@ def _place(sequence: Sequence) -> Path:
 
 
 def _pose(position: Any, rotation: Any) -> dict[str, Any]:
-    quaternion = matrix_to_quaternion(rotation[None])[0]
-    return {"trans": _centimetres(position), "rot": quaternion.tolist()}
+    """Position and rotation of a frame (axes forward, left, up as columns) in Unreal's world."""
+    return {"trans": (_MIRROR * _centimetres(position)).tolist(), "rot": _rotator(rotation)}
+
+
+def _rotator(rotation: Float[Array, "3 3"]) -> list[float]:
+    """Pitch, yaw and roll in degrees, as Unreal's FMatrix::Rotator."""
+    x, y, z = (_MIRROR[:, None] * rotation * _MIRROR).T
+    pitch, yaw = np.arctan2(x[2], np.hypot(x[0], x[1])), np.arctan2(x[1], x[0])
+    level = np.array([-np.sin(yaw), np.cos(yaw), 0.0])  # the y axis without roll
+    return np.degrees([pitch, yaw, np.arctan2(z @ level, y @ level)]).tolist()
 
 
 def _centimetres(point: Any) -> list[float]:

@@ -26,9 +26,9 @@ def test_sequences_are_found_by_name(root):
     source = f"egowholemocap:{root}"
     assert [r.name for r in open_dataset(source)] == ["adanna/dance", "adanna/walk"]
     assert find_recording(source, "adanna/walk").name == "adanna/walk"
-    with pytest.raises(InputError, match="several sequences.*--sequence adanna/dance"):
+    with pytest.raises(InputError, match=r"several sequences.*--sequence adanna/dance"):
         find_recording(source)
-    with pytest.raises(InputError, match="no sequence 'x'.*adanna/dance, adanna/walk"):
+    with pytest.raises(InputError, match=r"no sequence 'x'.*adanna/dance, adanna/walk"):
         find_recording(source, "x")
 
 

@@ -62,7 +62,9 @@ def test_benchmark_frames_are_device_relative_centimetres(dataset, folder, names
     other, _ = predict(dataset, "S2/seq_1")
     write_submission([prediction, other], tmp_path / "poses.zip")
     found = members(tmp_path / "poses.zip")
-    assert set(found) == {f"{folder}/S{s}/seq_1/json/frame_{n}.json" for s in (1, 2) for n in FRAMES}
+    assert set(found) == {
+        f"{folder}/S{s}/seq_1/json/frame_{n}.json" for s in (1, 2) for n in FRAMES
+    }
     for t, n in enumerate(FRAMES):
         pose = found[f"{folder}/S1/seq_1/json/frame_{n}.json"]
         assert list(pose) == list(names)

@@ -13,7 +13,9 @@ from egocap.cameras.camera_files import load_camera
 from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import Sequence
 from egocap.data.truth import OUT_OF_VIEW, VISIBLE
+from egocap.datasets.catalogue import open_dataset
 from egocap.errors import InputError
+from egocap.geometry import transform
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.export.formats import FORMATS, export
 from egocap_sim.export.ocam import ocam_calibration
@@ -72,7 +74,8 @@ def test_unrealego_has_the_pose_in_centimetres_three_times_over(sequence, tmp_pa
         assert head[2] == pytest.approx(100 * truth.T_world_head[t, 2, 3] + 14, abs=8)
         for name, label in JOINTS.items():
             j = LABEL_INDEX[label]
-            assert joints[name]["trans"] == pytest.approx(100 * truth.joints_world[t, j])
+            world = np.multiply(joints[name]["trans"], [1, -1, 1])  # Unreal's is left-handed
+            assert world == pytest.approx(100 * truth.joints_world[t, j])
             for v, side in enumerate(("left", "right")):
                 point = np.array(joints[name][f"camera_{side}_pts3d"])
                 assert point == pytest.approx(100 * truth.joints_camera[t, v, j])
@@ -90,6 +93,36 @@ def test_unrealego_has_the_pose_in_centimetres_three_times_over(sequence, tmp_pa
                 cv2.IMREAD_UNCHANGED,
             )
             assert np.array_equal(depth, sequence.depth(t, side))
+
+
+def test_unreal_rotations_turn_the_camera_to_its_points(sequence, tmp_path):
+    export(sequence, "unrealego", tmp_path / "unrealego")
+    (path,) = (tmp_path / "unrealego").rglob("frame_3.json")
+    frame = json.loads(path.read_text())
+    for side in ("left", "right"):
+        camera = frame[f"camera_{side}"]
+        (sp, sy, sr), (cp, cy, cr) = (f(np.radians(camera["rot"])) for f in (np.sin, np.cos))
+        axes = np.array([[cp * cy, cp * sy, sp],
+                         [sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp],
+                         [-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp]])  # fmt: skip
+        for joint in frame["joints"].values():  # FRotationMatrix: rows are the axes
+            forward, right, up = axes @ np.subtract(joint["trans"], camera["trans"])
+            assert joint[f"camera_{side}_pts3d"] == pytest.approx([right, -up, forward], abs=1e-6)
+
+
+def test_the_reader_of_the_data_set_reads_the_export(sequence, tmp_path):
+    export(sequence, "unrealego", tmp_path / "unrealego")
+    (recording,) = open_dataset(f"unrealego2:{tmp_path}/unrealego")
+    truth, labels = sequence.truth, recording.labels
+    index = [LABEL_INDEX[label] for label in JOINTS.values()]
+    for v, T_camera_head in enumerate(recording.rig.T_camera_head):
+        camera = transform(T_camera_head, labels.joints_head)
+        assert np.abs(camera - truth.joints_camera[:, v])[:, index].max() < 1e-5
+        assert np.array_equal(recording.images(2)[v], sequence.frame(2).images[v])
+    world = transform(labels.T_world_head, labels.joints_head)
+    assert np.abs(world - truth.joints_world)[:, index].max() < 1e-5
+    apart = np.abs(labels.points - truth.joints_2d)[labels.in_view]
+    assert apart.max() < 0.01 and recording.reprojection_px() < 0.1  # the lens is a fit
 
 
 def test_the_calibration_beside_it_projects_the_points_it_came_with(sequence, tmp_path):

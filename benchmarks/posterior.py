@@ -61,14 +61,14 @@ def measure(frames: int, arviz: bool = False) -> dict[str, Any]:
         result = sample(make_log_posterior(found, frame, rig, person, config), SamplerConfig())
         worst = int(result.effective.argmin())
         row = {
-            "mixed": result.mixed, "outcome": result.outcome, "modes": len(result.modes),
+            "converged": result.converged, "outcome": result.outcome, "modes": len(result.modes),
             "steps": result.steps, "acceptance": round(result.acceptance, 3),
             "seconds": round(result.seconds, 1),
             "cpu_seconds": round(time.process_time() - cpu_before, 1),
             "least_effective": round(float(result.effective[worst])),
             "of_angle": result.names[worst],
             "largest_rhat": round(float(result.rhat.max()), 4),
-            "longest_autocorrelation": round(float(result.autocorrelation.max()), 1),
+            "least_tail_effective": round(float(result.tail_effective.min())),
         }  # fmt: skip
         rows.append(row | (_by_arviz(result) if arviz else {}))
     return {

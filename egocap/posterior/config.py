@@ -7,8 +7,10 @@ from math import inf, isnan
 
 from egocap.errors import InputError
 
-FIRST_CHECK = 1000
+FIRST_CHECK = 500
 """Steps before a chain is checked first."""
+LEAST_WALKERS = 4
+"""Chains that an R-hat needs."""
 
 
 @dataclass(frozen=True)
@@ -57,27 +59,21 @@ class PosteriorConfig:
 class SamplerConfig:
     """Length of the chain and number of walkers."""
 
-    walkers: int | None = None
-    """Walkers, at least twice the parameters; by default 96 or a little over twice."""
+    walkers: int = 8
+    """Number of walkers; each is a chain."""
     effective: float = 400.0
-    """Effective draws to reach for every parameter."""
-    most_steps: int = 40_000
-    """Limit on the steps of a chain that does not mix."""
+    """Effective draws to reach for every parameter, in the bulk and in the tails."""
+    most_steps: int = 20_000
+    """Limit on the steps of a chain that does not converge."""
     seed: int = 0
     """Seed of the starting poses and of the chain."""
 
     def __post_init__(self) -> None:
+        if self.walkers < LEAST_WALKERS:
+            raise InputError(f"{self.walkers} walkers", valid=f"{LEAST_WALKERS} or more")
         if not 0.0 < self.effective < inf:
             raise InputError(f"{self.effective} effective draws", valid="a number above 0")
         if self.most_steps < FIRST_CHECK:
             raise InputError(f"{self.most_steps} steps", valid=f"{FIRST_CHECK} or more")
         if not 0 <= self.seed < 2**32:
             raise InputError(f"seed {self.seed}", valid="0 to 2^32 - 1")
-
-    def walkers_for(self, parameters: int) -> int:
-        """How many walkers to use. Raises InputError when fewer than twice the parameters."""
-        walkers = max(96, 2 * parameters + 4) if self.walkers is None else self.walkers
-        if walkers < 2 * parameters:
-            raise InputError(f"{walkers} walkers for {parameters} parameters",
-                             valid=f"at least twice as many: {2 * parameters}")  # fmt: skip
-        return walkers

@@ -36,7 +36,7 @@ text-align: right } td:first-child, th:first-child { text-align: left }
 .bad { color: #b91c1c; font-weight: 600 }
 </style>
 <h1>{{ title }}</h1>
-<p{% if not mixed %} class="bad"{% endif %}>{{ outcome }}</p>
+<p{% if not converged %} class="bad"{% endif %}>{{ outcome }}</p>
 {% for note in notes %}<p>{{ note }}</p>{% endfor %}
 <p>{{ facts }}</p>
 {% for name, picture in pictures %}<h2>{{ name }}</h2>
@@ -63,8 +63,8 @@ def write_page(
     config, rhat = posterior.config, summary["largest_rhat"]
     facts = (
         f"{posterior.steps} steps of {posterior.draws.shape[0]} walkers in {summary['seconds']} s, "
-        f"acceptance {summary['acceptance']}, longest autocorrelation time "
-        f"{summary['longest_autocorrelation']} steps, largest R-hat {rhat}, shares of the modes "
+        f"acceptance {summary['acceptance']}, largest R-hat {rhat}, {summary['least_effective']} "
+        f"effective draws or more, shares of the modes "
         f"{summary['mode_shares']}; detections {config.get('detections')}, rig {config.get('rig')}."
     )
     spread = [
@@ -73,7 +73,7 @@ def write_page(
     ]
     write_pictures(
         path, f"Posterior of frame {posterior.frame}", drawn, facts=facts, spread=spread,
-        mixed=posterior.mixed, outcome=posterior.outcome, notes=posterior.notes,
+        converged=posterior.converged, outcome=posterior.outcome, notes=posterior.notes,
     )  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def write_pictures(
     *,
     facts: str = "",
     spread: Sequence[tuple[str, float, float]] = (),
-    mixed: bool = True,
+    converged: bool = True,
     outcome: str = "",
     notes: Sequence[str] = (),
 ) -> None:
@@ -93,7 +93,7 @@ def write_pictures(
 
     template = jinja2.Environment(autoescape=True).from_string(_PAGE)
     html = template.render(
-        title=title, facts=facts, spread=spread, mixed=mixed, outcome=outcome, notes=notes,
+        title=title, facts=facts, spread=spread, converged=converged, outcome=outcome, notes=notes,
         pictures=[(name, _png(figure)) for name, figure in drawn],
     )  # fmt: skip
     make_folder(path.parent)
@@ -178,7 +178,7 @@ def draw_corner(posterior: Posterior, parameters: Sequence[str] | None = None) -
 
 def draw_traces(posterior: Posterior) -> Figure:
     """Walkers over time and autocorrelation, of the three slowest parameters."""
-    slowest = np.argsort(-posterior.autocorrelation)[:3]
+    slowest = np.argsort(posterior.effective)[:3]
     figure, panels = _figure(3, 2, (9.0, 6.0))
     for row, i in enumerate(slowest):
         left, right = panels[2 * row], panels[2 * row + 1]
@@ -189,9 +189,8 @@ def draw_traces(posterior: Posterior) -> Figure:
         every = (posterior.steps - posterior.burn_in) / posterior.draws.shape[1]
         right.plot(np.arange(len(function)) * every, function, color="#0f766e")
         right.axhline(0.0, color="#9ca3af", lw=0.7)
-        right.axvline(posterior.autocorrelation[i], color="#b91c1c", lw=0.8, ls="--")
     panels[0].set_title("24 walkers, degrees")
-    panels[1].set_title("autocorrelation; dashed: integrated time")
+    panels[1].set_title("autocorrelation")
     panels[-2].set_xlabel("kept draw")
     panels[-1].set_xlabel("steps")
     return figure

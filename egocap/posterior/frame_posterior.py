@@ -47,7 +47,6 @@ def sample_posterior(
     did not mix is marked on the result. Raises InputError, FileError.
     """
     check_frame(detections, frame, sequence.rig)
-    sampling.walkers_for(37)  # refuse early
     images = learned_likelihood(sequence, detections, frame) if colour else None
     density = make_log_posterior(detections, frame, sequence.rig, sequence.body, config, images)
     return sampler.sample(

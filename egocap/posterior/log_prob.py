@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.body.labels import without_side
@@ -34,7 +34,7 @@ from egocap.data.detections import Detections
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import make_model
 from egocap.pose.pose_prior import load_posture
-from egocap.posterior import curvature, kernel
+from egocap.posterior import curvature, hamiltonian, kernel
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.measurement import Measurement, measure
 
@@ -109,6 +109,24 @@ class LogPosterior:
             H, g,
         )  # fmt: skip
         return float(value), g, H
+
+    def gradients(self, thetas: Float[Array, "W N"]) -> Float[Array, "W N"]:
+        """Gradients of the log posterior without `extra`."""
+        thetas = np.ascontiguousarray(thetas, float)
+        out = np.empty(thetas.shape)
+        hamiltonian.gradients(self.body, self.prior, self.optics, self.data, thetas, out)
+        return out
+
+    def leapfrog(
+        self, roots: Float[Array, "K N N"], which: Int[Array, "W"], sizes: Float[Array, "W"],
+        steps: Int[Array, "W"], thetas: Float[Array, "W N"], momenta: Float[Array, "W N"],
+    ) -> None:  # fmt: skip
+        """Move walkers along trajectories by the gradient without `extra`, in place.
+
+        Arguments as for `hamiltonian.leapfrog`.
+        """
+        parts = (self.body, self.prior, self.optics, self.data)
+        hamiltonian.leapfrog(*parts, roots, which, sizes, steps, thetas, momenta)
 
     def joints(self, thetas: Float[Array, "W N"]) -> Float[Array, "W 18 3"]:
         """Joints in the head frame, metres, in the order of `egocap.body.labels.LABELS`."""

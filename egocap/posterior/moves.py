@@ -1,25 +1,32 @@
 """Proposals for emcee from a mixture of Gaussians that approximates the posterior.
 
-`Crank` turns a walker about the mean of its Gaussian, in that Gaussian's metric. It samples the
+`Trajectory` follows the gradient in the metric of a walker's Gaussian (Hamiltonian Monte Carlo);
+where the posterior is curved or has walls it goes much farther than a random walk. `Crank` turns a walker about the mean of its Gaussian, in that Gaussian's metric. It samples the
 Gaussian itself without rejection in any number of dimensions, where a stretch move's steps shrink;
 rejections correct for the difference from the posterior. `Hop` moves a walker from one Gaussian to
 the same whitened place in another, which balances the modes. Both draw the Gaussian by its
 responsibility for the walker; the probability of the reverse draw enters the acceptance.
 
 Source: Neal 1999, "Regression and classification using Gaussian process priors"; Cotter et al.
-2013, "MCMC methods for functions"; Tjelmeland & Hegstad 2001, "Mode jumping proposals in MCMC".
+2013, "MCMC methods for functions"; Neal 2011, "MCMC using Hamiltonian dynamics"; Tjelmeland & Hegstad 2001, "Mode jumping proposals in MCMC".
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
-from emcee.moves import MHMove, RedBlueMove
+from emcee.moves import MHMove
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 Random = np.random.RandomState  # emcee's kind of generator
+
+_MOST_LEAPS = 24
+"""Maximum number of steps of a trajectory."""
+_ACCEPTANCE, _TUNING = 0.75, 0.05
+"""Acceptance of trajectories to reach, and rate of adapting their steps to it."""
 
 
 class Mixture:
@@ -113,39 +120,39 @@ class Crank(MHMove):
         return new, factor + mixture.log_share(new)[rows, which] - before[rows, which]
 
 
-class Snooker(RedBlueMove):
-    """Differential evolution along the line to a third walker.
+class Trajectory(MHMove):
+    """A leapfrog trajectory of random length; emcee evaluates the density at its end.
 
-    x' = x + gamma u (u . (z1 - z2)), u the unit vector from z to x, is accepted with the factor
-    (|x' - z| / |x - z|)^(N - 1). emcee 3.1.6 has a move of that name whose vector is not of unit
-    length and whose exponent is half of that: it draws from a density that is too narrow, in 37
-    dimensions by a tenth (github.com/dfm/emcee, pull request 531).
-
-    Source: ter Braak & Vrugt 2008, "Differential evolution Markov chain with snooker updater",
-    equation 3.
+    `leapfrog` moves walkers (roots, which, sizes, steps, thetas, momenta), the last two in place, as
+    `hamiltonian.leapfrog`. Its force need not be the gradient of the sampled density: rejection
+    corrects for the difference. While emcee tunes, the step's size is adapted to the acceptance.
     """
 
-    def __init__(self, gamma: float = 1.7) -> None:
-        super().__init__(nsplits=4)
-        self._gamma = gamma
+    def __init__(self, mixture: Mixture, leapfrog: Callable[..., None], size: float = 0.2) -> None:
+        super().__init__(self._propose, ndim=mixture.means.shape[1])
+        self._mixture, self._leapfrog, self.size = mixture, leapfrog, size
 
-    def get_proposal(  # emcee's name
-        self, sample: Float[Array, "W N"], complement: Sequence[Float[Array, "V N"]], random: Random
+    def tune(self, state: Any, accepted: Array) -> None:  # emcee's name
+        """Change the size of the steps towards the acceptance wanted."""
+        self.size = min(self.size * np.exp(_TUNING * (np.mean(accepted) - _ACCEPTANCE)), 1.0)
+
+    def _propose(
+        self, x: Float[Array, "W N"], rng: Random
     ) -> tuple[Float[Array, "W N"], Float[Array, "W"]]:
-        """One walker of each of the other three parts, in random order, for every walker."""
-        chosen = np.array(
-            [part[random.randint(len(part), size=len(sample))] for part in complement]
-        )
-        order = np.argsort(random.rand(3, len(sample)), axis=0)
-        z, z1, z2 = np.take_along_axis(chosen, order[..., None], axis=0)
-        away = sample - z
-        length = np.linalg.norm(away, axis=1)
-        unit = away / length[:, None]
-        along = self._gamma * np.sum(unit * (z1 - z2), axis=1)
-        new = sample + along[:, None] * unit
-        # On the line, the distance to z becomes |length + along|.
-        factor = (sample.shape[1] - 1.0) * np.log(np.abs(length + along) / length)
-        return new, factor
+        mixture, rows = self._mixture, np.arange(len(x))
+        before = mixture.log_share(x)
+        which = mixture.draw_component(before, rng)
+        # Random lengths and sizes: none can be in step with a period of the motion.
+        sizes = self.size * np.exp(-rng.rand(len(x)))
+        steps = rng.randint(1, _MOST_LEAPS + 1, size=len(x))
+        new, momenta = x.copy(), rng.standard_normal(x.shape)
+        factor = 0.5 * np.sum(momenta * momenta, axis=1)
+        self._leapfrog(mixture.roots, which, sizes, steps, new, momenta)
+        factor -= 0.5 * np.sum(momenta * momenta, axis=1)
+        lost = ~(np.isfinite(new).all(axis=1) & np.isfinite(factor))
+        new[lost] = x[lost]
+        factor += mixture.log_share(new)[rows, which] - before[rows, which]
+        return new, np.where(lost, -np.inf, factor)
 
 
 class Hop(MHMove):

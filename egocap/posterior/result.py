@@ -15,7 +15,7 @@ from egocap.body.labels import LABELS
 from egocap.errors import FileError
 from egocap.files import read_npz, write_npz
 
-KIND, SCHEMA = "egocap-posterior", 1
+KIND, SCHEMA = "egocap-posterior", 2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -23,7 +23,7 @@ class Posterior:
     """Draws from the posterior of one frame, with convergence diagnostics.
 
     Parameters N: 37 angles [rad], then scales (ln of the factor) and rig errors [rad, m] if they
-    are inferred. Walkers W, draws S of each. If `mixed` is False, the draws do not represent the
+    are inferred. Walkers W, draws S of each. If `converged` is False, the draws do not represent the
     posterior; `outcome` gives the reason.
     """
 
@@ -35,13 +35,13 @@ class Posterior:
     mode_log_mass: Float[Array, "K"]  # Laplace's, relative to the heaviest
     mode_share: Float[Array, "K"]  # of the draws
     laplace_joints: Float[Array, "18 3 3"]  # covariance [m^2] about the heaviest mode
-    autocorrelation: Float[Array, "N"]  # integrated time, steps
-    effective: Float[Array, "N"]  # effective number of draws in the whole chain
-    rhat: Float[Array, "N"]  # between and within walkers, halves apart; 1 is perfect
+    effective: Float[Array, "N"]  # draws in the whole chain, for the bulk
+    tail_effective: Float[Array, "N"]  # draws, for the 5 and 95 % quantiles
+    rhat: Float[Array, "N"]  # rank-normalised, walkers split in halves; 1 is perfect
     acceptance: float
     steps: int
     burn_in: int
-    mixed: bool
+    converged: bool
     outcome: str
     notes: tuple[str, ...]
     frame: int
@@ -74,14 +74,14 @@ class Posterior:
         """Spread of the joints in mm and convergence diagnostics, JSON-ready."""
         return {
             "frame": self.frame,
-            "mixed": self.mixed,
+            "converged": self.converged,
             "outcome": self.outcome,
             "notes": list(self.notes),
             "steps": self.steps,
             "seconds": round(self.seconds, 1),
             "acceptance": round(self.acceptance, 3),
-            "longest_autocorrelation": round(float(self.autocorrelation.max()), 1),
             "least_effective": round(float(self.effective.min())),
+            "least_tail_effective": round(float(self.tail_effective.min())),
             "largest_rhat": round(float(self.rhat.max()), 4),
             "mode_shares": [round(float(share), 3) for share in self.mode_share],
             "spread_mm": _spread_mm(self.joint_covariance),

@@ -48,8 +48,10 @@ from egocap_eval.posterior.coverage import (
     region_share,
 )
 
-STEPS = 2000
-"""Length of every frame's chain, at most a third of it burn-in."""
+SAMPLER = SamplerConfig(most_steps=8000)
+"""Limit of every frame's chain; what has not converged by then is scored and counted."""
+DRAWS_A_WALKER = 12
+"""Draws of every walker that a rank is taken among, far enough apart to be independent."""
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 TEMPERATURES = tuple(float(t) for t in np.geomspace(0.25, 64.0, 25))
 
@@ -89,7 +91,7 @@ class Job:
         for array in (found.points, found.sigma, found.confidence, found.valid, self.joints,
                       self.angles, self.proportions.offsets):  # fmt: skip
             digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
-        text = [asdict(self.config), self.rig.to_dict(), self.seed, STEPS]
+        text = [asdict(self.config), self.rig.to_dict(), self.seed, asdict(SAMPLER)]
         digest.update(json.dumps(text, sort_keys=True).encode())
         return digest.hexdigest()[:32]
 
@@ -122,7 +124,7 @@ def run_well_specified(
     ]
     scores = score_all(jobs, workers, "well-specified", log)
     settings = {"rig": rig.name, "sigma_px": noise.sigma, "missing": noise.missing,
-                "steps": STEPS, "degrees": noise.degrees if np.isfinite(noise.degrees) else "inf",
+                "most_steps": SAMPLER.most_steps, "degrees": noise.degrees if np.isfinite(noise.degrees) else "inf",
                 "seed": seed}  # fmt: skip
     return CalibrationReport(Coverage("well-specified", scores), settings=settings)
 
@@ -190,12 +192,13 @@ def score_all(
 def score_frame(job: Job) -> FrameScore:
     """Sample one frame and place the truth in its posterior."""
     density = make_log_posterior(job.detections, 0, job.rig, job.proportions, job.config)
-    result = sample(density, SamplerConfig(most_steps=STEPS, seed=job.seed))
+    result = sample(density, replace(SAMPLER, seed=job.seed))
     away = job.joints - density.joints(result.modes[:1])[0]
     ranks = None
     if job.angles is not None:
-        last = result.draws[:, -1, : len(DOFS)]  # walkers are independent of each other
-        ranks = (last < job.angles).mean(0)
+        kept = result.draws.shape[1]
+        rows = np.linspace(0, kept - 1, DRAWS_A_WALKER).astype(int)
+        ranks = (result.draws[:, rows, : len(DOFS)] < job.angles).mean((0, 1))
     return FrameScore(
         inside=region_share(result.joints, job.joints),
         laplace=gaussian_share(away, result.laplace_joints),
@@ -204,6 +207,7 @@ def score_frame(job: Job) -> FrameScore:
         spread_mm=1e3 * np.sqrt(np.trace(result.joint_covariance, axis1=1, axis2=2)),
         effective=float(result.effective.min()),
         rhat=float(result.rhat.max()),
+        converged=result.converged,
     )
 
 
@@ -228,7 +232,7 @@ def _laplace_inside(job: Job) -> Float[Array, "18"]:
 def study(
     sequences: tuple[Path, ...] = (),
     /,
-    frames: int = 300,
+    frames: int = 200,
     detections: str = "learned",
     noise: Annotated[DrawnNoise, OmitArgPrefixes] = DrawnNoise(),
     rig: Path | None = None,

@@ -39,6 +39,7 @@ class FrameScore:
     spread_mm: Float[Array, "18"]  # root mean square the posterior expects
     effective: float  # least effective number of draws
     rhat: float
+    converged: bool
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -102,8 +103,8 @@ class Coverage:
         result["rms_expected_mm"] = round(self._rms("spread_mm"), 2)
         result["median_effective"] = round(float(np.median([s.effective for s in self.scores])))
         result["least_effective"] = round(min(s.effective for s in self.scores))
-        result["largest_rhat"] = round(max(s.rhat for s in self.scores), 3)
-        result["frames_above_rhat_1.05"] = sum(s.rhat > 1.05 for s in self.scores)
+        result["largest_rhat"] = round(max(s.rhat for s in self.scores), 4)
+        result["not_converged"] = sum(not s.converged for s in self.scores)
         return result
 
     def _rms(self, name: str) -> float:

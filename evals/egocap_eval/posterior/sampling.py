@@ -33,7 +33,7 @@ LEAST_RATE = 20_000.0
 """Evaluations a second to reach."""
 MOST_OVER_BOUND = 1.5
 """Maximum ratio of tracker error to bound at the detector's own noise."""
-LEAST_EFFECTIVE, MOST_SECONDS = 400.0, 60.0
+LEAST_EFFECTIVE, MOST_SECONDS = 400.0, 20.0
 """Effective draws of every angle to reach in so many seconds a frame."""
 
 
@@ -67,7 +67,7 @@ def study(
         result[sequence.manifest.name] = found
         for row in found["sampling"]:
             if (
-                not row["mixed"]
+                not row["converged"]
                 or row["effective"] < LEAST_EFFECTIVE
                 or (row["seconds"] > MOST_SECONDS)
             ):
@@ -186,13 +186,13 @@ def sampling_speed(sequence: Sequence, sigma: float, count: int) -> list[dict[st
             density = make_log_posterior(found, int(frame), sequence.rig, sequence.body, config)
             result = sample(density, SamplerConfig(effective=LEAST_EFFECTIVE), frame=int(frame))
             rows.append({
-                "frame": int(frame), "mixed": result.mixed, "outcome": result.outcome,
+                "frame": int(frame), "converged": result.converged, "outcome": result.outcome,
                 "steps": result.steps, "seconds": round(result.seconds, 1),
                 "cpu_seconds": round(time.process_time() - cpu, 1),
                 "effective": round(float(result.effective.min())),
                 "of_angle": result.names[int(result.effective.argmin())],
                 "largest_rhat": round(float(result.rhat.max()), 4),
-                "longest_autocorrelation": round(float(result.autocorrelation.max()), 1),
+                "tail_effective": round(float(result.tail_effective.min())),
                 "modes": len(result.modes),
             })  # fmt: skip
             advance()

@@ -50,6 +50,7 @@ def posterior(
     config: Annotated[PosteriorConfig, tyro.conf.OmitArgPrefixes] = PosteriorConfig(),  # noqa: B008
     sampling: Annotated[SamplerConfig, tyro.conf.OmitArgPrefixes] = SamplerConfig(),  # noqa: B008
     page: Path | None = None,
+    body: Path | None = None,
     checkpoint: Path | None = None,
     colour: bool = False,
     body: str | None = None,
@@ -57,7 +58,8 @@ def posterior(
 ) -> int:
     """Sample the posterior of the pose in one frame: uncertainty of every joint.
 
-    A chain that has not mixed is saved with a warning.
+    A chain that has not converged is saved with a warning. At most the limit of steps is made;
+    most chains stop far earlier.
 
     Args:
         sequence: folder of a sequence.
@@ -67,6 +69,7 @@ def posterior(
         config: prior, and noise of the detections.
         sampling: length of the chain.
         page: page of figures to write, html.
+        body: the person's proportions, as fit-body writes them; by default the sequence's own.
         checkpoint: file to save the chain in, npz; the same command continues an interrupted run.
         colour: include the image colours in the likelihood, learned from the sequence's own track;
             takes minutes.
@@ -75,6 +78,8 @@ def posterior(
     """
     import json as jsons
 
+    from egocap.body.proportions import Proportions
+    from egocap.commandline import progress
     from egocap.data.sequence import Sequence
     from egocap.files import make_folder
     from egocap.fitting.wearer import find_body
@@ -82,6 +87,7 @@ def posterior(
     from egocap.posterior.result import save_posterior
 
     opened = Sequence(sequence)
+    person = None if body is None else Proportions.load(body)
     found = detections_from(opened, detections, 0)
     if body is not None:
         opened.body = find_body(body, opened.rig, found)
@@ -90,9 +96,11 @@ def posterior(
             make_folder(path.parent)
     if page is not None and page.suffix not in (".html", ".htm"):
         raise InputError(f"--page {page}", valid="the name of an .html file")
-    result = sample_posterior(
-        opened, frame, found, config, sampling, checkpoint=checkpoint, colour=colour
-    )
+    with progress("sampling", sampling.most_steps, unit="steps") as advance:
+        result = sample_posterior(
+            opened, frame, found, config, sampling, body=person, checkpoint=checkpoint,
+            colour=colour, on_steps=advance,
+        )  # fmt: skip
     save_posterior(out, result)
     if page is not None:
         from egocap.posterior.figures import write_page

@@ -73,11 +73,11 @@ def effective_draws(x: Float[Array, "S W"]) -> float:
     counted above the one before.
     """
     draws, chains = x.shape
+    if not np.ptp(x, axis=0).any():
+        return 0.0
     within = x.var(axis=0, ddof=1).mean()
     total = (draws - 1) / draws * within + x.mean(axis=0).var(ddof=1)
-    if not total > 0.0 or not within > 0.0:
-        return 0.0
-    rho = 1.0 - (within - _autocovariance(x).mean(axis=1) * draws / (draws - 1)) / total
+    rho = 1.0 - (within - _autocovariance(x).mean(axis=1)) / total
     rho[0] = 1.0
     pairs = rho[: draws - draws % 2].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs[:-1] < 0.0)
@@ -101,9 +101,9 @@ def _normal_scores(x: Float[Array, "S W"]) -> Float[Array, "S W"]:
 
 def _rhat(x: Float[Array, "S W"]) -> float:
     """Infinite when nothing moved within chains."""
-    within, between = x.var(axis=0, ddof=1).mean(), x.mean(axis=0).var(ddof=1)
-    if not within > 0.0:
+    if not np.ptp(x, axis=0).any():
         return np.inf
+    within, between = x.var(axis=0, ddof=1).mean(), x.mean(axis=0).var(ddof=1)
     return float(np.sqrt((len(x) - 1) / len(x) + between / within))
 
 

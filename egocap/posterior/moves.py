@@ -1,14 +1,16 @@
 """Proposals for emcee from a mixture of Gaussians that approximates the posterior.
 
 `Trajectory` follows the gradient in the metric of a walker's Gaussian (Hamiltonian Monte Carlo);
-where the posterior is curved or has walls it goes much farther than a random walk. `Crank` turns a walker about the mean of its Gaussian, in that Gaussian's metric. It samples the
-Gaussian itself without rejection in any number of dimensions, where a stretch move's steps shrink;
-rejections correct for the difference from the posterior. `Hop` moves a walker from one Gaussian to
+where the posterior is curved or has walls it goes much farther than a random walk. `Crank` turns a
+walker about the mean of its Gaussian, in that Gaussian's metric. It samples the Gaussian itself
+without rejection in any number of dimensions, where a stretch move's steps shrink; rejections
+correct for the difference from the posterior. `Hop` moves a walker from one Gaussian to
 the same whitened place in another, which balances the modes. Both draw the Gaussian by its
 responsibility for the walker; the probability of the reverse draw enters the acceptance.
 
 Source: Neal 1999, "Regression and classification using Gaussian process priors"; Cotter et al.
-2013, "MCMC methods for functions"; Neal 2011, "MCMC using Hamiltonian dynamics"; Tjelmeland & Hegstad 2001, "Mode jumping proposals in MCMC".
+2013, "MCMC methods for functions"; Neal 2011, "MCMC using Hamiltonian dynamics"; Tjelmeland &
+Hegstad 2001, "Mode jumping proposals in MCMC".
 """
 
 from __future__ import annotations
@@ -123,9 +125,10 @@ class Crank(MHMove):
 class Trajectory(MHMove):
     """A leapfrog trajectory of random length; emcee evaluates the density at its end.
 
-    `leapfrog` moves walkers (roots, which, sizes, steps, thetas, momenta), the last two in place, as
-    `hamiltonian.leapfrog`. Its force need not be the gradient of the sampled density: rejection
-    corrects for the difference. While emcee tunes, the step's size is adapted to the acceptance.
+    `leapfrog` (roots, which, sizes, steps, thetas, momenta) changes the last two in place, as
+    `hamiltonian.leapfrog` does. Its force need not be the gradient of the sampled density:
+    rejection corrects for the difference. While emcee tunes, the step's size is adapted to the
+    acceptance.
     """
 
     def __init__(self, mixture: Mixture, leapfrog: Callable[..., None], size: float = 0.2) -> None:

@@ -23,8 +23,8 @@ class Posterior:
     """Draws from the posterior of one frame, with convergence diagnostics.
 
     Parameters N: 37 angles [rad], then scales (ln of the factor) and rig errors [rad, m] if they
-    are inferred. Walkers W, draws S of each. If `converged` is False, the draws do not represent the
-    posterior; `outcome` gives the reason.
+    are inferred. Walkers W, draws S of each. If `converged` is False, the draws do not represent
+    the posterior; `outcome` gives the reason.
     """
 
     names: tuple[str, ...]

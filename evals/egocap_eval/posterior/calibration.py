@@ -124,8 +124,8 @@ def run_well_specified(
     ]
     scores = score_all(jobs, workers, "well-specified", log)
     settings = {"rig": rig.name, "sigma_px": noise.sigma, "missing": noise.missing,
-                "most_steps": SAMPLER.most_steps, "degrees": noise.degrees if np.isfinite(noise.degrees) else "inf",
-                "seed": seed}  # fmt: skip
+                "most_steps": SAMPLER.most_steps, "seed": seed,
+                "degrees": noise.degrees if np.isfinite(noise.degrees) else "inf"}  # fmt: skip
     return CalibrationReport(Coverage("well-specified", scores), settings=settings)
 
 

@@ -23,7 +23,7 @@ def of_prior(rig, person):
     poses, seen = draw_poses(1, config, rng), np.zeros((1, 2, 18), bool)
     found = draw_detections(poses, seen, rig, person, 2.0, config, rng)
     density = make_log_posterior(found, 0, rig, person, config)
-    return sample(density, SamplerConfig(most_steps=1500, effective=50), source="none")
+    return sample(density, SamplerConfig(effective=400), source="none")
 
 
 def test_without_detections_the_draws_are_the_prior(of_prior):
@@ -38,7 +38,7 @@ def test_without_detections_the_draws_are_the_prior(of_prior):
 
 def test_page_holds_every_figure_and_warning(of_prior, rig, tmp_path):
     write_page(
-        tmp_path / "p.html", replace(of_prior, mixed=False, outcome="not <mixed>"), rig, None
+        tmp_path / "p.html", replace(of_prior, converged=False, outcome="not <mixed>"), rig, None
     )
     html = (tmp_path / "p.html").read_text()
     assert len(re.findall("data:image/png;base64,", html)) == 4

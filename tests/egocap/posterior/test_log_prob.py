@@ -46,8 +46,29 @@ def test_gradient_by_angles_scales_and_rig(case, rig, person, degrees):
     steps = 1e-6 * np.eye(density.size)
     numeric = (density(theta + steps) - density(theta - steps)) / 2e-6
     np.testing.assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(density.gradients(theta[None])[0], gradient, rtol=1e-9, atol=1e-7)
     np.testing.assert_allclose(H, H.T, rtol=1e-9, atol=1e-6)
     assert np.linalg.eigvalsh(H)[0] > 0
+
+
+def test_leapfrog_keeps_energy_and_returns_when_reversed(case, rig, person):
+    poses, found, rng = case
+    density = make_log_posterior(found, 0, rig, person, PosteriorConfig())
+    roots = np.array([0.01 * np.eye(37), 0.02 * np.tril(np.eye(37) + 0.1)])
+    which, sizes, steps = np.array([0, 1, 1]), np.array([0.02, 0.01, 0.005]), np.array([30, 60, 20])
+    start = poses[:1] + 0.01 * rng.standard_normal((3, 37))
+    thetas, momenta = start.copy(), rng.standard_normal((3, 37))
+
+    def energy():
+        return 0.5 * np.sum(momenta**2, axis=1) - density(thetas)
+
+    before = energy()
+    density.leapfrog(roots, which, sizes, steps, thetas, momenta)
+    assert np.abs(thetas - start).max() > 0.001
+    np.testing.assert_allclose(energy(), before, atol=0.1)
+    momenta *= -1.0
+    density.leapfrog(roots, which, sizes, steps, thetas, momenta)
+    np.testing.assert_allclose(thetas, start, atol=1e-9)
 
 
 def test_curvature_is_the_hessian_where_the_residuals_vanish(case, rig, person):

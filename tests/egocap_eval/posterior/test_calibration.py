@@ -5,6 +5,7 @@ import pytest
 
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import FileError, InputError
+from egocap.posterior.config import SamplerConfig
 from egocap_eval.harness.cases import ScoreLog
 from egocap_eval.posterior import calibration
 from egocap_eval.posterior.calibration import DrawnNoise, run_well_specified, study
@@ -15,7 +16,7 @@ from egocap_sim.core.resources import rig_file
 
 def score(inside, ranks=None):
     zeros = np.zeros(18)
-    return FrameScore(np.full(18, inside), np.full(18, inside), ranks, zeros, zeros, 1e3, 1.0)
+    return FrameScore(np.full(18, inside), np.full(18, inside), ranks, zeros, zeros, 1e3, 1.0, True)
 
 
 def test_region_share_is_even_when_truth_and_draws_are_alike():
@@ -49,7 +50,7 @@ def test_ranks_tell_a_narrow_sampler_from_a_right_one():
 
 
 def test_study_runs_goes_on_and_draws(monkeypatch, tmp_path):
-    monkeypatch.setattr(calibration, "STEPS", 1000)
+    monkeypatch.setattr(calibration, "SAMPLER", SamplerConfig(most_steps=500))
     rig = load_rig(rig_file("egorig1")).resized(640, 512)
     noise = DrawnNoise(sigma=2.0, missing=0.0, degrees=np.inf)
     settings = {"seed": 1, "workers": 1}

@@ -49,7 +49,8 @@ def sample_posterior(
     `body` are the person's proportions, the sequence's own by default. The tracker's pose is one of
     the starting poses. With `colour` the likelihood includes the
     frame's images. With a `checkpoint` the chain is saved there and continued from it. A chain that
-    did not converge is marked on the result; `on_steps` is called with the steps just made. Raises InputError, FileError.
+    did not converge is marked on the result; `on_steps` is called with the steps just made. Raises
+    InputError, FileError.
     """
     check_frame(detections, frame, sequence.rig)
     person = body or sequence.body

@@ -50,7 +50,6 @@ def posterior(
     config: Annotated[PosteriorConfig, tyro.conf.OmitArgPrefixes] = PosteriorConfig(),  # noqa: B008
     sampling: Annotated[SamplerConfig, tyro.conf.OmitArgPrefixes] = SamplerConfig(),  # noqa: B008
     page: Path | None = None,
-    body: Path | None = None,
     checkpoint: Path | None = None,
     colour: bool = False,
     body: str | None = None,
@@ -69,7 +68,6 @@ def posterior(
         config: prior, and noise of the detections.
         sampling: length of the chain.
         page: page of figures to write, html.
-        body: the person's proportions, as fit-body writes them; by default the sequence's own.
         checkpoint: file to save the chain in, npz; the same command continues an interrupted run.
         colour: include the image colours in the likelihood, learned from the sequence's own track;
             takes minutes.
@@ -78,7 +76,6 @@ def posterior(
     """
     import json as jsons
 
-    from egocap.body.proportions import Proportions
     from egocap.commandline import progress
     from egocap.data.sequence import Sequence
     from egocap.files import make_folder
@@ -87,7 +84,6 @@ def posterior(
     from egocap.posterior.result import save_posterior
 
     opened = Sequence(sequence)
-    person = None if body is None else Proportions.load(body)
     found = detections_from(opened, detections, 0)
     if body is not None:
         opened.body = find_body(body, opened.rig, found)
@@ -98,8 +94,8 @@ def posterior(
         raise InputError(f"--page {page}", valid="the name of an .html file")
     with progress("sampling", sampling.most_steps, unit="steps") as advance:
         result = sample_posterior(
-            opened, frame, found, config, sampling, body=person, checkpoint=checkpoint,
-            colour=colour, on_steps=advance,
+            opened, frame, found, config, sampling, checkpoint=checkpoint, colour=colour,
+            on_steps=advance,
         )  # fmt: skip
     save_posterior(out, result)
     if page is not None:

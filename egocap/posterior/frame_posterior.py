@@ -11,8 +11,6 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.body.proportions import Proportions
-from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.sequence import Sequence as Footage
 from egocap.errors import EgocapError
@@ -39,26 +37,23 @@ def sample_posterior(
     config: PosteriorConfig = PosteriorConfig(),  # noqa: B008 (frozen)
     sampling: SamplerConfig = SamplerConfig(),  # noqa: B008 (frozen)
     *,
-    body: Proportions | None = None,
     checkpoint: Path | None = None,
     colour: bool = False,
     on_steps: sampler.OnSteps = lambda count: None,
 ) -> Posterior:
     """Sample the posterior of the pose in one frame of a sequence.
 
-    `body` are the person's proportions, the sequence's own by default. The tracker's pose is one of
-    the starting poses. With `colour` the likelihood includes the
+    The tracker's pose is one of the starting poses. With `colour` the likelihood includes the
     frame's images. With a `checkpoint` the chain is saved there and continued from it. A chain that
     did not converge is marked on the result; `on_steps` is called with the steps just made. Raises
     InputError, FileError.
     """
     check_frame(detections, frame, sequence.rig)
-    person = body or sequence.body
-    images = learned_likelihood(sequence, detections, frame, person) if colour else None
-    density = make_log_posterior(detections, frame, sequence.rig, person, config, images)
+    images = learned_likelihood(sequence, detections, frame) if colour else None
+    density = make_log_posterior(detections, frame, sequence.rig, sequence.body, config, images)
     return sampler.sample(
         density, sampling, frame=frame, time_s=float(detections.times[frame]),
-        source=detections.source, starts=_tracked(sequence.rig, person, detections, frame),
+        source=detections.source, starts=_tracked(sequence, detections, frame),
         checkpoint=checkpoint, on_steps=on_steps,
     )  # fmt: skip
 
@@ -80,15 +75,13 @@ def colour_likelihood(
     return log_likelihood
 
 
-def learned_likelihood(
-    sequence: Footage, detections: Detections, frame: int, person: Proportions
-) -> LogLikelihood:
+def learned_likelihood(sequence: Footage, detections: Detections, frame: int) -> LogLikelihood:
     """`colour_likelihood` of a frame, with colours learned where the sequence's track is surest.
 
     Image size and weight are those of the tracker's colour term. Raises InputError for images whose
     shape is not the rig's.
     """
-    rig = sequence.rig
+    rig, person = sequence.rig, sequence.body
     found = Tracker(rig, person).track(detections)
     assert found.covariance is not None
     term = learn_colour_term(
@@ -98,16 +91,14 @@ def learned_likelihood(
     return colour_likelihood(term, sequence.frame(frame).images, found.angles[frame])
 
 
-def _tracked(
-    rig: Rig, person: Proportions, detections: Detections, frame: int
-) -> Float[Array, "1 37"] | None:
+def _tracked(sequence: Footage, detections: Detections, frame: int) -> Float[Array, "1 37"] | None:
     """The tracker's pose of the frame; None where it finds none."""
     window = slice(max(0, frame - CONTEXT), frame + CONTEXT + 1)
     part = detections[window]
     # The tracker needs a spread; the posterior handles detections that state none.
     part = replace(part, sigma=np.where(part.sigma > 0, part.sigma, 1.0))
     try:
-        angles = Tracker(rig, person).track(part).angles
+        angles = Tracker(sequence.rig, sequence.body).track(part).angles
     except EgocapError as error:
         log.info("no starting pose from the tracker: %s", error)
         return None

@@ -48,7 +48,7 @@ def test_colour_adds_minus_its_weighted_energy(rig, person):
 def test_a_frame_prefers_the_pose_that_it_shows(tiny_sequence):
     footage = open_sequence(tiny_sequence)
     found = detections_from(footage, "simulated:1", 0)
-    said = learned_likelihood(footage, found, 1, footage.body)
+    said = learned_likelihood(footage, found, 1)
     pose = Tracker(footage.rig, footage.body).track(found).angles[1]
     away = pose + np.random.default_rng(0).normal(0.0, 0.3, (8, 37))
     assert (said(pose[None]) > said(away)).all()

@@ -6,7 +6,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out
 
-.PHONY: demo test check check-evals docs setup gl clean
+.PHONY: demo test check check-evals tables release-check docs setup gl clean
 
 setup: $(VENV)/.ready gl
 
@@ -38,6 +38,15 @@ check: setup
 # A fixed small suite against recorded numbers; exit code 3 and a table when something got worse.
 check-evals: setup
 	$(BIN)/egocap-eval check --baseline evals/egocap_eval/baselines/ci.json
+
+# The tables of README and docs, from evals/results.
+tables: setup
+	$(BIN)/egocap-eval tables
+
+# For a release: no table differs from its result, and no result is stale.
+release-check: setup
+	$(BIN)/egocap-eval tables --check
+	$(BIN)/egocap-eval refresh --dry-run
 
 # The documentation, with its command and API reference, in out/site.
 docs: setup

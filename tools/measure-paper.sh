@@ -4,11 +4,11 @@
 #     sh tools/measure-paper.sh WORK MOTIONS HELDOUT
 #
 # WORK keeps footage between calls; MOTIONS is a folder with the validation clips; HELDOUT the
-# held-out set that `egocap-eval detector --heldout` makes. Run it on a machine that does nothing
+# validation frames that `egocap-eval detector --validation` makes. Run it on a machine that does nothing
 # else: the runtime study runs first. About an hour and a half on two cores, half of it training.
 # After new weights, remove WORK/quick/predictions/learned first: old predictions are refused.
 set -eu
-work=$1 motions=$2 heldout=$3
+work=$1 motions=$2 validation=$3
 bin=${BIN:-.venv/bin} results=evals/results
 
 measure() {  # exit code 3: a target was missed; the result lists it
@@ -28,7 +28,7 @@ for n in 1 2 3 4 5 6; do
 done
 "$bin/egocap-sim" generate train-varied --frames 200 --seed 300820 --out "$work/backgrounds"
 for study in augmentation training-set; do
-    measure $study "$work/chroma" --held-out "$heldout" --backgrounds "$work/backgrounds" \
+    measure $study "$work/chroma" --held-out "$validation" --backgrounds "$work/backgrounds" \
         --network tiny --steps 400 --store "$work/views" \
         --out $results/$(echo $study | tr - _).json
 done

@@ -4,8 +4,8 @@
 #     sh tools/release-detector.sh WEIGHTS.safetensors WORK MOTIONS
 #
 # WORK keeps footage between calls: WORK/calibration is made here of evals/calibration.toml, 90 people
-# that no training and no validation has seen, on six rigs; WORK/heldout is the held-out set. MOTIONS is a folder
-# of the validation set's clips alone (evals/egocap_eval/sets/motion_sets.toml), in bvh/ and npz/.
+# that no training and no validation has seen, on six rigs; WORK/validation holds the validation frames. MOTIONS is
+# a folder of the validation clips alone, in bvh/ and npz/: `egocap-eval motion-sets --link` makes it.
 set -eu
 weights=$1 work=$2 motions=$3
 bin=${BIN:-.venv/bin} shipped=egocap/detect/shipped results=evals/results
@@ -21,7 +21,7 @@ mkdir -p $shipped
 "$bin/egocap" calibrate-detector "$work/calibration" --weights "$weights" \
     --out $shipped/default.safetensors
 # Exit code 3: a target was missed, which the card says too.
-"$bin/egocap-eval" detector --heldout "$work/heldout" --motions "$motions" \
+"$bin/egocap-eval" detector --validation "$work/validation" --motions "$motions" \
     --picture $results/detector.png --out $results/detector.json || [ $? = 3 ]
 others=
 for rig in glasses headset4 cap; do

@@ -48,7 +48,7 @@ class DaskCluster:
             enter(entry)
             del left[index]
 
-        with _client(self.address) as client:
+        with connect(self.address) as client:
             for attempt in range(_ATTEMPTS):
                 if not left:
                     return
@@ -65,7 +65,8 @@ class DaskCluster:
             raise MachineError(f"the cluster lost the input of {len(left)} jobs {_ATTEMPTS} times")
 
 
-def _client(address: str) -> Any:
+def connect(address: str) -> Any:
+    """A client of a Dask scheduler. Raises MachineError without Dask or scheduler."""
     try:
         from distributed import Client
     except ImportError:

@@ -13,9 +13,7 @@ RESULTS = sorted(COMMITTED.glob("*.json"))
 
 @pytest.mark.parametrize("path", RESULTS, ids=lambda p: p.name)
 def test_result_has_its_row_and_its_provenance(path):
-    rows = [line for line in README.splitlines() if line.startswith("|")]
-    stem = path.name.replace("learned-validation-gesture", "-gesture")
-    assert any(f"{stem}`" in row and row.count("|") == 4 for row in rows), path.name
+    assert f"| `{path.name}` | `" in README, path.name
     record = load_result(path)
     assert record["command"].startswith(("egocap-eval ", "python "))
     assert record["machine"]["cores"] and record["date"]

@@ -1,4 +1,4 @@
-"""Detector weights and held-out footage in; PCK, calibration, speed and a model card out.
+"""Detector weights and validation footage in; PCK, calibration, speed and a model card out.
 
-The footage of `heldout` follows the paper's Validation2D.
+The footage of `validation` follows the paper's Validation2D.
 """

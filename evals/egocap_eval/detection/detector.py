@@ -75,25 +75,27 @@ class Scored:
 
 
 @dataclass(frozen=True)
-class HeldOutSet:
-    """The held-out set to score on."""
+class ValidationFrames:
+    """The validation frames to score on."""
 
-    heldout: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Score on the held-out set in this folder, at 640 x 512; missing sequences are generated."""
+    validation: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Score on the 1000 validation frames in this folder; missing sequences are generated."""
     motions: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of the clips that belong to the held-out set; 250 of its 1000 frames."""
+    """Folder of the clips of the validation frames; 250 of the 1000."""
     rig: Annotated[str | None, arg(metavar="NAME|FILE")] = None
-    """Another rig for the held-out set."""
+    """Another rig for the validation frames."""
     workers: int = 1
-    """Rendering processes for the held-out set."""
+    """Rendering processes for the validation frames."""
 
     def folders(self) -> list[Path]:
-        """Its sequences, generated where they are missing; none without `heldout`."""
-        from egocap_eval.detection.heldout import make_heldout
+        """Its sequences, generated where they are missing; none without `validation`."""
+        from egocap_eval.detection.validation_frames import make_validation
 
-        if self.heldout is None:
+        if self.validation is None:
             return []
-        return make_heldout(self.heldout, motions=self.motions, rig=self.rig, workers=self.workers)
+        return make_validation(
+            self.validation, motions=self.motions, rig=self.rig, workers=self.workers
+        )
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def study(
     sequences: Positional[tuple[Annotated[Path, arg(metavar="SEQ")], ...]] = (),
     /,
     detections: Annotated[Path | None, arg(metavar="FILE")] = None,
-    heldout: Annotated[HeldOutSet, OmitArgPrefixes] = HeldOutSet(),
+    validation: Annotated[ValidationFrames, OmitArgPrefixes] = ValidationFrames(),
     network: Annotated[DetectorOptions, OmitArgPrefixes] = DetectorOptions(),
     frames: int | None = None,
     untimed: bool = False,
@@ -129,15 +131,15 @@ def study(
     Args:
         sequences: Folders of sequences to score on.
         detections: Score these detections of the one sequence given; the detector is not run.
-        heldout: The held-out set to score on.
+        validation: The validation frames to score on.
         network: The detector to score.
         frames: Only so many frames of each sequence, from the first.
         untimed: Do not measure the speed.
         picture: Draw the curves there, .png.
     """
-    folders = [*sequences, *heldout.folders()]
+    folders = [*sequences, *validation.folders()]
     if not folders:
-        raise InputError("nothing to score on", valid="sequences, or --heldout DIR")
+        raise InputError("nothing to score on", valid="sequences, or --validation DIR")
     if detections is not None and len(folders) != 1:
         raise InputError(f"--detections with {len(folders)} sequences", valid="one")
     scored: dict[str, Scored] = {}

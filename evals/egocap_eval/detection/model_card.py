@@ -55,7 +55,8 @@ def card(
         "Calibration (`egocap calibrate-detector`), on footage it was not trained on:",
         _listed(weights.training.get("calibration", {"none": "as trained"})),
         "## How good it is",
-        f"On {result['frames']} stereo frames that nobody trained or tuned on "
+        f"On {result['frames']} validation frames, of people, places and clips unseen in training; "
+        "weights were chosen by this score "
         f"(`{record['command']}`, commit `{record['commit']}`):",
         *(table.markdown() for table in tables(result)),
         *([_other_rigs(others).markdown()] if others else []),

@@ -41,6 +41,8 @@ STUDIES = {
     "image-model": ("image_model.study", "Measure the image model: accuracy, basin of attraction."),
     "calibration": ("posterior.calibration", "Measure coverage of the posterior's regions."),
     "posterior": ("posterior.sampling", "Compare the tracker's error with its lower bound."),
+    "tables": ("evidence.tables", "Write the tables of README and docs from the results."),
+    "refresh": ("evidence.refresh", "Measure again the results whose sources have changed."),
     "rig": ("rig_design.rig", "Compare stereo rigs: visibility, error bounds, tracked errors."),
 }
 """A new study is one module and one line here (see `harness.study`)."""

@@ -19,7 +19,12 @@ log = logging.getLogger(__name__)
 
 
 def prepare_sequences(
-    suite: Suite, beside: Path, work: Path, motions: Path | None, workers: int
+    suite: Suite,
+    beside: Path,
+    work: Path,
+    motions: Path | None,
+    workers: int,
+    cluster: str | None = None,
 ) -> dict[str, Sequence]:
     """Open every sequence of a suite, generated where missing.
 
@@ -34,24 +39,29 @@ def prepare_sequences(
             log.warning("%s is left out: it needs --motions", entry.name)
             continue
         scene = _scene(entry, beside, motions)
-        found[entry.name] = prepare_sequence(scene, work / "sequences" / entry.name, workers)
+        folder = work / "sequences" / entry.name
+        found[entry.name] = prepare_sequence(scene, folder, workers, cluster)
     return found
 
 
-def prepare_sequence(scene: Scene, folder: Path, workers: int = 1) -> Sequence:
+def prepare_sequence(
+    scene: Scene, folder: Path, workers: int = 1, cluster: str | None = None
+) -> Sequence:
     """Open the sequence of a scene, generated or completed where it is missing.
 
     A complete sequence is not made again, even if another version of the simulator made it, so
     that versions of a method are compared on the same footage. One worker renders in this process,
-    which is fastest for short sequences. Raises InputError for a folder of another scene.
+    which is fastest for short sequences; with the address of a Dask scheduler its workers render.
+    Raises InputError for a folder of another scene.
     """
     from egocap_sim.record.recorder import generate
 
-    in_process = workers == 1 and not (folder / MANIFEST).is_file()
+    in_process = workers == 1 and cluster is None and not (folder / MANIFEST).is_file()
     if not in_process and (found := _finished(scene, folder)) is not None:
         return found
     with progress(scene.name, scene.frames) as advance:
-        generate(scene, folder, workers=0 if in_process else workers, on_frames=advance)
+        workers = 0 if in_process else workers
+        generate(scene, folder, workers=workers, cluster=cluster, on_frames=advance)
     return open_sequence(folder)
 
 

@@ -25,9 +25,14 @@ from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
 from egocap_eval.harness.result_file import config_hash, git_commit, write_text
 from egocap_eval.harness.score_pose import OWN_TRACKER, find_detections, run_tracker
+from egocap_eval.harness.sources import source_hashes
+from egocap_eval.harness.study_sources import FOOTAGE_TRACKED
 from egocap_eval.harness.suite import MethodEntry, Suite
 
 log = logging.getLogger(__name__)
+
+SOURCES = FOOTAGE_TRACKED
+"""What a prediction depends on beside its settings."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ def predict(jobs: list[Job], sequences: Mapping[str, Sequence]) -> None:
             job.path.parent.mkdir(parents=True, exist_ok=True)
             # The description first: a prediction without one would be refused.
             description = {"depends": dict(job.depends), "sha256": config_hash(job.depends),
-                           "commit": git_commit(),
+                           "commit": git_commit(), "sources": source_hashes(SOURCES),
                            "seconds": round(time.perf_counter() - started, 2)}  # fmt: skip
             write_text(_sidecar_path(job), json.dumps(description, indent=1) + "\n")
             save_predictions(job.path, made)
@@ -131,6 +136,16 @@ def require_same(job: Job) -> None:
             job.path, f"made with another configuration: {changes}",
             valid="another --work, or remove the old predictions to make them again",
         )  # fmt: skip
+
+
+def discard_changed(job: Job) -> None:
+    """Remove a saved prediction that was made with other settings or other code."""
+    if not job.depends or not job.path.is_file():
+        return
+    before = load_description(job)
+    now = {"depends": json.loads(json.dumps(dict(job.depends))), "sources": source_hashes(SOURCES)}
+    if any(before.get(key) != value for key, value in now.items()):
+        job.path.unlink()
 
 
 def load_description(job: Job) -> dict[str, Any]:

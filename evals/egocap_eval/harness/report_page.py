@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS, LIMBS
 from egocap.data.sequence import Sequence as Footage
 from egocap.evaluation.pose_errors import PoseErrors
-from egocap_eval.harness.result_file import provenance, write_text
+from egocap_eval.harness.result_file import git_commit, provenance, write_text
 from egocap_eval.harness.suite import Suite
 from egocap_eval.harness.thresholds import Numbers, paper_table, summary_tables
 
@@ -213,7 +213,7 @@ def _provenance(result: Mapping[str, Any]) -> dict[str, str]:
     machine = now["machine"]
     return {
         "date": now["date"],
-        "commit": now["commit"] or "an installed package",
+        "commit": git_commit() or "an installed package",
         "predictions made by commit": ", ".join(c for c in result["predicted_by"] if c) or "-",
         "machine": f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_gb']} GB",
         "versions": ", ".join(f"{k} {v}" for k, v in now["versions"].items()),

@@ -17,6 +17,8 @@ from typing import Any
 from egocap.errors import FileError
 from egocap.files import make_folder, write_atomically
 from egocap.schema import read_json
+from egocap_eval.harness.sources import file_hash, source_hashes
+from egocap_eval.harness.study_sources import sources_of
 
 SCHEMA = 1
 PACKAGES = (
@@ -34,12 +36,14 @@ def save_result(
     *,
     config: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
+    stamp: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a result with its provenance; the file appears whole or not at all.
 
     The file holds `schema`, `command`, `date` (UTC), `commit` (null outside a checkout, with
     '+changes' when the tree was not clean), `machine`, `versions` and the payload under `result`;
-    `config`, `config_sha256` and `seconds` where they are given.
+    `config`, `config_sha256` and `seconds` where they are given; of a study with declared sources
+    (`study_sources`) their hashes, and that of the detector's weights if it is one of them.
 
     Args:
         path: a .json file; its folder is made if missing.
@@ -47,15 +51,16 @@ def save_result(
         command: the command line that reproduces them.
         config: everything the numbers depend on, JSON-ready; recorded with its hash.
         seconds: how long it took, `wall` and `cpu`.
+        stamp: `code_stamp` from before the study ran; that of now when None.
 
     Raises:
         MachineError: the file cannot be written.
     """
-    record = {
-        "schema": SCHEMA,
-        "command": command if isinstance(command, str) else " ".join(command),
-        **provenance(),
-    }
+    command = command if isinstance(command, str) else " ".join(command)
+    stamp = code_stamp(command) if stamp is None else stamp
+    record = {"schema": SCHEMA, "command": command, **provenance(), **stamp}
+    if "weights" in stamp:
+        record["weights"] = (config or {}).get("weights") or stamp["weights"]
     if config is not None:
         record |= {"config": plain(config), "config_sha256": config_hash(config)}
     if seconds is not None:
@@ -93,10 +98,9 @@ def plain(value: Any) -> Any:
 
 
 def provenance() -> dict[str, Any]:
-    """Date, commit, machine and versions, JSON-ready."""
+    """Date, machine and versions, JSON-ready."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "commit": git_commit(),
         "machine": {
             "cpu": cpu_model(),
             "cores": os.cpu_count(),
@@ -115,6 +119,24 @@ def git_commit() -> str | None:
         return None  # no repository, or another one around an installed copy
     changed = _git(folder, "status", "--porcelain", "-uno", "--", ":/", *OUTPUTS)
     return head + ("+changes" if changed else "")
+
+
+def shipped_weights() -> str:
+    """SHA-256 of the detector's weights that are shipped."""
+    from egocap.detect.weights import shipped_file
+
+    return file_hash(shipped_file())
+
+
+def code_stamp(command: str) -> dict[str, Any]:
+    """The code as it is now: commit, hashes of the study's sources, and the detector's weights
+    where they are among them."""
+    sources = sources_of(command)
+    found: dict[str, Any] = {"commit": git_commit()}
+    found |= {"sources": source_hashes(sources)} if sources else {}
+    if any(path.startswith("egocap/detect/shipped") for path in sources):
+        found["weights"] = shipped_weights()
+    return found
 
 
 def cpu_model() -> str:

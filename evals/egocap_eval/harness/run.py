@@ -37,6 +37,7 @@ from egocap_eval.harness.commands import STUDIES, main
 from egocap_eval.harness.footage import prepare_sequences
 from egocap_eval.harness.predict import (
     Job,
+    discard_changed,
     find_sources,
     load_description,
     plan,
@@ -45,7 +46,9 @@ from egocap_eval.harness.predict import (
     settings,
 )
 from egocap_eval.harness.result_file import load_result, save_result, write_text
+from egocap_eval.harness.sources import source_hashes
 from egocap_eval.harness.study import Outcome
+from egocap_eval.harness.study_sources import sources_of
 from egocap_eval.harness.suite import Suite, find_suite, load_suite, shortened
 from egocap_eval.harness.thresholds import Numbers, missed_thresholds, paper_table, summary_tables
 
@@ -58,6 +61,8 @@ def study(
     workers: int = 2,
     html: bool = True,
     frames: Annotated[int | None, arg(metavar="N")] = None,
+    again: bool = False,
+    cluster: Annotated[str | None, arg(metavar="ADDRESS")] = None,
 ) -> Outcome:
     """Run a suite; exit code 3 when a threshold is missed.
 
@@ -70,6 +75,9 @@ def study(
         workers: Rendering processes.
         html: Do not write report.html and report.md.
         frames: Try the suite: at most N frames of each sequence, one seed, no studies.
+        again: Make predictions and studies of other settings, weights or code again; without it,
+            those of other settings or weights are refused.
+        cluster: Address of a Dask scheduler whose workers render missing sequences.
     """
     path = find_suite(suite)
     loaded = load_suite(path)
@@ -78,12 +86,12 @@ def study(
         loaded = shortened(loaded, frames)
     work = Path("out") / loaded.name if work is None else work
     _lock(work, loaded)
-    sequences = prepare_sequences(loaded, path.parent, work, motions, workers)
+    sequences = prepare_sequences(loaded, path.parent, work, motions, workers, cluster)
     sources, absent = find_sources(loaded, path.parent, sequences)
     jobs = list(plan(loaded, sequences, path.parent, work, sources))
     for job in jobs:  # all of them before any long work
-        require_same(job)
-    run_studies(loaded, work)
+        discard_changed(job) if again else require_same(job)
+    run_studies(loaded, work, again)
     predict(jobs, sequences)
     scores, scored = score(loaded, jobs, sequences)
     words = ["egocap-eval", "run", suite, *(["--frames", str(frames)] if frames else [])]
@@ -151,14 +159,18 @@ def _summary(
     }
 
 
-def run_studies(suite: Suite, work: Path) -> None:
-    """Run the suite's studies whose results are missing, by their own commands."""
+def run_studies(suite: Suite, work: Path, again: bool = False) -> None:
+    """Run the suite's studies whose results are missing, by their own commands.
+
+    `again` also runs those whose results are of other options or sources.
+    """
     for entry in suite.studies:
         path = work / "studies" / f"{entry.name}.json"
         words = [entry.name, *entry.options, "--out", str(path)]
-        if path.is_file():
+        command = shlex.join(["egocap-eval", *words])
+        if path.is_file() and not (again and _differs(path, command)):
             before = load_result(path)["command"]
-            if before != shlex.join(["egocap-eval", *words]):
+            if before != command:
                 raise FileError(path, f"is of another command: {before}",
                                 valid="another --work, or remove it")  # fmt: skip
             continue
@@ -166,6 +178,13 @@ def run_studies(suite: Suite, work: Path) -> None:
             code = main(words)
         if code not in (0, 3) or not path.is_file():
             raise InputError(f"the study '{entry.name}' failed with exit code {code}")
+
+
+def _differs(path: Path, command: str) -> bool:
+    """Whether a study's result is of another command or of other sources."""
+    record = load_result(path)
+    return (record["command"], record.get("sources")) != (
+        command, source_hashes(sources_of(command)))  # fmt: skip
 
 
 def missed_by_studies(suite: Suite, work: Path) -> list[str]:

@@ -1,8 +1,8 @@
 """Hashes of source files, for telling whether a result is of the code at hand.
 
-Paths are relative to the repository, `egocap_eval` standing for its package wherever it lies; a
-folder stands for all files in it. Python is hashed by its syntax tree: comments, docstrings and
-layout do not count.
+Paths are relative to the repository, `egocap_eval` standing for its package wherever it lies. A
+folder stands for all files in it, and a pattern (`egocap/detect/*.py`) for the files it matches.
+Python is hashed by its syntax tree: comments, docstrings and layout do not count.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def source_hashes(paths: Iterable[str]) -> dict[str, str]:
 
 
 def locate(path: str) -> Path:
-    """File or folder of a source path. Raises FileError if there is none."""
+    """File, folder or pattern of a source path. Raises FileError if there is none."""
     package, _, rest = path.partition("/")
     if package in PACKAGES:
         spec = find_spec(package)
@@ -34,7 +34,7 @@ def locate(path: str) -> Path:
         found = Path(spec.submodule_search_locations[0]) / rest
     else:
         found = Path(__file__).parents[3] / path
-    if not found.exists():
+    if not (found.exists() or any(found.parent.glob(found.name))):
         raise FileError(found, "no such source file or folder")
     return found
 
@@ -50,8 +50,9 @@ def python_hash(text: str) -> str:
 @cache
 def _path_hash(path: str) -> str:
     found = locate(path)
-    files = [found] if found.is_file() else sorted(p for p in found.rglob("*") if _counts(p))
-    lines = (f"{file.relative_to(found)} {file_hash(file)}" for file in files)
+    matched = found.rglob("*") if found.is_dir() else found.parent.glob(found.name)
+    files = sorted(p for p in matched if _counts(p))
+    lines = (f"{file.relative_to(found.parent)} {file_hash(file)}" for file in files)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 

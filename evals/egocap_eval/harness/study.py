@@ -24,7 +24,7 @@ from tyro.conf import arg
 from egocap.commandline import DONE, MISSED
 from egocap.errors import InputError
 from egocap.evaluation.table import Table
-from egocap_eval.harness.result_file import plain, save_result, write_text
+from egocap_eval.harness.result_file import code_stamp, plain, save_result, write_text
 
 FORMATS = (".json", ".md", ".txt")
 
@@ -84,12 +84,13 @@ def as_command(
     def command(*args: Any, **options: Any) -> int:
         json, markdown, out = (options.pop(p.name) for p in common)
         _check_output(json, markdown, out)
+        stamp = code_stamp(f"egocap-eval {name}") if out is not None else {}
         wall, cpu = time.perf_counter(), time.process_time()
         outcome = study(*args, **options)
         spent = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
         given = signature.bind(*args, **options).arguments
         if out is not None:
-            _write(out, outcome, ["egocap-eval", *words], given, spent)
+            _write(out, outcome, ["egocap-eval", *words], given, spent, stamp)
         print(outcome.to_json() if json else outcome.to_markdown() if markdown
               else outcome.to_text())  # fmt: skip
         for what in outcome.missed:
@@ -113,12 +114,13 @@ def _check_output(json: bool, markdown: bool, out: Path | None) -> None:
 
 def _write(
     path: Path, outcome: Outcome, words: Sequence[str], options: Mapping[str, Any],
-    seconds: Mapping[str, float],
+    seconds: Mapping[str, float], stamp: Mapping[str, Any],
 ) -> None:  # fmt: skip
     if path.suffix == ".json":
         config = {"options": plain(options), **outcome.config}
         result = {**outcome.result, "missed": list(outcome.missed)}
-        save_result(path, result, shlex.join(words), config=config, seconds=seconds)
+        save_result(path, result, shlex.join(words), config=config, seconds=seconds,
+                    stamp=stamp)  # fmt: skip
     else:
         text = outcome.to_markdown() if path.suffix == ".md" else outcome.to_text()
         write_text(path, text + "\n")

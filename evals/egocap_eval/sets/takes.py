@@ -7,7 +7,7 @@ are rotated onto those of the other, since rest poses differ; what agrees then i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -21,7 +21,7 @@ from tyro.conf import arg
 from egocap.commandline import progress
 from egocap.errors import EgocapError
 from egocap.evaluation.table import Table
-from egocap.files import make_folder
+from egocap.files import disk_errors, make_folder
 from egocap.geometry import unit
 from egocap_eval.harness.study import Outcome
 from egocap_eval.sets.motion_sets import SETS, motion_sets, split_clips
@@ -62,7 +62,8 @@ def study(
 
     Args:
         motions: Folder of motion clips.
-        link: Make links to the training clips in this folder, for `egocap-sim generate --motions`.
+        link: Make links to the training and the validation clips, in two folders in this one, for
+            `egocap-sim generate --motions`.
     """
     split = split_clips(motions)
     found, unread = {}, {}
@@ -76,10 +77,8 @@ def study(
                 unread[path.name] = str(error)
     matches = list(matching(found))
     if link is not None:
-        make_folder(link)
-        for path in split["training"]:
-            (link / path.name).unlink(missing_ok=True)
-            (link / path.name).symlink_to(path.resolve())
+        for name in ("training", "validation"):
+            link_clips(split[name], motions, link / name)
     result: dict[str, Any] = {
         "clips": {name: [path.name for path in split[name]] for name in SETS},
         "excluded": dict(motion_sets().excluded), "unread": unread,
@@ -89,6 +88,16 @@ def study(
     missed = [f"{m.first} and {m.second} are one take (correlation {m.correlation:.3f})"
               for m in matches]  # fmt: skip
     return Outcome(result, [Table("", ("set", "clips"), rows)], missed)
+
+
+def link_clips(clips: Sequence[Path], folder: Path, out: Path) -> None:
+    """Make links to clips of a folder at the same places in another one."""
+    for path in clips:
+        place = out / path.relative_to(folder)
+        make_folder(place.parent)
+        with disk_errors(place):
+            place.unlink(missing_ok=True)
+            place.symlink_to(path.resolve())
 
 
 def matching(clips: Mapping[str, tuple[str, Directions]]) -> Iterator[Match]:

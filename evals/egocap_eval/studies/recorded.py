@@ -35,7 +35,7 @@ from egocap_eval.harness.sources import file_hash, source_hashes
 from egocap_eval.harness.study import Outcome
 from egocap_eval.sets.motion_sets import motion_sets, split_clips
 from egocap_eval.sets.test_log import log_look
-from egocap_eval.studies.personalised import CALIBRATION_S, calibration_scene
+from egocap_eval.studies.personalised import CALIBRATION_S, calibration_scene, live_joints
 from egocap_sim.scene.config import Scene
 
 SIZE = (640, 512)
@@ -201,10 +201,7 @@ def fitted_scores(one: Recording) -> Scores:
 
 def live_scores(one: Recording) -> Scores:
     """Errors of the online tracker with the true proportions."""
-    tracker = egocap.OnlineTracker(one.footage.rig, one.footage.body)
-    found = one.detections
-    joints = [tracker.step(found[t : t + 1]).joints_head for t in range(len(found.times))]
-    return pose_scores(egocap.evaluate(np.array(joints), one.footage))
+    return pose_scores(egocap.evaluate(live_joints(one.footage, one.detections), one.footage))
 
 
 CASES: Mapping[str, Callable[[Recording], Scores]] = {

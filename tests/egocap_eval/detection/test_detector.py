@@ -14,7 +14,7 @@ from egocap.detect.canonical_view import CanonicalView
 from egocap.errors import FileError, InputError
 from egocap_eval.detection.detector import CURVE, GROUPS, missed, score, study, summary, tables
 from egocap_eval.detection.detector_plots import draw
-from egocap_eval.detection.heldout import PARTS, heldout_scenes, make_heldout
+from egocap_eval.detection.validation_frames import PARTS, make_validation, validation_scenes
 from egocap_sim.world.world import World
 
 
@@ -97,7 +97,7 @@ def test_study_of_a_file(sequence, tmp_path):
     assert "89.5" in outcome.to_text() and (tmp_path / "p.png").stat().st_size > 10000
     with pytest.raises(InputError, match="one"):
         study((sequence.folder, sequence.folder), detections=tmp_path / "d.npz")
-    with pytest.raises(InputError, match="heldout"):
+    with pytest.raises(InputError, match="validation"):
         study(())
 
 
@@ -118,17 +118,17 @@ def test_drawing_takes_what_could_not_be_measured(sequence, tmp_path):
     assert (tmp_path / "p.png").is_file()
 
 
-def test_heldout_footage_is_of_validation_seeds(tmp_path):
+def test_validation_footage_is_of_validation_seeds(tmp_path):
     assert sum(p.frames for p in PARTS.values()) == 1000
-    scenes = heldout_scenes()
+    scenes = validation_scenes()
     assert sum(s.frames for s in scenes) == 750
     assert all(160 <= s.seed <= 170 and s.rig.size == (640, 512) for s in scenes)
-    assert {s.rig.name for s in heldout_scenes(rig="egorig2")} == {"egorig2"}
+    assert {s.rig.name for s in validation_scenes(rig="egorig2")} == {"egorig2"}
     with pytest.raises(FileError, match="no such clip"):
-        make_heldout(tmp_path / "out", motions=tmp_path)
+        make_validation(tmp_path / "out", motions=tmp_path)
 
 
-def test_heldout_footage_of_a_rig_file_keeps_its_aspect(tmp_path):
+def test_validation_footage_of_a_rig_file_keeps_its_aspect(tmp_path):
     path = tmp_path / "square.toml"
     path.write_text(
         """name = "square"
@@ -144,17 +144,17 @@ up = 0.1
 pitch = 70.0
 """
     )
-    scenes = heldout_scenes(rig=str(path))
+    scenes = validation_scenes(rig=str(path))
     assert {s.rig.size for s in scenes} == {(640, 640)}
     assert {s.rig.file for s in scenes} == {str(path)} and {s.rig.name for s in scenes} == {None}
     with pytest.raises(FileError, match=r"none\.toml"):
-        heldout_scenes(rig="none.toml")
+        validation_scenes(rig="none.toml")
 
 
 @pytest.mark.parametrize("name", ["ocam", "wide", "narrow"])
 def test_rigs_that_no_training_has_seen_can_be_rendered(name):
     path = Path(__file__).parents[3] / "evals/rigs" / f"{name}.toml"
-    scene = heldout_scenes(rig=str(path))[0]
+    scene = validation_scenes(rig=str(path))[0]
     rig = World(scene).rig
     assert rig.name == name and rig.cameras[0].width == 640
     assert all(CanonicalView(mount).mask.mean() > 0.4 for mount in rig.mounts)

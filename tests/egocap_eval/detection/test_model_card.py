@@ -37,7 +37,7 @@ def test_the_card_holds_what_was_measured(files):
     text = card(weights, result)
     pck = f"{result['result']['visible']['pck20']:.1f}"
     for words in (weights.sha256, "egocap train data", "1234", "views: 560", pck, "89.5",
-                  "On 4 stereo frames", "What it cannot do"):  # fmt: skip
+                  "On 4 validation frames", "What it cannot do"):  # fmt: skip
         assert words in text, words
 
 

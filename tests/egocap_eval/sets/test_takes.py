@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from egocap_eval.sets.takes import SAME, correlation, limb_directions, matching, mirrored
+from egocap_eval.sets.takes import (
+    SAME,
+    correlation,
+    limb_directions,
+    link_clips,
+    matching,
+    mirrored,
+)
 from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.motion.generators.registry import make_motion
 
@@ -41,3 +48,12 @@ def test_directions_do_not_depend_on_place_heading_or_size():
     standing = limb_directions(clip.positions)[0]
     assert standing[2, 2] < -0.8 and standing[6, 2] < -0.8  # thighs point down
     assert INDEX["l_thigh"] != INDEX["r_thigh"]
+
+
+def test_links_keep_the_places_of_clips(tmp_path):
+    clip = tmp_path / "clips" / "bvh" / "007_05.bvh"
+    clip.parent.mkdir(parents=True)
+    clip.write_text("x")
+    for _ in range(2):  # again without an error
+        link_clips([clip], tmp_path / "clips", tmp_path / "links")
+    assert (tmp_path / "links/bvh/007_05.bvh").resolve() == clip

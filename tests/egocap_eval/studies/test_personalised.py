@@ -5,11 +5,12 @@ import pytest
 
 from egocap.errors import InputError
 from egocap_eval.studies.personalised import (
+    BODIES,
     _means,
     _missed,
     development_cases,
-    heldout_cases,
     study,
+    validation_cases,
 )
 from egocap_sim.world.world import World
 
@@ -24,8 +25,8 @@ def test_calibration_shows_the_same_person_in_another_motion():
     assert case.calibration.frames == 360
 
 
-def test_the_held_out_are_tracked_as_their_scenes_say():
-    walk, gesture = heldout_cases()
+def test_the_validation_people_are_tracked_as_their_scenes_say():
+    walk, gesture = validation_cases()
     assert [c.clips[0].frames for c in (walk, gesture)] == [250, 750]
     assert walk.clips[0].motion.name == "walk"
     assert walk.calibration.seed == walk.clips[0].seed == 162
@@ -46,12 +47,12 @@ def test_what_misses_its_target_is_named():
     missed = _missed({"a": lines}, rows)
     assert len(missed) == 3
     assert missed[0].startswith("a, knee: 3.4 %") and "validation-walk, mpjpe_mm: 31.0" in missed[1]
-    means = _means([row("w", body, mpjpe_mm=v) for body in ("fitted", "true", "average")
+    means = _means([row("w", body, mpjpe_mm=v) for body in BODIES
                     for v in (10.0, 20.0)])  # fmt: skip
     assert means["true"]["mpjpe_mm"] == pytest.approx(15.0)
 
 
-def test_training_and_held_out_seeds_are_refused(tmp_path):
+def test_training_and_validation_seeds_are_refused(tmp_path):
     for seed in (162, 300000, 409999):
         with pytest.raises(InputError, match="400000 to 409999"):
             study(tmp_path, people=6, first_seed=seed)

@@ -1,7 +1,8 @@
-"""Held-out footage for the detector: 1000 stereo frames, after the paper's Validation2D.
+"""Validation footage of the detector: 1000 stereo frames, after the paper's Validation2D.
 
-None of its content is used in training: people, clothes and places have the seeds 160 to 170,
-motions are those of the named scenes and of validation clips.
+People, clothes and places have the seeds 160 to 170, which training does not use. 750 frames are of
+procedural motions, from the generators that training uses, with other seeds; 250 are of recorded
+clips of the validation set. Weights are chosen by this score.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ SIZE = (640, 512)
 
 @dataclass(frozen=True)
 class Part:
-    """One sequence of the held-out set: so many frames of a built-in scene."""
+    """One sequence of the validation frames: so many frames of a built-in scene."""
 
     scene: str
     frames: int
@@ -44,7 +45,7 @@ PARTS: dict[str, Part] = {
 """With the clips 1000 frames, without 750."""
 
 
-def make_heldout(
+def make_validation(
     out: Path,
     *,
     motions: Path | None = None,
@@ -52,7 +53,7 @@ def make_heldout(
     rig: str | None = None,
     workers: int = 1,
 ) -> list[Path]:
-    """Generate missing sequences of the held-out set in folder `out`; return all folders.
+    """Generate missing sequences of the validation frames in folder `out`; return all folders.
 
     Args:
         out: folder of the set, one sequence a folder in it.
@@ -65,17 +66,17 @@ def make_heldout(
     Raises:
         FileError: a clip or rig is missing, or `out` holds other sequences under these names.
     """
-    scenes = heldout_scenes(motions, size, rig)
+    scenes = validation_scenes(motions, size, rig)
     for scene in scenes:
         with progress(scene.name, scene.frames) as advance:
             generate(scene, out / scene.name, workers=workers, on_frames=advance)
     return [out / scene.name for scene in scenes]
 
 
-def heldout_scenes(
+def validation_scenes(
     motions: Path | None = None, size: tuple[int, int] = SIZE, rig: str | None = None
 ) -> list[Scene]:
-    """The scenes of the held-out set; those of clips only where there is a folder of motions."""
+    """The scenes of the validation frames; those of clips only with a folder of motions."""
     return [
         _scene(name, part, motions, size, rig)
         for name, part in PARTS.items()

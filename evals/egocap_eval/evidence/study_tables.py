@@ -1,0 +1,253 @@
+"""The tables of speed, simulated detections, rigs, uncertainty, simulation and image model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from egocap_eval.evidence.page_table import Results, markdown, number
+
+
+def speed(results: Results) -> str:
+    """Frames a second of the detector, the tracker and the whole."""
+    return markdown(
+        ("speed, two threads", "frames/s"),
+        [
+            *results.rows("runtime.json", "whole", _speeds),
+            *results.rows(
+                "detector_speed.json",
+                "detector",
+                lambda r: [
+                    (f"detector alone, {name}", number(e["pairs_per_second"]))
+                    for name, e in r["engines"].items()
+                    if "missing" not in e
+                ],
+            ),
+        ],
+        results,
+    )
+
+
+def simulated(results: Results) -> str:
+    """Tracking from simulated detections."""
+    header = (
+        "sequence and detections",
+        "frames",
+        "all, mm",
+        "worst seed",
+        "visible",
+        "hidden",
+        "visible joints, %",
+        "frames/s",
+    )
+    rows = results.rows(
+        "accuracy.json",
+        "sequences",
+        lambda r: [
+            (
+                f"{row['sequence']}, {_source(row['detections'])}",
+                str(row["frames"]),
+                number(row["mpjpe_mm"]),
+                number(row["worst_seed_mm"]),
+                number(row["seen_mm"]),
+                number(row["hidden_mm"]),
+                number(100 * row["seen_share"], 0),
+                number(row["frames_per_second"], 0),
+            )
+            for row in r["rows"]
+        ],
+    )
+    return markdown(header, rows, results)
+
+
+def baseline(results: Results) -> str:
+    """Tracked error and bound by the distance between the cameras, and the verdicts."""
+    header = ("distance between the cameras", "tracked error, mm", "bound, mm")
+    rows = results.rows(
+        "rig.json",
+        "sweep",
+        lambda r: [
+            (
+                f"{c['measures']['baseline']:.2f} m",
+                number(c["tracked"]["tracked_mm"]),
+                number(c["bound_mm"]),
+            )
+            for c in r["candidates"]
+            if c["tracked"]
+        ],
+    )
+    rows += results.rows(
+        "stress.json",
+        "stress",
+        lambda r: [(f"over six motions: {r['best_baseline']['words']}", "", "")],
+    )
+    return markdown(header, rows, results)
+
+
+def coverage(results: Results) -> str:
+    """Coverage of the posterior's regions, on its own model's data and on detections."""
+    header = ("data", "frames", "50 %", "80 %", "95 %", "chains with R-hat above 1.05")
+    rows = results.rows(
+        "calibration.json",
+        "the posterior's own model",
+        lambda r: [("the posterior's own model", *_coverage(r["well_specified"]))],
+    )
+    rows += results.rows(
+        "calibration-detector.json",
+        "the detector",
+        lambda r: [
+            ("the detector, as it is", *_coverage(r["before"])),
+            (
+                f"the detector, temperature {r['temperature']:.1f} fitted to other frames",
+                *_coverage(r["after"]),
+            ),
+        ],
+    )
+    return markdown(header, rows, results)
+
+
+def ablation(results: Results) -> str:
+    """The effect of each part of our tracker and of the paper's."""
+    header = ("variant", "error, mm", "change, mm", "arms", "legs", "visible", "hidden")
+    rows = results.rows(
+        "ablation.json",
+        "variants",
+        lambda r: [
+            (
+                row["variant"],
+                number(row["mpjpe_mm"]["mean"]),
+                _plus_minus(row["change_mm"]),
+                *(number(row[m]) for m in ("upper_mm", "lower_mm", "seen_mm", "hidden_mm")),
+            )
+            for row in r["rows"]
+        ],
+    )
+    return markdown(header, rows, results)
+
+
+def simulation(results: Results) -> str:
+    """Speed of generation and rendering."""
+    rows = results.rows("generation-long.json", "generation", _generated)
+    rows += results.rows("generation.json", "generation", _generated)
+    rows += results.rows(
+        "episodes.json",
+        "episodes",
+        lambda r: [
+            (
+                f"{row['scene']}, episodes, workers: {row['workers']}",
+                number(row["fps"]),
+                f"{100 * row['preparation']:.1f} % of it preparing episodes",
+            )
+            for row in r["rows"]
+        ],
+    )
+    rows += results.rows(
+        "rendering.json",
+        "rendering",
+        lambda r: [
+            (
+                f"rendering alone, {row['size']}",
+                number(row["fps"]),
+                f"{row['ratio']:.1f} times stock pyrender",
+            )
+            for row in r["rows"]
+        ],
+    )
+    return markdown(("stereo frames a second", "frames/s", ""), rows, results)
+
+
+def physics(results: Results) -> str:
+    """How closely simulated people follow recorded clips."""
+    measures = {
+        "joint_error_cm": "joint error, cm",
+        "joint_error_max_cm": "largest, cm",
+        "planted_foot_speed_cm_s": "slide of planted feet, cm/s",
+        "penetration_cm": "depth in the floor, cm",
+        "residual_wrench_bw": "residual wrench, body weights",
+        "ms_per_second": "ms of one core a second",
+    }
+    rows = results.rows(
+        "physics.json",
+        "clips",
+        lambda r: [
+            (f"{name} of {r['clips']} clips", *(number(r[name][m], 2) for m in measures))
+            for name in ("median", "worst")
+        ],
+    )
+    return markdown(("clip", *measures.values()), rows, results)
+
+
+def image_model(results: Results) -> str:
+    """Speed of the image model, and tracking by colour alone."""
+    rows = results.rows("image_model_times.json", "times", _image_model_times)
+    rows += results.rows(
+        "image_model.json",
+        "tracking",
+        lambda r: [
+            (
+                f"upper body by colour alone, clip {i + 1}: mean error",
+                f"{e['mean_mm']:.0f} mm",
+                f"arms lost in {e['arms']['lost']} frames",
+            )
+            for i, e in enumerate(r["live"].values())
+        ],
+    )
+    return markdown(("image model, both views at 128 x 128", "", ""), rows, results)
+
+
+def _speeds(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
+    pipeline = result["pipeline"]
+    latency = pipeline["live"]["latency_ms"]
+    yield "images to poses, all frames", number(pipeline["batch"]["frames_per_second"])
+    yield (
+        f"images to poses, live (latency {latency['median']:.0f} ms, 95 % below "
+        f"{latency['p95']:.0f} ms)",
+        number(pipeline["live"]["frames_per_second"]),
+    )
+    for name, solver in result["solvers"].items():
+        yield (
+            f"tracker alone, {name}, {solver['mpjpe_mm']:.0f} mm over {solver['frames']} frames",
+            number(solver["frames_per_second"]),
+        )
+
+
+def _source(words: str) -> str:
+    names = {
+        "simulated:0,occluded=keep": "exact, all joints",
+        "simulated:2.0": "2 px noise, hidden joints missing",
+    }
+    return names.get(words, "noise like the detector's")
+
+
+def _coverage(measured: Mapping[str, Any]) -> list[str]:
+    levels = measured["levels"]
+    return [
+        str(measured["frames"]),
+        *(f"{100 * levels[level]['coverage']:.1f} %" for level in ("0.5", "0.8", "0.95")),
+        f"{measured['frames_above_rhat_1.05']} of {measured['frames']}",
+    ]
+
+
+def _plus_minus(entry: Mapping[str, float] | None) -> str:
+    return "-" if entry is None else f"{entry['mean']:+.1f} +- {entry['half_interval']:.1f}"
+
+
+def _image_model_times(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
+    kernel, reference = result["kernel"]["ratio"], result["reference"]["ratio"]
+    yield (
+        "energy and gradient",
+        f"{kernel['energy_and_gradient']['ms']:.1f} ms",
+        f"{reference['times_slower']:.0f} times faster than torch with autograd",
+    )
+    yield "a stochastic step of 600 rays", f"{result['stochastic']['step']['ms']:.2f} ms", ""
+    live = result["live"]["gauss_newton"]
+    yield "upper body by colour alone", f"{live['frames_per_second']:.0f} frames/s", ""
+
+
+def _generated(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
+    for row in result["rows"]:
+        yield (
+            f"{row['size']}, {row['frames']} frames, workers: {row['workers']}",
+            number(row["fps"]),
+            f"{row['steady_fps']:.1f} after start-up",
+        )

@@ -1,0 +1,64 @@
+"""The sources of each study: the code and data whose change makes its results stale.
+
+Studies are named as in `egocap_eval.harness.commands`, benchmarks by their path. A study without a
+line here has results of its own input only (`pose`, `compare`), which are not kept.
+"""
+
+from __future__ import annotations
+
+DETECTOR = ("egocap/detect/*.py", "egocap/detect/shipped/*.safetensors")
+GEOMETRY = ("egocap/geometry.py", "egocap/cameras", "egocap/body")
+TRACKER = (*GEOMETRY, "egocap/pose", "egocap/track")
+SCORES = ("egocap/evaluation/*.py",)
+WORLD = (*(f"egocap_sim/{room}" for room in (
+    "assets", "core", "crowd", "environment", "human", "motion", "physics", "props", "render",
+    "scene", "sensor", "truth", "world")), "scenes")  # fmt: skip
+NOISE = ("egocap/detect/synthetic.py",)
+MOTION_TRUTH = ("egocap_eval/harness/motion_truth.py",)
+HARNESS = ("egocap_eval/harness/footage.py",)
+TRAINING = (*DETECTOR, "egocap/detect/train")
+IMAGE_MODEL = ("egocap/image_model",)
+PAPER = (*IMAGE_MODEL, "egocap/paper")
+FOOTAGE_TRACKED = (*DETECTOR, *TRACKER, *SCORES, *WORLD, *HARNESS)
+SMALL_DETECTORS = (*TRAINING, *WORLD, "egocap_eval/studies/small_detectors.py")
+VALIDATION_FRAMES = ("egocap_eval/detection/validation_frames.py",)
+
+STUDY_SOURCES: dict[str, tuple[str, ...]] = {
+    "ablation": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/ablation.py",
+                 "egocap_eval/studies/recovery.py"),
+    "accuracy": (*NOISE, *TRACKER, *SCORES, *WORLD, "egocap_eval/studies/accuracy.py"),
+    "augmentation": (*SMALL_DETECTORS, "egocap_eval/studies/augmentation.py"),
+    "calibration": (*DETECTOR, *GEOMETRY, "egocap/pose", "egocap/posterior", *WORLD,
+                    "egocap_eval/posterior"),
+    "crash-recovery": (*WORLD, "egocap_sim/record", "egocap/data",
+                       "egocap_eval/studies/crash_recovery.py"),
+    "dataset": (*WORLD, "egocap_eval/harness/dataset_card.py"),
+    "detector": (*DETECTOR, *GEOMETRY, *SCORES, *WORLD, *VALIDATION_FRAMES,
+                 "egocap_eval/detection/detector.py"),
+    "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),
+    "personalised": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/studies/personalised.py"),
+    "physics": (*GEOMETRY, *WORLD, "egocap_eval/studies/physics.py"),
+    "posterior": (*FOOTAGE_TRACKED, "egocap/posterior", "egocap_eval/posterior"),
+    "recorded": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/sets",
+                 "egocap_eval/studies/recorded.py", "egocap_eval/studies/personalised.py"),
+    "rig": (*NOISE, *TRACKER, *WORLD, *MOTION_TRUTH, "egocap/posterior", "egocap_eval/rig_design"),
+    "run": (*FOOTAGE_TRACKED, "egocap_eval/suites", "egocap_eval/harness/predict.py",
+            "egocap_eval/harness/run.py"),
+    "runtime": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/runtime.py"),
+    "stress": (*NOISE, *TRACKER, *SCORES, *WORLD, *MOTION_TRUTH, "egocap_eval/studies/stress.py"),
+    "stress-rendered": (*FOOTAGE_TRACKED, "egocap_eval/studies/stress_rendered.py"),
+    "training-set": (*SMALL_DETECTORS, "egocap_eval/studies/training_set.py"),
+    "visibility": (*GEOMETRY, *WORLD, "egocap_eval/studies/visibility.py"),
+    "benchmarks/detector.py": (*DETECTOR, "benchmarks/detector.py"),
+    "benchmarks/episodes.py": (*WORLD, "egocap_sim/record", "benchmarks/episodes.py"),
+    "benchmarks/generation.py": (*WORLD, "egocap_sim/record", "benchmarks/generation.py"),
+    "benchmarks/image_model.py": (*GEOMETRY, *IMAGE_MODEL, "benchmarks/image_model.py"),
+    "benchmarks/rendering.py": (*WORLD, "benchmarks/rendering.py"),
+}  # fmt: skip
+
+
+def sources_of(command: str) -> tuple[str, ...]:
+    """The sources of the study that a command line runs; empty for one without a line here."""
+    words = command.split()
+    name = next((w for w in words[1:] if not w.startswith("-")), "")
+    return STUDY_SOURCES.get(name, ())

@@ -11,7 +11,6 @@ import hashlib
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from glob import glob
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -100,12 +99,18 @@ def make(entry: ResultEntry, work: Path, motions: Path, commit: str) -> dict[str
 
 def _with_python(words: Sequence[str]) -> list[str]:
     """The command line with this interpreter and with patterns of paths replaced by the paths."""
-    words = [path for word in words for path in (sorted(glob(word)) if "*" in word else [word])]
+    words = [path for word in words for path in _paths(word)]
     module = {"egocap-eval": "egocap_eval", "egocap-sim": "egocap_sim", "egocap": "egocap"}
     if words[0] in module:
         return [sys.executable, "-m", module[words[0]], *words[1:]]
     assert words[0] == "python", words
     return [sys.executable, *words[1:]]
+
+
+def _paths(word: str) -> list[str]:
+    """The paths that match a pattern in the last part of a path; any other word as it is."""
+    path = Path(word)
+    return sorted(map(str, path.parent.glob(path.name))) if "*" in path.name else [word]
 
 
 Run = Callable[[Sequence[ResultEntry], Path, Path], dict[str, str]]

@@ -45,12 +45,12 @@ def test_a_folder_that_is_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "not a readable result"),
-        ("[1]", "not a result"),
+        ("", "not JSON"),
+        ("[1]", "JSON object"),
         ("{}", "not a result"),
         ('{"schema": 99, "command": "", "result": {}}', "schema"),
         ('{"schema": "1", "command": "", "result": {}}', "schema"),
-        ("[" * 100_000, "not a readable result"),
+        ("[" * 100_000, "nested too deeply"),
     ],
 )
 def test_other_files_are_refused(tmp_path, content, message):

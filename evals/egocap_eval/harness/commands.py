@@ -36,7 +36,7 @@ STUDIES = {
     "training-set": ("studies.training_set", "Train detectors on fewer people or frames."),
     "learn-prior": ("studies.learn_prior", "Learn the tracker's pose or motion prior from clips."),
     "motion-sets": ("sets.takes", "List the sets of motion clips; find takes that two sets share."),
-    "dataset": ("harness.dataset_card", "Count a data set's people, rigs and visible joints."),
+    "dataset": ("studies.dataset_card", "Count a data set's people, rigs and visible joints."),
     "detector": ("detection.detector", "Score the learned detector: PCK, calibration, speed."),
     "image-model": ("image_model.study", "Measure the image model: accuracy, basin of attraction."),
     "calibration": ("posterior.calibration", "Measure coverage of the posterior's regions."),

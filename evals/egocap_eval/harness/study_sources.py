@@ -32,7 +32,7 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                     "egocap_eval/posterior"),
     "crash-recovery": (*WORLD, "egocap_sim/record", "egocap/data",
                        "egocap_eval/studies/crash_recovery.py"),
-    "dataset": (*WORLD, "egocap_eval/harness/dataset_card.py"),
+    "dataset": (*WORLD, "egocap_eval/studies/dataset_card.py"),
     "detector": (*DETECTOR, *GEOMETRY, *SCORES, *WORLD, *VALIDATION_FRAMES,
                  "egocap_eval/detection/detector.py"),
     "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),

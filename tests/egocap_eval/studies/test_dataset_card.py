@@ -4,7 +4,7 @@ import numpy as np
 
 from egocap.body.labels import LABELS
 from egocap.cameras.rig_files import load_rig
-from egocap_eval.harness import dataset_card
+from egocap_eval.studies import dataset_card
 from egocap_sim.core.resources import rig_file
 
 

@@ -20,6 +20,9 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from egocap.cameras.camera import MAX_PIXELS, Camera
+from egocap.cameras.camera_set import CameraSet, SetCamera
+from egocap.cameras.formats import read_foreign
+from egocap.cameras.lens_fit import exact
 from egocap.errors import FileError, InputError
 from egocap.schema import Number, Strict, checked, read_json, read_text
 
@@ -131,11 +134,31 @@ def camera_from_dict(data: Any, where: str | Path = "camera", prefix: str = "") 
 
 
 def load_camera(path: str | Path) -> Camera:
-    """Read a calibration file: .json, or OCamCalib text with any other suffix. Raises FileError."""
+    """Read a calibration file of one camera, of any format of `egocap.cameras.formats`.
+
+    Raises FileError, also for a file of several cameras.
+    """
+    cameras = read_cameras(path).cameras
+    if len(cameras) > 1:
+        raise FileError(path, f"holds {len(cameras)} cameras: {', '.join(c.name for c in cameras)}",
+                        valid="one camera; egocap rig convert makes a rig of several")  # fmt: skip
+    return cameras[0].camera
+
+
+def read_cameras(path: str | Path, size: tuple[int, int] | None = None) -> CameraSet:
+    """The cameras of a calibration file; the format is told by its content.
+
+    `size` (width, height) is for formats that do not hold the image size. Raises FileError.
+    """
     path = Path(path)
+    foreign = read_foreign(path, size)
+    if foreign is not None:
+        return foreign
     if path.suffix.lower() == ".json":
-        return camera_from_dict(read_json(path), path)
-    return parse_ocam_text(read_text(path), path)
+        camera = camera_from_dict(read_json(path), path)
+    else:
+        camera = parse_ocam_text(read_text(path), path)
+    return CameraSet((SetCamera(path.stem, exact(camera)),))
 
 
 def parse_ocam_text(text: str, where: str | Path) -> Camera:

@@ -100,14 +100,15 @@ def equidistant(parameters: tuple[float, ...], max_angle: float | None, radius: 
 
 
 def kannala_brandt(parameters: tuple[float, ...], max_angle: float | None, radius: float) -> Radial:
-    """r = theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9.
+    """r = theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9, and up to k8 theta^17.
 
     Raises InputError unless r increases up to `max_angle` or, without one, to half the radius of
     the farthest image corner.
     Source: Kannala and Brandt 2006, as in OpenCV's fisheye module.
     """
-    if len(parameters) != 4:
-        raise InputError(f"{len(parameters)} distortion coefficients", valid="k1, k2, k3, k4")
+    if not 4 <= len(parameters) <= 8:
+        raise InputError(f"{len(parameters)} distortion coefficients",
+                         valid="k1, k2, k3, k4, and up to k8")  # fmt: skip
     powers = (0.0, *(c for k in parameters for c in (0.0, k)))  # of r / theta, after the constant 1
     coefficients = (1.0, *powers[1:])
     slope = [c * (i + 1) for i, c in enumerate(coefficients)]

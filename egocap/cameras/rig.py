@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,19 @@ from egocap.cameras.camera import Camera
 from egocap.cameras.lens import namespace
 from egocap.errors import InputError
 from egocap.files import write_json
-from egocap.geometry import inverse
+from egocap.geometry import LEFT, UP, axis_angle, inverse
 
 SCHEMA = 1  # of rig.json
+
+# Columns: the camera's x (right), y (down) and z (forward) in the head frame.
+R_HEAD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def camera_rotation(pitch: float, yaw: float = 0.0, roll: float = 0.0) -> Float[Array, "3 3"]:
+    """R_head_camera from angles in degrees, as `egocap.cameras.rig_files` defines them."""
+    optical_axis = np.array([0.0, 0.0, 1.0])
+    turned = axis_angle(UP, radians(yaw)) @ axis_angle(LEFT, radians(pitch))
+    return turned @ R_HEAD_AHEAD @ axis_angle(optical_axis, radians(roll))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ about its optical axis as seen from behind it.
 
 from __future__ import annotations
 
-from math import degrees, radians
+from math import degrees
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,9 +16,10 @@ from pydantic import Field, model_validator
 
 from egocap.cameras.camera import Camera
 from egocap.cameras.camera_files import camera_from_dict, load_camera
-from egocap.cameras.rig import SCHEMA, Mount, Rig
+from egocap.cameras.formats import FOREIGN_SUFFIXES
+from egocap.cameras.rig import SCHEMA, Mount, Rig, camera_rotation
 from egocap.errors import FileError, InputError
-from egocap.geometry import LEFT, UP, axis_angle, rigid
+from egocap.geometry import rigid
 from egocap.schema import Number, Strict, checked, read_json, read_toml, refuse_newer
 
 MAX_FOV = 300.0  # degrees; beyond any lens and the valid range of the polynomial models
@@ -26,9 +27,6 @@ MAX_FOV = 300.0  # degrees; beyond any lens and the valid range of the polynomia
 Metres = tuple[Number, Number, Number]
 Matrix = tuple[Metres, Metres, Metres]
 Row4 = tuple[Number, Number, Number, Number]
-
-# Columns: the camera's x (right), y (down) and z (forward) in the head frame.
-R_HEAD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 class CameraEntry(Strict):
@@ -129,18 +127,29 @@ class ExactRig(Strict):
     mounts: tuple[ExactMount, ...] = Field(min_length=1, max_length=16)
 
 
-def camera_rotation(pitch: float, yaw: float = 0.0, roll: float = 0.0) -> np.ndarray:
-    """R_head_camera (3, 3) from angles in degrees, as the module docstring defines them."""
-    optical_axis = np.array([0.0, 0.0, 1.0])
-    turned = axis_angle(UP, radians(yaw)) @ axis_angle(LEFT, radians(pitch))
-    return turned @ R_HEAD_AHEAD @ axis_angle(optical_axis, radians(roll))
-
-
 def load_rig(path: str | Path) -> Rig:
     """Read a rig file: .json, or TOML with any other suffix. Raises FileError."""
     path = Path(path)
+    if path.suffix.lower() in FOREIGN_SUFFIXES:
+        raise FileError(path, "holds cameras, not a rig: where they are on the head is not in it",
+                        valid="a rig file; egocap rig convert makes one")  # fmt: skip
     data = read_json(path) if path.suffix.lower() == ".json" else read_toml(path)
     return parse_rig(data, path)
+
+
+def format_rig(rig: Rig) -> str:
+    """A rig as TOML with exact numbers, which `load_rig` reads back."""
+    lines = [f'name = "{rig.name}"', f"frame_rate = {rig.frame_rate!r}"]
+    for mount in rig.mounts:
+        T = mount.T_head_camera
+        lines += [
+            "", "[[cameras]]", f'name = "{mount.name}"',
+            f"position = {T[:3, 3].tolist()}  # forward, left, up of the skull base, metres",
+            f"rotation = {T[:3, :3].tolist()}", "", "[cameras.lens]",
+        ]  # fmt: skip
+        for key, value in mount.camera.to_dict().items():
+            lines.append(f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}")
+    return "\n".join(lines) + "\n"
 
 
 def parse_rig(data: Any, where: str | Path) -> Rig:

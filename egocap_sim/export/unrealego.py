@@ -18,13 +18,13 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX
+from egocap.cameras.ocam_files import ocam_calibration
 from egocap.data.sequence import Sequence
 from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically
 from egocap.geometry import inverse, transform
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
 from egocap_sim.export.formats import new_folder
-from egocap_sim.export.ocam import ocam_calibration
 
 _SIDES = {"l": "left", "r": "right"}
 _PARTS = {"upperarm": "shoulder", "lowerarm": "elbow", "hand": "wrist", "thigh": "hip",

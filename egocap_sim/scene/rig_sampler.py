@@ -17,8 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.cameras.camera import Affine, Camera
-from egocap.cameras.rig import Mount, Rig
-from egocap.cameras.rig_files import camera_rotation
+from egocap.cameras.rig import Mount, Rig, camera_rotation
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid, unit
 from egocap_sim.core.resources import SAMPLED

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from egocap.cameras.rig import Rig
-from egocap.cameras.rig_files import camera_rotation, load_rig, parse_rig
+from egocap.cameras.rig import Rig, camera_rotation
+from egocap.cameras.rig_files import load_rig, parse_rig
 from egocap.errors import EgocapError, FileError
 
 LENS = {"model": "equidistant", "width": 640, "height": 512, "fov": 180.0}

@@ -7,8 +7,7 @@ import pytest
 
 from egocap.body.labels import LABELS
 from egocap.cameras.camera import Camera
-from egocap.cameras.rig import Mount
-from egocap.cameras.rig_files import camera_rotation
+from egocap.cameras.rig import Mount, camera_rotation
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.errors import InputError
 

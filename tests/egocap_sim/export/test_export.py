@@ -10,6 +10,7 @@ import pytest
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.cameras.camera import Camera
 from egocap.cameras.camera_files import load_camera
+from egocap.cameras.ocam_files import ocam_calibration
 from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import Sequence
 from egocap.data.truth import OUT_OF_VIEW, VISIBLE
@@ -18,7 +19,6 @@ from egocap.errors import InputError
 from egocap.geometry import transform
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.export.formats import FORMATS, export
-from egocap_sim.export.ocam import ocam_calibration
 from egocap_sim.export.unrealego import JOINTS
 from egocap_sim.scene.rig_sampler import sample_rig
 

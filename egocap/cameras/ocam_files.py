@@ -1,4 +1,4 @@
-"""Convert cameras of any model to OCam calibrations."""
+"""Convert cameras of any model to OCam calibrations: JSON and OCamCalib's text."""
 
 from __future__ import annotations
 
@@ -39,6 +39,34 @@ def ocam_calibration(camera: Camera, name: str) -> dict[str, Any]:
         "polynomialW2C": backward.tolist(),
         "affine": [d / a, c / a, b / a],
     }
+
+
+def ocam_text(camera: Camera) -> tuple[str, float]:
+    """OCamCalib's calib_results.txt, and the largest error of the lens [px]."""
+    data = ocam_calibration(camera, "")
+    (column, row), polynomial = data["image_center"], data["polynomialC2W"]
+    parts = (
+        ("polynomial from pixels to rays", [len(polynomial), *polynomial]),
+        ("inverse polynomial", [len(data["polynomialW2C"]), *data["polynomialW2C"]]),
+        ("centre: row, column", [row, column]),
+        ("affine: c, d, e", data["affine"]),
+        ("size: height, width", [camera.height, camera.width]),
+    )
+    lines = (f"# {name}\n{' '.join(map(repr, numbers))}\n" for name, numbers in parts)
+    return "\n".join(lines), ocam_error(camera, data)
+
+
+def ocam_error(camera: Camera, data: dict[str, Any]) -> float:
+    """Largest distance [px] between a camera and its `ocam_calibration`, over its field of view."""
+    c, d, e = data["affine"]
+    radius = camera.radial.radius(np.linspace(1e-3, camera.max_angle, 200))[0]
+    theta = np.linspace(1e-3, camera.max_angle, 200)
+    fitted = Camera(
+        "ocam", camera.width, camera.height, camera.centre, ((1.0, e), (d, c)),
+        tuple(data["polynomialC2W"]), camera.max_angle * (1.0 - 1e-9),
+    )  # fmt: skip
+    scale = np.linalg.norm(np.array(camera.affine), 2), np.linalg.norm(np.array(fitted.affine), 2)
+    return float(np.abs(scale[0] * radius - scale[1] * fitted.radial.radius(theta)[0]).max())
 
 
 def _fitted(

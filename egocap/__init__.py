@@ -31,6 +31,7 @@ _MODULES = {
     "evaluate": "evaluation.scoring",
     "evaluate_recording": "datasets.scoring",
     "fit_body": "fitting.fit_body",
+    "fit_rig": "fitting.fit_rig",
     "import_footage": "footage.importing",
     "load_camera": "cameras.camera_files",
     "load_rig": "cameras.rig_files",

@@ -13,6 +13,7 @@ from egocap.detect.sources import synthetic_detections as synthetic_detections
 from egocap.errors import EgocapError as EgocapError
 from egocap.evaluation.scoring import evaluate as evaluate
 from egocap.fitting.fit_body import fit_body as fit_body
+from egocap.fitting.fit_rig import fit_rig as fit_rig
 from egocap.footage.importing import import_footage as import_footage
 from egocap.paper.tracker import PaperTracker as PaperTracker
 from egocap.pose.config import TrackerConfig as TrackerConfig

@@ -52,6 +52,11 @@ class CameraSet:
         """Largest error of our lens models against the file's, pixels."""
         return max(c.lens.max_px for c in self.cameras)
 
+    @property
+    def rms_px(self) -> float:
+        """Largest root mean square error of a lens, pixels."""
+        return max(c.lens.rms_px for c in self.cameras)
+
     def rig(self, name: str, T_head_first: Float[Array, "4 4"] | None = None) -> Rig:
         """The cameras on a head, the first at `T_head_first`, or at a guess (`GUESS`).
 

@@ -15,10 +15,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from egocap.cameras.camera import Camera
-from egocap.cameras.camera_files import camera_from_dict, load_camera
+from egocap.cameras.camera_files import camera_from_dict, load_camera, read_cameras
+from egocap.cameras.camera_set import CameraSet
 from egocap.cameras.formats import FOREIGN_SUFFIXES
 from egocap.cameras.rig import SCHEMA, Mount, Rig, camera_rotation
 from egocap.errors import FileError, InputError
+from egocap.files import write_atomically
 from egocap.geometry import rigid
 from egocap.schema import Number, Strict, checked, read_json, read_toml, refuse_newer
 
@@ -135,6 +137,26 @@ def load_rig(path: str | Path) -> Rig:
                         valid="a rig file; egocap rig convert makes one")  # fmt: skip
     data = read_json(path) if path.suffix.lower() == ".json" else read_toml(path)
     return parse_rig(data, path)
+
+
+def load_rig_or_cameras(path: str | Path, size: tuple[int, int] | None = None) -> Rig | CameraSet:
+    """A rig file as a rig, any other calibration as cameras without a head. Raises FileError.
+
+    `size` (width, height) is for calibrations that do not hold the image size.
+    """
+    path = Path(path)
+    data = read_json(path) if path.suffix.lower() == ".json" else {}
+    if path.suffix.lower() == ".toml" or {"mounts", "stereo", "cameras"} & data.keys():
+        return load_rig(path)
+    return read_cameras(path, size)
+
+
+def write_rig(path: Path, rig: Rig) -> None:
+    """Write a rig file: .json, or TOML with any other suffix. Raises MachineError, FileError."""
+    if path.suffix.lower() == ".json":
+        rig.to_json(path)
+    else:
+        write_atomically(path, format_rig(rig))
 
 
 def format_rig(rig: Rig) -> str:

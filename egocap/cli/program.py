@@ -1,6 +1,13 @@
 """The program `egocap`."""
 
-from egocap.cli import detecting, footage, live, showing, tracking  # noqa: F401 (each adds its commands)
+from egocap.cli import (  # noqa: F401 (each adds its commands)
+    detecting,
+    footage,
+    live,
+    rigs,
+    showing,
+    tracking,
+)
 from egocap.cli.registry import app
 from egocap.cli.settings import registry
 from egocap.commandline import run

@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING
 from egocap.errors import InputError
 
 if TYPE_CHECKING:
+    from egocap.cameras.rig import Rig
     from egocap.data.detections import Detections
     from egocap.data.sequence import Sequence
 
 
-def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
+def detections_from(
+    sequence: Sequence, source: str, seed: int, rig: Rig | None = None
+) -> Detections:
     """Detections of a sequence: `simulated:...`, `learned[:FILE]`, or the name of an npz file.
 
     Args:
@@ -23,6 +26,7 @@ def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
         source: `egocap.detect.synthetic.FORM`, `learned` with an optional file of weights, or a
             file of detections.
         seed: of simulated noise.
+        rig: cameras for the network in place of the sequence's own.
 
     Raises:
         InputError: an unknown source, or a negative seed.
@@ -38,7 +42,7 @@ def detections_from(sequence: Sequence, source: str, seed: int) -> Detections:
         require_same_times(found.times, sequence.times, source)
         return found
     if kind == "learned":
-        return _learned(sequence, rest)
+        return _learned(sequence, rest, rig)
     if kind == "simulated":
         return _simulated(sequence, source, seed)
     valid = f"{FORM}; learned[:FILE]; a file of detections, .npz"
@@ -80,10 +84,10 @@ def _simulated(sequence: Sequence, source: str, seed: int) -> Detections:
     return simulate_detections(joints, source, np.random.default_rng(seed))
 
 
-def _learned(sequence: Sequence, weights: str) -> Detections:
+def _learned(sequence: Sequence, weights: str, rig: Rig | None) -> Detections:
     from egocap.commandline import progress
     from egocap.detect.detector import Detector
 
-    detector = Detector(sequence.rig, weights or None)
+    detector = Detector(rig or sequence.rig, weights or None)
     with progress("detect", len(sequence)) as advance:
         return detector.detect(sequence, on_frames=advance)

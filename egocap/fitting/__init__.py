@@ -1,4 +1,4 @@
-"""Detections and images of a known rig in; a person's bone lengths and Gaussian colours out.
+"""Detections and images of a rig in; bone lengths, Gaussian colours and the rig's place out.
 
-`bundle_adjustment` is the problem, `fit_body` the procedure, `body_prior` the population.
+`bundle_adjustment` is the problem, `fit_body` and `fit_rig` the procedures.
 """

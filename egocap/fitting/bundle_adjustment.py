@@ -1,9 +1,10 @@
-"""Bundle adjustment of many poses and one body: the energy, its derivatives, and its minimum.
+"""Bundle adjustment of many poses and what they share: the energy, derivatives, and its minimum.
 
     E(c, p_1 .. p_T) = sum_t E_frame(p_t, c) + (c - m)^T S^-1 (c - m) / 2
 
-The joints are linear in the components c of the body, so that their derivatives are closed: column
-k is the pose of a body that has component k alone. Poses are eliminated frame by frame (Schur
+Shared are the components of the body and, in `egocap.fitting.mount`, the pose of the rig. The
+joints are linear in the components, so that their derivatives are closed: column k is the pose of a
+body that has component k alone. Poses are eliminated frame by frame (Schur
 complement), so that a step costs no more than its frames. What is left at the minimum is the
 information about the body with all poses free; its inverse is the posterior covariance.
 
@@ -12,8 +13,9 @@ Source: Triggs et al. 2000, "Bundle adjustment - a modern synthesis", section 6.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,7 +33,7 @@ from egocap.body.skeleton import (
     POINT_PARENTS,
     SPREAD,
 )
-from egocap.fitting.body_prior import BASIS, BodyPrior, rest_offsets
+from egocap.fitting.body_prior import BASIS, rest_offsets
 from egocap.fitting.config import FitConfig
 from egocap.geometry import axis_angle
 from egocap.pose.config import TrackerConfig
@@ -46,22 +48,50 @@ simulated people, with 1/4 short by as much as without it long."""
 _NUDGE = 2e-4  # metres, of differences
 
 
+class GaussianPrior(Protocol):
+    """Mean and covariance of the shared parameters."""
+
+    @property
+    def mean(self) -> Float[Array, "K"]: ...
+
+    @property
+    def covariance(self) -> Float[Array, "K K"]: ...
+
+
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Observations, prior and settings of a fit."""
+    """Observations, prior and settings of a fit. Subclasses share more than the body."""
 
     observations: Observations
-    prior: BodyPrior
+    prior: GaussianPrior
     config: TrackerConfig
 
     @cached_property
     def precision(self) -> Float[Array, "K K"]:
         return np.linalg.inv(self.prior.covariance)
 
+    def joints(self, shared: Float[Array, "K"], poses: Float[Array, "T 37"]) -> Joints:
+        """Labelled joints in the frame of the observations, and their derivatives."""
+        return Joints(*joint_derivatives(shared, poses))
+
+    def further(
+        self, shared: Float[Array, "K"], poses: Float[Array, "T 37"], system: FitSystem
+    ) -> float:
+        """Energy of further terms; their derivatives are added to `system`."""
+        return 0.0
+
+
+class Joints(NamedTuple):
+    """Labelled joints and their derivatives by the angles and by what is shared."""
+
+    labels: Float[Array, "T 18 3"]
+    by_angle: Float[Array, "T 18 3 37"]
+    by_shared: Float[Array, "T 18 3 K"]
+
 
 @dataclass(frozen=True, eq=False)
 class FitSystem:
-    """Energy, gradient and Gauss-Newton blocks at a point."""
+    """Energy, gradient and Gauss-Newton blocks at a point; body: all that is shared."""
 
     energy: float
     g_pose: Float[Array, "T 37"]
@@ -176,7 +206,7 @@ def linearised(
     problem: FitProblem, poses: Float[Array, "T 37"], components: Float[Array, "K"]
 ) -> FitSystem:
     seen, config = problem.observations, problem.config
-    labels, by_angle, by_body = joint_derivatives(components, poses)
+    labels, by_angle, by_body = problem.joints(components, poses)
     away = labels[:, None] - seen.centres[:, None]  # (T, V, 18, 3)
     distance = np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-6)
     direction = away / distance
@@ -201,7 +231,8 @@ def linearised(
     g_body = np.einsum("tljk,tlj->k", by_body, pull) + problem.precision @ departure
     energy += 0.5 * float(departure @ problem.precision @ departure)
     energy += _pose_priors(poses, config, g_pose, pose)
-    return FitSystem(energy, g_pose, g_body, pose, cross, body, squared)
+    system = FitSystem(energy, g_pose, g_body, pose, cross, body, squared)
+    return replace(system, energy=energy + problem.further(components, poses, system))
 
 
 def _pose_priors(

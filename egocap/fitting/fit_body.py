@@ -119,7 +119,7 @@ def fit_body(
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():
         raise InputError("no detection to fit a body to")
-    frames = _chosen(followed.angles, used, config.frames)
+    frames = choose_frames(followed.angles, used, config.frames)
     of_frames = select_frames(observations, frames)
     problem = FitProblem(of_frames, prior, tracker)
     poses, components, converged = solve(problem, followed.angles[frames], prior.mean, config)
@@ -136,7 +136,9 @@ def first_seconds(detections: Detections, seconds: float) -> Detections:
     return detections[:count]
 
 
-def _chosen(angles: Float[Array, "T 37"], used: Int[Array, "T"], count: int) -> Int[Array, "F"]:
+def choose_frames(
+    angles: Float[Array, "T 37"], used: Int[Array, "T"], count: int
+) -> Int[Array, "F"]:
     """Frames that differ most from each other, among those with enough detections.
 
     Farthest-point selection: similar poses are redundant.

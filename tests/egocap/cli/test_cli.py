@@ -12,6 +12,7 @@ import pytest
 from egocap import cli
 from egocap.body.labels import LABELS
 from egocap.body.proportions import Proportions
+from egocap.cameras.rig_files import load_rig
 from egocap.data.detections import load_detections, save_detections
 from egocap.data.manifest import load_manifest
 from egocap.data.sequence import Sequence
@@ -149,6 +150,41 @@ def test_a_body_is_fitted_and_reported(egocap, tracked, tiny_sequence):
     )
     wrong = ("fit-body", tiny_sequence, "--out", "b.json", *found, "--height", "178")
     assert "height of 178" in complaint(egocap(*wrong))
+
+
+def test_a_rig_is_fitted_and_reported(egocap, tracked, tiny_sequence):
+    found = ["--detections", tracked / "det.npz", "--neutral", 0, 1, "--frames", 8]
+    words = ("fit-rig", tiny_sequence, "--out", "rig.toml", *found, "--body", "body.json")
+    code, out, err = egocap(*words, "--json")
+    assert code == 0, err
+    told, given = json.loads(out), Sequence(tiny_sequence).rig
+    assert list(told["mount"]) == ["roll", "pitch", "yaw", "forward", "left", "up"]
+    fitted = load_rig("rig.toml")
+    assert fitted.cameras == given.cameras
+    moved = np.linalg.norm(fitted.T_head_camera[0, :3, 3] - given.T_head_camera[0, :3, 3])
+    assert 0.0 < moved < 0.2
+    Proportions.load("body.json")
+    code, out, _ = egocap(*words)
+    assert code == 0 and "pitch" in out
+
+
+def test_rigs_are_converted_and_checked(egocap, tiny_sequence):
+    rig = Sequence(tiny_sequence).rig
+    code, out, err = egocap("rig", "convert", tiny_sequence / "rig.json", "chain.yaml",
+                            "--format", "kalibr")  # fmt: skip
+    assert code == 0, err
+    code, out, err = egocap("rig", "convert", "chain.yaml", "guess.toml")
+    assert code == 0 and "guessed" in out, err
+    mount = (0.37, 0.175, 0.14, 90, 0, 0)
+    assert egocap("rig", "convert", "chain.yaml", "my.toml", "--mount", *mount)[0] == 0
+    np.testing.assert_allclose(load_rig("my.toml").T_head_camera, rig.T_head_camera, atol=1e-6)
+    assert egocap("rig", "check", "my.toml")[0] == 0
+    flipped = (0.37, 0.175, 0.14, -90, 0, 0)
+    egocap("rig", "convert", "chain.yaml", "up.toml", "--mount", *flipped)
+    code, out, _ = egocap("rig", "check", "up.toml")
+    assert code == 3 and "degrees up" in out
+    assert "valid: rig, kalibr" in complaint(egocap("rig", "convert", "chain.yaml", "x.abc"))
+    assert "egocap rig convert" in complaint(egocap("rig", "check", "chain.yaml"))
 
 
 def test_a_track_is_of_the_body_it_is_given(egocap, tracked, tiny_sequence, tmp_path):

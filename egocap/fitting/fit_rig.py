@@ -1,0 +1,184 @@
+"""Where a rig sits on a head, together with the body, from detections over some seconds.
+
+Bundle adjustment as in `fit_body`, with the rigid motion of the rig against the skull as six more
+shared parameters (`mount`). Position is determined by the neck turning about the skull base and by
+the population's neck; rotation by the neutral stance alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from egocap.cameras.rig import Rig
+from egocap.data.detections import Detections
+from egocap.errors import InputError
+from egocap.fitting.body_prior import BodyPrior, to_proportions
+from egocap.fitting.bundle_adjustment import (
+    information,
+    linearised,
+    select_frames,
+    solve,
+)
+from egocap.fitting.config import FitConfig
+from egocap.fitting.fit_body import BodyFit, choose_frames, fit_body
+from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem, rotation
+from egocap.geometry import rigid
+from egocap.pose.config import TrackerConfig
+from egocap.pose.observations import observe
+
+NEUTRAL_FRAMES = 12
+"""Frames of the neutral stance that take part."""
+SYSTEMATIC = np.repeat([np.deg2rad(0.5), 0.002], 3)
+"""Standard deviations that more frames do not reduce: habits of stance, marks on the skin."""
+OBSERVED = 0.5
+"""Fraction of its prior standard deviation below which a parameter counts as observed."""
+MOVES = (
+    "2 s: stand upright, arms hanging, and look at the horizon (gives the rotation)",
+    "4 s: nod slowly, chin to chest and up (forward and up)",
+    "4 s: turn the head slowly, left and right (forward and left)",
+    "3 s: tilt the head to either shoulder (left and up)",
+    "4 s: two squats, looking ahead (body)",
+    "4 s: both arms forward, sideways, up (body)",
+)
+"""What to do before the cameras, and what it determines."""
+
+
+class MountError(NamedTuple):
+    """How far a rig file may be off: standard deviations."""
+
+    position_m: float = 0.03
+    rotation_deg: float = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class RigFit:
+    """A rig on a head, and the body, with their uncertainty. Not converging is no error."""
+
+    rig: Rig  # as fitted
+    body: BodyFit
+    shift: Float[Array, "6"]  # rotation vector [rad], translation [m]: given to fitted rig, head
+    covariance: Float[Array, "6 6"]
+    prior: Float[Array, "6 6"]  # covariance before
+    neutral: int  # frames of the neutral stance that took part
+    frames: int
+    residual: float  # root mean square, in the detections' standard deviations
+    converged: bool
+
+    @property
+    def std(self) -> Float[Array, "6"]:
+        """Standard deviations: roll, pitch, yaw [rad], forward, left, up [m]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def observed(self) -> Array:
+        """Which parameters the footage determines, not the prior."""
+        return self.std < OBSERVED * np.sqrt(np.diag(self.prior))
+
+    def report(self) -> dict[str, dict[str, float | bool]]:
+        """Shift, its standard deviation (degrees and millimetres) and whether it was observed."""
+        scale = np.repeat([np.rad2deg(1.0), 1e3], 3)
+        lines = zip(self.shift * scale, self.std * scale, self.observed, strict=True)
+        return {
+            name: {"shift": round(float(a), 2), "std": round(float(b), 2), "observed": bool(seen)}
+            for name, (a, b, seen) in zip(PARAMETERS, lines, strict=True)
+        }
+
+    def notes(self) -> list[str]:
+        """What is not observable, and what to record instead."""
+        found = []
+        if not self.neutral:
+            found.append("rotation: no neutral stance; the neck's angles and the rig's rotation "
+                         f"have the same effect on the images. Record {MOVES[0]}")  # fmt: skip
+        blind = [n for n, seen in zip(PARAMETERS[3:], self.observed[3:], strict=True) if not seen]
+        if blind:
+            found.append(f"{', '.join(blind)}: the head hardly moved against the shoulders. "
+                         f"Record {'; '.join(MOVES[1:4])}")  # fmt: skip
+        return found
+
+
+def fit_rig(
+    detections: Detections,
+    rig: Rig,
+    height: float | None = None,
+    neutral: tuple[float, float] | None = (0.0, 0.5),
+    error: MountError = MountError(),  # noqa: B008 (immutable)
+    config: FitConfig = FitConfig(),  # noqa: B008 (frozen)
+    tracker: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
+) -> RigFit:
+    """The pose of a rig on the head of the person whom its detections show, and the person's body.
+
+    `rig` is the rig as built or guessed, right within `error`; `height` in metres. In the seconds
+    `neutral`, first to last, the person stands upright and looks at the horizon; None: never.
+    Raises InputError for impossible values, without detections, and as `tracker.track`.
+    """
+    from egocap.track.tracker import Tracker
+
+    if min(error) <= 0.0:
+        raise InputError(f"a mount error of {error[0]} m, {error[1]} degrees", valid="above 0")
+    body = BodyPrior.for_height(height)
+    average = to_proportions(body.mean)
+    followed = Tracker(rig, average, tracker).track(detections)
+    observations = observe(detections, rig, average, tracker)
+    used = np.count_nonzero(observations.weights, axis=(1, 2))
+    if not used.any():
+        raise InputError("no detection to fit a rig to")
+    stance = neutral_frames(observations.times, used, neutral)
+    frames = np.union1d(choose_frames(followed.angles, used, config.frames), stance)
+    weights = np.isin(frames, stance) / max(len(stance), 1)
+    spread = (float(np.deg2rad(error.rotation_deg)), error.position_m)
+    prior = MountPrior.around(body.mean, body.covariance, *spread)
+    problem = MountProblem(select_frames(observations, frames), prior, tracker, weights)
+    poses, shared, converged = solve(problem, followed.angles[frames], prior.mean, config)
+    fitted = moved_rig(rig, shared[-6:])
+    person = fit_body(detections, fitted, height, config, tracker)
+    return _finished(problem, poses, shared, fitted, person, converged)
+
+
+def neutral_frames(
+    times: Float[Array, "T"], used: Int[Array, "T"], neutral: tuple[float, float] | None
+) -> Int[Array, "F"]:
+    """Frames of the neutral stance, evenly spread. Raises InputError where there are none."""
+    if neutral is None:
+        return np.array([], int)
+    first, last = neutral
+    since = times - times[0]
+    inside = np.flatnonzero((since >= first) & (since <= last) & (used > 0))
+    if not len(inside):
+        raise InputError(f"no detections from {first} to {last} s, the neutral stance",
+                         valid=f"seconds of the footage, 0 to {since[-1]:.1f}")  # fmt: skip
+    rows = np.linspace(0, len(inside) - 1, min(NEUTRAL_FRAMES, len(inside)))
+    return inside[rows.round().astype(int)]
+
+
+def moved_rig(rig: Rig, shift: Float[Array, "6"]) -> Rig:
+    """The rig after a rotation [rad] and translation [m] of the head frame."""
+    move = rigid(rotation(shift[:3]), shift[3:])
+    mounts = (replace(m, T_head_camera=move @ m.T_head_camera) for m in rig.mounts)
+    return replace(rig, mounts=tuple(mounts))
+
+
+def _finished(
+    problem: MountProblem, poses: Float[Array, "F 37"], shared: Float[Array, "K"], rig: Rig,
+    body: BodyFit, converged: bool,
+) -> RigFit:  # fmt: skip
+    system = linearised(problem, poses, shared)
+    seen = problem.observations.weights > 0.0
+    # Detections worse than stated raise the covariance; better ones do not lower it.
+    typical = float(np.median(system.squared[seen]) / (2.0 * np.log(2.0)))
+    covariance = np.linalg.inv(information(system))[-6:, -6:] * max(1.0, typical)
+    return RigFit(
+        rig=rig,
+        body=body,
+        shift=shared[-6:],
+        covariance=covariance + np.diag(SYSTEMATIC**2),
+        prior=problem.prior.covariance[-6:, -6:],
+        neutral=int(np.count_nonzero(problem.neutral)),
+        frames=len(poses),
+        residual=float(np.sqrt(system.squared[seen].mean() / 2.0)),
+        converged=converged,
+    )

@@ -1,0 +1,158 @@
+"""The pose of the rig against the skull as a parameter of a fit, and the neutral stance.
+
+A rig file is off by a rigid motion (R, t): a camera that it places at T_head_camera is at
+[R t] T_head_camera. Shared parameters are the components of the body, then R's rotation vector w,
+then t. Detections are cast with the rig as given, so that a joint x is compared as
+x' = R^T (x - t), with dx' = [x']_x J_r(w) dw - R^T dt.
+
+The neck turns about the origin of the head frame in all three angles. So a rotation of the rig and
+the opposite angles of the neck in every frame leave every joint where it is in the images: only
+priors on the pose determine R. The neutral stance is one that a wearer can be asked for: upright,
+looking at the horizon, body and limbs near the rest pose, and the centre of mass above the support.
+
+Source: Sola et al. 2018, "A micro Lie theory", equation 143 (J_r). Cooke & Wei 1988 (the head's
+natural position is repeated within 2 degrees). Winter 1995, "Human balance and posture control",
+and Winter 2009, "Biomechanics and Motor Control", table 4.1 (segment masses).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.linalg import block_diag
+
+from egocap.body.labels import LABEL_INDEX
+from egocap.body.skeleton import DOFS
+from egocap.fitting.bundle_adjustment import FitProblem, FitSystem, Joints, joint_derivatives
+from egocap.geometry import axis_angle, skew, unit
+
+PARAMETERS = ("roll", "pitch", "yaw", "forward", "left", "up")
+"""Rotation about and translation along the head's axes."""
+NEUTRAL_DEG = {"neck": 3.0, "upper_spine": 3.0, "lower_spine": 5.0, "clavicle": 6.0, "hip": 6.0,
+               "knee": 6.0, "ankle": 6.0}  # fmt: skip
+"""Standard deviation of a joint's angles in the neutral stance. The arms are free."""
+BALANCE_DEG = 2.0
+"""Of the line from the support to the centre of mass against the head's vertical."""
+SUPPORT = 0.35
+"""Place of the centre of pressure between ankle and ball of the foot."""
+_MASSES = {"head": 0.081, "shoulder": 0.2765, "elbow": 0.044, "wrist": 0.028, "hip": 0.3485,
+           "knee": 0.1465, "ankle": 0.061, "foot": 0.0145}  # fmt: skip
+"""Share of the body's mass at a kind of joint, both sides: half of each segment's at either end;
+the trunk's at shoulders and hips."""
+
+
+@dataclass(frozen=True, eq=False)
+class MountPrior:
+    """Body and mount together."""
+
+    mean: Float[Array, "K"]
+    covariance: Float[Array, "K K"]
+
+    @classmethod
+    def around(
+        cls, mean: Float[Array, "K"], covariance: Float[Array, "K K"], rotation: float,
+        position: float,
+    ) -> MountPrior:  # fmt: skip
+        """A body prior and a rig file right within `rotation` [rad] and `position` [m]."""
+        spread = np.repeat([rotation, position], 3) ** 2
+        return cls(np.append(mean, np.zeros(6)), block_diag(covariance, np.diag(spread)))
+
+
+@dataclass(frozen=True, eq=False)
+class MountProblem(FitProblem):
+    """A fit of body and mount. `neutral` weighs the frames of the neutral stance, sum 1 or 0."""
+
+    neutral: Float[Array, "T"]
+
+    def joints(self, shared: Float[Array, "K"], poses: Float[Array, "T 37"]) -> Joints:
+        """Labelled joints in the frame of the rig as given."""
+        w, t = shared[-6:-3], shared[-3:]
+        R = rotation(w)
+        labels, by_angle, by_body = joint_derivatives(shared[:-6], poses)
+        moved = (labels - t) @ R
+        by_mount = np.concatenate(
+            [skew(moved) @ right_jacobian(w), np.broadcast_to(-R.T, (*moved.shape, 3))], -1
+        )
+        return Joints(moved, R.T @ by_angle, np.concatenate([R.T @ by_body, by_mount], -1))
+
+    def further(
+        self, shared: Float[Array, "K"], poses: Float[Array, "T 37"], system: FitSystem
+    ) -> float:
+        """The neutral stance: angles near rest, the centre of mass above the support."""
+        stands = self.neutral > 0.0
+        if not stands.any():
+            return 0.0
+        weight, at = self.neutral[stands], poses[stands]
+        own, precision = np.arange(len(DOFS)), NEUTRAL_PRECISION
+        system.g_pose[stands] += weight[:, None] * precision * at
+        system.pose[np.flatnonzero(stands)[:, None], own, own] += weight[:, None] * precision
+        lean, by_angle, by_body = _lean(shared[:-6], at)
+        scaled = weight / np.deg2rad(BALANCE_DEG) ** 2
+        system.g_pose[stands] += np.einsum("t,tid,ti->td", scaled, by_angle, lean)
+        system.pose[stands] += np.einsum("t,tid,tie->tde", scaled, by_angle, by_angle)
+        system.cross[stands, :, :-6] += np.einsum("t,tid,tik->tdk", scaled, by_angle, by_body)
+        system.body[:-6, :-6] += np.einsum("t,tik,tim->km", scaled, by_body, by_body)
+        system.g_body[:-6] += np.einsum("t,tik,ti->k", scaled, by_body, lean)
+        return float(
+            0.5 * (weight[:, None] * precision * at**2).sum()
+            + 0.5 * (scaled[:, None] * lean**2).sum()
+        )
+
+
+def rotation(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Rotation matrix of a rotation vector."""
+    return axis_angle(unit(w), float(np.linalg.norm(w)))
+
+
+def right_jacobian(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """J_r with exp(w + dw) = exp(w) exp(J_r dw)."""
+    angle, K = float(np.linalg.norm(w)), skew(w)
+    if angle < 1e-5:
+        return np.eye(3) - 0.5 * K
+    first = (1.0 - np.cos(angle)) / angle**2
+    return np.eye(3) - first * K + (angle - np.sin(angle)) / angle**3 * K @ K
+
+
+def _lean(
+    components: Float[Array, "K"], poses: Float[Array, "T 37"]
+) -> tuple[Float[Array, "T 2"], Float[Array, "T 2 37"], Float[Array, "T 2 K"]]:
+    """Tangents of the body's lean, forward and left, against the head's vertical."""
+    labels, by_angle, by_body = joint_derivatives(components, poses)
+    line, angles, body = (
+        np.einsum("l,tl...->t...", WEIGHTS, values) for values in (labels, by_angle, by_body)
+    )
+    height = line[:, 2:]
+    lean = line[:, :2] / height
+
+    def slope(by: Array) -> Array:
+        return (by[:, :2] - lean[..., None] * by[:, 2:]) / height[..., None]
+
+    return lean, slope(angles), slope(body)
+
+
+def _weights() -> Float[Array, "18"]:
+    """Centre of mass minus centre of pressure, as weights of the labels; they sum to 0."""
+    weights = np.zeros(len(LABEL_INDEX))
+    for name, label in LABEL_INDEX.items():
+        kind = name.rpartition("_")[2]
+        share = _MASSES.get(kind, 0.0)
+        weights[label] = share if name == "head" else share / 2
+    weights /= weights.sum()
+    for side in ("left", "right"):
+        weights[LABEL_INDEX[f"{side}_ankle"]] -= 0.5 * (1.0 - SUPPORT)
+        weights[LABEL_INDEX[f"{side}_foot"]] -= 0.5 * SUPPORT
+    return weights
+
+
+def _neutral_precision() -> Float[Array, "37"]:
+    spreads = [
+        next((deg for kind, deg in NEUTRAL_DEG.items() if kind in name), np.inf) for name in DOFS
+    ]
+    return np.deg2rad(spreads) ** -2.0
+
+
+WEIGHTS: Float[Array, "18"] = _weights()
+NEUTRAL_PRECISION: Float[Array, "37"] = _neutral_precision()

@@ -35,9 +35,9 @@ def help_text(program: str, *words: str) -> str:
     return "\n".join(line.rstrip() for line in printed.getvalue().strip().splitlines())
 
 
-def subcommands(program: str) -> list[str]:
-    """Names of a program's subcommands, in the order of its help."""
-    listed = help_text(program).partition("subcommands")[2]
+def subcommands(program: str, *words: str) -> list[str]:
+    """Names of the subcommands of a program or command, in the order of its help."""
+    listed = help_text(program, *words).partition("subcommands")[2]
     return list(dict.fromkeys(SUBCOMMAND.findall(listed)))
 
 
@@ -48,6 +48,9 @@ def commands_page() -> str:
         parts += [f"## {program}", f"```text\n{help_text(program)}\n```"]
         for name in subcommands(program):
             parts += [f"### {program} {name}", f"```text\n{help_text(program, name)}\n```"]
+            for inner in subcommands(program, name):
+                text = help_text(program, name, inner)
+                parts += [f"#### {program} {name} {inner}", f"```text\n{text}\n```"]
     return "\n\n".join(parts) + "\n"
 
 

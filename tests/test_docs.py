@@ -98,6 +98,8 @@ def test_commands_and_options_exist(page):
         assert name in hooks().subcommands(program), f"{program} {name}"
         advanced = ["--advanced"] if "--advanced" in help_of(program, name) else []
         told = help_of(program, name) + help_of(program, name, *advanced)
+        if words and words[0] in hooks().subcommands(program, name):
+            told = help_of(program, name, words[0])
         for word in words:
             if word.startswith("--"):
                 option = word.partition("=")[0]

@@ -35,6 +35,7 @@ _MODULES = {
     "import_footage": "footage.importing",
     "load_camera": "cameras.camera_files",
     "load_rig": "cameras.rig_files",
+    "mocap": "motion_capture.capture",
     "open_dataset": "datasets.catalogue",
     "open_sequence": "data.sequence",
     "sample_posterior": "posterior.frame_posterior",

@@ -15,6 +15,7 @@ from egocap.evaluation.scoring import evaluate as evaluate
 from egocap.fitting.fit_body import fit_body as fit_body
 from egocap.fitting.fit_rig import fit_rig as fit_rig
 from egocap.footage.importing import import_footage as import_footage
+from egocap.motion_capture.capture import mocap as mocap
 from egocap.paper.tracker import PaperTracker as PaperTracker
 from egocap.pose.config import TrackerConfig as TrackerConfig
 from egocap.posterior.frame_posterior import sample_posterior as sample_posterior

@@ -23,6 +23,7 @@ LAYERS = (
     {"egocap.track", "egocap.datasets"},
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
     {"egocap.view"},
+    {"egocap.motion_capture"},
     {"egocap.cli"},
     {"egocap.__main__"},
 )

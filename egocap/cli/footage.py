@@ -1,8 +1,8 @@
-"""Commands that read footage: import."""
+"""Commands that read footage: import, mocap."""
 
 from __future__ import annotations
 
-import json
+import json as jsons
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,11 +14,12 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.commandline import DONE, progress
 from egocap.footage.config import ImportOptions
+from egocap.motion_capture.config import MocapOptions
 
 if TYPE_CHECKING:
     from egocap.data.sequence import Sequence
 
-IMPORT = ImportOptions()
+IMPORT, MOCAP = ImportOptions(), MocapOptions()
 
 
 @app.command(name="import")
@@ -64,7 +65,44 @@ def print_footage(sequence: Sequence, as_json: bool) -> None:
     from egocap.footage.summary import describe, summary
 
     if as_json:
-        print(json.dumps(summary(sequence), indent=1))
+        print(jsons.dumps(summary(sequence), indent=1))
         return
     for line in describe(sequence):
         print(line)
+
+
+@app.command
+def mocap(
+    sources: Positional[tuple[str, ...]],
+    rig: Path,
+    out: Path,
+    options: Annotated[MocapOptions, tyro.conf.OmitArgPrefixes] = MOCAP,
+    footage: Annotated[ImportOptions, tyro.conf.OmitArgPrefixes] = IMPORT,
+    json: bool = False,
+) -> int:
+    """Capture the motion of the wearer of a rig from footage of its cameras.
+
+    Writes track.npz, motion.bvh, film.mp4 and index.html, a page of what was found, how certain it
+    is and what to improve. The same command goes on where an interrupted one stopped.
+
+    Args:
+        sources: a video, or a folder of pictures, for every view in the order of the rig.
+        rig: rig file of the cameras.
+        out: folder of the results.
+        options: what is known of the wearer, and what to write.
+        footage: how the footage is read.
+        json: print the findings as JSON.
+    """
+    from egocap.motion_capture.capture import mocap as capture
+
+    with ExitStack() as stack:
+        made = capture(sources, rig, out, options, footage, on_step=steps(stack))
+    if json:
+        print(jsons.dumps({"folder": str(out)} | made.findings.to_dict(), indent=1))
+        return DONE
+    print_footage(made.sequence, as_json=False)
+    print(f"{out / 'index.html'}: a joint is within 5 cm with a probability of "
+          f"{100 * float(made.findings.sure.mean()):.0f} %")  # fmt: skip
+    for line in made.findings.advice:
+        print(f"  {line}")
+    return DONE

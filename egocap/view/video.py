@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from egocap.errors import InputError, MachineError
+from egocap.errors import InputError
 from egocap.files import make_folder, replacing
+
+_QUALITY = {"preset": "veryfast", "crf": "23", "movflags": "+faststart"}
 
 
 class VideoFile:
-    """An MPEG-4 file, put in place when it is closed without an error.
+    """An H.264 file in MPEG-4, put in place when it is closed without an error.
 
-    Raises InputError for another suffix, MachineError if the video cannot be written.
+    Raises InputError for another suffix, and as `egocap.files.disk_errors`.
     """
 
     def __init__(self, out: Path, fps: float = 30.0) -> None:
@@ -26,15 +30,16 @@ class VideoFile:
             raise InputError(f"{out} is a folder", valid="the name of a file")
         self.out, self.fps, self.frames = out, fps, 0
         self._open = ExitStack()
-        self._writer = None
+        self._container: Any = None
+        self._stream: Any = None
 
     def __enter__(self) -> VideoFile:
         return self
 
-    def __exit__(self, *exception: Any) -> None:
-        if self._writer is not None:
-            self._writer.release()
-        self._open.__exit__(*exception)
+    def __exit__(self, kind: Any, *exception: Any) -> None:
+        if self._stream is not None and kind is None:
+            self._container.mux(self._stream.encode(None))
+        self._open.__exit__(kind, *exception)
 
     def add(self, picture: UInt8[Array, "H W 3"], at: float | None = None) -> None:
         """Add an RGB picture; all have the size of the first, with even sides.
@@ -42,18 +47,24 @@ class VideoFile:
         `at` is its time from the start [s]: the picture is dropped or repeated to keep that time.
         Without it every picture is one frame.
         """
-        import cv2
+        from av.video.frame import VideoFrame
 
-        if self._writer is None:
-            make_folder(self.out.parent)
-            part = self._open.enter_context(replacing(self.out, keep_suffix=True))
-            size = picture.shape[1], picture.shape[0]
-            fourcc = cv2.VideoWriter.fourcc(*"mp4v")
-            self._writer = cv2.VideoWriter(str(part), fourcc, self.fps, size)
-            if not self._writer.isOpened():
-                raise MachineError(f"OpenCV cannot write {self.out}",
-                                   remedy="is the folder writable?")  # fmt: skip
+        if self._stream is None:
+            self._stream = self._begin(picture.shape[1], picture.shape[0])
         wanted = self.frames + 1 if at is None else int(at * self.fps + 1e-6) + 1
         while self.frames < wanted:
-            self._writer.write(picture[..., ::-1])
+            frame = VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+            frame.pts = self.frames
+            self._container.mux(self._stream.encode(frame))
             self.frames += 1
+
+    def _begin(self, width: int, height: int) -> Any:
+        import av.container
+
+        make_folder(self.out.parent)
+        part = self._open.enter_context(replacing(self.out, keep_suffix=True))
+        self._container = self._open.enter_context(av.open(str(part), "w"))
+        rate = Fraction(self.fps).limit_denominator(1001)
+        stream = self._container.add_stream("libx264", rate, options=_QUALITY)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        return stream

@@ -1,0 +1,166 @@
+"""Motion capture in one call: footage and a rig file in; track, BVH, film and page out.
+
+Stages: sequence (import), detections.npz, body.json, track.npz, motion.bvh, film.mp4, index.html.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.data.bvh import write_bvh
+from egocap.data.detections import Detections, load_detections, save_detections
+from egocap.data.head_pose import in_world
+from egocap.data.sequence import Sequence as Recording
+from egocap.data.track import Track, load_track, save_track
+from egocap.detect.detector import Detector
+from egocap.errors import InputError
+from egocap.files import make_folder, write_json
+from egocap.fitting.wearer import find_body
+from egocap.footage.config import ImportOptions
+from egocap.footage.importing import import_footage
+from egocap.footage.sources import Step
+from egocap.motion_capture.body import fit_wearer
+from egocap.motion_capture.config import MocapOptions
+from egocap.motion_capture.detecting import detect_in_pieces
+from egocap.motion_capture.film import write_film
+from egocap.motion_capture.findings import Findings, find
+from egocap.motion_capture.geometry_check import check_agreement
+from egocap.motion_capture.page import write_page
+from egocap.motion_capture.stages import Stages
+from egocap.motion_capture.tracking import track_in_windows
+from egocap.pose.config import TrackerConfig
+from egocap.schema import read_json
+
+FILM, PAGE = "film.mp4", "index.html"
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """Results of a run, and the folder that holds their files."""
+
+    folder: Path
+    sequence: Recording
+    track: Track
+    findings: Findings
+
+    def __repr__(self) -> str:
+        return f"Capture('{self.folder}', {self.track})"
+
+
+def mocap(
+    sources: Sequence[str | Path],
+    rig: Rig | str | Path,
+    out: str | Path,
+    options: MocapOptions = MocapOptions(),  # noqa: B008 (frozen)
+    footage: ImportOptions = ImportOptions(),  # noqa: B008 (frozen)
+    tracker: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
+    on_step: Step = lambda name, total: lambda count: None,
+) -> Capture:
+    """Capture the motion of the wearer of a rig from footage of its cameras.
+
+    The same call goes on where an interrupted one stopped, and runs no stage again whose settings
+    and input are the same.
+
+    Args:
+        sources: a video or a folder of pictures for every view, in the order of the rig.
+        rig: the cameras, or their file.
+        out: folder of the results.
+        options: what is known of the wearer, and what to write.
+        footage: how the footage is read.
+        tracker: settings of the tracker.
+        on_step: called at the beginning of every step.
+
+    Raises:
+        FileError: a file is missing, damaged, or of another shape than the rig's.
+        InputError: no common time, no detections, or views that look exchanged.
+    """
+    if options.body is not None and options.height is not None:
+        raise InputError("--height and --body", valid="one of them")
+    folder = Path(out)
+    make_folder(folder)
+    sequence = import_footage(sources, rig, folder / "sequence", footage, on_step)
+    stages = Stages(folder)
+    found = _detections(stages, sequence, options, on_step)
+    agreement = check_agreement(found, sequence.rig)
+    if agreement.looks_exchanged and not options.accept_swapped:
+        raise InputError(
+            "the views look exchanged: rays to the same joint miss each other by "
+            f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other order",
+            valid="the files in the order of the rig, or --accept-swapped",
+        )
+    body, bones = _body(stages, sequence, found, options)
+    track = _track(stages, sequence, found, body, tracker, options, on_step)
+    assert sequence.footage is not None
+    findings = find(track, found, sequence.rig, sequence.footage, agreement, options.height)
+    _results(stages, sequence, track, findings, bones, options, on_step)
+    return Capture(folder, sequence, track, findings)
+
+
+def _detections(
+    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
+) -> Detections:
+    def write(path: Path) -> None:
+        detector = Detector(sequence.rig, options.weights)
+        pieces = stages.folder / f"detections-{detector.weights.sha256[:8]}"
+        advance = on_step("detect", len(sequence))
+        save_detections(path, detect_in_pieces(sequence, detector, pieces, advance))
+        shutil.rmtree(pieces)
+
+    settings = {"sequence": sequence.manifest.config_sha256, "weights": options.weights}
+    return stages.run("detections.npz", settings, write, load_detections)
+
+
+def _body(
+    stages: Stages, sequence: Recording, found: Detections, options: MocapOptions
+) -> tuple[Proportions, dict[str, Any]]:
+    """Proportions, and the report of their fit; empty where they were given."""
+    report = stages.folder / "body-report.json"
+
+    def write(path: Path) -> None:
+        if options.body is not None:
+            find_body(options.body).save(path)
+            write_json(report, {})
+            return
+        fit = fit_wearer(found, sequence.rig, options.height)
+        fit.proportions.save(path)
+        write_json(report, fit.report())
+
+    settings = {"height": options.height, "body": options.body}
+    body = stages.run("body.json", settings, write, Proportions.load)
+    return body, read_json(report)
+
+
+def _track(
+    stages: Stages, sequence: Recording, found: Detections, body: Proportions,
+    tracker: TrackerConfig, options: MocapOptions, on_step: Step,
+) -> Track:  # fmt: skip
+    def write(path: Path) -> None:
+        advance = on_step("track", len(sequence))
+        track = track_in_windows(sequence.folder, found, body, tracker, advance)
+        config = track.config | {"sequence": sequence.manifest.config_sha256}
+        track = replace(track, config=config)
+        save_track(path, track if options.head_pose is None else in_world(track, options.head_pose))
+
+    settings = {"tracker": asdict(tracker), "head_pose": options.head_pose}
+    return stages.run("track.npz", settings, write, load_track)
+
+
+def _results(
+    stages: Stages, sequence: Recording, track: Track, findings: Findings, bones: dict[str, Any],
+    options: MocapOptions, on_step: Step,
+) -> None:  # fmt: skip
+    def film(path: Path) -> None:
+        write_film(path, sequence, track, on_step("film", len(sequence)))
+
+    stages.run("motion.bvh", {}, lambda path: write_bvh(path, track), lambda path: path)
+    if not options.skip_film:
+        stages.run(FILM, {}, film, lambda path: path)
+    write_json(stages.folder / "findings.json", findings.to_dict())
+    write_page(stages.folder / PAGE, sequence, track, findings, bones,
+               None if options.skip_film else FILM)  # fmt: skip

@@ -1,0 +1,66 @@
+"""Detection of a long recording in pieces, so that an interrupted run goes on where it stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from egocap.data.detections import Detections, load_detections, save_detections
+from egocap.data.sequence import Sequence
+from egocap.detect.detector import Detector, joined
+from egocap.detect.input_images import ahead, recorded_pictures
+from egocap.detect.view_times import at_frame_times
+from egocap.errors import FileError
+from egocap.files import make_folder
+
+PIECE = 600  # frames
+
+
+def detect_in_pieces(
+    sequence: Sequence,
+    detector: Detector,
+    folder: Path,
+    on_frames: Callable[[int], None] = lambda count: None,
+) -> Detections:
+    """Detections in all frames. Pieces are kept in `folder` until the caller removes it."""
+    make_folder(folder)
+    frames = len(sequence)
+    for number in count():
+        rows = range(number * PIECE, min((number + 1) * PIECE, frames))
+        if not rows:
+            break
+        path = folder / f"{number:05d}.npz"
+        if not _there(path, len(rows)):
+            save_detections(path, _detect(sequence, detector, rows, on_frames))
+        else:
+            on_frames(len(rows))
+    found = joined([load_detections(path) for path in sorted(folder.glob("?????.npz"))])
+    if sequence.frame_times is None:
+        return found
+    widths = np.array([camera.width for camera in sequence.rig.cameras], float)
+    return at_frame_times(found, sequence.frame_times, widths)
+
+
+def _there(path: Path, frames: int) -> bool:
+    try:
+        return len(load_detections(path).times) == frames
+    except FileError:
+        return False
+
+
+def _detect(
+    sequence: Sequence, detector: Detector, rows: range, on_frames: Callable[[int], None]
+) -> Detections:
+    """Detections of a range of frames; a thread decodes ahead of the network."""
+
+    def prepared(index: int):
+        return index, *detector.canonical([recorded_pictures(sequence, index)])
+
+    parts = []
+    for index, views, slots in ahead(iter(rows), prepared):
+        parts.append(detector.read(detector.run(views), slots, sequence.times[index : index + 1]))
+        on_frames(1)
+    return joined(parts)

@@ -1,0 +1,88 @@
+"""Tracking of a long recording in overlapping windows, several at once, in memory that is bounded.
+
+The angles of two windows are blended over their overlap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import forward
+from egocap.data.detections import Detections
+from egocap.data.sequence import Sequence
+from egocap.data.track import Track
+from egocap.detect.engine import available_cores
+from egocap.pose.config import TrackerConfig
+from egocap.track.tracker import Tracker
+
+WINDOW, OVERLAP = 900, 60  # frames
+
+
+def track_in_windows(
+    folder: Path,
+    found: Detections,
+    body: Proportions,
+    config: TrackerConfig,
+    on_frames: Callable[[int], None] = lambda count: None,
+) -> Track:
+    """The track of a recorded sequence from its detections and images. Raises as `Tracker`."""
+    windows = split(len(found.times))
+    jobs = [(folder, found[w.start : w.stop], w.start, body, config) for w in windows]
+    if len(jobs) == 1:
+        track = _track(*jobs[0])
+        on_frames(len(found.times))
+        return track
+    parts = []
+    workers = min(available_cores(), len(jobs))
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for window, part in zip(windows, pool.map(_track, *zip(*jobs, strict=True)), strict=True):
+            parts.append(part)
+            on_frames(window.stop - max(window.start, 0) - (OVERLAP if window.start else 0))
+    return join(windows, parts, body)
+
+
+def split(frames: int) -> list[range]:
+    """Windows that overlap; none is much shorter than the others."""
+    if frames <= WINDOW + OVERLAP:
+        return [range(frames)]
+    count = -(-(frames - OVERLAP) // (WINDOW - OVERLAP))
+    starts = np.linspace(0, frames - OVERLAP, count + 1).round().astype(int)
+    return [range(int(a), int(b) + OVERLAP) for a, b in pairwise(starts)]
+
+
+def join(windows: list[range], parts: list[Track], body: Proportions) -> Track:
+    """One track; within an overlap the angles pass from one window to the next."""
+    whole = parts[0]
+    for window, part in zip(windows[1:], parts[1:], strict=True):
+        shared = len(whole.times) - window.start
+        ramp = (np.arange(shared) + 0.5) / shared
+        ease = (ramp * ramp * (3.0 - 2.0 * ramp))[:, None]
+        blended = (1.0 - ease) * whole.angles[-shared:] + ease * part.angles[:shared]
+        until = len(whole.times) - shared // 2
+        arrays = {
+            name: np.concatenate([getattr(whole, name)[:until], values[until - window.start :]])
+            for name, values in vars(part).items()
+            if isinstance(values, np.ndarray) and name != "offsets"
+        }
+        arrays["angles"] = np.concatenate([whole.angles[:-shared], blended, part.angles[shared:]])
+        whole = replace(whole, **arrays)
+    seconds = float(np.mean([part.seconds_per_frame for part in parts]))
+    return replace(
+        whole, joints_head=forward(body, whole.angles), seconds_per_frame=seconds,
+        config=whole.config | {"windows": [[w.start, w.stop] for w in windows]},
+    )  # fmt: skip
+
+
+def _track(
+    folder: Path, found: Detections, first: int, body: Proportions, config: TrackerConfig
+) -> Track:
+    sequence = Sequence(folder)
+    return Tracker(sequence.rig, body, config).track(found, lambda t: sequence.images(first + t))

@@ -1,0 +1,83 @@
+"""From pictures of two cameras to motion, in one call and in one command."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from egocap.cli import main
+from egocap.data.sequence import Sequence
+from egocap.data.track import load_track
+
+
+@pytest.fixture(scope="module")
+def footage(tiny_sequence, tmp_path_factory):
+    """Pictures of a simulated sequence in two folders, and its rig file."""
+    folder = tmp_path_factory.mktemp("footage")
+    sequence = Sequence(tiny_sequence)
+    for frame in sequence:
+        for name, image in zip(sequence.rig.views, frame.images, strict=True):
+            (folder / name).mkdir(exist_ok=True)
+            cv2.imwrite(str(folder / name / f"{frame.index:03d}.png"), image[..., ::-1])
+    sequence.rig.to_json(folder / "rig.json")
+    return folder
+
+
+def mocap(monkeypatch, capsys, footage, out, *more, order=("left", "right")):
+    words = [*(str(footage / name) for name in order), "--rig", str(footage / "rig.json"),
+             "--fps", "30", "--out", str(out), *more]  # fmt: skip
+    monkeypatch.setattr("sys.argv", ["egocap", "mocap", *words])
+    code = main()
+    return code, capsys.readouterr()
+
+
+@pytest.fixture(scope="module")
+def results(footage, tmp_path_factory):
+    """A folder of results, made once."""
+    from egocap import mocap as capture
+    from egocap.footage.config import ImportOptions
+    from egocap.media.pictures import PictureOptions
+    from egocap.motion_capture.config import MocapOptions
+
+    out = tmp_path_factory.mktemp("results") / "me"
+    options = ImportOptions(pictures=PictureOptions(fps=30.0))
+    sources = [footage / "left", footage / "right"]
+    capture(sources, footage / "rig.json", out, MocapOptions(height=1.79), options)
+    return out
+
+
+def test_everything_is_written_and_the_motion_is_near_the_truth(results, tiny_sequence):
+    assert {"track.npz", "motion.bvh", "film.mp4", "index.html", "body.json", "detections.npz",
+            "findings.json"} <= {path.name for path in results.iterdir()}  # fmt: skip
+    track = load_track(results / "track.npz")
+    error = np.linalg.norm(track.joints_head - Sequence(tiny_sequence).truth.joints_head, axis=-1)
+    assert error[:, 1:].mean() < 0.06
+    page = (results / "index.html").read_text()
+    assert "What to improve" in page and page.count("<figure>") >= 1
+    assert (results / "motion.bvh").read_text().startswith("HIERARCHY")
+
+
+def test_the_command_reuses_what_is_there(monkeypatch, capsys, footage, results):
+    before = {p.name: p.stat().st_mtime_ns for p in results.iterdir() if p.suffix != ".html"}
+    code, shown = mocap(monkeypatch, capsys, footage, results, "--height", "1.79", "--json")
+    assert code == 0
+    found = json.loads(shown.out)
+    assert found["frames"] == 7 and 0 < found["sure"] <= 1 and found["advice"]
+    after = {name: (results / name).stat().st_mtime_ns for name in before}
+    assert {n for n in before if after[n] != before[n]} <= {"findings.json", "sequence"}
+
+
+def test_exchanged_views_are_refused(monkeypatch, capsys, footage, tmp_path):
+    code, shown = mocap(
+        monkeypatch, capsys, footage, tmp_path / "x", "--body", "average:1.79", "--skip-film",
+        order=("right", "left"),
+    )  # fmt: skip
+    assert code == 2 and "look exchanged" in shown.err
+
+
+def test_height_and_body_exclude_each_other(monkeypatch, capsys, footage, tmp_path):
+    code, shown = mocap(
+        monkeypatch, capsys, footage, tmp_path / "x", "--body", "me.json", "--height", "1.8"
+    )
+    assert code == 2 and "--height and --body" in shown.err and not (tmp_path / "x").exists()

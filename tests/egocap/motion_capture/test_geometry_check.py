@@ -1,0 +1,45 @@
+"""Rays of two views tell whether the views fit the rig, the other order, or neither."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from egocap.geometry import axis_angle
+from egocap.motion_capture.geometry_check import check_agreement
+from tests.egocap.conftest import make_motion
+
+
+@pytest.fixture(scope="module")
+def made():
+    return make_motion(frames=60)
+
+
+def test_exact_detections_of_the_right_rig_agree(made):
+    found = made.detect("simulated:0.5")
+    seen = check_agreement(found, made.rig)
+    assert seen.pairs > 500 and seen.as_given < 0.2 and seen.exchanged > 3.0
+    assert not seen.looks_exchanged and not seen.looks_like_another_rig
+
+
+def test_exchanged_views_are_told(made):
+    found = made.detect("simulated:1.0")
+    other = replace(found, points=found.points[:, ::-1], valid=found.valid[:, ::-1],
+                    confidence=found.confidence[:, ::-1], sigma=found.sigma[:, ::-1])  # fmt: skip
+    seen = check_agreement(other, made.rig)
+    assert seen.looks_exchanged and seen.exchanged < 0.5
+
+
+def test_another_rig_is_told(made):
+    right = made.rig.mounts[1]
+    T = right.T_head_camera.copy()
+    T[:3, :3] = axis_angle(np.array([1.0, 0.0, 0.0]), np.deg2rad(20)) @ T[:3, :3]
+    other = replace(made.rig, mounts=(made.rig.mounts[0], replace(right, T_head_camera=T)))
+    seen = check_agreement(made.detect("simulated:1.0"), other)
+    assert seen.looks_like_another_rig and not seen.looks_exchanged
+
+
+def test_nothing_is_said_of_too_little(made):
+    found = made.detect("simulated:1.0")
+    found.valid[:, 1] = False
+    assert np.isnan(check_agreement(found, made.rig).as_given)

@@ -1,0 +1,45 @@
+"""Windows cover every frame; joined tracks are as smooth as the motion."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from egocap.body.skeleton import forward
+from egocap.data.track import Track
+from egocap.motion_capture.tracking import OVERLAP, WINDOW, join, split
+from tests.egocap.conftest import make_motion
+
+
+@pytest.mark.parametrize("frames", [1, 500, WINDOW + OVERLAP, WINDOW + OVERLAP + 1, 5000, 54000])
+def test_windows_cover_all_frames_and_overlap(frames):
+    windows = split(frames)
+    assert windows[0].start == 0 and windows[-1].stop == frames
+    assert all(a.stop - b.start == OVERLAP for a, b in pairwise(windows))
+    assert max(map(len, windows)) <= WINDOW + OVERLAP
+    assert len(windows) == 1 or min(map(len, windows)) > WINDOW / 2
+
+
+def test_joined_windows_are_the_motion():
+    made = make_motion(frames=2000)
+    windows = split(2000)
+
+    def part(window, error):
+        rows = slice(window.start, window.stop)
+        angles = made.angles[rows] + error
+        count = len(window)
+        return Track(
+            times=made.times[rows], angles=angles, joints_head=forward(made.person, angles),
+            energy=np.arange(count, dtype=float) + window.start, converged=np.ones(count, bool),
+            detections_used=np.ones(count), seconds_per_frame=0.1, config={},
+            offsets=made.person.offsets, confidence=np.ones((count, 18)),
+        )  # fmt: skip
+
+    whole = join(windows, [part(w, 0.01 * i) for i, w in enumerate(windows)], made.person)
+    np.testing.assert_array_equal(whole.times, made.times)
+    np.testing.assert_array_equal(whole.energy, np.arange(2000))
+    off = whole.angles - made.angles
+    assert off[0, 0] == 0 and np.isclose(off[-1, 0], 0.01 * (len(windows) - 1))
+    assert np.abs(np.diff(off, axis=0)).max() < 1.6 * 0.01 / OVERLAP  # of a smooth ramp
+    np.testing.assert_allclose(whole.joints_head, forward(made.person, whole.angles))
+    assert whole.offsets.shape == (22, 3)

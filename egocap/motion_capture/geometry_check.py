@@ -42,7 +42,7 @@ class Agreement:
     @property
     def looks_like_another_rig(self) -> bool:
         """Whether the views fit the rig in no order."""
-        return self.as_given > max(4.0 * self.expected, 2.0) and not self.looks_exchanged
+        return self.as_given > max(3.0 * self.expected, 0.8) and not self.looks_exchanged
 
 
 def check_agreement(found: Detections, rig: Rig, frames: int = 300) -> Agreement:

@@ -33,7 +33,7 @@ def test_exchanged_views_are_told(made):
 def test_another_rig_is_told(made):
     right = made.rig.mounts[1]
     T = right.T_head_camera.copy()
-    T[:3, :3] = axis_angle(np.array([1.0, 0.0, 0.0]), np.deg2rad(20)) @ T[:3, :3]
+    T[:3, :3] = axis_angle(np.array([0.0, 1.0, 0.0]), np.deg2rad(8)) @ T[:3, :3]
     other = replace(made.rig, mounts=(made.rig.mounts[0], replace(right, T_head_camera=T)))
     seen = check_agreement(made.detect("simulated:1.0"), other)
     assert seen.looks_like_another_rig and not seen.looks_exchanged

@@ -72,8 +72,9 @@ def track(
     proportions = opened.body if body is None else find_body(body, opened.rig, found)
     tracker = make_tracker(opened.rig, proportions, solver, settings)
     result = tracker.track(found, opened.images)
-    of_sequence = {"sequence": opened.manifest.config_sha256}  # so that no other is scored with it
-    result = replace(result, config=result.config | of_sequence)
+    # So that no other sequence is scored with it, and scores name the body.
+    origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}
+    result = replace(result, config=result.config | origin)
     if head_pose is not None:
         result = in_world(result, head_pose)
     for path in (out, save_detections):

@@ -15,7 +15,7 @@ from egocap.data.input_checks import require_finite, require_shape
 from egocap.data.truth import VISIBLE, Truth
 from egocap.errors import InputError
 from egocap.evaluation import metrics
-from egocap.evaluation.protocol import HIPS, Protocol, find_protocol
+from egocap.evaluation.protocol import ALIGNMENTS, Protocol, find_protocol
 from egocap.geometry import transform
 
 MM = 1e3  # millimetres a metre
@@ -101,9 +101,9 @@ class PoseErrors:
             raise InputError(f"the truth has no joint of {rules.name}", valid="labels in 3-D")
         if not errors.counted.any():
             raise InputError(f"no joint of {rules.name} was predicted in any frame")
-        if rules.alignment == "mid-hip" and not errors.hips_everywhere:
+        if not rules.defined(errors.counted):
             raise InputError(
-                f"{rules.name} needs both hips in every frame that has any joint",
+                f"{rules.name} needs {ALIGNMENTS[rules.alignment].needs}",
                 valid="another alignment, e.g. egocap-17-rigid",
             )
         return errors
@@ -136,11 +136,6 @@ class PoseErrors:
         if self.truth.T_world_head is None or not self.valid[:, TOES].all():
             return None
         return transform(self.truth.T_world_head, self.predicted[:, TOES])
-
-    @property
-    def hips_everywhere(self) -> bool:
-        """Whether both hips were predicted in every frame with a counted joint."""
-        return bool(self.valid[self.counted.any(1)][:, HIPS].all())
 
     def under(self, protocol: Protocol) -> Float[Array, "T 18"]:
         """Joint errors under another protocol, metres."""

@@ -59,6 +59,8 @@ class AlignmentRule:
     suffix: str  # of the protocol's name
     words: str
     align: Callable[[Array, Array, Array | None, tuple[int, ...]], Array]
+    needs: str = ""  # joints without which there is no such alignment, in words
+    defined: Callable[[Array, tuple[int, ...]], bool] = lambda valid, joints: True
 
 
 def _bone_adjusted(
@@ -94,9 +96,24 @@ def _mid_hip(predicted: Array, truth: Array, mask: Array | None, joints: tuple[i
     return align_root(predicted, truth, tuple(joints.index(j) for j in HIPS))
 
 
+def _has_hips(valid: Array, joints: tuple[int, ...]) -> bool:
+    return bool(valid[valid.any(1)][:, HIPS].all())
+
+
+def _has_bones(valid: Array, joints: tuple[int, ...]) -> bool:
+    """A bone's length can be changed where both ends are known, up to the neck."""
+    bones = [(a, b) for a, b in TREE if a in joints and b in joints]
+    return not any((valid[:, b] & ~valid[:, a]).any() for a, b in bones)
+
+
+_HIPS_NEEDED = "both hips in every frame that has any joint"
+_BONES_NEEDED = "with every joint all those between it and the neck"
+
 ALIGNMENTS: Mapping[str, AlignmentRule] = {
     "none": AlignmentRule("", "no alignment", lambda p, t, m, j: p),
-    "mid-hip": AlignmentRule("-mid-hip", "mid-hips moved together", _mid_hip),
+    "mid-hip": AlignmentRule(
+        "-mid-hip", "mid-hips moved together", _mid_hip, _HIPS_NEEDED, _has_hips
+    ),
     "rigid": AlignmentRule(
         "-rigid", "each frame rigidly aligned", lambda p, t, m, j: align_rigid(p, t, m)
     ),
@@ -119,11 +136,15 @@ ALIGNMENTS: Mapping[str, AlignmentRule] = {
         "-ba",
         "each frame's bones made as long as the true ones, then aligned by a similarity",
         _bone_adjusted,
+        _BONES_NEEDED,
+        _has_bones,
     ),
     "bones-then-rigid": AlignmentRule(
         "-ba-rigid",
         "each frame's bones made as long as the true ones, then rigidly aligned",
         _bones_then_rigid,
+        _BONES_NEEDED,
+        _has_bones,
     ),
 }
 
@@ -136,6 +157,10 @@ class Protocol:
     joints: tuple[int, ...]  # indices into `egocap.body.labels.LABELS`
     alignment: str  # a key of `ALIGNMENTS`
     description: str
+
+    def defined(self, counted: Bool[Array, "T 18"]) -> bool:
+        """Whether this protocol can align poses of which these joints count."""
+        return ALIGNMENTS[self.alignment].defined(counted, self.joints)
 
     def align(
         self,

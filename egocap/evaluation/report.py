@@ -68,6 +68,7 @@ class Report:
     tracker_fps: float | None = None
     converged_share: float | None = None
     detections_source: str | None = None
+    body: str | None = None  # whose bones the track has: true, fitted, average or a file
     method: str | None = None  # of predictions from elsewhere
     warnings: tuple[str, ...] = ()  # what another reading of the predictions would explain
     provenance: Mapping[str, Any] = field(default_factory=dict)  # files, versions
@@ -110,9 +111,10 @@ class Report:
         return tables
 
     def heading(self) -> str:
-        """Protocol, frames and source in one line; warnings below."""
+        """Protocol with its alignment, frames, detector and body in one line; warnings below."""
         source = f"; {self.method}" if self.method else ""
         source += f"; detections {self.detections_source}" if self.detections_source else ""
+        source += f"; body {self.body}" if self.body else ""
         first = f"{self.protocol}: {self.protocol_description}; {self.frames} frames{source}"
         return "\n".join([first, *(f"Warning: {warning}" for warning in self.warnings)])
 

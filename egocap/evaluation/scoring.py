@@ -114,7 +114,7 @@ def make_report(errors: PoseErrors, rng: np.random.Generator | None = None) -> R
             p.name: MM * metrics.mean_error(errors.under(p), errors.counted)
             for p in PROTOCOLS.values()
             if p.joints == rules.joints and p.name != rules.name
-            and (p.alignment != "mid-hip" or errors.hips_everywhere)
+            and p.defined(errors.counted)
         },
         contact_f1_of_truth=measure(ideal, "contact_f1"),
     )  # fmt: skip
@@ -181,7 +181,20 @@ def _score_track(track: Track, sequence: Sequence, protocol: str) -> Report:
         tracker_fps=1.0 / track.seconds_per_frame if track.seconds_per_frame > 0 else None,
         converged_share=float(np.mean(track.converged)),
         detections_source=source if isinstance(source, str) else None,
+        body=_body_name(track, sequence),
     )  # fmt: skip
+
+
+def _body_name(track: Track, sequence: Sequence) -> str:
+    """Whose bones the track has: "true", or as `egocap track --body` named them."""
+    if track.offsets is None:
+        return "not stated"
+    if np.allclose(track.offsets, sequence.body.offsets, atol=1e-6):
+        return "true"
+    names = {"fit": "fitted", "average": "average"}
+    source = str(track.config.get("body", "not the true one"))
+    kind, _, rest = source.partition(":")
+    return " ".join(filter(None, [names.get(kind, source), rest if kind in names else ""]))
 
 
 def _score_predictions(

@@ -58,6 +58,7 @@ def test_a_track_is_near_the_truth_and_names_its_sequence(tracked, tiny_sequence
     assert np.median(error) < 0.05
     assert track.config["sequence"] == load_manifest(tiny_sequence).config_sha256
     assert track.config["detections"] == "simulated:1.0"
+    assert track.config["body"] == "sequence"
 
 
 def test_saved_detections_give_the_same_track(egocap, tracked, tiny_sequence):

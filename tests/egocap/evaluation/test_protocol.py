@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from egocap.body.labels import LABELS
+from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.errors import InputError
+from egocap.evaluation import GroundTruth, evaluate_pose
 from egocap.evaluation.protocol import (
     BONES,
     LOWER_LIMBS,
@@ -10,6 +11,8 @@ from egocap.evaluation.protocol import (
     UPPER_LIMBS,
     find_protocol,
 )
+
+TIMES = np.arange(20) / 30
 
 
 def test_egocap_17_is_all_joints_but_the_head_untouched():
@@ -52,3 +55,41 @@ def test_alignments_undo_what_they_allow_whatever_the_head_does(name):
 def test_unknown_name_lists_the_known():
     with pytest.raises(InputError, match="egocap-17-pa"):
         find_protocol("h36m")
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_missing_joints_are_masked_in_every_protocol_or_refused(seed):
+    """What a missing joint holds changes no score; bones are not made where an end is missing."""
+    rng = np.random.default_rng(seed)
+    truth = rng.normal(size=(20, 18, 3))
+    valid = rng.random((20, 18)) >= rng.choice([0.02, 0.3, 0.9])
+    valid[0] = False
+    predicted = truth + 0.1 * rng.normal(size=truth.shape)
+    for name, rules in PROTOCOLS.items():
+        scores = []
+        for filler in (np.nan, 0.0, 1e6):
+            made = np.where(valid[..., None], predicted, filler)
+            try:
+                report = evaluate_pose(made, GroundTruth(truth, TIMES), valid=valid,
+                                       protocol=name)  # fmt: skip
+            except InputError as error:
+                assert rules.alignment in ("mid-hip", "bone-adjusted", "bones-then-rigid"), error
+                scores.append(str(error))
+            else:
+                scores.append(report.to_json())
+        assert len(set(scores)) == 1, name
+
+
+def test_bone_adjustment_needs_the_chain_to_the_neck():
+    valid = np.ones((3, 18), bool)
+    rules = find_protocol("egocap-17-ba")
+    valid[1, LABEL_INDEX["left_hand"]] = False  # an end: nothing hangs on it
+    assert rules.defined(valid)
+    valid[1, LABEL_INDEX["left_elbow"]] = False  # the wrist hangs on it
+    assert not rules.defined(valid)
+    truth = np.random.default_rng(0).normal(size=(3, 18, 3))
+    report = evaluate_pose(truth, GroundTruth(truth, TIMES[:3]), valid=valid)
+    assert "egocap-17-pa" in report.other_protocols_mm
+    assert not [name for name in report.other_protocols_mm if "-ba" in name]
+    with pytest.raises(InputError, match="between it and the neck"):
+        evaluate_pose(truth, GroundTruth(truth, TIMES[:3]), valid=valid, protocol="egocap-17-ba")

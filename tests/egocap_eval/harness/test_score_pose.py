@@ -203,6 +203,40 @@ def test_joints_alone_are_scored_too(folder, truth):
         evaluate(joints[:-1], sequence)
 
 
+@pytest.mark.parametrize("missing", [0.02, 0.5, 0.95])
+def test_your_tracker_is_scored_whatever_joints_are_missing(folder, truth, missing, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "examples"))
+    rng = np.random.default_rng(0)
+    found = make_detections(truth, 1.0)
+    valid = found.valid & (rng.random(found.valid.shape) >= missing)
+    valid[:5] = False
+    found = replace(found, valid=valid, points=np.where(valid[..., None], found.points, np.nan))
+    sequence = open_sequence(folder)
+    result = run_tracker("your_tracker:track", sequence, found)
+    report = evaluate(result, sequence, detections=found)
+    both = valid.all(1)[:, 1:]
+    assert report.coverage_share == pytest.approx(both.mean())
+    assert report.mpjpe_mm < 60 and report.pa_mpjpe_mm < 60
+    assert not [name for name in report.other_protocols_mm if "-ba" in name]
+
+
+def test_a_score_names_the_body_of_its_track(folder, truth):
+    sequence = open_sequence(folder)
+    other = 1.05 * sequence.body.offsets
+    for expected, offsets, config in (
+        ("not stated", None, {}),
+        ("true", sequence.body.offsets, {"body": "body.json"}),
+        ("fitted", other, {"body": "fit"}),
+        ("fitted 1.8", other, {"body": "fit:1.8"}),
+        ("average 1.8", other, {"body": "average:1.8"}),
+        ("mine.json", other, {"body": "mine.json"}),
+        ("not the true one", other, {}),
+    ):
+        report = evaluate(make_track(truth, offsets=offsets, config=config), sequence)
+        assert report.body == expected
+        assert f"{FRAMES} frames" in report.heading() and f"body {expected}" in report.heading()
+
+
 def test_command_prints_json_to_stdout(files, capsys):
     assert main(["pose", *files, "--json"]) == 0
     captured = capsys.readouterr()

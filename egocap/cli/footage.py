@@ -13,6 +13,7 @@ from tyro.conf import Positional
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE, progress
+from egocap.errors import InputError
 from egocap.footage.config import ImportOptions
 from egocap.motion_capture.config import MocapOptions
 
@@ -24,10 +25,12 @@ IMPORT, MOCAP = ImportOptions(), MocapOptions()
 
 @app.command(name="import")
 def import_(
-    sources: Positional[tuple[str, ...]],
-    rig: Path,
     out: Path,
+    sources: Positional[tuple[str, ...]] = (),
+    rig: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     options: Annotated[ImportOptions, tyro.conf.OmitArgPrefixes] = IMPORT,
+    dataset: Annotated[str | None, tyro.conf.arg(metavar="NAME:PATH")] = None,
+    sequence: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     json: bool = False,
 ) -> int:
     """Import videos or folders of pictures as a sequence, for every other command.
@@ -40,13 +43,43 @@ def import_(
         rig: rig file of the cameras.
         out: folder of the sequence to write; the same command completes an interrupted one.
         options: how the footage is read.
+        dataset: a published data set and its folder, in place of sources; a rig file then
+            replaces its cameras, and of the other options --copy is used.
+        sequence: name of the data set's sequence, where it holds several.
         json: print the summary as JSON.
     """
     from egocap.footage.importing import import_footage
 
+    if dataset is not None:
+        if sources:
+            raise InputError("--dataset together with sources", valid="one of them")
+        return _import_dataset(dataset, sequence, rig, out, options.copy, json)
+    if rig is None or not sources:
+        raise InputError("no --rig or no sources", valid="sources and --rig FILE, or --dataset")
     with ExitStack() as stack:
         found = import_footage(sources, rig, out, options, steps(stack))
     print_footage(found, json)
+    return DONE
+
+
+def _import_dataset(
+    dataset: str, sequence: str | None, rig: Path | None, out: Path, copy: bool, as_json: bool
+) -> int:
+    from egocap.cameras.rig_files import load_rig
+    from egocap.datasets.catalogue import find_recording
+    from egocap.datasets.importing import import_recording
+
+    found = find_recording(dataset, sequence, None if rig is None else load_rig(rig))
+    with progress("copy", len(found) if copy else 0) as advance:
+        import_recording(found, out, copy=copy, on_frames=advance)
+    apart = found.reprojection_px()
+    if as_json:
+        print(json.dumps({"sequence": str(out), "frames": len(found), "views": found.rig.views,
+                          "labels_off_px": apart}, indent=1))  # fmt: skip
+    else:
+        labels = "" if apart is None else f"; labels reproject within {apart:.2f} px (median)"
+        print(f"{out}: {len(found)} frames at {found.rig.frame_rate:g} Hz, "
+              f"views {', '.join(found.rig.views)}{labels}")  # fmt: skip
     return DONE
 
 

@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 
 from egocap.body.joint_names import JOINT_ORDER
 from egocap.cameras.rig import Mount, Rig
-from egocap.datasets.fields import array, parse_json
+from egocap.datasets.fields import array
 from egocap.datasets.lens_fit import fit_camera
 from egocap.datasets.mounting import upright
 from egocap.datasets.pictures import Picture, Tree, last_number
@@ -29,6 +29,7 @@ from egocap.datasets.recording import Labels, Recording, frame_times, inside_ima
 from egocap.datasets.xr_egopose import Y_UP_TO_WORLD
 from egocap.errors import FileError
 from egocap.geometry import inverse, rigid, transform
+from egocap.schema import parsed
 
 CM = 0.01
 RATE = 30.0  # Hz
@@ -92,7 +93,7 @@ def _read(dataset: str, name: str, metadata: Tree, images: Tree, rig: Rig | None
 
 def _frame(tree: Tree, name: str) -> _Frame:
     path = tree.where(name)
-    data = parse_json(tree.read(name), path)
+    data = parsed(tree.read(name), path)
     T = array(data, path, "world_from_headset_xf_cm", shape=(4, 4))
     R = T[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -43,17 +42,6 @@ def array(
         sizes = ", ".join("any" if size is None else str(size) for size in shape)
         raise FileError(path, problem, key=".".join(keys) or None, valid=f"({sizes})")
     return found
-
-
-def parse_json(text: str | bytes, path: Path) -> dict[str, Any]:
-    """A JSON object from a file's content. Raises FileError."""
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileError(path, f"not JSON: {error}") from None
-    if not isinstance(data, dict):
-        raise FileError(path, f"holds a {type(data).__name__}", valid="a JSON object")
-    return data
 
 
 def folders_with(root: Path, names: Collection[str]) -> Iterator[Path]:

@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
 from egocap.errors import FileError, MachineError
+from egocap.media.decoding import decode
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 
@@ -42,13 +43,13 @@ class Picture:
     def _decoded(self) -> Any:
         import cv2
 
-        data = np.frombuffer(self._bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if len(data) else None
+        image = decode(self.content(), cv2.IMREAD_COLOR_RGB)
         if image is None:
             raise FileError(self.path, "not an image, or damaged", key=self.member or None)
         return image
 
-    def _bytes(self) -> bytes:
+    def content(self) -> bytes:
+        """The image file's bytes. Raises FileError."""
         if self.member:
             return read_member(self.path, self.member)
         try:
@@ -120,7 +121,7 @@ class Tree:
 
     def read(self, name: str) -> bytes:
         """Content of a file. Raises FileError."""
-        return self.picture(name)._bytes()
+        return self.picture(name).content()
 
     def text(self, name: str) -> str:
         """A text file. Raises FileError."""

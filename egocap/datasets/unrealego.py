@@ -23,7 +23,7 @@ from egocap.body.joint_names import JOINT_ORDER
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount, Rig
 from egocap.datasets.calibration import find_camera
-from egocap.datasets.fields import array, folders_with, item, parse_json
+from egocap.datasets.fields import array, folders_with, item
 from egocap.datasets.mounting import TOLERANCE_M, head_poses, looking_down, rigid_fit
 from egocap.datasets.pictures import Picture, numbered
 from egocap.datasets.recording import (
@@ -35,7 +35,7 @@ from egocap.datasets.recording import (
 )
 from egocap.errors import FileError
 from egocap.geometry import rigid, transform
-from egocap.schema import read_text
+from egocap.schema import read_json
 
 CM = 0.01
 RATE = 25.0  # Hz
@@ -136,7 +136,7 @@ class _Points:
 
 
 def _frame(path: Path, layout: Layout, cameras: list[str]) -> tuple[Any, Array, Array, Array]:
-    joints = item(parse_json(read_text(path), path), path, "joints")
+    joints = item(read_json(path), path, "joints")
     names = JOINT_ORDER[layout.joints]
 
     def stack(key: str, size: int) -> Array:

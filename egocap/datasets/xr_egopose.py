@@ -18,14 +18,14 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Mount, Rig
-from egocap.datasets.fields import array, folders_with, item, parse_json
+from egocap.datasets.fields import array, folders_with, item
 from egocap.datasets.lens_fit import fit_lens
 from egocap.datasets.mounting import head_poses, looking_down
 from egocap.datasets.pictures import Picture, numbered
 from egocap.datasets.recording import Labels, Recording, frame_times, inside_images, on_labels
 from egocap.errors import FileError
 from egocap.geometry import transform
-from egocap.schema import read_text
+from egocap.schema import read_json
 
 CM = 0.01
 RATE = 30.0  # Hz
@@ -71,7 +71,7 @@ def _read(dataset: str, root: Path, folder: Path, rig: Rig | None) -> Recording:
 
 def _frame(path: Path) -> tuple[list[str], Array, Array, Array, str]:
     """Names, points [m], pixels and world positions [m] of a frame's joints, and its action."""
-    data = parse_json(read_text(path), path)
+    data = read_json(path)
     listed: list[Any] = item(data, path, "joints")
     if not isinstance(listed, list):
         raise FileError(path, "not a list", key="joints")

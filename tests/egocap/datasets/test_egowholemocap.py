@@ -1,11 +1,13 @@
 """EgoWholeMocap's label pickles of both versions."""
 
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from egocap.body.labels import LABEL_INDEX, LABELS
+from egocap.cameras.rig_files import load_rig
 from egocap.datasets.egowholemocap import recordings
 from egocap.errors import FileError
 from tests.egocap.datasets.miniature import MO2CAP2
@@ -45,6 +47,9 @@ def test_round_trip_with_hands(shot, tmp_path, check):
     (recording,) = recordings("egowholemocap", tmp_path)
     check(recording, shot, LABELS, pixels=False, world=False)
     assert recording.name == "render_people_adanna/dance"
+    shipped = load_rig(Path(__file__).parents[3] / "scenes/rigs/egowholemocap.toml")
+    assert shipped.cameras == recording.rig.cameras
+    assert np.allclose(shipped.T_head_camera, recording.rig.T_head_camera)
     pixels, inside = recording.rig.project(recording.labels.joints_head)
     assert np.abs(pixels[0] - shot.pixels[:, 0])[inside[0]].max() < 0.01
 

@@ -2,10 +2,12 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from egocap.cameras.rig_files import load_rig
 from egocap.datasets.calibration import SHIPPED
 from egocap.datasets.unrealego import recordings
 from egocap.errors import FileError
@@ -125,12 +127,15 @@ def test_four_views_round_trip(dataset, json_folder, suffix, trans, world, shoot
                                check):  # fmt: skip
     back = axis_angle(np.array([0.0, 0.0, 1.0]), np.pi)
     poses = [rigid(np.eye(3), -SIX_CM), rigid(np.eye(3), SIX_CM),
-             rigid(back, [0.06, 0.37, 0.0]), rigid(back, [-0.06, 0.37, 0.0])]  # fmt: skip
+             rigid(back, [-0.06, 0.37, 0.0]), rigid(back, [0.06, 0.37, 0.0])]  # fmt: skip
     shot = shoot([ocam(f"camera_{side}") for side in FOUR], poses)
     write_ego4view(shot, tmp_path / "rp_aaron/1001", json_folder, suffix, trans, world)
     (recording,) = recordings(dataset, tmp_path)  # calibrations are shipped
     check(recording, shot, MIXAMO.values())
     assert recording.rig.views == FOUR and recording.name == "rp_aaron/1001"
+    shipped = load_rig(Path(__file__).parents[3] / "scenes/rigs/ego4view.toml")
+    assert shipped.cameras == recording.rig.cameras and shipped.views == FOUR
+    assert np.allclose(shipped.T_head_camera, recording.rig.T_head_camera, atol=1e-6)
 
 
 def test_missing_and_foreign_parts_are_named(miniature, tmp_path):

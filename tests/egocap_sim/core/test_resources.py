@@ -25,6 +25,6 @@ def test_names_and_paths_are_told_apart(tmp_path: Path, monkeypatch) -> None:
 
 def test_an_unknown_name_lists_the_known() -> None:
     with pytest.raises(
-        InputError, match=r"no built-in rig 'egorig9' \(valid: cap, egorig1, egorig2"
+        InputError, match=r"no built-in rig 'egorig9' \(valid: cap, ego4view, egorig1, egorig2"
     ):
         find_file("rig", "egorig9")

@@ -45,6 +45,7 @@ def replacing(path: Path, *, keep_suffix: bool = False) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{ending}")
     with disk_errors(path):
         try:
+            temporary.unlink(missing_ok=True)  # so that no link there is followed
             yield temporary
             with temporary.open("rb") as file:
                 os.fsync(file.fileno())

@@ -7,7 +7,7 @@ may lie in videos or folders elsewhere.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -45,14 +45,14 @@ class Manifest(Strict):
     fps: float = Field(gt=0)
     frames: int = Field(ge=1)
     shard_frames: int = Field(ge=1)
-    views: tuple[str, ...]
+    views: tuple[Annotated[str, Field(pattern=r"^[\w-]{1,40}$")], ...]
     seed: int
     truth: bool = True  # footage has none
     shards_hold_images: bool = True  # otherwise they stay in the files that footage.json names
     config: dict[str, Any]  # everything the content depends on, resolved
     config_sha256: str
     code_version: str
-    files: dict[str, FileEntry] = {}
+    files: dict[Annotated[str, Field(pattern=r"^\w[\w.-]*$")], FileEntry] = {}
     shards: list[ShardEntry] = []
 
     @property

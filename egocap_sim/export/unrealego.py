@@ -130,7 +130,7 @@ def _place(sequence: Sequence) -> Path:
         clip["name"] if isinstance(clip, dict) else motion.get("name") or "motion",
         f"{name}_{sequence.manifest.seed}",
     )
-    return Path(*(re.sub(r"[^\w.-]", "_", str(step)) for step in steps))
+    return Path(*(re.sub(r"[^\w.-]|^\.+", "_", str(step)) or "_" for step in steps))
 
 
 def _pose(position: Any, rotation: Any) -> dict[str, Any]:

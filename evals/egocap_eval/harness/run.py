@@ -62,6 +62,7 @@ def study(
     html: bool = True,
     frames: Annotated[int | None, arg(metavar="N")] = None,
     again: bool = False,
+    allow_code: bool = False,
     cluster: Annotated[str | None, arg(metavar="ADDRESS")] = None,
 ) -> Outcome:
     """Run a suite; exit code 3 when a threshold is missed.
@@ -77,11 +78,14 @@ def study(
         frames: Try the suite: at most N frames of each sequence, one seed, no studies.
         again: Make predictions and studies of other settings, weights or code again; without it,
             those of other settings or weights are refused.
+        allow_code: Run functions that the suite names as MODULE:FUNCTION.
         cluster: Address of a Dask scheduler whose workers render missing sequences.
     """
     path = find_suite(suite)
     loaded = load_suite(path)
     _require_known(loaded)
+    if not allow_code:
+        _refuse_code(loaded, path)
     if frames is not None:
         loaded = shortened(loaded, frames)
     work = Path("out") / loaded.name if work is None else work
@@ -203,6 +207,18 @@ def _require_known(suite: Suite) -> None:
             raise InputError(f"no study '{entry.name}'", valid=STUDIES)
     for method in suite.methods:
         settings(method)
+
+
+def _refuse_code(suite: Suite, path: Path) -> None:
+    """Raise FileError where a suite names a function to import and run."""
+    for method in suite.methods:
+        source = (method.detections or "").removeprefix("detector:")
+        for key, name in (("tracker", method.tracker), ("detections", source)):
+            if ":" in name and (key == "tracker" or source != method.detections):
+                raise FileError(
+                    path, f"names code, '{name}'", key=f"methods.{method.name}.{key}",
+                    valid="an installed plug-in, or --allow-code for a suite that you trust",
+                )  # fmt: skip
 
 
 def _lock(work: Path, suite: Suite) -> None:

@@ -243,6 +243,8 @@ def test_a_rig_of_other_views_is_refused(folder):
         ({"fps": 0}, "'fps'"),
         ({"surprise": 1}, "unknown key"),
         ({"shards": [{"name": "../../etc/passwd"}]}, "shards.0.name"),
+        ({"files": {"../../../etc/hostname": {"bytes": 1, "sha256": "0" * 64}}}, "hostname"),
+        ({"views": ["../left"]}, "views.0"),
         ({"frames": 4}, "shard"),
     ],
 )

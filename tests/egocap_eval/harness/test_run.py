@@ -286,3 +286,25 @@ def test_numbers_are_looked_up_in_results(tmp_path):
     assert numbers.find("detector.json:name") == ("x", "do it")
     assert "detector.json: 'rows' is [" in numbers.find("detector.json:rows")[1]
     assert numbers.find("never.json:pck20") == (None, "not measured yet")
+
+
+@pytest.mark.parametrize("key", ["tracker", "detections"])
+def test_a_suite_runs_no_code_that_it_names_unless_allowed(place, tmp_path, capsys, key):
+    ran = types.ModuleType("named_code")
+    ran.calls = []
+    ran.run = lambda *given: ran.calls.append(given)
+    sys.modules["named_code"] = ran
+    named = {"tracker": "named_code:run", "detections": "detector:named_code:run"}[key]
+    head = (place[0] / "small.toml").read_text().split("[[methods]]")[0]
+    suite = tmp_path / "code.toml"
+    suite.write_text(f'{head}[[methods]]\nname = "code"\n{key} = "{named}"\n')
+    words = ["run", str(suite), "--work", str(tmp_path / "out")]
+    try:
+        assert main(words) == 2
+        line = capsys.readouterr().err
+        assert "methods.code" in line and "--allow-code" in line
+        assert not ran.calls and not (tmp_path / "out").exists()
+        assert main([*words, "--allow-code"]) == 2  # it returns no poses
+        assert ran.calls
+    finally:
+        del sys.modules["named_code"]

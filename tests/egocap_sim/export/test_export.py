@@ -1,6 +1,7 @@
 """Exports read back by code that knows the formats, not us: json, OpenCV, closed forms."""
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -93,6 +94,19 @@ def test_unrealego_has_the_pose_in_centimetres_three_times_over(sequence, tmp_pa
                 cv2.IMREAD_UNCHANGED,
             )
             assert np.array_equal(depth, sequence.depth(t, side))
+
+
+def test_names_of_the_sequence_lead_nowhere_else(tiny_sequence, tmp_path):
+    shutil.copytree(tiny_sequence, tmp_path / "seq")
+    path = tmp_path / "seq/manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["config"]["place"]["name"] = manifest["config"]["motion"]["name"] = ".."
+    path.write_text(json.dumps(manifest))
+    out = tmp_path / "a/b/out"
+    out.parent.mkdir(parents=True)
+    export(Sequence(tmp_path / "seq"), "unrealego", out)
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
+    assert [p.name for p in (tmp_path / "a").iterdir()] == ["b"]
 
 
 def test_unreal_rotations_turn_the_camera_to_its_points(sequence, tmp_path):

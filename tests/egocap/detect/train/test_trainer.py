@@ -66,6 +66,18 @@ def test_resumed_run_ends_with_the_same_weights(tmp_path):
             torch.testing.assert_close(value, theirs.state_dict()[name], rtol=0, atol=0, msg=name)
 
 
+def test_a_finished_run_that_is_resumed_takes_no_step(tmp_path):
+    validation = store(8, 100)
+    once = trainer(tmp_path / "run", validation=validation).run()
+    assert once.weights is not None
+    written = once.weights.read_bytes()
+    again = trainer(tmp_path / "run", validation=validation)
+    assert again.resume()
+    outcome = again.run()
+    assert outcome.finished and outcome.state.step == SHORT.steps
+    assert once.weights.read_bytes() == written
+
+
 def test_seed_changes_the_run(tmp_path):
     runs = [trainer(tmp_path / str(s), replace(SHORT, seed=s, steps=1)) for s in (0, 1)]
     for run in runs:

@@ -4,7 +4,7 @@
     python benchmarks/image_model.py SEQ --out FILE.json     # and write the numbers
     python benchmarks/image_model.py SEQ --device cuda       # and many poses at once, on a GPU
 
-SEQ is the first live sequence that `tools/measure-image-model.sh` makes. The pose is the one
+SEQ is the first live sequence that `egocap-eval refresh image_model` makes. The pose is the one
 nearest to the truth of frame 0, the image that frame's. Colours are compared in three ways:
 `ratio`, the likelihood ratio of person and background (`image_model.palette`), which the tracker
 uses; `paper`, appendix A; `cone`, the distance in the HSV cone.

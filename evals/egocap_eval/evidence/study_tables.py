@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from egocap_eval.evidence.page_table import Results, markdown, number
+from egocap_eval.evidence.page_table import Results, Row, markdown, number
+
+ABLATIONS = {
+    "ablation-test.json": "test set, images",
+    "ablation-validation.json": "validation set, images",
+    "ablation.json": "procedural, simulated detections",
+}
 
 
 def speed(results: Results) -> str:
@@ -109,19 +115,21 @@ def coverage(results: Results) -> str:
 def ablation(results: Results) -> str:
     """The effect of each part of our tracker and of the paper's."""
     header = ("variant", "error, mm", "change, mm", "arms", "legs", "visible", "hidden")
-    rows = results.rows(
-        "ablation.json",
-        "variants",
-        lambda r: [
-            (
-                row["variant"],
-                number(row["mpjpe_mm"]["mean"]),
-                _plus_minus(row["change_mm"]),
-                *(number(row[m]) for m in ("upper_mm", "lower_mm", "seen_mm", "hidden_mm")),
-            )
-            for row in r["rows"]
-        ],
-    )
+    rows: list[Row] = []
+    for file, name in ABLATIONS.items():
+        rows += results.rows(
+            file,
+            name,
+            lambda r, name=name: [
+                (
+                    f"{name}: {row['variant']}",
+                    number(row["mpjpe_mm"]["mean"]),
+                    _plus_minus(row["change_mm"]),
+                    *(number(row[m]) for m in ("upper_mm", "lower_mm", "seen_mm", "hidden_mm")),
+                )
+                for row in r["rows"]
+            ],
+        )
     return markdown(header, rows, results)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,6 +64,11 @@ def prepare_sequence(
         workers = 0 if in_process else workers
         generate(scene, folder, workers=workers, cluster=cluster, on_frames=advance)
     return open_sequence(folder)
+
+
+def content_hashes(sequences: Iterable[Sequence]) -> dict[str, dict[str, str]]:
+    """What a result depends on of its footage, JSON-ready: each sequence's hash by name."""
+    return {"sequences": {s.manifest.name: s.manifest.config_sha256 for s in sequences}}
 
 
 def builtin_scene(name: str, size: tuple[int, int] | None = None, **changes: Any) -> Scene:

@@ -25,7 +25,8 @@ VALIDATION_FRAMES = ("egocap_eval/detection/validation_frames.py",)
 
 STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "ablation": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/ablation.py",
-                 "egocap_eval/studies/recovery.py"),
+                 "egocap_eval/studies/recovery.py", "egocap_eval/studies/recorded.py",
+                 "egocap_eval/sets"),
     "accuracy": (*NOISE, *TRACKER, *SCORES, *WORLD, "egocap_eval/studies/accuracy.py"),
     "augmentation": (*SMALL_DETECTORS, "egocap_eval/studies/augmentation.py"),
     "calibration": (*DETECTOR, *GEOMETRY, "egocap/pose", "egocap/posterior", *WORLD,

@@ -2,7 +2,7 @@
 
 Colours are learned in five frames of a sequence at the true pose, as personalisation would; in
 sequences tracked online, in the first frame. The solver does not use the truth.
-`tools/measure-image-model.sh` makes the sequences of the committed result, and the result.
+`egocap-eval refresh image_model` makes the sequences of the committed result, and the result.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from tyro.conf import Positional, arg
 from egocap.body.gaussians import GaussianBody
 from egocap.body.proportions import Proportions
 from egocap.evaluation.table import Table, number
+from egocap_eval.harness.footage import content_hashes
 from egocap_eval.harness.study import Outcome
 from egocap_eval.image_model.basin import (
     basin_study,
@@ -69,7 +70,7 @@ def study(
     }
     if plot is not None:
         draw(result, plot)
-    return Outcome(result, _tables(result))
+    return Outcome(result, _tables(result), config=content_hashes(s.sequence for s in scenes))
 
 
 def _tables(result: dict[str, Any]) -> list[Table]:

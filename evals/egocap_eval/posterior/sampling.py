@@ -27,6 +27,7 @@ from egocap.detect.synthetic import parse_source
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
+from egocap_eval.harness.footage import content_hashes
 from egocap_eval.harness.study import Outcome
 
 LEAST_RATE = 20_000.0
@@ -82,7 +83,8 @@ def study(
                     f"{sequence.manifest.name}, the detector's noise: "
                     f"{by_detector['ratio']} times the bound, not {MOST_OVER_BOUND}"
                 )
-    return Outcome(result, tables, missed)
+    content = content_hashes(open_sequence(folder) for folder in sequences)
+    return Outcome(result, tables, missed, content)
 
 
 def _table(sequence: Sequence, result: dict[str, Any]) -> Table:

@@ -9,12 +9,12 @@ error bars are over the sequences.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from tyro.conf import arg
+from tyro.conf import OmitArgPrefixes, arg
 
 import egocap
 from egocap.body.labels import EVALUATED, LOWER, UPPER
@@ -25,6 +25,7 @@ from egocap.data.track import Track
 from egocap.data.truth import VISIBLE
 from egocap.detect.sources import detections_from
 from egocap.detect.synthetic import LEARNED_LIKE
+from egocap.detect.weights import open_weights
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
@@ -36,9 +37,11 @@ from egocap_eval.harness.cases import (
     run_cases,
     subject_means,
 )
-from egocap_eval.harness.footage import builtin_scene, prepare_sequence
+from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.intervals import format_interval, mean_and_interval, share_and_interval
 from egocap_eval.harness.study import Outcome
+from egocap_eval.sets.test_log import log_look
+from egocap_eval.studies.recorded import clip_seeds, scenes_of
 from egocap_eval.studies.recovery import (
     FOUND_MM,
     LOST_MM,
@@ -90,8 +93,29 @@ SETTLE_S = 1.0
 """Time that a tracker has to recover."""
 
 
+@dataclass(frozen=True)
+class RecordedClips:
+    """Recorded motions in place of the scenes."""
+
+    motions: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Track the recorded clips of a set in this folder, each by another person, instead."""
+    set: Literal["validation", "test"] = "validation"
+    """Set of clips; a look at the test set is logged."""
+    reason: str | None = None
+    """Why the test set is looked at."""
+
+    def scenes(self, frames: int) -> list[Scene]:
+        """The middle frames of each clip. Raises InputError for a look that is not allowed."""
+        assert self.motions is not None
+        seeds = clip_seeds(self.motions, self.set, ())
+        if self.set == "test":
+            log_look(self.reason, open_weights().sha256)
+        return [scenes_of(path, seed, frames)[0] for path, seed in seeds.items()]
+
+
 def study(
     work: Annotated[Path, arg(metavar="DIR")] = Path("out/ablation"),
+    recorded: Annotated[RecordedClips, OmitArgPrefixes] = RecordedClips(),
     detections: str = LEARNED_LIKE,
     people: int = 3,
     seeds: int = 2,
@@ -106,7 +130,8 @@ def study(
 
     Args:
         work: Folder of the sequences; made where they are missing.
-        detections: Simulated detections to track from.
+        recorded: Recorded motions in place of the scenes.
+        detections: Source of detections, as for `egocap track`.
         people: People who act each scene: its own and others.
         seeds: Draws of the detections' errors.
         frames: Frames of each scene.
@@ -121,7 +146,8 @@ def study(
             raise InputError(f"{count} {name}", valid="1 or more")
     if trials < 0:
         raise InputError(f"{trials} trials", valid="0 or more")
-    scenes = make_scenes(people, frames, size)
+    clips = recorded.motions is not None
+    scenes = recorded.scenes(frames) if clips else make_scenes(people, frames, size)
     footage = [prepare_sequence(scene, work / scene.name, workers) for scene in scenes]
     subjects = {f.manifest.name: f for f in footage}
     log = ScoreLog(keep, detections=detections, frames=frames, size=size)
@@ -135,9 +161,8 @@ def study(
         "protocol": "egocap-17", "detections": detections, "people": people, "seeds": seeds,
         "sequences": list(subjects), "rows": rows, "statements": statements(measured) | recovery,
     }  # fmt: skip
-    content = {name: f.manifest.config_sha256 for name, f in subjects.items()}
     tables = [_variants_table(rows), *_statement_tables(result["statements"])]
-    return Outcome(result, tables, config={"sequences": content})
+    return Outcome(result, tables, config=content_hashes(footage))
 
 
 def make_scenes(people: int, frames: int, size: tuple[int, int]) -> list[Scene]:

@@ -15,7 +15,13 @@ from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap_eval.harness.cases import Scores, mean, run_cases
-from egocap_eval.harness.footage import builtin_scene, prepare_sequence, resized, with_clip
+from egocap_eval.harness.footage import (
+    builtin_scene,
+    content_hashes,
+    prepare_sequence,
+    resized,
+    with_clip,
+)
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import Scene
 
@@ -55,7 +61,8 @@ def study(
                for row in rows]  # fmt: skip
     result = {"protocol": "egocap-17", "noise_seeds": seeds, "image_size": list(size),
               "rows": rounded}  # fmt: skip
-    return Outcome(result, [_table(rows, seeds)], missed(rows))
+    content = content_hashes(footage.values())
+    return Outcome(result, [_table(rows, seeds)], missed(rows), content)
 
 
 def missed(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -26,7 +26,7 @@ from egocap.evaluation.table import Table, number
 from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.fit_body import BodyFit, fit_body
 from egocap_eval.harness.cases import Scores, mean, run_cases
-from egocap_eval.harness.footage import builtin_scene, prepare_sequence
+from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.fit_body import bone_errors, person_height, summary, summary_table
 from egocap_sim.scene.config import Scene
@@ -100,7 +100,8 @@ def study(
         "fit": summary(bones), "bones": bones, "rows": rows, "mean": _means(rows),
     }  # fmt: skip
     missed = _missed(bones, rows) if validation else []
-    return Outcome(result, (summary_table(result["fit"]), _table(rows)), missed)
+    return Outcome(result, (summary_table(result["fit"]), _table(rows)), missed,
+                   content_hashes(sequence for sequence, _ in clips.values()))  # fmt: skip
 
 
 def development_cases(people: int, first_seed: int, frames: int) -> list[Case]:

@@ -57,16 +57,44 @@ class Check:
     """Print the findings as JSON."""
 
 
+@dataclass(frozen=True)
+class Show:
+    """Draw a rig on a head, its views of a wearer, the joints it sees and its Cramer-Rao bound.
+
+    Poses are drawn from the learned pose prior; the volumetric body occludes joints.
+    """
+
+    rig: Positional[Path]
+    """Rig file."""
+    out: Path
+    """Picture to write, png."""
+    height: float = 1.75
+    """The wearer's height, metres."""
+    body: Path | None = None
+    """The wearer's body, as fit-body writes it, instead of a height."""
+    poses: int = 200
+    """Poses over which the measures are taken."""
+    sigma: float = 2.0
+    """Standard deviation of detections, pixels at an image width of 640."""
+    beside: Path | None = None
+    """Photo of a view to draw beside the model, with rings of equal angle off the axis."""
+    view: str | None = None
+    """The photo's view; by default the first."""
+    json: bool = False
+    """Print the measures as JSON."""
+
+
 @app.command(name="rig")
 def rig_command(
     do: Annotated[
         Annotated[Convert, tyro.conf.subcommand("convert")]
-        | Annotated[Check, tyro.conf.subcommand("check")],
+        | Annotated[Check, tyro.conf.subcommand("check")]
+        | Annotated[Show, tyro.conf.subcommand("show")],
         arg(name=""),
     ],
 ) -> int:
     """Convert, check or show a rig."""
-    return {Convert: convert, Check: check}[type(do)](do)  # type: ignore[operator]
+    return {Convert: convert, Check: check, Show: show}[type(do)](do)  # type: ignore[operator]
 
 
 def convert(options: Convert) -> int:
@@ -127,6 +155,31 @@ def check(options: Check) -> int:
         if not found:
             print(f"{options.rig}: nothing found")
     return MISSED if found else DONE
+
+
+def show(options: Show) -> int:
+    """`egocap rig show`."""
+    from egocap.body.proportions import Proportions
+    from egocap.cameras.rig_files import load_rig
+    from egocap.fitting.body_prior import BodyPrior, to_proportions
+    from egocap.view.rig_figure import draw_rig, load_photo
+
+    if options.poses < 1:
+        raise InputError(f"{options.poses} poses", valid="1 or more")
+    if options.body is not None:
+        person = Proportions.load(options.body)
+    else:
+        person = to_proportions(BodyPrior.for_height(options.height).mean)
+    photo = None if options.beside is None else load_photo(options.beside)
+    found = draw_rig(load_rig(options.rig), options.out, person, options.poses, options.sigma,
+                     photo, options.view)  # fmt: skip
+    if options.json:
+        print(json.dumps({"rig": str(options.rig)} | found.to_dict(), indent=1))
+        return DONE
+    of = found.summary
+    print(f"{options.out}: joints seen by a view {of['any_view']:.0%} of the time, by all "
+          f"{of['all_views']:.0%}; Cramer-Rao bound {of['bound_mm']:.0f} mm")  # fmt: skip
+    return DONE
 
 
 @app.command

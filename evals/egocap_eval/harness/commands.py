@@ -27,6 +27,7 @@ STUDIES = {
     "ablation": ("studies.ablation", "Track with one part left out at a time."),
     "personalised": ("studies.personalised", "Track a person with a body fitted to another clip."),
     "fit-body": ("studies.fit_body", "Compare fitted bone lengths with the true ones."),
+    "fit-rig": ("studies.fit_rig", "Compare a rig's fitted pose on the head with the true."),
     "runtime": ("studies.runtime", "Time the detector, the solvers and the whole pipeline."),
     "physics": ("studies.physics", "Retarget and simulate every motion clip of a folder."),
     "visibility": ("studies.visibility", "Measure the visibility of each joint by field of view."),

@@ -127,15 +127,16 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
 def export(
     sequence: Positional[Path],
     out: Path,
-    format: Annotated[str, shown("coco|unrealego|mp4")],
+    format: Annotated[str, shown("coco|unrealego|mp4|videos")],
 ) -> int:
-    """Export a sequence with its ground truth to another format.
+    """Export a sequence to another format.
 
     Args:
         sequence: folder of a sequence, or a folder of sequences.
         out: new folder, or the .mp4 file; of several sequences, the folder that holds theirs.
-        format: coco (keypoints JSON and images), unrealego (a JSON file a frame, in cm) or mp4 (a
-            video with the joints drawn).
+        format: coco (keypoints JSON and images), unrealego (a JSON file a frame, in cm), mp4 (a
+            video with the joints drawn) or videos (a file of every camera as a camera would write
+            it, without truth; planted.json says what was changed).
     """
     from egocap.data.dataset import find_sequences
     from egocap.data.sequence import Sequence

@@ -36,6 +36,7 @@ class ViewTiming(Strict):
     offset_std_s: float | None = Field(default=None, ge=0)
     drift_std_ppm: float | None = Field(default=None, ge=0)
     origin: Origin = "assumed"
+    note: str = ""  # how it was estimated, or why it could not be
 
     def to_common(self, own: Float[Array, "*N"]) -> Float[Array, "*N"]:
         """Common times of times by the view's own clock [s]."""

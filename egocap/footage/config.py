@@ -35,3 +35,6 @@ class ImportOptions:
     drift: tuple[float, ...] = ()
     """Parts per million by which each further view's clock is faster than the first's, instead of
     an estimate."""
+    gains: tuple[float, ...] = ()
+    """Factors on red, green and blue of each further view that bring its colours to the first's,
+    instead of an estimate."""

@@ -24,15 +24,14 @@ from egocap.data.footage import (
     FootageImages,
     FootageView,
     FrameTimes,
-    ViewTiming,
     load_footage,
 )
 from egocap.data.manifest import MANIFEST, SCHEMA, Manifest, load_manifest
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.sequence import open_sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, require_same_config, write_shard
-from egocap.errors import InputError
 from egocap.files import make_folder
+from egocap.footage.clocks import find_clocks, find_colours
 from egocap.footage.config import ImportOptions
 from egocap.footage.pairing import ViewFrames, pair, view_frames
 from egocap.footage.scan import ViewScan
@@ -78,13 +77,15 @@ def import_footage(
     prepared = _earlier(out, config)
     if prepared is None:
         make_folder(out)
-        scans = scan_views(views, entries, out, on_step)
-        timings = _timings(options, len(views))
+        scans = scan_views(views, entries, fitted, out, on_step)
+        timings = find_clocks(options, scans, fitted.views)
+        colours = find_colours(options, scans, timings)
         found = view_frames(scans, timings)
         times = pair(found, options.range)
         report = {view.name: _report(scans[v], found[v], times, v) for v, view in enumerate(views)}
         clocked = [
-            e.model_copy(update={"timing": t}) for e, t in zip(entries, timings, strict=True)
+            e.model_copy(update={"timing": t, "colour": c})
+            for e, t, c in zip(entries, timings, colours, strict=True)
         ]
         prepared = Footage(views=tuple(clocked), report=report), times
     _write(out, fitted, *prepared, config, options, on_step)
@@ -104,21 +105,6 @@ class _Asked:
     config: dict[str, Any]
     config_sha256: str
     code_version: str = egocap.__version__
-
-
-def _timings(options: ImportOptions, views: int) -> list[ViewTiming]:
-    """Clocks as given: own time = lag + (1 + drift) x common time."""
-    for name, values in (("--lag", options.lag), ("--drift", options.drift)):
-        if len(values) not in (0, views - 1):
-            raise InputError(f"{len(values)} values of {name}",
-                             valid=f"{views - 1}, one for each view after the first")  # fmt: skip
-    found = [ViewTiming()]
-    for v in range(views - 1):
-        lag, drift = ((*values, *[0.0] * views)[v] for values in (options.lag, options.drift))
-        rate = 1.0 / (1.0 + 1e-6 * drift)
-        origin = "given" if options.lag or options.drift else "assumed"
-        found.append(ViewTiming(offset_s=-lag * rate, drift_ppm=1e6 * (rate - 1.0), origin=origin))
-    return found
 
 
 def _report(seen: ViewScan, view: ViewFrames, times: FrameTimes, v: int) -> dict[str, float]:
@@ -146,7 +132,9 @@ def _write(
         "rig.json": (json.dumps(rig.to_dict(), indent=1) + "\n").encode(),
         FOOTAGE: (footage.model_dump_json(indent=1) + "\n").encode(), TIMES: times.content(),
     }  # fmt: skip
-    files |= {name: (out / name).read_bytes() for name in map(scan_name, footage.views)}
+    files |= {
+        name: (out / name).read_bytes() for name in (scan_name(view, rig) for view in footage.views)
+    }
     manifest = Manifest(
         schema_version=SCHEMA, name=out.name, fps=_rate(times), frames=len(times.time),
         shard_frames=SHARD_FRAMES, views=rig.views, seed=0, truth=False,

@@ -19,7 +19,7 @@ from egocap.errors import InputError
 from egocap.footage.config import Range
 from egocap.footage.scan import ViewScan
 
-REPEATED = 0.1
+REPEATED = 0.15
 """Change of a picture, relative to what is usual, below which it repeats the one before."""
 SAME = 0.5  # grey levels: no copy changes by more, compressed again
 BLACK = 6.0  # mean grey level of a picture that shows nothing

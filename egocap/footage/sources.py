@@ -12,7 +12,7 @@ from egocap.data.sequence_writer import digest
 from egocap.errors import FileError, InputError
 from egocap.files import sha256
 from egocap.footage.config import ImportOptions
-from egocap.footage.scan import ViewScan, scan
+from egocap.footage.scan import ViewScan, picture_meters, scan
 from egocap.media.source import Part, PictureSource, open_source
 
 _ASPECT = 0.01  # relative difference in aspect ratio that rounding explains
@@ -93,21 +93,24 @@ def _checksum(path: Path) -> tuple[int, str]:
 
 
 def scan_views(
-    views: list[OpenView], entries: list[FootageView], out: Path, on_step: Step
+    views: list[OpenView], entries: list[FootageView], rig: Rig, out: Path, on_step: Step
 ) -> list[ViewScan]:
     """Scans from files of an earlier call, or made now."""
+    meters = picture_meters(rig)
     found: dict[str, ViewScan] = {}
     for source in {id(view.source): view.source for view in views}.values():
         shared = [v for v, view in enumerate(views) if view.source is source]
-        files = [out / scan_name(entries[v]) for v in shared]
+        files = [out / scan_name(entries[v], rig) for v in shared]
         if not all(file.exists() for file in files):
             advance = on_step(f"scan {source.path.name}", len(source.times))
             parts = tuple(views[v].part for v in shared)
-            for file, made in zip(files, scan(source, parts, advance), strict=True):
+            measured = [meters[views[v].name] for v in shared]
+            for file, made in zip(files, scan(source, parts, measured, advance), strict=True):
                 made.save(file)
         found |= {views[v].name: ViewScan.load(f) for v, f in zip(shared, files, strict=True)}
     return [found[view.name] for view in views]
 
 
-def scan_name(entry: FootageView) -> str:
-    return f"scan.{entry.name}.{entry.sha256[:12]}.npz"
+def scan_name(entry: FootageView, rig: Rig) -> str:
+    """File of a view's scan, which depends on its pictures and its camera."""
+    return f"scan.{entry.name}.{digest({'sha256': entry.sha256, 'rig': rig.to_dict()})[:12]}.npz"

@@ -52,7 +52,14 @@ def _clock(view: FootageView) -> str:
     timing = view.timing
     spread = "" if timing.offset_std_s is None else f" +- {1e3 * timing.offset_std_s:.1f}"
     return (f"clock {1e3 * timing.offset_s:+.1f}{spread} ms, {timing.drift_ppm:+.0f} ppm "
-            f"({timing.origin})")  # fmt: skip
+            f"({timing.origin}{f', {timing.note}' * bool(timing.note)})"
+            f"{_colours(view)}")  # fmt: skip
+
+
+def _colours(view: FootageView) -> str:
+    if view.colour.origin == "assumed":
+        return ""
+    return f"; colours x {' '.join(f'{g:.2f}' for g in view.colour.gain)} ({view.colour.origin})"
 
 
 def _shorter(report: dict[str, dict[str, float]]) -> list[str]:

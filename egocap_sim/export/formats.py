@@ -9,7 +9,7 @@ from pathlib import Path
 from egocap.data.sequence import Sequence
 from egocap.errors import InputError
 
-FORMATS = ("coco", "unrealego", "mp4")
+FORMATS = ("coco", "unrealego", "mp4", "videos")
 """Each is written by the function `write_NAME` of the module `egocap_sim.export.NAME`."""
 
 

@@ -42,6 +42,7 @@ class SensorTable(Strict):
 
     jpeg_quality: Whole | None = Field(default=None, ge=1, le=100)  # the camera's own; chroma 4:2:0
     time_offset_s: Number = Field(default=0.0, ge=-0.5, le=0.5)  # delay of all views but the first
+    clock_drift_ppm: Number = Field(default=0.0, ge=-1e4, le=1e4)  # of all clocks but the first's
     drop_rate: Number = Field(default=0.0, ge=0, le=0.9)  # of each view's frames, from the second
     drop: Literal["repeat", "black"] = "repeat"  # replacement of a dropped frame
 
@@ -61,7 +62,7 @@ class SensorTable(Strict):
     @property
     def timed(self) -> bool:
         """Whether an image deviates from the single instant of its frame."""
-        return any((self.shutter_s, self.readout_s, self.time_offset_s))
+        return any((self.shutter_s, self.readout_s, self.time_offset_s, self.clock_drift_ppm))
 
     @property
     def miscalibrated(self) -> bool:

@@ -76,6 +76,7 @@ def plan_sensor(
     """Draw the faults of each frame; also returns the truth at the times of exposure."""
     frames, views = len(truth.time), len(rig.views)
     middle = np.repeat(truth.time[:, None], views, 1)
+    middle[:, 1:] *= 1.0 + 1e-6 * sensor.clock_drift_ppm
     middle[:, 1:] += sensor.time_offset_s
     streams = [make_rng(seed, f"sensor.exposure.{v}") for v in rig.views]
     drift = [exposure_drift(truth.time, sensor.exposure_drift_ev, rng) for rng in streams]

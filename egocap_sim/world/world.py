@@ -101,7 +101,8 @@ class World:
         """The simulated motion at the frames, and between them if the sensor requires it."""
         tail_s, sensor = None, self.sensor
         if sensor is not None and sensor.timed:
-            tail_s = max(sensor.time_offset_s, 0) + sensor.shutter_s + sensor.readout_s
+            late_s = 1e-6 * sensor.clock_drift_ppm * self.scene.frames / self.scene.fps
+            tail_s = max(sensor.time_offset_s + late_s, 0) + sensor.shutter_s + sensor.readout_s
         with errors_name_key(self.scene.name, "motion"):
             return self.motion.simulate(self.person, tail_s)
 

@@ -29,6 +29,7 @@ STUDIES = {
     "fit-body": ("studies.fit_body", "Compare fitted bone lengths with the true ones."),
     "fit-rig": ("studies.fit_rig", "Compare a rig's fitted pose on the head with the true."),
     "runtime": ("studies.runtime", "Time the detector, the solvers and the whole pipeline."),
+    "sync": ("studies.synchronisation", "Estimate clocks and colours of exported camera files."),
     "physics": ("studies.physics", "Retarget and simulate every motion clip of a folder."),
     "visibility": ("studies.visibility", "Measure the visibility of each joint by field of view."),
     "crash-recovery": ("studies.crash_recovery", "Kill a generation repeatedly and verify it."),

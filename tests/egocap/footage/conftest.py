@@ -18,7 +18,7 @@ def scene(time: float, view: int = 0) -> np.ndarray:
     """What a view shows at a time [s]: a pattern that moves, another in each view."""
     x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     grey = 128 + 60 * np.sin(0.4 * x + 9.0 * time + view) + 40 * np.sin(0.3 * y - 7.0 * time)
-    return (grey[..., None] * [1.0, 0.9, 0.8 + 0.1 * view]).astype(np.uint8)
+    return (grey[..., None] * [1.0, 0.9, 0.8]).astype(np.uint8)
 
 
 def film(path: Path, times, view: int = 0, shown=None) -> Path:

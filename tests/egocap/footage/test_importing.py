@@ -128,11 +128,12 @@ def test_side_by_side_and_folders_of_pictures(tmp_path, rig):
     for number, time in enumerate(EVERY[:12]):
         both = np.concatenate([scene(time, 0), scene(time, 1)], 1)
         cv2.imwrite(str(folder / f"{number}.png"), both[..., ::-1])
-    options = ImportOptions(side_by_side=True, pictures=PictureOptions(fps=30.0))
+    same = 1.0, 1.0, 1.0
+    options = ImportOptions(side_by_side=True, pictures=PictureOptions(fps=30.0), gains=same)
     sequence = import_footage([folder], rig, tmp_path / "s", options)
     np.testing.assert_array_equal(sequence.images(5)[1], scene(EVERY[5], 1))
     apart = [pictures(tmp_path / f"v{v}", EVERY[:12], v) for v in (0, 1)]
-    options = ImportOptions(pictures=PictureOptions(fps=30.0))
+    options = ImportOptions(pictures=PictureOptions(fps=30.0), gains=same)
     sequence = import_footage(apart, rig, tmp_path / "t", options)
     np.testing.assert_array_equal(sequence.images(5)[1], scene(EVERY[5], 1))
 

@@ -137,6 +137,15 @@ def test_sensor_tables_survive_toml_and_bad_ones_are_refused(tmp_path):
         load_scene(path)
 
 
+def test_a_fast_clock_runs_away_from_the_first_cameras(tmp_path, perfect):
+    sequence = record(tmp_path / "s", clock_drift_ppm=8000.0, time_offset_s=0.002)
+    taken, times = sequence.sensor.time, sequence.times
+    np.testing.assert_allclose(taken[:, 0], times)
+    np.testing.assert_allclose(taken[:, 1], 1.008 * times + 0.002)
+    moved = np.abs(sequence.truth.joints_2d - perfect.truth.joints_2d).max((0, 2, 3))
+    assert moved[0] < 1e-9 < 1e-3 < moved[1]
+
+
 def test_verify_finds_a_sensor_file_of_another_length(tmp_path):
     sequence = record(tmp_path / "s", time_offset_s=0.01)
     folder = sequence.folder

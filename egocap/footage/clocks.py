@@ -1,0 +1,97 @@
+"""Clock and colours of every view: as given, or estimated from the scans of its pictures."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool
+from numpy import ndarray as Array
+
+from egocap.data.footage import ViewColour, ViewTiming
+from egocap.errors import InputError
+from egocap.footage.config import ImportOptions
+from egocap.footage.pairing import REPEATED
+from egocap.footage.photometry import estimate_colour
+from egocap.footage.scan import ViewScan
+from egocap.footage.synchronisation import (
+    ViewSignal,
+    estimate_clock,
+    light_signal,
+    rotation_signal,
+)
+
+log = logging.getLogger(__name__)
+
+
+def find_clocks(
+    options: ImportOptions, scans: Sequence[ViewScan], names: Sequence[str]
+) -> list[ViewTiming]:
+    """Clock of every view against the first's. Raises InputError for a wrong number of values.
+
+    Views that share a file share its clock. A clock that cannot be estimated is assumed equal to
+    the first's, with a warning and a note that gives the reason.
+    """
+    if options.lag or options.drift:
+        return _given(options, len(scans))
+    if options.side_by_side:
+        return [ViewTiming(note="the views share a file") for _ in scans]
+    (turn, light), *others = (_signals(scan) for scan in scans)
+    found = [ViewTiming()]
+    for name, (own_turn, own_light) in zip(names[1:], others, strict=True):
+        estimate = estimate_clock(turn, own_turn, light, own_light)
+        if estimate.problem:
+            log.warning("%s: clock assumed equal to that of %s (%s); set --lag where it is not",
+                        name, names[0], estimate.problem)  # fmt: skip
+        found.append(estimate.timing)
+    return found
+
+
+def find_colours(
+    options: ImportOptions, scans: Sequence[ViewScan], timings: Sequence[ViewTiming]
+) -> list[ViewColour]:
+    """Gain of every view against the first. Raises InputError for a wrong number of values."""
+    _check_count("--gains", options.gains, len(scans), each=3)
+    if options.gains:
+        rows = np.reshape(options.gains, (-1, 3))
+        return [ViewColour()] + [
+            ViewColour(gain=(float(r), float(g), float(b)), origin="given") for r, g, b in rows
+        ]
+    first = scans[0]
+    return [ViewColour()] + [
+        estimate_colour(first.time, first.colour, timing.to_common(scan.time), scan.colour)
+        for scan, timing in zip(scans[1:], timings[1:], strict=True)
+    ]
+
+
+def _given(options: ImportOptions, views: int) -> list[ViewTiming]:
+    """Clocks as given: own time = lag + (1 + drift) x common time."""
+    for name, values in (("--lag", options.lag), ("--drift", options.drift)):
+        _check_count(name, values, views)
+    found = [ViewTiming()]
+    for v in range(views - 1):
+        lag, drift = ((*values, *[0.0] * views)[v] for values in (options.lag, options.drift))
+        rate = 1.0 / (1.0 + 1e-6 * drift)
+        found.append(ViewTiming(offset_s=-lag * rate, drift_ppm=1e6 * (rate - 1.0), origin="given"))
+    return found
+
+
+def _check_count(name: str, values: Sequence[float], views: int, each: int = 1) -> None:
+    if len(values) not in (0, each * (views - 1)):
+        what = "one for each view" if each == 1 else f"{each} for each view"
+        raise InputError(f"{len(values)} values of {name}",
+                         valid=f"{each * (views - 1)}, {what} after the first")  # fmt: skip
+
+
+def _signals(scan: ViewScan) -> tuple[ViewSignal, ViewSignal]:
+    fresh = _fresh(scan)
+    return (rotation_signal(scan.time, scan.turn, fresh),
+            light_signal(scan.time, scan.light, fresh))  # fmt: skip
+
+
+def _fresh(scan: ViewScan) -> Bool[Array, "N"]:
+    """Decoded pictures that do not repeat the one before."""
+    change = np.where(np.isfinite(scan.change), scan.change, np.inf)
+    usual = float(np.median(change[scan.decoded])) if scan.decoded.any() else 0.0
+    return scan.decoded & (change >= REPEATED * usual)

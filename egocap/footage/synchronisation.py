@@ -1,0 +1,261 @@
+"""Clocks of views from what they see at the same time: head rotation, or changes of the light.
+
+Angular rates of two views are correlated for a coarse lag. Lag and drift then minimise the robust
+difference of the rates, with a prior on the drift of crystals. Standard deviations are those of a
+sandwich estimator over blocks of a second, since errors of neighbouring frames are alike.
+
+Source: Huber & Ronchetti 2009, ch. 7 (M-estimators and their covariance).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.data.footage import ViewTiming
+
+DRIFT_PRIOR_PPM = 60.0  # standard deviation of the difference of two crystals
+LEAST_CORRELATION = 0.5
+LEAST_OVERLAP_S = 3.0
+STILL_RAD_S = 0.03  # rate of a head at rest, with the noise of its measurement
+MOST_STD_S = 0.010  # of a lag that is still worth using
+RIVAL = 0.97  # of the highest peak of the correlation: another lag explains the views as well
+WHAT = {"rotation": "the rotation of the head", "light": "changes of the light"}
+_SMOOTH = 1.0  # standard deviation of the smoothing, frames
+_BLOCK_S = 1.0
+_FLOOR_S = 3e-4  # standard deviation of what the model leaves out: rolling shutter, exposure
+
+
+@dataclass(frozen=True, eq=False)
+class ViewSignal:
+    """What one view saw over its own clock; every sample is a mean rate between two pictures."""
+
+    time: Float[Array, "N"]  # s, own clock, middle of the interval
+    rate: Float[Array, "N K"]
+    events: bool = False  # whether single large samples are the signal, not errors
+
+
+@dataclass(frozen=True, eq=False)
+class ClockEstimate:
+    """The clock of a view against another's, and how it was found."""
+
+    timing: ViewTiming
+    correlation: float  # of the two signals, aligned; nan without any
+    source: str  # 'rotation', 'light' or 'none'
+    problem: str = ""  # why the clock could not be estimated
+
+
+def rotation_signal(
+    time: Float[Array, "N"], turn: Float[Array, "N 3"], fresh: Bool[Array, "N"]
+) -> ViewSignal:
+    """Angular rates from the rotations since the picture before [rad].
+
+    Pictures that are not `fresh` (damaged, or repeating the one before) are merged with the next;
+    intervals longer than three periods are left out.
+    """
+    places = np.flatnonzero(fresh)
+    known = np.isfinite(turn).all(1)
+    total = np.cumsum(np.where(known[:, None], turn, 0.0), 0)[places]
+    return _rates(time[places], total, np.cumsum(~known)[places])
+
+
+def light_signal(
+    time: Float[Array, "N"], light: Float[Array, "N"], fresh: Bool[Array, "N"]
+) -> ViewSignal:
+    """Rate of change of the logarithm of the mean grey level, less its running median."""
+    from scipy.ndimage import median_filter
+
+    places = np.flatnonzero(fresh)
+    level = np.log(np.maximum(light[places], 1.0))
+    slow = median_filter(level, size=2 * max(1, len(level) // 40) + 31, mode="nearest")
+    found = _rates(time[places], (level - slow)[:, None], np.zeros(len(places)))
+    return replace(found, events=True)
+
+
+def _rates(
+    time: Float[Array, "n"], total: Float[Array, "n K"], unknown: Float[Array, "n"]
+) -> ViewSignal:
+    """Differences over the steps in time, where nothing in between is unknown."""
+    if len(time) < 2:
+        return ViewSignal(np.zeros(0), np.zeros((0, total.shape[1])))
+    step = np.diff(time)
+    good = (step > 0) & (step < 3.5 * np.median(step)) & (np.diff(unknown) == 0)
+    rate = np.diff(total, axis=0)[good] / step[good, None]
+    return ViewSignal(0.5 * (time[1:] + time[:-1])[good], rate)
+
+
+def estimate_clock(
+    first: ViewSignal, other: ViewSignal, first_light: ViewSignal, other_light: ViewSignal
+) -> ClockEstimate:
+    """Clock of the other view, with the first's as the common one.
+
+    Head rotation decides; without enough of it, sudden changes of the light (a flash, a lamp).
+    """
+    problems = []
+    for source, a, b in (("rotation", first, other), ("light", first_light, other_light)):
+        found = _estimate(a, b, source)
+        if not found.problem:
+            return found
+        problems.append(f"{source}: {found.problem}")
+    problem = "; ".join(problems)
+    return ClockEstimate(ViewTiming(note=problem), found.correlation, "none", problem)
+
+
+def _estimate(a: ViewSignal, b: ViewSignal, source: str) -> ClockEstimate:
+    def failed(problem: str, correlation: float = np.nan) -> ClockEstimate:
+        return ClockEstimate(ViewTiming(), correlation, "none", problem)
+
+    if min(_duration(a), _duration(b)) < LEAST_OVERLAP_S:
+        return failed(f"less than {LEAST_OVERLAP_S:g} s")
+    if source == "rotation" and min(_activity(a), _activity(b)) < STILL_RAD_S:
+        return failed("the head hardly turns")
+    if source == "light" and min(_peak(a), _peak(b)) < 12.0:
+        return failed("no sudden change")
+    lag, correlation, rival = coarse_lag(a, b)
+    if not correlation > LEAST_CORRELATION:
+        return failed(f"the views do not agree (correlation {correlation:.2f})", correlation)
+    if rival > RIVAL * correlation:
+        return failed("several lags fit as well", correlation)
+    offset, drift, cov = refine_clock(a, b, lag)
+    std = np.sqrt(np.diag(cov))
+    middle = float(b.time.mean())
+    std_middle = float(np.sqrt(max(np.array([1.0, middle]) @ cov @ [1.0, middle], 0.0)))
+    if std_middle > MOST_STD_S:
+        return failed(f"the lag is uncertain by {1e3 * std_middle:.0f} ms", correlation)
+    timing = ViewTiming(
+        offset_s=offset, drift_ppm=1e6 * drift, offset_std_s=float(np.hypot(std[0], _FLOOR_S)),
+        drift_std_ppm=float(1e6 * std[1]), origin="estimated",
+        note=f"from {WHAT[source]}, correlation {correlation:.2f}",
+    )  # fmt: skip
+    return ClockEstimate(timing, correlation, source)
+
+
+def coarse_lag(a: ViewSignal, b: ViewSignal) -> tuple[float, float, float]:
+    """Common time less own time of view b [s]; the correlation there; that of its best rival.
+
+    Every lag is tried for which the views overlap by `LEAST_OVERLAP_S`.
+    """
+    step = min(float(np.median(np.diff(a.time))), float(np.median(np.diff(b.time))))
+    x, y = _on_grid(a, step), _on_grid(b, step)
+    size = 1 << int(np.ceil(np.log2(len(x) + len(y))))
+
+    def correlate(p: Array, q: Array) -> Array:
+        spectrum = np.fft.rfft(p, size, axis=0) * np.conj(np.fft.rfft(q, size, axis=0))
+        return np.fft.irfft(spectrum, size, axis=0).sum(-1)
+
+    ones_x, ones_y = np.ones((len(x), 1)), np.ones((len(y), 1))
+    power_x = correlate((x**2).sum(1, keepdims=True), ones_y)
+    power_y = correlate(ones_x, (y**2).sum(1, keepdims=True))
+    common = np.maximum(np.rint(correlate(ones_x, ones_y)), 0.0)
+    enough = min(LEAST_OVERLAP_S / step, 0.8 * min(len(x), len(y)))
+    scale = np.sqrt(np.maximum(power_x * power_y, 1e-12))
+    # Fewer common samples agree more easily by chance.
+    score = correlate(x, y) / scale * np.sqrt(common / (common + LEAST_OVERLAP_S / step))
+    score = np.where(common > enough - 0.5, score, -1.0)
+    best = int(score.argmax())
+    shift = (np.arange(size) + size // 2) % size - size // 2
+    apart = np.abs(shift - shift[best]) * step > 0.25
+    lag = shift[best] * step + a.time[0] - b.time[0]
+    true = float(correlate(x, y)[best] / scale[best])
+    return float(lag), true, true * float(score[apart].max(initial=-1.0) / score[best])
+
+
+def refine_clock(
+    a: ViewSignal, b: ViewSignal, lag: float
+) -> tuple[float, float, Float[Array, "2 2"]]:
+    """Offset [s] and drift of view b's clock against a's, and their covariance.
+
+    Rates of each view are compared with the spline of the other's, so that the noise of neither
+    draws the estimate.
+    """
+    from scipy.interpolate import CubicSpline
+
+    sa, sb = _smoothed(a), _smoothed(b)
+    spline_a, spline_b = CubicSpline(sa.time, sa.rate), CubicSpline(sb.time, sb.rate)
+    centre = float(b.time.mean())  # offset and drift are independent about the middle
+    middle, drift = centre + lag, 0.0
+    H = np.eye(2)
+    for _ in range(12):
+        common = middle + (1.0 + drift) * (sb.time - centre)
+        own = centre + (sa.time - middle) / (1.0 + drift)
+        parts = []
+        for rate, spline, at, when, sign in (
+            (sb.rate, spline_a, common, sb.time - centre, 1.0),
+            (sa.rate, spline_b, own, own - centre, -1.0),
+        ):
+            inside = (at > spline.x[1]) & (at < spline.x[-2])
+            residual = rate[inside] - spline(at[inside])
+            slope = sign * spline(at[inside], 1)
+            J = np.stack([slope, slope * when[inside, None]], -1)
+            parts.append((residual, J, when[inside]))
+        residual, J, when = (np.concatenate(p) for p in zip(*parts, strict=True))
+        size = np.linalg.norm(residual, axis=1)
+        scale = max(1.4826 * float(np.median(size)), 1e-9)
+        weight = 1.0 / (1.0 + (size / (2.0 * scale)) ** 2) ** 2
+        variance = 0.5 * scale**2
+        prior = np.diag([0.0, variance / (1e-6 * DRIFT_PRIOR_PPM) ** 2])
+        H = np.einsum("n,nki,nkj->ij", weight, J, J) + prior
+        gradient = np.einsum("n,nki,nk->ni", weight, J, residual)
+        step = np.linalg.solve(H, gradient.sum(0) - prior @ [0.0, drift])
+        middle, drift = middle + step[0], drift + step[1]
+        if abs(step[0]) < 1e-7:
+            break
+    cov = _sandwich(H, gradient, when, variance * prior)
+    shift = np.array([[1.0, -centre], [0.0, 1.0]])  # from the middle of the footage to time zero
+    return float(middle - (1.0 + drift) * centre), float(drift), shift @ cov @ shift.T
+
+
+def _sandwich(
+    H: Float[Array, "2 2"], gradient: Float[Array, "n 2"], when: Float[Array, "n"],
+    prior: Float[Array, "2 2"],
+) -> Float[Array, "2 2"]:  # fmt: skip
+    """Covariance of an M-estimate whose errors are correlated within blocks."""
+    block = np.floor((when - when.min()) / _BLOCK_S).astype(int)
+    sums = np.zeros((block.max() + 1, 2))
+    np.add.at(sums, block, gradient)
+    count = np.unique(block).size
+    meat = sums.T @ sums * count / max(count - 2, 1) + prior
+    inverse = np.linalg.inv(H)
+    return inverse @ meat @ inverse
+
+
+def _on_grid(signal: ViewSignal, step: float) -> Float[Array, "n K"]:
+    """Samples at even times, with outliers compressed."""
+    grid = np.arange(signal.time[0], signal.time[-1], step)
+    soft = signal.rate
+    if not signal.events:
+        size = np.linalg.norm(signal.rate, axis=1, keepdims=True)
+        usual = 3.0 * float(np.median(size)) + 1e-9
+        soft = signal.rate / np.sqrt(1.0 + (size / usual) ** 2)
+    values = np.stack([np.interp(grid, signal.time, channel) for channel in soft.T], 1)
+    return values - values.mean(0)
+
+
+def _smoothed(signal: ViewSignal) -> ViewSignal:
+    from scipy.ndimage import gaussian_filter1d, median_filter
+
+    rate = signal.rate
+    if not signal.events:
+        median = median_filter(rate, size=(5, 1), mode="nearest")
+        off = np.linalg.norm(rate - median, axis=1)
+        spike = off > 8.0 * 1.4826 * np.median(off) + 1e-9
+        rate = np.where(spike[:, None], median, rate)
+    return ViewSignal(signal.time, gaussian_filter1d(rate, _SMOOTH, axis=0, mode="nearest"))
+
+
+def _duration(signal: ViewSignal) -> float:
+    return float(np.ptp(signal.time)) if len(signal.time) > 20 else 0.0
+
+
+def _activity(signal: ViewSignal) -> float:
+    """Robust magnitude of the rates: their 75th percentile [rad/s]."""
+    return float(np.quantile(np.linalg.norm(signal.rate, axis=1), 0.75))
+
+
+def _peak(signal: ViewSignal) -> float:
+    """Largest sample against the usual ones."""
+    size = np.linalg.norm(signal.rate, axis=1)
+    return float(size.max() / (1.4826 * np.median(size) + 1e-6))

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from egocap.errors import InputError
+from egocap.errors import InputError, MachineError
 from egocap_eval.evidence import refresh
 from egocap_eval.evidence.registry import Cited, chosen, entries
 from egocap_eval.harness import study_sources
@@ -98,7 +98,7 @@ def test_refresh_measures_and_reports_what_fails(tmp_path, monkeypatch):
     def make(entry, work, motions, commit):
         made.append(entry.file)
         if entry.file == "runtime.json":
-            raise refresh.MachineError("'egocap-eval runtime' exited with 1")
+            raise MachineError("'egocap-eval runtime' exited with 1")
         return {}
 
     monkeypatch.setattr(refresh, "make", make)
@@ -116,5 +116,26 @@ def test_refresh_measures_and_reports_what_fails(tmp_path, monkeypatch):
 
 def test_a_worker_of_another_commit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(refresh, "git_commit", lambda: "b" * 40)
-    with pytest.raises(refresh.MachineError, match="a worker is at b"):
+    with pytest.raises(MachineError, match="a worker is at b"):
         refresh.make(SPEED, tmp_path, tmp_path, "a" * 40)
+
+
+def test_results_are_made_on_a_cluster(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+
+    def make(entry, work, motions, commit):
+        if entry.file == "stress.json":
+            raise MachineError("a worker is at b")
+        return {entry.file: commit.encode()}
+
+    monkeypatch.setattr(refresh, "make", make)
+    monkeypatch.setattr(refresh, "ROOT", tmp_path)
+    monkeypatch.setattr(refresh, "git_commit", lambda: "a" * 40)
+    (tmp_path / refresh.RESULTS).mkdir(parents=True)
+    todo = [entries()["runtime.json"], entries()["stress.json"]]
+    with distributed.LocalCluster(
+        n_workers=1, processes=False, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        failed = refresh._on_cluster(cluster.scheduler_address)(todo, tmp_path, tmp_path)
+    assert failed == {"stress.json": "a worker is at b"}
+    assert (tmp_path / refresh.RESULTS / "runtime.json").read_text() == "a" * 40

@@ -39,7 +39,8 @@ IN_FRONT_M = 0.02  # least depth of a joint whose pixel is used
 
 
 def recordings(dataset: str, root: Path, rig: Rig | None = None) -> Iterator[Recording]:
-    """The sequences in a folder, zipped or not, or the one in an unzipped folder.
+    """The sequences in a folder, zipped or not, or the one in an unzipped folder. A `rig` given is
+    in the head frame of the labels' median posture.
 
     Raises FileError for a part missing or unknown.
     """

@@ -51,12 +51,12 @@ def recordings(dataset: str, root: Path, rig: Rig | None = None) -> Iterator[Rec
     Raises FileError for a part missing or unknown.
     """
     parent, names = _sets(root)
-    rig = rig or _rig(dataset, parent)
+    mounted, rig = rig is not None, rig or _rig(dataset, parent)
     for name in names:
         if name == SET_3D:
-            yield _poses(dataset, parent, rig)
+            yield _poses(dataset, parent, rig, mounted)
         else:
-            yield from _images(dataset, parent, name, rig)
+            yield from _images(dataset, parent, name, rig, mounted)
 
 
 def _sets(root: Path) -> tuple[Path, list[str]]:
@@ -133,7 +133,8 @@ def _examples(tree: Tree) -> list[_Example]:
     return found
 
 
-def _images(dataset: str, parent: Path, name: str, rig: Rig) -> Iterator[Recording]:
+def _images(dataset: str, parent: Path, name: str, rig: Rig, mounted: bool) -> Iterator[Recording]:
+    """The recordings of a 2-D set. `mounted`: the rig's poses are on the head."""
     tree = Tree(parent / name)
     groups: dict[tuple[int, int], list[_Example]] = {}
     for example in _examples(tree):
@@ -145,7 +146,8 @@ def _images(dataset: str, parent: Path, name: str, rig: Rig) -> Iterator[Recordi
             problem = f"S{subject} cam{v} has a frame twice"
             raise FileError(tree.where("dataset.txt"), problem)
         pictures = tuple((tree.picture(e.name, mirrored=v == 1),) for e in examples)
-        one = replace(rig, mounts=(replace(rig.mounts[v], T_head_camera=T_HEAD_CAMERA),))
+        pose = rig.T_head_camera[v] if mounted else T_HEAD_CAMERA
+        one = replace(rig, mounts=(replace(rig.mounts[v], T_head_camera=pose),))
         one = _at_image_size(one, pictures[0])
         points = _pixels(np.stack([e.points for e in examples])[:, None], one)
         nowhere = np.zeros((len(frames), 18, 3))
@@ -155,20 +157,25 @@ def _images(dataset: str, parent: Path, name: str, rig: Rig) -> Iterator[Recordi
                         frames, pictures, labels)  # fmt: skip
 
 
-def _poses(dataset: str, parent: Path, rig: Rig) -> Recording:
+def _poses(dataset: str, parent: Path, rig: Rig, mounted: bool) -> Recording:
     tree = Tree(parent / SET_3D)
     name = next((n for n in POSES if n in set(tree.names(""))), POSES[0])
     rows = _rows(tree.text(name), tree.where(name))
     frames = tuple(int(frame) for frame in rows[:, 0])
     device = MM * rows[:, 1:].reshape(-1, 18, 3)
-    T_head_device = upright(device, np.ones(device.shape[:2], bool))
-    assert T_head_device is not None
+    T_head_device = rig.T_head_camera[0]
+    if not mounted:
+        upright_pose = upright(device, np.ones(device.shape[:2], bool))
+        assert upright_pose is not None
+        T_head_device = upright_pose
+        rig = replace(rig, mounts=tuple(
+            replace(m, T_head_camera=T_head_device @ m.T_head_camera) for m in rig.mounts
+        ))  # fmt: skip
     pictures = tuple((
         tree.picture(f"images/franzi_01-cam0/frame-{n}.jpg"),
         tree.picture(f"images/franzi_01-cam1/frame-{n - LAG}.jpg"),
     ) for n in frames)  # fmt: skip
-    mounts = [replace(m, T_head_camera=T_head_device @ m.T_head_camera) for m in rig.mounts]
-    rig = _at_image_size(replace(rig, mounts=tuple(mounts)), pictures[0])
+    rig = _at_image_size(rig, pictures[0])
     points, there = _points_of(parent, frames, rig)
     labels = Labels(
         transform(T_head_device, device), np.ones(device.shape[:2], bool), points, there

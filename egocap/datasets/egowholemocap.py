@@ -79,7 +79,7 @@ def _recording(
     if rig is None:
         camera = find_camera(path.parent, CALIBRATION, "the repository of EgoWholeMocap")
         rig = Rig(dataset, (Mount("camera", camera, T_HEAD_CAMERA),), RATE)
-    head, labelled = on_labels(transform(T_HEAD_CAMERA, points), names, table)
+    head, labelled = on_labels(transform(rig.T_head_camera[0], points), names, table)
     no_pixels = np.zeros((len(order), 1, 18, 2))
     labels = Labels(head, labelled, no_pixels, np.zeros(no_pixels.shape[:3], bool))
     pictures = tuple((Picture(path.parent / images[i]),) for i in order)

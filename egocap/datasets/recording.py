@@ -43,6 +43,7 @@ class Recording:
     frames: tuple[int, ...]
     pictures: tuple[tuple[Picture, ...], ...]  # of each frame, one a view
     labels: Labels | None = None
+    T_head_device: Float[Array, "4 4"] | None = None  # of the frame of `device_pts3d`
     known_frame: bool = True  # False: labels in a frame unrelated to the camera's
     category: str = ""  # of the motion, where the data set names it
 

@@ -115,7 +115,7 @@ def _recording(
     if rig is None:
         camera = find_camera(folder, CALIBRATIONS[dataset], "the repository of SceneEgo's code")
         rig = Rig(dataset, (Mount("camera", camera, T_HEAD_CAMERA),), RATE)
-    joints = transform(T_HEAD_CAMERA, np.stack([pose.joints for pose in poses]))
+    joints = transform(rig.T_head_camera[0], np.stack([pose.joints for pose in poses]))
     head, labelled = on_labels(joints, NAMES, "mo2cap2")
     unknown = np.full((15, 2), np.nan)
     pixels = np.stack([unknown if p.pixels is None else p.pixels for p in poses])[:, None]

@@ -20,7 +20,6 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.body.joint_names import JOINT_ORDER
-from egocap.datasets.mounting import looking_down
 from egocap.datasets.recording import Recording, on_joints
 from egocap.datasets.unrealego import LAYOUTS
 from egocap.datasets.xr_egopose import Y_UP_TO_WORLD
@@ -109,8 +108,8 @@ def _device_frames(predictions: list[Prediction]) -> bytes:
         recording = prediction.recording
         layout = LAYOUTS[recording.dataset]
         folder = SERVER_FOLDERS.get(recording.dataset, f"{recording.dataset}_pose")
-        T_device_head = inverse(looking_down(layout.forward, layout.up))
-        points = 100.0 * transform(T_device_head, prediction.joints_head)
+        assert recording.T_head_device is not None
+        points = 100.0 * transform(inverse(recording.T_head_device), prediction.joints_head)
         named = _named(prediction, points, layout.joints)
         for n, pose in zip(recording.frames, named.tolist(), strict=True):
             place = f"{folder}/{recording.name}/json/frame_{n}.json"

@@ -75,7 +75,7 @@ LAYOUTS = {
 
 
 def recordings(dataset: str, root: Path, rig: Rig | None = None) -> Iterator[Recording]:
-    """The sequences at or below a folder. `rig` replaces the data set's cameras.
+    """The sequences at or below a folder. `rig` replaces the data set's cameras and their mounting.
 
     Raises FileError for a part that is missing or of another version.
     """
@@ -96,15 +96,22 @@ def _read(dataset: str, layout: Layout, root: Path, folder: Path, rig: Rig | Non
         raise FileError(folder, "neither JSON files nor images of frames")
     pictures = tuple(_pictures(folder / layout.images, images, n) for n in frames)
     points = _Points.read(files, layout, cameras) if files else None
+    T_head_device = looking_down(layout.forward, layout.up)
     if rig is None:
         lenses = [_calibration(layout, folder, camera) for camera in cameras]
         rig = (_nominal_rig(dataset, layout, folder, cameras, lenses) if points is None
-               else _rig(dataset, layout, folder, cameras, lenses, points))  # fmt: skip
-    labels = None if points is None else _labels(layout, rig, points, folder)
+               else _rig(dataset, T_head_device, folder, cameras, lenses, points))  # fmt: skip
+    elif points is not None:
+        what = f"device_pts3d and {cameras[0]}_pts3d"
+        device = _device_points(points, folder)
+        T_head_device = rig.T_head_camera[0] @ rigid_fit(device, points.camera[:, 0], folder, what)
+    labels = None if points is None else _labels(layout, rig, points, T_head_device, folder)
     name = folder.relative_to(root).as_posix() if folder != root else folder.name
     category = folder.parent.name if dataset in ("unrealego", "unrealego2") else ""
     times = frame_times(frames, RATE)
-    return Recording(dataset, name, rig, times, frames, pictures, labels, category=category)
+    return Recording(
+        dataset, name, rig, times, frames, pictures, labels, T_head_device, category=category
+    )  # fmt: skip
 
 
 def _pictures(folder: Path, images: dict[str, dict[int, Path]], n: int) -> tuple[Picture, ...]:
@@ -154,12 +161,11 @@ def _calibration(layout: Layout, folder: Path, camera: str) -> Camera:
 
 
 def _rig(
-    dataset: str, layout: Layout, folder: Path, cameras: list[str], lenses: list[Camera],
-    points: _Points,
+    dataset: str, T_head_device: Float[Array, "4 4"], folder: Path, cameras: list[str],
+    lenses: list[Camera], points: _Points,
 ) -> Rig:  # fmt: skip
     """The rig that the labels imply: each camera's pose fitted to the joints of all frames."""
     device = _device_points(points, folder)
-    T_head_device = looking_down(layout.forward, layout.up)
     mounts = []
     for v, (camera, lens) in enumerate(zip(cameras, lenses, strict=True)):
         what = f"device_pts3d and {camera}_pts3d"
@@ -194,9 +200,10 @@ def _nominal_rig(
     return Rig(dataset, tuple(mounts), RATE)
 
 
-def _labels(layout: Layout, rig: Rig, points: _Points, folder: Path) -> Labels:
-    device = _device_points(points, folder)
-    joints = transform(looking_down(layout.forward, layout.up), device)
+def _labels(
+    layout: Layout, rig: Rig, points: _Points, T_head_device: Float[Array, "4 4"], folder: Path
+) -> Labels:
+    joints = transform(T_head_device, _device_points(points, folder))
     head, labelled = on_labels(joints, JOINT_ORDER[layout.joints], layout.joints)
     pixels, there = on_labels(points.pixels, JOINT_ORDER[layout.joints], layout.joints)
     T_world_head = head_poses(joints, points.world)

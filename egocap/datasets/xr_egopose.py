@@ -53,7 +53,7 @@ def _read(dataset: str, root: Path, folder: Path, rig: Rig | None) -> Recording:
     points, pixels, world = (np.stack(column) for column in list(zip(*contents, strict=True))[1:4])
     in_front = points[..., 2] > 0.0
     rig = rig or _rig(dataset, points[in_front], pixels[in_front], pictures[0][0], folder)
-    joints = transform(T_HEAD_CAMERA, points)
+    joints = transform(rig.T_head_camera[0], points)
     head, labelled = on_labels(joints, names, "ego4view")
     seen, there = on_labels(np.where(in_front[..., None], pixels, np.nan), names, "ego4view")
     seen, there = seen[:, None], there[:, None]

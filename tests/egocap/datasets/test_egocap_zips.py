@@ -1,6 +1,7 @@
 """EgoCap's published sets: the mirrored camera, the frame offset, the calibrations, zips."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,6 +98,11 @@ def test_round_trip(zipped, root, shot, check):
     poses = found["validation_v003_3D"]
     check(poses, shot, LABELS, world=False)
     assert poses.frames[0] == FIRST and poses.rig.views == ("cam0", "cam1")
+    mounts = [replace(m, T_head_camera=shot.T_device_camera[v])
+              for v, m in enumerate(poses.rig.mounts)]  # fmt: skip
+    rig = replace(poses.rig, mounts=tuple(mounts))
+    (other,) = recordings("egocap", root / "validation_v003_3D", rig)
+    check(other, shot, LABELS, world=False)
     standing = np.median(poses.labels.joints_head, 0)
     assert standing[2, 1] > standing[6, 1] and standing[1, 2] > standing[10, 2]  # left, up
     for v in (0, 1):

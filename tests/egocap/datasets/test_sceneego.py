@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,6 +61,9 @@ def test_sceneego_round_trip(released, root, shot, check):
     (folder / name).write_bytes(pickle.dumps(rows))
     (recording,) = recordings("sceneego", root)
     check(recording, shot, MO2CAP2, pixels=False)
+    mount = replace(recording.rig.mounts[0], T_head_camera=np.eye(4))
+    (other,) = recordings("sceneego", root, replace(recording.rig, mounts=(mount,)))
+    check(other, shot, MO2CAP2, pixels=False)
     assert recording.name == "diogo1" and recording.frames == tuple(range(503, 509))
 
 

@@ -39,7 +39,9 @@ def predict(shoot, ocam):
         joints = transform(T_head_device, shot.device)
         all_ = np.ones((3, 18), bool)
         labels = Labels(joints, all_, shot.pixels, all_[:, None], world)
-        recording = Recording(dataset, name, rig, np.arange(3.0), FRAMES, ((),) * 3, labels)
+        recording = Recording(
+            dataset, name, rig, np.arange(3.0), FRAMES, ((),) * 3, labels, T_head_device
+        )
         return Prediction(recording, joints, all_), shot
 
     return make

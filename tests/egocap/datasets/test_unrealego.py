@@ -90,6 +90,21 @@ def test_eyeglasses_round_trip(dataset, miniature, glasses, check):
     assert alone.name == "dance_01" and np.array_equal(alone.labels.points, recording.labels.points)
 
 
+def test_a_rig_given_moves_cameras_and_labels_together(miniature, glasses, check):
+    (recording,) = recordings("unrealego", miniature)
+    turned = rigid(axis_angle(np.array([0.0, 1.0, 0.0]), 0.3), np.array([0.05, 0.0, -0.04]))
+    moved = replace(
+        recording.rig,
+        mounts=tuple(
+            replace(m, T_head_camera=turned @ m.T_head_camera) for m in recording.rig.mounts
+        ),
+    )
+    (other,) = recordings("unrealego", miniature, moved)
+    check(other, glasses, UNREALEGO.values())
+    assert np.allclose(other.T_head_device, turned @ recording.T_head_device, atol=1e-6)
+    assert np.abs(other.labels.joints_head - recording.labels.joints_head).max() > 0.1
+
+
 def test_frames_without_labels_have_the_nominal_rig(miniature, glasses):
     (labelled,) = recordings("unrealego2", miniature)
     for path in (miniature / PLACE / "json").iterdir():

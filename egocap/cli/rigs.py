@@ -161,7 +161,7 @@ def show(options: Show) -> int:
     """`egocap rig show`."""
     from egocap.body.proportions import Proportions
     from egocap.cameras.rig_files import load_rig
-    from egocap.fitting.body_prior import BodyPrior, to_proportions
+    from egocap.fitting.wearer import average_body
     from egocap.view.rig_figure import draw_rig, load_photo
 
     if options.poses < 1:
@@ -169,7 +169,7 @@ def show(options: Show) -> int:
     if options.body is not None:
         person = Proportions.load(options.body)
     else:
-        person = to_proportions(BodyPrior.for_height(options.height).mean)
+        person = average_body(options.height)
     photo = None if options.beside is None else load_photo(options.beside)
     found = draw_rig(load_rig(options.rig), options.out, person, options.poses, options.sigma,
                      photo, options.view)  # fmt: skip

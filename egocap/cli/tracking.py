@@ -31,6 +31,7 @@ def track(
     settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = TrackerConfig(),  # noqa: B008
     seed: int = 0,
     body: str | None = None,
+    rig: Path | None = None,
     save_detections: Path | None = None,
     head_pose: Path | None = None,
     json: bool = False,
@@ -52,11 +53,13 @@ def track(
         seed: seed of simulated detections.
         body: the person's proportions: a file of fit-body, average:HEIGHT, fit or fit:HEIGHT (from
             the first 20 s); by default the sequence's own, which footage does not have.
+        rig: rig file in place of the sequence's own rig, as fit-rig writes it.
         save_detections: also write the detections used, npz.
         head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
             `T_world_head` (4 x 4); the track then has its joints in that world, too.
         json: print the summary as JSON.
     """
+    from egocap.cameras.rig_files import load_rig
     from egocap.data import detections as detection_file
     from egocap.data.head_pose import in_world
     from egocap.data.sequence import Sequence
@@ -68,9 +71,10 @@ def track(
     opened = Sequence(sequence)
     if body is None:
         _ = opened.body  # before anything takes time
-    found = detections_from(opened, detections, seed)
-    proportions = opened.body if body is None else find_body(body, opened.rig, found)
-    tracker = make_tracker(opened.rig, proportions, solver, settings)
+    cameras = opened.rig if rig is None else load_rig(rig)
+    found = detections_from(opened, detections, seed, cameras)
+    proportions = opened.body if body is None else find_body(body, cameras, found)
+    tracker = make_tracker(cameras, proportions, solver, settings)
     result = tracker.track(found, opened.images)
     # So that no other sequence is scored with it, and scores name the body.
     origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}

@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import LIMITS, forward
+from egocap.body.skeleton import LIMITS, MIRROR_DOFS, MIRROR_SIGNS, forward
 from egocap.cameras.rig import Rig
 from egocap.image_model.occlusion import joints_seen
 from egocap.pose.pose_prior import load_posture
@@ -60,10 +60,15 @@ class RigCoverage:
 
 
 def everyday_poses(count: int, rng: np.random.Generator) -> Float[Array, "B 37"]:
-    """Poses drawn from the pose prior, moved inside the anatomical limits."""
+    """Poses drawn from the pose prior and their mirrors, moved inside the anatomical limits.
+
+    An odd `count` leaves out the last mirror.
+    """
     posture = load_posture()
-    drawn = rng.multivariate_normal(posture.mean, np.linalg.inv(posture.precision), count)
-    return np.clip(drawn, LIMITS[:, 0], LIMITS[:, 1])
+    half = -(-count // 2)
+    drawn = rng.multivariate_normal(posture.mean, np.linalg.inv(posture.precision), half)
+    both = np.stack([drawn, drawn[:, MIRROR_DOFS] * MIRROR_SIGNS], 1).reshape(-1, len(MIRROR_SIGNS))
+    return np.clip(both[:count], LIMITS[:, 0], LIMITS[:, 1])
 
 
 def rig_coverage(

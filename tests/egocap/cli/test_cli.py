@@ -167,6 +167,11 @@ def test_a_rig_is_fitted_and_reported(egocap, tracked, tiny_sequence):
     Proportions.load("body.json")
     code, out, _ = egocap(*words)
     assert code == 0 and "pitch" in out
+    track = ("track", tiny_sequence, *found[:2], "--no-appearance-check")
+    assert egocap(*track, "--out", "own.npz")[0] == 0
+    assert egocap(*track, "--rig", "rig.toml", "--out", "fitted.npz")[0] == 0
+    own, other = (load_track(Path(f"{name}.npz")).joints_head for name in ("own", "fitted"))
+    assert 0.25 * moved < np.linalg.norm(own - other, axis=-1).mean() < 0.3
 
 
 def test_rigs_are_converted_and_checked(egocap, tiny_sequence):

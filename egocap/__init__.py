@@ -28,6 +28,7 @@ _MODULES = {
     "Track": "data.track",
     "Tracker": "track.tracker",
     "TrackerConfig": "pose.config",
+    "calibrate": "calibration.rig_calibration",
     "evaluate": "evaluation.scoring",
     "evaluate_recording": "datasets.scoring",
     "fit_body": "fitting.fit_body",

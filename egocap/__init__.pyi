@@ -1,4 +1,5 @@
 from egocap.body.proportions import Proportions as Proportions
+from egocap.calibration.rig_calibration import calibrate as calibrate
 from egocap.cameras.camera import Camera as Camera
 from egocap.cameras.camera_files import load_camera as load_camera
 from egocap.cameras.rig import Rig as Rig

@@ -12,6 +12,7 @@ from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
 from egocap.commandline import DONE, USAGE, progress, run
+from egocap_sim.boards.settings import BoardRecording
 from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene, shown
 
 if TYPE_CHECKING:
@@ -234,6 +235,38 @@ def check_motion(
         _print_reports(reports, unreadable)
     bad = bool(unreadable) or any(report.suspect for _, report in reports)
     return MISSED if strict and bad else DONE
+
+
+@app.command
+def calibration_board(
+    out: Path,
+    board: str = "charuco:5x7:0.0325:0.024",
+    rig: str = "egorig1",
+    settings: Annotated[BoardRecording, tyro.conf.OmitArgPrefixes] = BoardRecording(),  # noqa: B008
+    size: Annotated[tuple[int, int] | None, shown("WIDTH HEIGHT")] = None,
+) -> int:
+    """Render a calibration board that a hand moves before a rig.
+
+    Writes a folder of pictures per camera for `egocap calibrate`, and truth.json to score it with.
+
+    Args:
+        out: new folder.
+        board: the board, as in `egocap calibrate`.
+        rig: name of a built-in rig, or a rig file.
+        settings: pictures and camera faults.
+        size: image size in pixels; the rig is scaled to it.
+    """
+    from egocap.boards.board import parse_board
+    from egocap.cameras.rig_files import load_rig
+    from egocap_sim.boards.record import record_board
+    from egocap_sim.core.resources import find_file
+
+    opened = load_rig(find_file("rig", rig))
+    opened = opened.resized(*size) if size else opened
+    with progress("pictures", settings.count * len(opened.views), unit="pictures") as advance:
+        record_board(parse_board(board), opened, settings, out, advance)
+    print(out)
+    return DONE
 
 
 @app.command(name="list")

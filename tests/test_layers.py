@@ -15,9 +15,9 @@ MOST_MODULES = 20
 LAYERS = (
     {"egocap.errors", "egocap.geometry"},
     {"egocap.schema", "egocap.commandline", "egocap.files"},
-    {"egocap.cameras", "egocap.body", "egocap.media"},
+    {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards"},
     {"egocap.data"},
-    {"egocap.footage"},
+    {"egocap.footage", "egocap.calibration"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose"},  # these do not import each other
     {"egocap.detect.train", "egocap.image_model"},
     {"egocap.track", "egocap.datasets"},

@@ -24,6 +24,7 @@ HEAVY = {
 }
 COMMANDS = {
     "egocap.cli": (
+        "calibrate",
         "calibrate-detector",
         "detect",
         "export",

@@ -1,0 +1,62 @@
+"""What makes pictures useless for a calibration, and what to record instead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+
+from egocap.boards.board import Board
+from egocap.calibration.detection import Anchors, find_checkerboard, find_markers
+from egocap.calibration.recording import View
+from egocap.calibration.state import Corners
+from egocap.errors import FileError
+
+LEAST_BOARDS = 5  # pictures of a view
+_TRIED = 12  # pictures searched for the reason
+RECORD = ("20 to 60 sharp pictures of the whole board, in even light, held still, near and tilted, "
+          "all over the image out to its rim")  # fmt: skip
+
+
+def refuse_no_boards(view: View, board: Board, anchors: Mapping[int, Anchors]) -> None:
+    """Raise FileError with the likely reason if fewer than `LEAST_BOARDS` pictures show a board."""
+    found = sum(len(a) > 0 for a in anchors.values())
+    if found >= LEAST_BOARDS:
+        return
+    where = f"{board} is found in {found} of {len(anchors)} pictures"
+    reason = _reason(view, board) if len(anchors) >= LEAST_BOARDS else None
+    raise FileError(view.source, f"{where}{f': {reason}' if reason else ''}",
+                    valid=f"{RECORD}; at least {LEAST_BOARDS} with the board")  # fmt: skip
+
+
+def refuse_few_boards(view: View, corners: Corners) -> None:
+    """Raise FileError if too few pictures have enough corners."""
+    boards = len(np.unique(corners.instant))
+    if boards < LEAST_BOARDS:
+        raise FileError(view.source, f"the corners are clear in only {boards} of "
+                        f"{len(view.pictures)} pictures", valid=RECORD)  # fmt: skip
+
+
+def _reason(view: View, board: Board) -> str | None:
+    pictures = list(view.pictures.values())
+    step = max(1, len(pictures) // _TRIED)
+    tried = pictures[::step][:_TRIED]
+    if board.markers:
+        if any(len(find_markers(cv2.flip(p, 1), board)) >= 8 for p in tried):
+            return "the pictures, or the print, are mirrored"
+    else:
+        for columns, rows in _other_grids(board):
+            if sum(len(find_checkerboard(p, (columns, rows))) > 0 for p in tried) >= 2:
+                return (f"they show {columns} x {rows} inner corners, a board of "
+                        f"{columns + 1} x {rows + 1} squares")  # fmt: skip
+    if np.median([cv2.Laplacian(p, cv2.CV_64F).var() for p in tried]) < 12.0:
+        return "the pictures are blurred or empty"
+    return None
+
+
+def _other_grids(board: Board) -> list[tuple[int, int]]:
+    """Inner corners of boards that a user may have meant: counts of corners, one more or less."""
+    columns, rows = board.grid
+    steps = [(1, 1), (-1, -1), (1, 0), (0, 1), (-1, 0), (0, -1)]
+    return [(columns + a, rows + b) for a, b in steps if min(columns + a, rows + b) >= 2]

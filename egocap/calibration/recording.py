@@ -1,0 +1,121 @@
+"""Pictures of a board, read from a folder per camera and matched between the cameras."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+
+from egocap.errors import FileError, InputError
+from egocap.media.decoding import decode
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
+MOST_VIEWS = 16
+_NAME = re.compile(r"[^A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The pictures of one camera."""
+
+    name: str
+    size: tuple[int, int]  # width, height
+    pictures: dict[int, UInt8[Array, "H W"]]  # by instant
+    source: Path
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The views of a rig. Pictures of the same instant were taken together."""
+
+    views: tuple[View, ...]
+    labels: tuple[str, ...]  # of the instants, for messages
+    times: tuple[float, ...] | None = None  # seconds, of a video
+
+
+def read_recording(sources: Sequence[Path]) -> Recording:
+    """Read a folder of pictures per camera.
+
+    Pictures with the same name, or else with the same last number in their names, are of the same
+    instant. Raises FileError for folders without pictures, unreadable pictures and mixed sizes,
+    InputError for no source or two of the same name.
+    """
+    if not 1 <= len(sources) <= MOST_VIEWS:
+        raise InputError(f"{len(sources)} sources", valid="a folder or video per camera, 1 to 16")
+    files = [_picture_files(source) for source in sources]
+    keys = _matched([[file.stem for file in each] for each in files])
+    labels = sorted({key for each in keys for key in each}, key=_natural)
+    index = {label: i for i, label in enumerate(labels)}
+    names = _view_names(sources)
+    views = []
+    for source, name, found, own in zip(sources, names, files, keys, strict=True):
+        pictures = _read_pictures(found)
+        height, width = pictures[0].shape
+        by_instant = {index[key]: picture for key, picture in zip(own, pictures, strict=True)}
+        views.append(View(name, (width, height), by_instant, source))
+    return Recording(tuple(views), tuple(labels))
+
+
+def read_picture(path: Path) -> UInt8[Array, "H W"]:
+    """Decode a picture to grey values. Raises FileError."""
+    try:
+        picture = decode(path.read_bytes(), cv2.IMREAD_GRAYSCALE)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    if picture is None:
+        raise FileError(path, "is not a readable picture", valid=f"files in {', '.join(SUFFIXES)}")
+    return picture
+
+
+def _picture_files(source: Path) -> list[Path]:
+    if not source.exists():
+        raise FileError(source, "no such folder", valid="a folder of pictures, one per camera")
+    if not source.is_dir():
+        raise FileError(source, "is not a folder", valid="a folder of pictures, one per camera")
+    found = [p for p in source.iterdir() if p.suffix.lower() in SUFFIXES]
+    if not found:
+        inner = sorted(p.name for p in source.iterdir() if p.is_dir())
+        hint = f"one of its folders ({', '.join(inner[:4])})" if inner else "a folder of pictures"
+        raise FileError(source, "has no pictures", valid=hint)
+    return sorted(found, key=lambda p: _natural(p.stem))
+
+
+def _read_pictures(files: list[Path]) -> list[UInt8[Array, "H W"]]:
+    pictures = [read_picture(file) for file in files]
+    shape = pictures[0].shape
+    for file, picture in zip(files, pictures, strict=True):
+        if picture.shape != shape:
+            sizes = f"is {picture.shape[1]} x {picture.shape[0]} pixels, and {files[0].name} "
+            raise FileError(file, f"{sizes}{shape[1]} x {shape[0]}",
+                            valid="one camera, one mode, not cropped")  # fmt: skip
+    return pictures
+
+
+def _matched(stems: list[list[str]]) -> list[list[str]]:
+    """A label of the instant of every picture: its name, or the last number in it."""
+    if len(stems) == 1 or set.intersection(*map(set, stems)):
+        return stems
+    numbers = [[(re.findall(r"\d+", stem) or [stem])[-1] for stem in each] for each in stems]
+    unique = all(len(set(each)) == len(each) for each in numbers)
+    return numbers if unique and set.intersection(*map(set, numbers)) else stems
+
+
+def _natural(text: str) -> list[tuple[int, int, str]]:
+    """Sorting key by which 2 comes before 10."""
+    words = re.split(r"(\d+)", text)
+    return [(0, int(w), "") if w.isdigit() else (1, 0, w) for w in words]
+
+
+def _view_names(sources: Sequence[Path]) -> list[str]:
+    names = [_NAME.sub("_", source.resolve().stem)[:40] or "camera" for source in sources]
+    if len(set(names)) < len(names):
+        names = [_NAME.sub("_", "_".join(s.resolve().with_suffix("").parts[-2:]))[-40:]
+                 for s in sources]  # fmt: skip
+    if len(set(names)) < len(names):
+        raise InputError(f"two sources have the name '{names[0]}'", valid="different folders")
+    return names

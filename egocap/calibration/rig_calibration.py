@@ -1,0 +1,194 @@
+"""The whole calibration: lenses of all views, their poses on the rig, and the uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.boards.board import Board, parse_board
+from egocap.calibration.adjustment import Adjusted
+from egocap.calibration.corner_search import refine_boards
+from egocap.calibration.lens_shape import lens_shapes
+from egocap.calibration.mount import place_on_head
+from egocap.calibration.recording import Recording, read_recording
+from egocap.calibration.state import Corners, State, joined
+from egocap.calibration.stereo import start_poses
+from egocap.calibration.view_calibration import (
+    ViewCalibration,
+    calibrate_view,
+    start_camera,
+    without_outliers,
+)
+from egocap.cameras.camera import Camera
+from egocap.cameras.rig import Mount, Rig
+from egocap.errors import InputError
+from egocap.geometry import inverse
+
+_MARGIN = np.deg2rad(6.0)  # of the field of view beyond the outermost corner
+Step = Callable[[str], None]
+PLACED = "The cameras' place on the head is that of the nominal rig."
+ASSUMED = (
+    "The cameras' place on the head is assumed, since a board does not show the skull: measure it, "
+    "or give the nominal rig as --mount."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated rig with everything that its quality is judged by."""
+
+    rig: Rig
+    board: Board
+    recording: Recording
+    views: tuple[ViewCalibration, ...]
+    adjusted: Adjusted  # of all views together
+    corners: Corners
+    notes: tuple[str, ...]  # what a reader of the rig file must know
+
+    def deviations(self, view: int) -> dict[str, float]:
+        """Standard deviation of each parameter of a view's lens, in the units of its file."""
+        shape = self.adjusted.state.shapes[view]
+        first = self.adjusted.state.lens_columns[view]
+        own = np.sqrt(np.diag(self.adjusted.covariance)[first : first + len(shape.names)])
+        return dict(zip(shape.names, map(float, own * shape.published_scale), strict=True))
+
+    def pose_deviations(self, view: int) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Standard deviations of T_view_rig: rotation [rad] and translation [m] along its axes."""
+        first = int(self.adjusted.state.lens_columns[-1]) + 6 * (view - 1)
+        own = np.sqrt(np.diag(self.adjusted.covariance)[first : first + 6])
+        return own[:3], own[3:]
+
+    def lag_deviations(self) -> Float[Array, "V-1"]:
+        """Standard deviation of each view's lag but the first's, seconds."""
+        return np.sqrt(np.diag(self.adjusted.covariance)[self.adjusted.state.lag_column :])
+
+
+def calibrate(
+    sources: Sequence[str | Path],
+    board: str | Board,
+    *,
+    model: str | None = None,
+    mount: Rig | None = None,
+    name: str = "calibrated",
+    on_step: Step = lambda what: None,
+) -> Calibration:
+    """Calibrate the cameras of a rig from pictures of a board.
+
+    Args:
+        sources: a folder of pictures per camera; pictures of the same name were taken together.
+        board: as `egocap.boards.board.parse_board` reads it.
+        model: lens model of all cameras; by default each one's is chosen by its held-out error.
+        mount: a rig with the same views, on which the cameras' place on the head is taken from.
+        name: of the rig.
+        on_step: called with a few words before each step.
+
+    Raises InputError or FileError for pictures that do not determine the rig, with what to record
+    instead.
+    """
+    board = parse_board(board) if isinstance(board, str) else board
+    on_step("reading the pictures")
+    return calibrate_recording(
+        read_recording([Path(s) for s in sources]), board,
+        model=model, mount=mount, name=name, on_step=on_step,
+    )  # fmt: skip
+
+
+def calibrate_recording(
+    recording: Recording,
+    board: Board,
+    *,
+    model: str | None = None,
+    mount: Rig | None = None,
+    name: str = "calibrated",
+    on_step: Step = lambda what: None,
+) -> Calibration:
+    """`calibrate` for pictures in memory."""
+    instants, views = len(recording.labels), []
+    for i, view in enumerate(recording.views):
+        on_step(f"{view.name}: corners and lens")
+        shapes = lens_shapes(model, view.size)
+        views.append(calibrate_view(view, i, board, instants, shapes))
+    adjusted, corners = views[0].adjusted, views[0].corners
+    if len(views) > 1:
+        on_step("all cameras together")
+        adjusted, corners = _together(views, board)
+    cameras = [_camera(adjusted.state, corners, v, view.view.size, board)
+               for v, view in enumerate(views)]  # fmt: skip
+    rig = _rig(adjusted.state, cameras, [v.view.name for v in views], mount, name)
+    notes = (f"Calibrated from {board}.", PLACED if mount else ASSUMED)
+    return Calibration(rig, board, recording, tuple(views), adjusted, corners, notes)
+
+
+def _together(views: Sequence[ViewCalibration], board: Board) -> tuple[Adjusted, Corners]:
+    """Adjust all views; boards that one view missed are searched where the others place them."""
+    state = _joint_state(views, start_poses(views, board))
+    corners = joined([v.corners for v in views])
+    adjusted, corners = without_outliers(state, corners, board.points)
+    more = [corners]
+    for v, view in enumerate(views):
+        camera = start_camera(_alone(adjusted.state, v), view.view.size)
+        known = set(map(int, corners.instant[corners.view == v]))
+        poses = {i: adjusted.state.T_view_rig[v] @ adjusted.state.T_rig_board[i]
+                 for i in set(map(int, corners.instant)) - known}  # fmt: skip
+        more.append(refine_boards(view.view.pictures, poses, board, camera, v))
+    if sum(map(len, more[1:])) == 0:
+        return adjusted, corners
+    return without_outliers(adjusted.state, joined(more), board.points)
+
+
+def _joint_state(views: Sequence[ViewCalibration], T_view_rig: Float[Array, "V 4 4"]) -> State:
+    """Lenses of all views, and each board's pose by the view that saw most of it."""
+    first = views[0].adjusted.state.T_rig_board
+    boards, most = np.tile(np.eye(4), (len(first), 1, 1)), np.zeros(len(first), int)
+    for v, view in enumerate(views):
+        count = np.bincount(view.corners.instant, minlength=len(first))
+        better = count > most
+        boards[better] = inverse(T_view_rig[v]) @ view.adjusted.state.T_rig_board[better]
+        most = np.maximum(most, count)
+    states = [view.adjusted.state for view in views]
+    return State(tuple(s.shapes[0] for s in states), tuple(s.lenses[0] for s in states),
+                 T_view_rig, boards)  # fmt: skip
+
+
+def _alone(state: State, view: int) -> State:
+    return replace(state, shapes=state.shapes[view : view + 1],
+                   lenses=state.lenses[view : view + 1], T_view_rig=np.eye(4)[None])  # fmt: skip
+
+
+def _camera(
+    state: State, corners: Corners, view: int, size: tuple[int, int], board: Board
+) -> Camera:
+    """The camera, whose field of view ends with the image, or where its polynomial turns back."""
+    shape, lens = state.shapes[view], state.lenses[view]
+    try:
+        return shape.camera(lens, size)
+    except InputError:
+        pass
+    at = corners.view == view
+    T = state.T_view_rig[view] @ state.T_rig_board[corners.instant[at]]
+    seen = np.einsum("nij,nj->ni", T[:, :3, :3], board.points[corners.corner[at]]) + T[:, :3, 3]
+    widest = float(np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]).max())
+    for margin in (_MARGIN, _MARGIN / 2, 0.0):
+        try:
+            return shape.camera(lens, size, min(widest + margin, np.pi))
+        except InputError as error:
+            problem = error
+    raise InputError(
+        f"the fitted lens is impossible: {problem}",
+        valid="the counts and sizes of the board as printed; a flat board",
+    )
+
+
+def _rig(
+    state: State, cameras: Sequence[Camera], names: Sequence[str], mount: Rig | None, name: str
+) -> Rig:
+    T_rig_view = inverse(state.T_view_rig)
+    T_head_rig = place_on_head(T_rig_view, names, mount)
+    mounts = [Mount(n, camera, T_head_rig @ T)
+              for n, camera, T in zip(names, cameras, T_rig_view, strict=True)]  # fmt: skip
+    return Rig(name, tuple(mounts), mount.frame_rate if mount else 30.0)

@@ -1,0 +1,73 @@
+"""Starting values of the cameras' poses on the rig, from boards that two of them saw together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.spatial.transform import Rotation
+
+from egocap.boards.board import Board
+from egocap.calibration.view_calibration import ViewCalibration
+from egocap.errors import InputError
+from egocap.geometry import inverse, rigid
+
+LEAST_SHARED = 3  # boards that two views saw together
+_HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+_APART = np.deg2rad(10.0)  # between two estimates that agree, or that many per _APART_M
+_APART_M = 0.05
+
+
+def start_poses(views: Sequence[ViewCalibration], board: Board) -> Float[Array, "V 4 4"]:
+    """T_view_rig of every view; the rig's frame is the first view's.
+
+    Views are joined one by one to those already placed. Raises InputError for views that share too
+    few boards with all others.
+    """
+    T_view_rig = {0: np.eye(4)}
+    while len(T_view_rig) < len(views):
+        links = [(shared_pose(views[p], views[v], board), p, v) for p in T_view_rig
+                 for v in range(len(views)) if v not in T_view_rig]  # fmt: skip
+        (T, shared), placed, new = max(links, key=lambda link: link[0][1])
+        if shared < LEAST_SHARED:
+            names = ", ".join(v.view.name for i, v in enumerate(views) if i not in T_view_rig)
+            raise InputError(
+                f"{names}: only {shared} boards are seen together with another camera",
+                valid=f"pictures taken at the same instant, with the same name, {LEAST_SHARED} or "
+                "more of them with the board in both cameras (a larger board reaches farther)",
+            )
+        T_view_rig[new] = T @ T_view_rig[placed]
+    return np.array([T_view_rig[v] for v in range(len(views))])
+
+
+def shared_pose(
+    first: ViewCalibration, second: ViewCalibration, board: Board
+) -> tuple[Float[Array, "4 4"], int]:
+    """T_second_first that most of the boards seen by both agree on, and how many do."""
+    a, b = first.poses, second.poses
+    shared = sorted(a.keys() & b.keys())
+    turns = [np.eye(4), half_turn(board)] if board.symmetric else [np.eye(4)]
+    found = np.array([b[i] @ turn @ inverse(a[i]) for i in shared for turn in turns])
+    if not len(found):
+        return np.eye(4), 0
+    apart = _distance(found)
+    best = int((apart < 1.0).sum(1).argmax())
+    agree = found[apart[best] < 1.0]
+    R = Rotation.from_matrix(agree[:, :3, :3]).mean().as_matrix()
+    return rigid(R, np.median(agree[:, :3, 3], axis=0)), len(agree)
+
+
+def half_turn(board: Board) -> Float[Array, "4 4"]:
+    """The turn of a board's points by 180 degrees about its middle."""
+    width, height = board.size
+    return rigid(_HALF_TURN, np.array([width, height, 0.0]))
+
+
+def _distance(T: Float[Array, "n 4 4"]) -> Float[Array, "n n"]:
+    """Difference of all pairs of poses; below 1 they agree."""
+    turn = np.einsum("aij,bij->ab", T[:, :3, :3], T[:, :3, :3])
+    angle = np.arccos(np.clip((turn - 1) / 2, -1, 1))
+    shift = np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=-1)
+    return angle / _APART + shift / _APART_M

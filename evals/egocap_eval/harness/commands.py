@@ -45,6 +45,7 @@ STUDIES = {
     "posterior": ("posterior.sampling", "Compare the tracker's error with its lower bound."),
     "tables": ("evidence.tables", "Write the tables of README and docs from the results."),
     "refresh": ("evidence.refresh", "Measure again the results whose sources have changed."),
+    "calibrate": ("calibration.study", "Calibrate stereo rigs from simulated boards."),
     "rig": ("rig_design.rig", "Compare stereo rigs: visibility, error bounds, tracked errors."),
 }
 """A new study is one module and one line here (see `harness.study`)."""

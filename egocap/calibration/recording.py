@@ -1,4 +1,4 @@
-"""Pictures of a board, read from a folder per camera and matched between the cameras."""
+"""Pictures of a board, read from a folder or a video per camera and matched between them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
+import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
 from egocap.media.decoding import decode
+from egocap.media.video import open_video
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
 MOST_VIEWS = 16
+MOST_FRAMES = 120  # of a video
+_APART_S = 0.012  # between frames that count as of the same instant
 _NAME = re.compile(r"[^A-Za-z0-9_-]+")
 
 
@@ -35,18 +39,20 @@ class Recording:
 
     views: tuple[View, ...]
     labels: tuple[str, ...]  # of the instants, for messages
-    times: tuple[float, ...] | None = None  # seconds, of a video
 
 
 def read_recording(sources: Sequence[Path]) -> Recording:
-    """Read a folder of pictures per camera.
+    """Read a folder of pictures, or a video, per camera.
 
     Pictures with the same name, or else with the same last number in their names, are of the same
-    instant. Raises FileError for folders without pictures, unreadable pictures and mixed sizes,
+    instant; so are frames of videos at the same time from their starts. Raises FileError for
+    folders without pictures, unreadable pictures and mixed sizes,
     InputError for no source or two of the same name.
     """
     if not 1 <= len(sources) <= MOST_VIEWS:
         raise InputError(f"{len(sources)} sources", valid="a folder or video per camera, 1 to 16")
+    if all(source.is_file() for source in sources):
+        return _read_videos(sources)
     files = [_picture_files(source) for source in sources]
     keys = _matched([[file.stem for file in each] for each in files])
     labels = sorted({key for each in keys for key in each}, key=_natural)
@@ -74,15 +80,33 @@ def read_picture(path: Path) -> UInt8[Array, "H W"]:
 
 def _picture_files(source: Path) -> list[Path]:
     if not source.exists():
-        raise FileError(source, "no such folder", valid="a folder of pictures, one per camera")
+        raise FileError(source, "no such file", valid="a folder of pictures or a video per camera")
     if not source.is_dir():
-        raise FileError(source, "is not a folder", valid="a folder of pictures, one per camera")
+        raise FileError(source, "is not a folder", valid="folders of pictures alone, or videos")
     found = [p for p in source.iterdir() if p.suffix.lower() in SUFFIXES]
     if not found:
         inner = sorted(p.name for p in source.iterdir() if p.is_dir())
         hint = f"one of its folders ({', '.join(inner[:4])})" if inner else "a folder of pictures"
         raise FileError(source, "has no pictures", valid=hint)
     return sorted(found, key=lambda p: _natural(p.stem))
+
+
+def _read_videos(sources: Sequence[Path]) -> Recording:
+    """Frames of videos that started together, spread evenly over the first one."""
+    videos = [open_video(source) for source in sources]
+    first = videos[0].times - videos[0].times[0]
+    wanted = first[np.unique(np.linspace(0, len(first) - 1, MOST_FRAMES).astype(int))]
+    views = []
+    for source, name, video in zip(sources, _view_names(sources), videos, strict=True):
+        times = video.times - video.times[0]
+        nearest = np.abs(times[:, None] - wanted).argmin(0)
+        late = np.abs(times[nearest] - wanted) > _APART_S
+        pictures = {i: video.image(int(at)) for i, at in enumerate(nearest) if not late[i]}
+        grey = {i: cv2.cvtColor(p, cv2.COLOR_RGB2GRAY) for i, p in pictures.items()
+                if p is not None}  # fmt: skip
+        views.append(View(name, video.size, grey, source))
+        video.close()
+    return Recording(tuple(views), tuple(f"{time:.2f} s" for time in wanted))
 
 
 def _read_pictures(files: list[Path]) -> list[UInt8[Array, "H W"]]:

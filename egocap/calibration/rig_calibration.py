@@ -17,7 +17,7 @@ from egocap.calibration.lens_shape import lens_shapes
 from egocap.calibration.mount import place_on_head
 from egocap.calibration.recording import Recording, read_recording
 from egocap.calibration.state import Corners, State, joined
-from egocap.calibration.stereo import start_poses
+from egocap.calibration.stereo import same_way_round, start_poses
 from egocap.calibration.view_calibration import (
     ViewCalibration,
     calibrate_view,
@@ -80,7 +80,8 @@ def calibrate(
     """Calibrate the cameras of a rig from pictures of a board.
 
     Args:
-        sources: a folder of pictures per camera; pictures of the same name were taken together.
+        sources: a folder of pictures per camera, of which those of the same name were taken
+            together, or a video per camera, started together.
         board: as `egocap.boards.board.parse_board` reads it.
         model: lens model of all cameras; by default each one's is chosen by its held-out error.
         mount: a rig with the same views, on which the cameras' place on the head is taken from.
@@ -126,7 +127,9 @@ def calibrate_recording(
 
 def _together(views: Sequence[ViewCalibration], board: Board) -> tuple[Adjusted, Corners]:
     """Adjust all views; boards that one view missed are searched where the others place them."""
-    state = _joint_state(views, start_poses(views, board))
+    T_view_rig = start_poses(views, board)
+    views = same_way_round(views, T_view_rig, board)
+    state = _joint_state(views, T_view_rig)
     corners = joined([v.corners for v in views])
     adjusted, corners = without_outliers(state, corners, board.points)
     more = [corners]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -57,6 +58,41 @@ def shared_pose(
     agree = found[apart[best] < 1.0]
     R = Rotation.from_matrix(agree[:, :3, :3]).mean().as_matrix()
     return rigid(R, np.median(agree[:, :3, 3], axis=0)), len(agree)
+
+
+def same_way_round(
+    views: Sequence[ViewCalibration], T_view_rig: Float[Array, "V 4 4"], board: Board
+) -> list[ViewCalibration]:
+    """The views with boards that look the same after half a turn numbered alike in all of them.
+
+    A board counts as turned where that agrees better with the first view that saw it.
+    """
+    if not board.symmetric:
+        return list(views)
+    turn, placed, found = half_turn(board), {}, []
+    for view, T in zip(views, T_view_rig, strict=True):
+        poses = {i: inverse(T) @ pose for i, pose in view.poses.items()}
+        turned = {i for i, pose in poses.items() if i in placed
+                  and _apart(placed[i], pose @ turn) < _apart(placed[i], pose)}  # fmt: skip
+        placed = {i: pose @ turn if i in turned else pose for i, pose in poses.items()} | placed
+        found.append(_turned(view, turned, turn, len(board.points)) if turned else view)
+    return found
+
+
+def _apart(a: Float[Array, "4 4"], b: Float[Array, "4 4"]) -> float:
+    return float(_distance(np.array([a, b]))[0, 1])
+
+
+def _turned(view: ViewCalibration, instants: set[int], turn: Array, count: int) -> ViewCalibration:
+    """The view with the boards of some instants turned by half a turn."""
+    corners, adjusted = view.corners, view.adjusted
+    at = np.isin(corners.instant, list(instants))
+    numbers = np.where(at, count - 1 - corners.corner, corners.corner)
+    boards = adjusted.state.T_rig_board.copy()
+    boards[list(instants)] = boards[list(instants)] @ turn
+    state = replace(adjusted.state, T_rig_board=boards)
+    return replace(view, corners=replace(corners, corner=numbers),
+                   adjusted=replace(adjusted, state=state))  # fmt: skip
 
 
 def half_turn(board: Board) -> Float[Array, "4 4"]:

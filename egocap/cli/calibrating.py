@@ -21,12 +21,13 @@ def calibrate(
     page: Path | None = None,
     json: bool = False,
 ) -> int:
-    """Calibrate the cameras of a rig from pictures of a printed board.
+    """Calibrate the cameras of a rig from pictures or videos of a printed board.
 
     Print a board with `egocap calibrate print-board board.pdf --board ...`.
 
     Args:
-        sources: a folder of pictures per camera; pictures of the same name were taken together.
+        sources: a folder of pictures per camera, of which those of the same name were taken
+            together; or a video per camera, started together.
         board: checkerboard:COLUMNSxROWS:SQUARE, charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY] or
             aprilgrid:COLUMNSxROWS:TAG:SPACING; counts of squares (tags), sizes in metres.
         out: rig to write, .toml or .json.

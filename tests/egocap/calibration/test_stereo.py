@@ -1,12 +1,19 @@
 """Camera poses from boards seen by both, in spite of wrong ones; too few of them."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from egocap.boards.board import parse_board
-from egocap.calibration.stereo import half_turn, start_poses
+from egocap.calibration.adjustment import Adjusted
+from egocap.calibration.lens_shape import LensShape
+from egocap.calibration.model_choice import Choice
+from egocap.calibration.recording import View
+from egocap.calibration.state import Corners, State
+from egocap.calibration.stereo import half_turn, same_way_round, start_poses
+from egocap.calibration.view_calibration import ViewCalibration
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid, transform
 
@@ -39,3 +46,29 @@ def test_half_turn_maps_a_symmetric_board_onto_itself():
     board = parse_board("checkerboard:5x7:0.03")
     turned = transform(half_turn(board), board.points)
     assert np.allclose(turned, board.points[::-1])
+
+
+def test_boards_are_numbered_alike_in_all_views(boards):
+    board = parse_board("checkerboard:5x7:0.03")
+    cameras = np.array([np.eye(4), T_RIGHT_LEFT])
+    found = [calibrated(board, boards[:5], np.eye(4), set()),
+             calibrated(board, boards[:5], T_RIGHT_LEFT, {1, 3})]  # fmt: skip
+    same = same_way_round(found, cameras, board)
+    assert not np.array_equal(found[1].corners.corner, found[0].corners.corner)
+    assert np.array_equal(same[1].corners.corner, same[0].corners.corner)
+    for i in range(5):
+        assert np.allclose(same[1].poses[i], T_RIGHT_LEFT @ boards[i], atol=1e-9)
+
+
+def calibrated(board, boards, T_view, turned):
+    """A view that saw all corners of boards, some of them numbered from the other end."""
+    turn, count = half_turn(board), len(board.points)
+    poses = np.array([T_view @ T @ (turn if i in turned else np.eye(4))
+                      for i, T in enumerate(boards)])  # fmt: skip
+    numbers = [np.arange(count)[:: -1 if i in turned else 1] for i in range(len(boards))]
+    instant, none = np.repeat(np.arange(len(boards)), count), np.zeros((count * len(boards), 2))
+    corners = Corners(instant, 0 * instant, np.concatenate(numbers), none, none[:, None])
+    state = State((), (), np.eye(4)[None], poses)
+    adjusted = Adjusted(state, none, 1.0, np.zeros((0, 0)), True)
+    view = View("left", (10, 10), {}, Path("left"))
+    return ViewCalibration(view, 0, Choice(LensShape("equidistant"), {}), adjusted, corners)

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
 
 from egocap.boards.board import Board
-from egocap.calibration.detection import Anchors, find_checkerboard, find_markers
+from egocap.calibration.detection import Anchors, find_markers
 from egocap.calibration.recording import View
 from egocap.calibration.state import Corners
 from egocap.errors import FileError
@@ -47,12 +49,16 @@ def _reason(view: View, board: Board) -> str | None:
             return "the pictures, or the print, are mirrored"
     else:
         for columns, rows in _other_grids(board):
-            if sum(len(find_checkerboard(p, (columns, rows))) > 0 for p in tried) >= 2:
+            if sum(_has_grid(p, (columns, rows)) for p in tried) >= 2:
                 return (f"they show {columns} x {rows} inner corners, a board of "
                         f"{columns + 1} x {rows + 1} squares")  # fmt: skip
     if np.median([cv2.Laplacian(p, cv2.CV_64F).var() for p in tried]) < 12.0:
         return "the pictures are blurred or empty"
     return None
+
+
+def _has_grid(picture: UInt8[Array, "H W"], grid: tuple[int, int]) -> bool:
+    return bool(cv2.findChessboardCornersSB(picture, grid)[0])
 
 
 def _other_grids(board: Board) -> list[tuple[int, int]]:

@@ -49,7 +49,7 @@ def search_rectified(picture: UInt8[Array, "H W"], board: Board, maps: Maps) -> 
     """Look for a board in rectified views of a picture."""
     best = NOTHING
     for map_x, map_y in maps:
-        found = find_board(cv2.remap(picture, map_x, map_y, cv2.INTER_CUBIC), board)
+        found = find_board(cv2.remap(picture, map_x, map_y, cv2.INTER_CUBIC), board, quickly=True)
         if len(found) > len(best):
             at = found.pixels[:, None].astype(np.float32)
             back = [cv2.remap(m, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[:, 0]

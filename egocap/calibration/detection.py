@@ -6,7 +6,7 @@ They start the calibration; `egocap.calibration.patches` measures the corners th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -18,8 +18,10 @@ from numpy import ndarray as Array
 from egocap.boards.board import TAG_BORDER, Board
 
 Grey = UInt8[Array, "H W"]
+Attempt = Callable[[Grey, tuple[int, int]], Array | None]
 
 _WINDOWS = (3, 43, 8)  # of the adaptive threshold: smallest, largest, step; pixels
+_ENLARGED = 1_000_000  # pixels of the largest picture that is enlarged: it takes seconds
 _SMALL = 640  # longer side of the picture in which a checkerboard is first looked for
 
 
@@ -45,9 +47,11 @@ def anchor_points(board: Board) -> Float[Array, "M 3"]:
     return np.column_stack([flat, np.zeros(len(flat))])
 
 
-def find_board(picture: Grey, board: Board) -> Anchors:
-    """Find a board in a picture."""
-    return find_markers(picture, board) if board.markers else find_checkerboard(picture, board.grid)
+def find_board(picture: Grey, board: Board, *, quickly: bool = False) -> Anchors:
+    """Find a board in a picture; `quickly` by the first detector of a checkerboard alone."""
+    if board.markers:
+        return find_markers(picture, board)
+    return find_checkerboard(picture, board.grid, _ATTEMPTS[:1] if quickly else _ATTEMPTS)
 
 
 def find_markers(picture: Grey, board: Board) -> Anchors:
@@ -87,12 +91,12 @@ def _marker_detector(board: Board) -> cv2.aruco.ArucoDetector:
     return cv2.aruco.ArucoDetector(board.cv_dictionary, settings)
 
 
-def find_checkerboard(picture: Grey, grid: tuple[int, int]) -> Anchors:
+def find_checkerboard(picture: Grey, grid: tuple[int, int], attempts: Sequence[Attempt]) -> Anchors:
     """Find all inner corners of a checkerboard; half a turn of the board is not told apart.
 
     The first corner is one whose quadrant right of and below it, in the board's frame, is black.
     """
-    for attempt in _ATTEMPTS:
+    for attempt in attempts:
         pixels = attempt(picture, grid)
         if pixels is not None:
             return Anchors(np.arange(len(pixels)), _oriented(picture, pixels, grid))
@@ -119,16 +123,16 @@ def _quads(picture: Grey, grid: tuple[int, int]) -> Array | None:
 
 
 def _enlarged(picture: Grey, grid: tuple[int, int]) -> Array | None:
-    """The sector-based detector in a picture of twice the size and even contrast."""
+    """The sector-based detector in a small picture of twice the size and even contrast."""
+    if picture.size > _ENLARGED:
+        return None
     even = cv2.createCLAHE(3.0, (8, 8)).apply(picture)
     large = cv2.resize(even, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
     corners = _sector_based(large, grid)
     return None if corners is None else (corners + 0.5) / 2.0 - 0.5
 
 
-_ATTEMPTS: tuple[Callable[[Grey, tuple[int, int]], Array | None], ...] = (
-    _sector_based, _quads, _enlarged,
-)  # fmt: skip
+_ATTEMPTS: tuple[Attempt, ...] = (_sector_based, _quads, _enlarged)
 
 
 def _snapped(picture: Grey, pixels: Array, grid: tuple[int, int]) -> Array:

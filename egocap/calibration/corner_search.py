@@ -24,6 +24,7 @@ _LEAST_SHARE = 0.25  # of the corners in view
 _RECTIFIED_PX, _RECTIFIED_FIELD = 800, np.deg2rad(78.0)
 _TURNS = ((0.0, 0.0), *((np.deg2rad(62.0), k * np.pi / 4) for k in range(8)))
 _SAME_BOARD = np.deg2rad(3.0)  # rms of the anchors' angles
+_LEAST_WIDTH = 0.15  # of a set of corners, against its length
 _FLOOR_PX = 0.02  # standard deviation of a perfect corner: what resampling leaves
 
 
@@ -85,13 +86,20 @@ def refine_boards(
             return None
         found = refine(pictures[i], board, poses[i], project, seen)
         enough = max(LEAST_REFINED, _LEAST_SHARE * len(seen))
-        return found if len(found.corner) >= enough else None
+        whole = len(found.corner) >= enough and spans_plane(board.points[found.corner])
+        return found if whole else None
 
     with ThreadPoolExecutor(THREADS) as pool:
         refined = list(pool.map(search, wanted))
     return joined([as_corners(found, i, view)
                    for i, found in zip(wanted, refined, strict=True) if found is not None]
                   or [no_corners()])  # fmt: skip
+
+
+def spans_plane(points: Float[Array, "n 3"]) -> bool:
+    """Whether points of a board determine its pose: they do not lie near one line."""
+    along, across, _ = np.linalg.svd(points - points.mean(0), compute_uv=False)
+    return bool(across > _LEAST_WIDTH * along)
 
 
 def as_corners(found: Refined, instant: int, view: int) -> Corners:

@@ -13,10 +13,11 @@ from numpy import ndarray as Array
 from egocap.boards.board import Board, parse_board
 from egocap.calibration.adjustment import Adjusted
 from egocap.calibration.corner_search import refine_boards
+from egocap.calibration.image_rim import rim_angle
 from egocap.calibration.lens_shape import lens_shapes
 from egocap.calibration.mount import place_on_head
-from egocap.calibration.recording import Recording, read_recording
-from egocap.calibration.state import Corners, State, joined
+from egocap.calibration.recording import Recording, View, read_recording
+from egocap.calibration.state import Corners, State, by_view, joined
 from egocap.calibration.stereo import same_way_round, start_poses
 from egocap.calibration.view_calibration import (
     ViewCalibration,
@@ -29,7 +30,8 @@ from egocap.cameras.rig import Mount, Rig
 from egocap.errors import InputError
 from egocap.geometry import inverse
 
-_MARGIN = np.deg2rad(6.0)  # of the field of view beyond the outermost corner
+_MARGINS = (None, np.deg2rad(6.0), np.deg2rad(3.0), 0.0)
+"""Of the field of view beyond the outermost corner, to try; None: to the image's corner."""
 Step = Callable[[str], None]
 PLACED = "The cameras' place on the head is that of the nominal rig."
 ASSUMED = (
@@ -118,7 +120,7 @@ def calibrate_recording(
     if len(views) > 1:
         on_step("all cameras together")
         adjusted, corners = _together(views, board)
-    cameras = [_camera(adjusted.state, corners, v, view.view.size, board)
+    cameras = [_camera(adjusted.state, corners, v, view.view, board)
                for v, view in enumerate(views)]  # fmt: skip
     rig = _rig(adjusted.state, cameras, [v.view.name for v in views], mount, name)
     notes = (f"Calibrated from {board}.", PLACED if mount else ASSUMED)
@@ -163,28 +165,29 @@ def _alone(state: State, view: int) -> State:
                    lenses=state.lenses[view : view + 1], T_view_rig=np.eye(4)[None])  # fmt: skip
 
 
-def _camera(
-    state: State, corners: Corners, view: int, size: tuple[int, int], board: Board
-) -> Camera:
-    """The camera, whose field of view ends with the image, or where its polynomial turns back."""
+def _camera(state: State, corners: Corners, view: int, seen: View, board: Board) -> Camera:
+    """The camera; its field ends where the image does, or where its polynomial turns back."""
     shape, lens = state.shapes[view], state.lenses[view]
-    try:
-        return shape.camera(lens, size)
-    except InputError:
-        pass
-    at = corners.view == view
-    T = state.T_view_rig[view] @ state.T_rig_board[corners.instant[at]]
-    seen = np.einsum("nij,nj->ni", T[:, :3, :3], board.points[corners.corner[at]]) + T[:, :3, 3]
-    widest = float(np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]).max())
-    for margin in (_MARGIN, _MARGIN / 2, 0.0):
+    widest = _widest(state, corners, view, board)
+    for margin in _MARGINS:
+        limit = None if margin is None else min(widest + margin, np.pi)
         try:
-            return shape.camera(lens, size, min(widest + margin, np.pi))
+            camera = shape.camera(lens, seen.size, limit)
         except InputError as error:
             problem = error
+            continue
+        return replace(camera, max_angle=rim_angle(seen.pictures, camera, widest))
     raise InputError(
         f"the fitted lens is impossible: {problem}",
         valid="the counts and sizes of the board as printed; a flat board",
     )
+
+
+def _widest(state: State, corners: Corners, view: int, board: Board) -> float:
+    """Angle off the axis of a view's outermost corner, radians."""
+    own = corners[corners.view == view]
+    points = next(by_view(state, own, board.points)).points
+    return float(np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max())
 
 
 def _rig(

@@ -47,6 +47,7 @@ def test_lenses_and_stereo_pose_are_the_rendered_ones(calibration, recorded):
         assert (
             np.sqrt(np.mean(error**2)) < 0.15
         )  # a fifth of the pictures and half the pixels of a real calibration
+        assert camera.max_angle == pytest.approx(mount.camera.max_angle, abs=np.deg2rad(3.0))
     T = inverse(truth.T_head_camera[1]) @ truth.T_head_camera[0]
     found = calibration.adjusted.state.T_view_rig[1]
     assert np.linalg.norm(found[:3, 3] - T[:3, 3]) < 0.8e-3

@@ -29,6 +29,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                  "egocap_eval/sets"),
     "accuracy": (*NOISE, *TRACKER, *SCORES, *WORLD, "egocap_eval/studies/accuracy.py"),
     "augmentation": (*SMALL_DETECTORS, "egocap_eval/studies/augmentation.py"),
+    "calibrate": (*GEOMETRY, "egocap/boards", "egocap/calibration", "egocap_sim/boards",
+                  "egocap_eval/calibration"),
     "calibration": (*DETECTOR, *GEOMETRY, "egocap/pose", "egocap/posterior", *WORLD,
                     "egocap_eval/posterior"),
     "crash-recovery": (*WORLD, "egocap_sim/record", "egocap/data",

@@ -38,7 +38,7 @@ def calibrate(
     """
     import logging
 
-    from egocap.calibration.report import check_page_name, print_report, write_page
+    from egocap.calibration.report.page import check_page_name, print_report, write_page
     from egocap.calibration.rig_calibration import calibrate as calibrate_rig
     from egocap.calibration.rig_output import check_rig_name, write_rig
     from egocap.cameras.rig_files import load_rig

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from egocap.boards.board import parse_board
-from egocap.calibration.report import render_page
+from egocap.calibration.report.page import render_page
 from egocap.calibration.rig_calibration import calibrate
 from egocap.calibration.rig_output import write_rig
 from egocap.cameras.rig_files import load_rig, parse_rig

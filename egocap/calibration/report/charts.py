@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from egocap.calibration.advice import lens_uncertainty
+from egocap.calibration.report.advice import lens_uncertainty
+from egocap.calibration.report.summary import corner_angles
 from egocap.calibration.rig_calibration import Calibration
-from egocap.calibration.summary import corner_angles
 
 _INK, _QUIET, _BLUE, _ORANGE = "#22262b", "#8a929c", "#3b6ea8", "#d98032"
 _STYLE = {

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.calibration.report.summary import corner_angles
 from egocap.calibration.rig_calibration import Calibration
-from egocap.calibration.summary import corner_angles
 
 SECTORS, RINGS = 8, 4
 _BAD_PX = 0.5  # residual

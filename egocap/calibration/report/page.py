@@ -6,10 +6,10 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
-from egocap.calibration.advice import advice
-from egocap.calibration.charts import draw
+from egocap.calibration.report.advice import advice
+from egocap.calibration.report.charts import draw
+from egocap.calibration.report.summary import lines, summary
 from egocap.calibration.rig_calibration import Calibration
-from egocap.calibration.summary import lines, summary
 from egocap.errors import InputError
 from egocap.files import make_folder, write_atomically
 
@@ -31,7 +31,7 @@ def render_page(calibration: Calibration) -> str:
     """The page as HTML with embedded charts."""
     from jinja2 import Environment, StrictUndefined
 
-    template = (files("egocap.calibration") / "page.html").read_text(encoding="utf-8")
+    template = (files("egocap.calibration.report") / "page.html").read_text(encoding="utf-8")
     page = Environment(autoescape=True, undefined=StrictUndefined).from_string(template)
     return page.render(numbers=summary(calibration), advice=advice(calibration),
                        charts=draw(calibration), notes=calibration.notes)  # fmt: skip

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
+import json as jsons
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,10 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.cli.registry import app
-from egocap.commandline import DONE
+from egocap.commandline import DONE, INTERRUPTED
 from egocap.errors import InputError
 from egocap.pose.config import TrackerConfig
+from egocap.view.capture import CameraSettings
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -23,10 +25,12 @@ if TYPE_CHECKING:
 
     from egocap.body.proportions import Proportions
     from egocap.cameras.rig import Rig
-    from egocap.view.capture import KnowsPerson, LiveReport, Source
+    from egocap.view.feeds import Feed
+    from egocap.view.live_run import KnowsPerson, LiveReport
     from egocap.view.live_view import PoseDisplay
 
 LIVE = TrackerConfig(smoothing="none")
+CAMERAS = CameraSettings()
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,8 @@ class LiveOptions:
     """Weights of the learned detector; the shipped ones by default."""
     seconds: float = float("inf")
     """Stop after this time."""
+    realtime: bool = False
+    """Play video files by the clock and skip frames that come too fast, as with cameras."""
     colour_only: bool = False
     """Track the upper body by colour, without a detector, from the pose --start."""
     start: str = "rest"
@@ -52,92 +58,141 @@ class LiveOptions:
 
 @app.command
 def live(
-    sources: Positional[tuple[str, ...]],
-    rig: Path,
-    body: Path,
+    sources: Positional[tuple[str, ...]] = (),
+    rig: Path | None = None,
+    body: str | None = None,
     out: Path | None = None,
     run: Annotated[LiveOptions, tyro.conf.OmitArgPrefixes] = LiveOptions(),
+    cameras: Annotated[CameraSettings, tyro.conf.OmitArgPrefixes] = CAMERAS,
     settings: Annotated[TrackerConfig, tyro.conf.OmitArgPrefixes] = LIVE,
+    list: bool = False,
     json: bool = False,
 ) -> int:
     """Track live from cameras or video files, one per view, in the order of the rig.
 
-    Each pose uses the newest pictures; older ones are skipped, so that the tracker does not fall
-    behind. A video file plays at its own frame rate.
+    From cameras, each pose uses the newest pictures; older ones are skipped, so that the tracker
+    does not fall behind. Of video files every frame is used, at the time that the file states.
+    Ctrl-C ends the run and keeps what was tracked.
 
     Args:
         sources: Camera numbers or video files, one per view.
         rig: Rig file of the cameras.
-        body: Body file of the wearer.
+        body: Proportions of the wearer: a body file, or average:HEIGHT in metres.
         out: Track to write at the end, npz.
         run: How long to track, by what, and what to show.
+        cameras: What to ask of the cameras.
         settings: Settings of the tracker, which uses past frames only.
+        list: List the cameras of this machine and do nothing else.
         json: Print the summary as JSON.
     """
-    from egocap.body.proportions import Proportions
     from egocap.cameras.rig_files import load_rig
     from egocap.data.track import save_track
+    from egocap.detect.train.interruption import Interruption
+    from egocap.fitting.wearer import find_body
 
+    if list:
+        return _print_cameras(json)
+    if rig is None or body is None:
+        raise InputError("live without --rig or --body", valid="both, or --list")
     loaded = load_rig(rig)
-    if len(sources) != len(loaded.mounts):
-        raise InputError(f"{len(sources)} sources", valid=f"{len(loaded.mounts)}, one per view")
+    _check(sources, len(loaded.mounts), run, settings)
+    person = find_body(body)
+    for path in (out, run.record):
+        if path is not None:
+            _require_writable(path)
+    with Interruption() as stop, ExitStack() as stack:
+        display = _open_display(stack, loaded, run)
+        follow = _by_colour if run.colour_only else _by_detections
+        tracker, method, prepared = follow(sources, loaded, person, run, cameras, settings)
+        feed = _open_feed(stack, sources, run, cameras, lambda: stop.requested)
+        report = prepared(feed, display)
+    if out is not None:
+        save_track(out, report.track(tracker, method))
+    _print_live(report, json)
+    recorded = _recorded(sources, run)
+    return INTERRUPTED if stop.requested and recorded else DONE
+
+
+Follow = Callable[["Feed", "PoseDisplay"], "LiveReport"]
+
+
+def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: TrackerConfig) -> None:
+    """Raise InputError for options that exclude each other."""
+    if len(sources) != views:
+        raise InputError(f"{len(sources)} sources", valid=f"{views}, one per view")
     if run.colour_only and (run.weights is not None or settings != LIVE):
         raise InputError("--colour-only uses neither --weights nor tracker settings")
     if not run.colour_only and run.start != "rest":
         raise InputError(f"--start '{run.start}' requires --colour-only")
-    person = Proportions.load(body)
-    with ExitStack() as stack:
-        display = _open_display(stack, loaded, run)
-        if run.colour_only:
-            report, tracker, method = _track_by_colour(stack, sources, loaded, person, run, display)
-        else:
-            report, tracker, method = _track_by_detections(
-                stack, sources, loaded, person, run, display, settings
-            )
-    if out is not None:
-        save_track(out, report.track(tracker, method))
-    _print_live(report, json)
-    return DONE
 
 
-def _track_by_detections(
-    stack: ExitStack, sources: tuple[str, ...], rig: Rig, person: Proportions,
-    options: LiveOptions, display: PoseDisplay, config: TrackerConfig,
-) -> tuple[LiveReport, KnowsPerson, str]:  # fmt: skip
+def _require_writable(path: Path) -> None:
+    """Raise an error now, not after the run, for a file that cannot be written."""
+    from tempfile import TemporaryFile
+
+    from egocap.files import disk_errors, make_folder
+
+    make_folder(path.parent)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder", valid="the name of a file")
+    with disk_errors(path), TemporaryFile(dir=path.parent):
+        pass
+
+
+def _recorded(sources: tuple[str, ...], options: LiveOptions) -> bool:
+    """Whether every frame of files is tracked, instead of the newest one."""
+    return not options.realtime and not any(name.isdigit() for name in sources)
+
+
+def _by_detections(
+    sources: tuple[str, ...], rig: Rig, person: Proportions, options: LiveOptions,
+    cameras: CameraSettings, config: TrackerConfig,
+) -> tuple[KnowsPerson, str, Follow]:  # fmt: skip
     from egocap.detect.detector import Detector
     from egocap.track.online import OnlineTracker
-    from egocap.view.capture import follow_live
+    from egocap.view.live_run import follow_live
 
     tracker = OnlineTracker(rig, person, config)
     detector = Detector(rig, options.weights)
-    opened = _open_sources(stack, sources)
-    report = follow_live(opened, detector, tracker, options.seconds, display)
-    return report, tracker, detector.source
+    return (
+        tracker,
+        detector.source,
+        lambda feed, display: follow_live(feed, detector, tracker, display),
+    )
 
 
-def _track_by_colour(
-    stack: ExitStack, sources: tuple[str, ...], rig: Rig, person: Proportions,
-    options: LiveOptions, display: PoseDisplay,
-) -> tuple[LiveReport, KnowsPerson, str]:  # fmt: skip
+def _by_colour(
+    sources: tuple[str, ...], rig: Rig, person: Proportions, options: LiveOptions,
+    cameras: CameraSettings, config: TrackerConfig,
+) -> tuple[KnowsPerson, str, Follow]:  # fmt: skip
     from egocap.track.colour_tracker import ColourTracker
-    from egocap.view.capture import first_pictures, follow_pictures
+    from egocap.view.capture import first_pictures
+    from egocap.view.live_run import follow_pictures
 
     tracker = ColourTracker(rig, person, _start_pose(options.start))
-    tracker.learn(first_pictures(sources))
-    opened = _open_sources(stack, sources)
-    report = follow_pictures(opened, tracker.step, options.seconds, display)
-    return report, tracker, f"colour only from '{options.start}'"
+    tracker.learn(first_pictures(sources, cameras))
+    return (
+        tracker,
+        f"colour only from '{options.start}'",
+        lambda feed, display: follow_pictures(feed, tracker.step, display),
+    )
 
 
-def _open_sources(stack: ExitStack, names: tuple[str, ...]) -> list[Source]:
-    """Sources that start to run now and are closed with the stack."""
+def _open_feed(
+    stack: ExitStack, names: tuple[str, ...], options: LiveOptions, cameras: CameraSettings,
+    stopped: Callable[[], bool],
+) -> Feed:  # fmt: skip
+    """Every frame of files, or sources that start to run now and are closed with the stack."""
     from egocap.view.capture import Source
+    from egocap.view.feeds import LiveFeed, RecordedFeed
 
+    if _recorded(names, options):
+        return RecordedFeed(names, options.seconds, stopped)
     found = []
     for name in names:
-        found.append(Source(name))
+        found.append(Source(name, cameras))
         stack.callback(found[-1].close)
-    return found
+    return LiveFeed(found, options.seconds, stopped)
 
 
 def _open_display(stack: ExitStack, rig: Rig, options: LiveOptions) -> PoseDisplay:
@@ -167,11 +222,28 @@ def _start_pose(start: str) -> Float[Array, "37"]:
 
 
 def _print_live(report: LiveReport, as_json: bool) -> None:
-    middle, late = report.latency_ms
-    summary = {"poses": len(report.poses), "skipped_pictures": report.skipped,
-               "latency_ms": middle, "latency_95_ms": late}  # fmt: skip
+    summary = report.summary()
     if as_json:
-        print(json.dumps(summary, indent=1))
-    else:
-        print(f"{len(report.poses)} poses, latency {middle:.0f} ms (95 %: {late:.0f}), "
-              f"{report.skipped} pictures skipped")  # fmt: skip
+        print(jsons.dumps(summary, indent=1))
+        return
+    print(f"{summary['poses']} poses, {summary['poses_per_second']:.1f} a second, latency "
+          f"{summary['latency_ms']:.0f} ms (95 %: {summary['latency_95_ms']:.0f}), "
+          f"{summary['skipped_pictures']} pictures skipped, "
+          f"{summary['missing_pictures']} missing")  # fmt: skip
+
+
+def _print_cameras(as_json: bool) -> int:
+    from egocap.view.capture import list_cameras
+
+    found = list_cameras()
+    if as_json:
+        print(jsons.dumps([vars(camera) for camera in found], indent=1))
+        return DONE
+    for camera in found:
+        shown = "in use, or not a camera of pictures"
+        if camera.size is not None:
+            shown = f"{camera.size[0]} x {camera.size[1]} at {camera.fps:g} Hz"
+        print(f"{camera.number}: {camera.name}, {shown}")
+    if not found:
+        print("no cameras")
+    return DONE

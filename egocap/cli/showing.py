@@ -33,9 +33,12 @@ def export(
         format: what to write.
     """
     from egocap.data.bvh import write_bvh
+    from egocap.data.resampling import evenly
     from egocap.data.track import load_track, write_arrays
 
     found = load_track(track)
+    if format == "bvh":
+        found = evenly(found)
     {"bvh": write_bvh, "npz": write_arrays}[format](out, found)
     print(f"{out}: {len(found.times)} frames")
     return DONE

@@ -16,6 +16,7 @@ from egocap.cameras.rig import Rig
 from egocap.data.bvh import write_bvh
 from egocap.data.detections import Detections, load_detections, save_detections
 from egocap.data.head_pose import in_world
+from egocap.data.resampling import evenly
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track, load_track, save_track
 from egocap.detect.detector import Detector
@@ -158,7 +159,7 @@ def _results(
     def film(path: Path) -> None:
         write_film(path, sequence, track, on_step("film", len(sequence)))
 
-    stages.run("motion.bvh", {}, lambda path: write_bvh(path, track), lambda path: path)
+    stages.run("motion.bvh", {}, lambda path: write_bvh(path, evenly(track)), lambda path: path)
     if not options.skip_film:
         stages.run(FILM, {}, film, lambda path: path)
     write_json(stages.folder / "findings.json", findings.to_dict())

@@ -1,45 +1,51 @@
-"""Live tracking from cameras or video files, each at its own pace.
+"""Cameras and video files that run at their own pace, read by a thread each.
 
-Every source is read by a thread of its own into a slot that holds one picture: a newer one takes
-the place of one that nobody fetched, so that a slow tracker skips frames and never falls behind.
+A source holds one picture: a newer one takes the place of one that nobody fetched, so that a slow
+tracker skips frames and never falls behind.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from egocap.body.proportions import Proportions
-from egocap.data.detections import Detections
-from egocap.data.track import Track
-from egocap.errors import InputError, MachineError
-from egocap.track.online import OnlineTracker, PoseEstimate
+from egocap.errors import InputError
 
 if TYPE_CHECKING:
     import cv2
 
-_PATIENCE_S = 5.0  # without a picture of some view before it counts as gone
+_DEVICES = Path("/sys/class/video4linux")
+_MANUAL_EXPOSURE = 1.0  # of Video4Linux and of OpenCV's property
+_TRIED = 10  # numbers of cameras, where the system does not list them
 
 
-class KnowsPerson(Protocol):
-    """What `OnlineTracker` and `ColourTracker` have in common here."""
+@dataclass(frozen=True)
+class CameraSettings:
+    """What to ask of cameras; files have their own."""
 
-    proportions: Proportions
+    size: tuple[int, int] | None = None
+    """Width and height of the cameras' pictures."""
+    fps: float | None = None
+    """Pictures per second of the cameras."""
+    exposure: float | None = None
+    """Exposure of the cameras in their drivers' unit, instead of automatic exposure."""
 
 
-class DetectsOne(Protocol):
-    """What `egocap.detect.detector.Detector` offers for one instant."""
+@dataclass(frozen=True)
+class CameraEntry:
+    """A camera of this machine."""
 
-    def detect_images(self, images: Sequence[Array | None], time: float = 0.0) -> Detections:
-        """Detections (T = 1) in one picture a view, None where one is missing."""
-        ...
+    number: int
+    name: str
+    size: tuple[int, int] | None  # None: in use, or no pictures
+    fps: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +57,16 @@ class Picture:
 
 
 class Source:
-    """A camera or a video file, read at its own pace; holds the newest picture only."""
+    """A camera or a video file, read at its own pace; holds the newest picture only.
 
-    def __init__(self, name: str) -> None:
+    Raises InputError for one that cannot be opened, or a camera that refuses the settings.
+    """
+
+    def __init__(self, name: str, settings: CameraSettings = CameraSettings()) -> None:
         import cv2
 
         self.name = name
-        self._video = _opened(name)
+        self._video = _opened(name, settings)
         rate = float(self._video.get(cv2.CAP_PROP_FPS))
         # A camera keeps its own pace; a file has none but its rate.
         self._period = 0.0 if name.isdigit() else 1.0 / (rate if rate > 0.0 else 30.0)
@@ -112,7 +121,10 @@ class Source:
             self._fresh.notify_all()
 
 
-def first_pictures(names: Sequence[str]) -> list[UInt8[Array, "H W 3"]]:
+def first_pictures(
+    names: Sequence[str],
+    settings: CameraSettings = CameraSettings(),
+) -> list[UInt8[Array, "H W 3"]]:
     """What cameras or the beginnings of video files show now, RGB.
 
     Raises InputError for one that cannot be opened or has no picture.
@@ -121,7 +133,7 @@ def first_pictures(names: Sequence[str]) -> list[UInt8[Array, "H W 3"]]:
 
     found = []
     for name in names:
-        video = _opened(name)
+        video = _opened(name, settings)
         there, image = video.read()
         video.release()
         if not there:
@@ -130,101 +142,54 @@ def first_pictures(names: Sequence[str]) -> list[UInt8[Array, "H W 3"]]:
     return found
 
 
-def _opened(name: str) -> cv2.VideoCapture:
+def list_cameras(devices: Path = _DEVICES) -> list[CameraEntry]:
+    """Cameras of this machine that OpenCV can open, and those that are in use."""
+    import cv2
+
+    listed = {int(path.name[5:]): path / "name" for path in devices.glob("video*")
+              if path.name[5:].isdigit()}  # fmt: skip
+    found = []
+    for number in sorted(listed) if devices.is_dir() else range(_TRIED):
+        video = cv2.VideoCapture(number)
+        there, image = video.read() if video.isOpened() else (False, None)
+        name = listed[number].read_text().strip() if number in listed else f"camera {number}"
+        if there and image is not None:
+            size = image.shape[1], image.shape[0]
+            found.append(CameraEntry(number, name, size, float(video.get(cv2.CAP_PROP_FPS))))
+        elif number in listed:
+            found.append(CameraEntry(number, name, None, 0.0))
+        video.release()
+    return found
+
+
+def _opened(name: str, settings: CameraSettings) -> cv2.VideoCapture:
     import cv2
 
     video = cv2.VideoCapture(int(name) if name.isdigit() else name)
     if not video.isOpened():
         raise InputError(f"cannot open '{name}'", valid="a video file or a camera's number")
+    if name.isdigit():
+        _adjust(video, name, settings)
     return video
 
 
-@dataclass
-class LiveReport:
-    """What a live run did."""
+def _adjust(video: cv2.VideoCapture, name: str, settings: CameraSettings) -> None:
+    """Set up a camera. Raises InputError for a size or an exposure that it does not take."""
+    import cv2
 
-    poses: list[PoseEstimate] = field(default_factory=list)
-    latencies: list[float] = field(default_factory=list)  # s, oldest picture taken -> pose there
-    skews: list[float] = field(default_factory=list)  # s, between the pictures of a pose
-    skipped: int = 0  # pictures that a newer one replaced
-
-    @property
-    def latency_ms(self) -> tuple[float, float]:
-        """Median and 95th percentile of the latency, milliseconds; nan before the first pose."""
-        if not self.latencies:
-            return float("nan"), float("nan")
-        low, high = np.percentile(self.latencies, [50, 95])
-        return 1e3 * float(low), 1e3 * float(high)
-
-    def track(self, tracker: KnowsPerson, source: str) -> Track:
-        """The poses as a track. Raises MachineError when there are none."""
-        if not self.poses:
-            raise MachineError("no pictures came, so that there is nothing to write")
-        times = np.array([pose.time for pose in self.poses])
-        count = len(times)
-        spent = float(np.mean(self.latencies))
-        return Track(
-            times=times - times[0], angles=np.stack([p.angles for p in self.poses]),
-            joints_head=np.stack([p.joints_head for p in self.poses]), energy=np.zeros(count),
-            converged=np.array([p.converged for p in self.poses]),
-            detections_used=np.zeros(count), seconds_per_frame=spent,
-            config={"detections": source, "live": {"latency_ms": self.latency_ms,
-                                                   "skipped": self.skipped}},
-            offsets=np.array(tracker.proportions.offsets),
-            confidence=np.stack([p.confidence for p in self.poses]),
-        )  # fmt: skip
-
-
-Images = Sequence[UInt8[Array, "H W 3"] | None]
-"""RGB pictures, one a view; None where one is missing."""
-
-
-def follow_live(
-    sources: Sequence[Source], detector: DetectsOne, tracker: OnlineTracker,
-    seconds: float = float("inf"),
-    on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
-) -> LiveReport:  # fmt: skip
-    """Track by detections from sources until all have ended, or for so many seconds.
-
-    A view whose picture does not come in time is missing for that frame.
-    """
-    return follow_pictures(
-        sources,
-        lambda images, time: tracker.step(detector.detect_images(images, time)),
-        seconds,
-        on_pose,
-    )
-
-
-def follow_pictures(
-    sources: Sequence[Source], pose_in: Callable[[Images, float], PoseEstimate],
-    seconds: float = float("inf"),
-    on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
-) -> LiveReport:  # fmt: skip
-    """As `follow_live`, with whatever makes a pose of pictures and their time."""
-    report = LiveReport()
-    for pictures in _together(sources, seconds):
-        taken = [p.taken for p in pictures if p is not None]
-        if report.poses and max(taken) <= report.poses[-1].time:
-            continue  # a straggler: the other view is already further on
-        images = [None if p is None else p.image for p in pictures]
-        pose = pose_in(images, max(taken))
-        report.poses.append(pose)
-        report.latencies.append(time.monotonic() - min(taken))
-        report.skews.append(max(taken) - min(taken))
-        on_pose(pose, images)
-    report.skipped = sum(source.skipped for source in sources)
-    return report
-
-
-def _together(sources: Sequence[Source], seconds: float) -> Iterator[list[Picture | None]]:
-    """The newest picture of every source, at least one of them new."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and not all(s.exhausted for s in sources):
-        patience = _PATIENCE_S
-        pictures: list[Picture | None] = []
-        for source in sources:
-            pictures.append(source.newest(patience))
-            patience = 0.1
-        if any(p is not None for p in pictures):
-            yield pictures
+    if settings.size is not None:
+        properties = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
+        for which, value in zip(properties, settings.size, strict=True):
+            video.set(which, value)
+        taken = tuple(int(video.get(which)) for which in properties)
+        if taken != settings.size:
+            raise InputError(
+                f"camera {name} gives no pictures of {settings.size}", valid=f"{taken}"
+            )
+    if settings.fps is not None:
+        video.set(cv2.CAP_PROP_FPS, settings.fps)
+    if settings.exposure is not None:
+        video.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL_EXPOSURE)
+        if not video.set(cv2.CAP_PROP_EXPOSURE, settings.exposure):
+            raise InputError(f"camera {name} takes no exposure of {settings.exposure:g}",
+                             valid="its driver's range, or automatic exposure")  # fmt: skip

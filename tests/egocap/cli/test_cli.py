@@ -261,3 +261,20 @@ def test_live_by_colour_writes_a_track_and_a_film(egocap, films, tracked, tiny_s
         assert says in complaint(egocap(*words, *wrong))
     assert "--start" in complaint(egocap("live", *films, *files, "--start", "sitting"))
     assert "1 sources" in complaint(egocap("live", films[0], *files))
+
+
+def test_live_of_files_tracks_every_frame_for_an_animation(egocap, films, tiny_sequence):
+    words = ("live", *films, "--rig", tiny_sequence / "rig.json", "--body", "average:1.79")
+    code, out, err = egocap(*words, "--out", "live.npz", "--json")
+    assert code == 0, err
+    summary = json.loads(out)
+    assert (summary["poses"], summary["skipped_pictures"]) == (7, 0)
+    np.testing.assert_allclose(load_track("live.npz").times, np.arange(7) / 5.0, atol=1e-3)
+    assert egocap("export", "live.npz", "--out", "live.bvh")[0] == 0
+    assert "is a folder" in complaint(egocap(*words, "--out", "."))
+    assert "--rig or --body" in complaint(egocap("live", *films))
+
+
+def test_cameras_are_listed(egocap):
+    code, out, _ = egocap("live", "--list", "--json")
+    assert code == 0 and isinstance(json.loads(out), list)

@@ -10,7 +10,9 @@ from egocap.errors import InputError, MachineError
 from egocap.pose.config import TrackerConfig
 from egocap.track.online import OnlineTracker
 from egocap.track.tracker import Tracker
-from egocap.view.capture import LiveReport, Source, first_pictures, follow_live
+from egocap.view.capture import CameraSettings, Source, first_pictures, list_cameras
+from egocap.view.feeds import LiveFeed, RecordedFeed
+from egocap.view.live_run import LiveReport, follow_live
 from tests.egocap.conftest import make_motion
 
 LIVE = TrackerConfig(smoothing="none")
@@ -64,7 +66,7 @@ def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
     made = make_motion(frames=60)
     sources = [Source(video(tmp_path / f"{side}.avi", 30)) for side in ("left", "right")]
     detector = Slow(made, 0.15)
-    report = follow_live(sources, detector, OnlineTracker(made.rig, made.person, LIVE))
+    report = follow_live(LiveFeed(sources), detector, OnlineTracker(made.rig, made.person, LIVE))
     for source in sources:
         source.close()
     assert 2 <= len(report.poses) < 25
@@ -81,7 +83,7 @@ def test_every_pose_is_shown_with_its_pictures(tmp_path):
     sources = [Source(video(tmp_path / f"{side}.avi", 5)) for side in ("left", "right")]
     shown = []
     report = follow_live(
-        sources, Slow(made, 0.0), OnlineTracker(made.rig, made.person, LIVE),
+        LiveFeed(sources), Slow(made, 0.0), OnlineTracker(made.rig, made.person, LIVE),
         on_pose=lambda pose, images: shown.append((pose, [i is not None for i in images])),
     )  # fmt: skip
     assert [pose for pose, _ in shown] == report.poses
@@ -107,7 +109,7 @@ def test_a_view_that_ends_early_is_missing(tmp_path):
     made = make_motion(frames=60)
     sources = [Source(video(tmp_path / "a.avi", 3)), Source(video(tmp_path / "b.avi", 12, 5.0))]
     detector = Slow(made, 0.02)
-    follow_live(sources, detector, OnlineTracker(made.rig, made.person, LIVE))
+    follow_live(LiveFeed(sources), detector, OnlineTracker(made.rig, made.person, LIVE))
     assert [False, True] in detector.calls
 
 
@@ -118,3 +120,80 @@ def test_what_is_no_source_is_named(tmp_path):
     made = make_motion(frames=2)
     with pytest.raises(MachineError, match="no pictures"):
         LiveReport().track(OnlineTracker(made.rig, made.person, LIVE), "test")
+
+
+def test_files_give_every_frame_at_its_own_time_and_again(tmp_path):
+    made = make_motion(frames=60)
+    names = [video(tmp_path / f"{side}.avi", 20, fps=25.0) for side in ("left", "right")]
+    runs = []
+    for _ in range(2):
+        detector = Slow(made, 0.02)  # slower than the clips play would still take every frame
+        tracker = OnlineTracker(made.rig, made.person, LIVE)
+        report = follow_live(RecordedFeed(names), detector, tracker)
+        assert detector.calls == [[True, True]] * 20 and report.skipped == report.missing == 0
+        runs.append(report.track(tracker, "test"))
+    np.testing.assert_allclose(runs[0].times, np.arange(20) / 25.0, atol=1e-6)
+    np.testing.assert_array_equal(runs[0].angles, runs[1].angles)
+
+
+def test_views_of_files_are_paired_by_time(tmp_path):
+    names = [video(tmp_path / "a.avi", 20, fps=20.0), video(tmp_path / "b.avi", 5, fps=10.0)]
+    instants = list(RecordedFeed(names))
+    assert [instant.images[1] is not None for instant in instants[:10]] == [True, False] * 5
+    assert all(instant.images[1] is None for instant in instants[10:])
+    for instant in instants[:10:2]:
+        number = round(10 * instant.time)
+        assert abs(float(instant.images[1].mean()) - 10 * number) < 4
+
+
+def test_a_feed_stops_when_asked(tmp_path):
+    names = [video(tmp_path / "a.avi", 20)]
+    asked = iter([False] * 3 + [True])
+    assert len(list(RecordedFeed(names, stopped=lambda: next(asked)))) == 3
+    assert len(list(RecordedFeed(names, seconds=0.21))) == 7
+
+
+def test_cameras_are_listed_by_their_devices(tmp_path):
+    assert list_cameras(tmp_path) == []
+    (tmp_path / "video99").mkdir()
+    (tmp_path / "video99" / "name").write_text("Helmet Left\n")
+    (found,) = list_cameras(tmp_path)
+    assert (found.number, found.name, found.size) == (99, "Helmet Left", None)
+
+
+class Camera:
+    """A camera as OpenCV shows it, which takes some settings and not others."""
+
+    def __init__(self, number):
+        self.values = {3: 640.0, 4: 480.0}
+
+    def isOpened(self):
+        return True
+
+    def set(self, which, value):
+        import cv2
+
+        if which == cv2.CAP_PROP_EXPOSURE and value > 100:
+            return False
+        if value <= 1280:
+            self.values[which] = value
+        return True
+
+    def get(self, which):
+        return self.values.get(which, 30.0)
+
+    def read(self):
+        return True, np.zeros((int(self.values[4]), int(self.values[3]), 3), np.uint8)
+
+    def release(self):
+        pass
+
+
+def test_cameras_take_settings_or_say_no(monkeypatch):
+    monkeypatch.setattr("cv2.VideoCapture", Camera)
+    (picture,) = first_pictures(["0"], CameraSettings(size=(1280, 1024), exposure=-5.0))
+    assert picture.shape == (1024, 1280, 3)
+    with pytest.raises(InputError, match=r"no pictures of \(4000, 3000\)"):
+        first_pictures(["0"], CameraSettings(size=(4000, 3000)))
+    with pytest.raises(InputError, match="no exposure of 500"):
+        first_pictures(["0"], CameraSettings(exposure=500.0))

@@ -1,0 +1,55 @@
+"""A track at even times, as animation files need them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import forward
+from egocap.data.head_pose import interpolate_poses
+from egocap.data.track import Track
+from egocap.errors import InputError
+from egocap.geometry import transform
+
+EVEN = 0.02
+"""Relative difference between the longest and the shortest step of times that count as even."""
+
+
+def evenly(track: Track, fps: float | None = None) -> Track:
+    """The track at even times, from its first to its last; the same track if it is even already.
+
+    Angles are interpolated linearly, head poses along their rotations. `fps` is the median rate of
+    the track by default. Raises InputError for times that do not increase.
+    """
+    steps = np.diff(track.times)
+    if not len(steps):
+        return track
+    if (steps <= 0).any():
+        raise InputError("the track's times do not increase")
+    if fps is None and np.ptp(steps) <= EVEN * steps.mean():
+        return track
+    step = float(np.median(steps)) if fps is None else 1.0 / fps
+    count = int(np.ptp(track.times) / step + 1e-6) + 1
+    return resampled(track, track.times[0] + step * np.arange(count))
+
+
+def resampled(track: Track, times: Float[Array, "N"]) -> Track:
+    """The track at other times within its own; what has no between is the nearest frame's."""
+    nearest = np.rint(np.interp(times, track.times, np.arange(len(track.times)))).astype(int)
+    arrays = {
+        name: value[nearest]
+        for name, value in vars(track).items()
+        if isinstance(value, np.ndarray) and name != "offsets"
+    }
+    angles = np.stack([np.interp(times, track.times, column) for column in track.angles.T], 1)
+    arrays |= {"times": times, "angles": angles}
+    if track.offsets is not None:
+        arrays["joints_head"] = forward(Proportions(track.offsets), angles)
+    if track.T_world_head is not None:
+        arrays["T_world_head"] = interpolate_poses(times, track.times, track.T_world_head)
+        arrays["joints_world"] = transform(arrays["T_world_head"], arrays["joints_head"])
+    return replace(track, **arrays)

@@ -1,0 +1,133 @@
+"""Pictures of all views together, instant by instant: as they come, or as recorded.
+
+`LiveFeed` takes the newest pictures of running sources. `RecordedFeed` takes every frame of video
+files at the time that its file states.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from typing import Protocol
+
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+
+from egocap.media.video import open_video
+from egocap.view.capture import Picture, Source
+
+_PATIENCE_S = 5.0  # without a picture of some view before it counts as gone
+_STRAGGLER_S = 0.1
+
+Images = Sequence[UInt8[Array, "H W 3"] | None]
+"""RGB pictures, one a view; None where one is missing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """The pictures of one instant."""
+
+    time: float  # s
+    images: Images
+    taken: float  # s, `time.monotonic`: when the oldest picture came
+    skew: float  # s, between the pictures
+
+
+class Feed(Protocol):
+    """What is tracked."""
+
+    @property
+    def skipped(self) -> int:
+        """Pictures that a newer one replaced."""
+        ...
+
+    def __iter__(self) -> Iterator[Instant]: ...
+
+
+class LiveFeed:
+    """The newest picture of every source, at least one of them new, until all have ended."""
+
+    def __init__(
+        self, sources: Sequence[Source], seconds: float = float("inf"),
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:  # fmt: skip
+        self.sources, self.seconds, self.stopped = sources, seconds, stopped
+
+    @property
+    def skipped(self) -> int:
+        """Pictures that a newer one replaced."""
+        return sum(source.skipped for source in self.sources)
+
+    def __iter__(self) -> Iterator[Instant]:
+        end, last = time.monotonic() + self.seconds, -float("inf")
+        while time.monotonic() < end and not self.stopped():
+            if all(source.exhausted for source in self.sources):
+                return
+            pictures = self._newest()
+            taken = [p.taken for p in pictures if p is not None]
+            if taken and max(taken) > last:  # else a straggler: the other view is further on
+                last = max(taken)
+                images = [None if p is None else p.image for p in pictures]
+                yield Instant(last, images, min(taken), last - min(taken))
+
+    def _newest(self) -> list[Picture | None]:
+        patience = _PATIENCE_S
+        pictures: list[Picture | None] = []
+        for source in self.sources:
+            pictures.append(source.newest(patience))
+            patience = _STRAGGLER_S
+        return pictures
+
+
+class RecordedFeed:
+    """Every frame of the first video, with the frames of the others that are nearest in time.
+
+    Raises FileError for a file that is no video.
+    """
+
+    skipped = 0
+
+    def __init__(
+        self, paths: Sequence[str], seconds: float = float("inf"),
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:  # fmt: skip
+        self._videos = [open_video(path) for path in paths]
+        self.seconds, self.stopped = seconds, stopped
+
+    def __iter__(self) -> Iterator[Instant]:
+        first, *others = self._videos
+        followed = [_Nearest(video.frames()) for video in others]
+        start: float | None = None
+        for shown, following in pairwise(chain(first.frames(), [None])):
+            assert shown is not None
+            when, image = shown
+            start = when if start is None else start
+            if when - start > self.seconds or self.stopped():
+                return
+            came = time.monotonic()
+            until = float("inf") if following is None else (when + following[0]) / 2.0
+            beside = [other.at(when, until) for other in followed]
+            skew = max((abs(t - when) for t, _ in beside), default=0.0)
+            yield Instant(when, [image, *(picture for _, picture in beside)], came, skew)
+
+
+class _Nearest:
+    """The frame nearest to times that increase; each frame is given once."""
+
+    def __init__(self, frames: Iterator[tuple[float, UInt8[Array, "H W 3"]]]) -> None:
+        self._frames = frames
+        self._ahead = next(frames, None)
+
+    def at(self, when: float, until: float) -> tuple[float, UInt8[Array, "H W 3"] | None]:
+        """Time and picture of the frame nearest to `when`; later than `until` is the next one's.
+
+        The picture is None where no frame is near.
+        """
+        best = None
+        while self._ahead is not None and self._ahead[0] < until:
+            if best is None or abs(self._ahead[0] - when) < abs(best[0] - when):
+                best = self._ahead
+            self._ahead = next(self._frames, None)
+        return (when, None) if best is None or abs(best[0] - when) > _STRAGGLER_S else best

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.detect.input_images import ahead
@@ -18,16 +21,16 @@ def write_film(
     track: Track,
     on_frames: Callable[[int], None] = lambda count: None,
 ) -> None:
-    """Write the film, as long as the footage. A thread decodes ahead of the drawing."""
-    start = float(track.times[0])
+    """Write the film, as long as the footage. A thread decodes and draws ahead of the encoder."""
+    drawn = ahead(iter(range(len(sequence))), lambda index: picture(sequence, track, index))
     with VideoFile(path, sequence.manifest.fps) as film:
-        for index, images in ahead(iter(range(len(sequence))), lambda i: (i, sequence.pictures(i))):
-            film.add(picture(sequence, track, index, images), float(track.times[index]) - start)
+        for time, image in zip(track.times - track.times[0], drawn, strict=True):
+            film.add(image, float(time))
             on_frames(1)
 
 
-def picture(sequence: Sequence, track: Track, index: int, images=None):
+def picture(sequence: Sequence, track: Track, index: int) -> UInt8[Array, "h w 3"]:
     """One picture of the film, RGB."""
     assert track.confidence is not None
-    seen = sequence.pictures(index) if images is None else images
-    return side_by_side(seen, track.joints_head[index], track.confidence[index], sequence.rig)
+    images, rig = sequence.pictures(index), sequence.rig
+    return side_by_side(images, track.joints_head[index], track.confidence[index], rig)

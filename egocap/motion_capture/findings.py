@@ -182,9 +182,10 @@ def _about_geometry(found: Findings) -> list[str]:
         return [f"{miss}: the rig file does not describe these cameras. Calibrate them, or check "
                 "that the file is the right one."]  # fmt: skip
     if abs(found.size - 1.0) > ODD_SIZE:
-        return [f"The body comes out {100 * found.size:.0f} % of the expected size: the distance "
-                f"between the cameras in the rig file is probably {100 / found.size - 100:+.0f} % "
-                "off, or the height is wrong."]  # fmt: skip
+        off = 100 * (1.0 / found.size - 1.0)
+        return [f"The body comes out {100 * found.size:.0f} % of the expected size. Either the "
+                f"cameras are {abs(off):.0f} % {'farther apart' if off > 0 else 'closer together'} "
+                "than the rig file says, or the height is wrong."]  # fmt: skip
     off = [f"{name} {value:.1f}" for name, value in found.residual.items() if value > MISFIT]
     if off:
         return [f"Detections lie far from the tracked body, in standard deviations: "

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from egocap.errors import InputError
 from egocap.files import make_folder, replacing
 
-_QUALITY = {"preset": "veryfast", "crf": "23", "movflags": "+faststart"}
+_QUALITY = {"preset": "superfast", "crf": "23", "movflags": "+faststart"}
 
 
 class VideoFile:

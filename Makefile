@@ -6,7 +6,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out
 
-.PHONY: demo test check check-evals tables release-check docs setup gl clean
+.PHONY: demo test check check-evals tables release-check docs mutation setup gl clean
 
 setup: $(VENV)/.ready gl
 
@@ -47,6 +47,9 @@ tables: setup
 release-check: setup
 	$(BIN)/egocap-eval tables --check
 	$(BIN)/egocap-eval refresh --dry-run
+# Mutants of the formula modules that no test notices, with scores; an hour on two cores, resumable.
+mutation: setup
+	$(BIN)/python tools/mutation.py $(OUT)/mutation
 
 # The documentation, with its command and API reference, in out/site.
 docs: setup

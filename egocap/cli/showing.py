@@ -56,6 +56,7 @@ def posterior(
     checkpoint: Path | None = None,
     colour: bool = False,
     body: str | None = None,
+    stated_errors: bool = False,
     json: bool = False,
 ) -> int:
     """Sample the posterior of the pose in one frame: uncertainty of every joint.
@@ -75,6 +76,8 @@ def posterior(
         colour: include the image colours in the likelihood, learned from the sequence's own track;
             takes minutes.
         body: the person's proportions, as for track.
+        stated_errors: take the learned detector's standard deviations as stated, with the settings'
+            degrees and temperature, instead of the model of its errors.
         json: print the summary as JSON.
     """
     import json as jsons
@@ -83,11 +86,14 @@ def posterior(
     from egocap.data.sequence import Sequence
     from egocap.files import make_folder
     from egocap.fitting.wearer import find_body
+    from egocap.posterior.detector_error import with_error_model
     from egocap.posterior.frame_posterior import sample_posterior
     from egocap.posterior.result import save_posterior
 
     opened = Sequence(sequence)
     found = detections_from(opened, detections, 0)
+    if not stated_errors:
+        found, config = with_error_model(found, config)
     if body is not None:
         opened.body = find_body(body, opened.rig, found)
     for path in (out, page, checkpoint):

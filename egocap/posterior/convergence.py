@@ -111,5 +111,5 @@ def _autocovariance(x: Float[Array, "S W"]) -> Float[Array, "S W"]:
     from scipy.fft import irfft, next_fast_len, rfft
 
     size = next_fast_len(2 * len(x))
-    spectrum = rfft(x - x.mean(axis=0), size, axis=0)
-    return irfft(np.abs(spectrum) ** 2, size, axis=0)[: len(x)] / len(x)
+    spectrum = np.asarray(rfft(x - x.mean(axis=0), size, axis=0))
+    return np.asarray(irfft(np.abs(spectrum) ** 2, size, axis=0))[: len(x)] / len(x)

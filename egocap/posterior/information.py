@@ -110,6 +110,19 @@ def fisher_information(
     return _carried(place, J, J)
 
 
+def image_sensitivity(
+    angles: Float[Array, "B 37"],
+    proportions: HasOffsets,
+    rig: Rig,
+    seen: Bool[Array, "B V 18"],
+    noise: Noise,
+    spreads: Float[Array, "B V 18"] | None = None,
+) -> Float[Array, "B V 18 2 37"]:
+    """Standard deviations that each detection moves by a radian of each angle; 0 where unseen."""
+    joints, J = jacobian(proportions, angles)
+    return _whitened(joints, rig, seen, noise, spreads) @ J[:, None]
+
+
 def lasting_information(
     angles: Float[Array, "T 37"],
     proportions: HasOffsets,

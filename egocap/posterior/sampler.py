@@ -124,7 +124,7 @@ def _warm_up(
     density: LogPosterior, mixture: Mixture, walkers: int, random: np.random.RandomState
 ) -> tuple[emcee.State, list[tuple[Any, float]]]:
     """Where the walkers are after the warm-up, and the adapted moves."""
-    state = emcee.State(mixture.draw(walkers, random), random_state=random.get_state())
+    state: Any = emcee.State(mixture.draw(walkers, random), random_state=random.get_state())
     moves = _moves(density, mixture)
     for steps in WARM_UP:
         sampler = _sampler(density, walkers, moves, Backend())

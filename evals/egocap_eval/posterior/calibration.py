@@ -1,10 +1,11 @@
 """Calibration of the posterior: coverage of its credible regions and rank statistics.
 
 Well-specified: poses are drawn from the prior and detections from the likelihood, so that any
-failure is the sampler's. On sequences the likelihood is wrong by an unknown amount; one number, the
-temperature, is fitted to frames that are not scored. `coverage` has the measures.
+failure is the sampler's. On sequences the detector's errors are not the likelihood's; a model of
+them (`egocap.posterior.detector_error`) is learned from sequences that are not scored. `coverage`
+has the measures.
 
-Source: Talts et al. 2018 (simulation-based calibration); Guo et al. 2017 (temperature).
+Source: Talts et al. 2018 (simulation-based calibration).
 """
 
 from __future__ import annotations
@@ -22,25 +23,26 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from tyro.conf import OmitArgPrefixes
 
-from egocap.body.labels import EVALUATED, LABELS
+from egocap.body.labels import LABELS
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOFS, forward
 from egocap.cameras.rig import Rig
 from egocap.commandline import progress
 from egocap.data.detections import Detections
+from egocap.data.sequence import Sequence as Footage
 from egocap.data.sequence import open_sequence
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
-from egocap.posterior.laplace import find_modes
+from egocap.posterior.detector_error import DetectorError, learn_detector_error
+from egocap.posterior.information import Noise, image_sensitivity, prior_information
 from egocap.posterior.log_prob import make_log_posterior
-from egocap.posterior.sampler import laplace_joints, sample
+from egocap.posterior.sampler import sample
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 from egocap_eval.harness.cases import ScoreLog, map_in_processes
 from egocap_eval.harness.study import Outcome
 from egocap_eval.posterior.calibration_plots import write_diagrams
 from egocap_eval.posterior.coverage import (
-    LEVELS,
     CalibrationReport,
     Coverage,
     FrameScore,
@@ -53,7 +55,8 @@ SAMPLER = SamplerConfig(most_steps=8000)
 DRAWS_A_WALKER = 12
 """Draws of every walker that a rank is taken among, far enough apart to be independent."""
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-TEMPERATURES = tuple(float(t) for t in np.geomspace(0.25, 64.0, 25))
+POSES = 3
+"""Poses of every sequence at which the correlation of errors is weighed."""
 
 
 @dataclass(frozen=True)
@@ -136,39 +139,43 @@ def run_detector(
     config: PosteriorConfig,
     workers: int,
     log: ScoreLog | None = None,
-) -> tuple[Coverage, Coverage, float]:
-    """Coverage on sequences with some detections, before and after a held-out temperature.
+) -> tuple[Coverage, Coverage, DetectorError]:
+    """Coverage on sequences with some detections: as stated, and by a model of their errors.
 
-    Frames are spread evenly. Of several sequences every other one is held out for the temperature;
-    of one, its first half. Raises InputError, FileError.
+    The model is learned from every other sequence; the frames of the others are scored, spread
+    evenly. Raises InputError, FileError.
     """
-    jobs = [_sequence_jobs(folder, source, frames, config) for folder in folders]
-    if len(jobs) == 1:
-        half = len(jobs[0]) // 2
-        fitting, scored = jobs[0][:half], jobs[0][half:]
-    else:
-        fitting = [job for part in jobs[::2] for job in part]
-        scored = [job for part in jobs[1::2] for job in part]
-    if min(len(fitting), len(scored)) < 2:
-        raise InputError(f"{frames} frames a sequence are too few to hold some out", valid="4 up")
-    temperature = fit_temperature(fitting)
-    before = score_all(scored, workers, "before", log)
-    warm = [replace(j, config=replace(j.config, temperature=temperature)) for j in scored]
-    after = score_all(warm, workers, "after", log)
-    return Coverage("as stated", before), Coverage("recalibrated", after), temperature
+    if len(folders) < 2:
+        raise InputError(
+            f"{len(folders)} sequences", valid="2 or more: half teach, half are scored"
+        )
+    sequences = [open_sequence(folder) for folder in folders]
+    found = [detections_from(sequence, source, 0) for sequence in sequences]
+    model = learn_errors(sequences[::2], found[::2])
+    scored = list(zip(sequences[1::2], found[1::2], strict=True))
+    before = score_all(_jobs(scored, frames, config), workers, "as stated", log)
+    corrected = [(sequence, model.correct(part)) for sequence, part in scored]
+    jobs = _jobs(corrected, frames, model.configure(config))
+    after = score_all(jobs, workers, "by the error model", log)
+    return Coverage("as stated", before), Coverage("by the error model", after), model
 
 
-def fit_temperature(jobs: Sequence[Job]) -> float:
-    """The temperature at which Laplace's regions come closest to their nominal shares."""
+def learn_errors(footage: Sequence[Footage], found: Sequence[Detections]) -> DetectorError:
+    """The model of the errors of some sequences' detections."""
+    from egocap_eval.studies.learn_prior import fit_angles
 
-    def off(temperature: float) -> float:
-        inside = np.array([
-            _laplace_inside(replace(job, config=replace(job.config, temperature=temperature)))
-            for job in jobs
-        ])[:, list(EVALUATED)]  # fmt: skip
-        return float(sum(abs((inside <= level).mean() - level) for level in LEVELS))
-
-    return min(TEMPERATURES, key=off)
+    sensitivity = []
+    for sequence, part in zip(footage, found, strict=True):
+        rows = np.linspace(0, len(sequence) - 1, POSES).astype(int)
+        angles = fit_angles(sequence.truth.joints_head[rows], sequence.body)
+        sensitivity.append(
+            image_sensitivity(angles, sequence.body, sequence.rig, part.valid[rows], Noise(),
+                              part.sigma[rows])
+        )  # fmt: skip
+    return learn_detector_error(
+        found, [s.truth.joints_2d for s in footage], np.concatenate(sensitivity),
+        prior_information(np.zeros((1, len(DOFS))))[0],
+    )  # fmt: skip
 
 
 def score_all(
@@ -211,28 +218,25 @@ def score_frame(job: Job) -> FrameScore:
     )
 
 
-def _sequence_jobs(folder: Path, source: str, frames: int, config: PosteriorConfig) -> list[Job]:
-    sequence = open_sequence(folder)
-    found = detections_from(sequence, source, 0)
-    chosen = np.unique(np.linspace(0, len(sequence) - 1, min(frames, len(sequence))).astype(int))
-    truth = sequence.truth.joints_head
-    return [
-        Job(found[i : i + 1], truth[i], None, sequence.rig, sequence.body, config, int(i))
-        for i in chosen
-    ]
-
-
-def _laplace_inside(job: Job) -> Float[Array, "18"]:
-    density = make_log_posterior(job.detections, 0, job.rig, job.proportions, job.config)
-    mode = find_modes(density, np.random.default_rng(job.seed))[0]
-    away = job.joints - density.joints(mode.mean[None])[0]
-    return gaussian_share(away, laplace_joints(density, mode))
+def _jobs(
+    footage: Sequence[tuple[Footage, Detections]], frames: int, config: PosteriorConfig
+) -> list[Job]:
+    jobs = []
+    for sequence, found in footage:
+        chosen = np.linspace(0, len(sequence) - 1, min(frames, len(sequence))).astype(int)
+        truth = sequence.truth.joints_head
+        jobs += [
+            Job(found[i : i + 1], truth[i], None, sequence.rig, sequence.body, config, int(i))
+            for i in np.unique(chosen)
+        ]
+    return jobs
 
 
 def study(
     sequences: tuple[Path, ...] = (),
     /,
-    frames: int = 200,
+    frames: int = 160,
+    frames_each: int = 6,
     detections: str = "learned",
     noise: Annotated[DrawnNoise, OmitArgPrefixes] = DrawnNoise(),
     rig: Path | None = None,
@@ -241,12 +245,15 @@ def study(
     only_detector: bool = False,
     keep: Path | None = None,
     page: Path | None = None,
+    model: Path | None = None,
 ) -> Outcome:
     """Measure coverage and rank statistics of the posterior, well-specified and on sequences.
 
     Args:
-        sequences: Sequences to score too, before and after fitting a temperature.
-        frames: Number of frames of the well-specified study, and of each sequence.
+        sequences: Sequences with truth; from every other one a model of the detector's errors is
+            learned, the others are scored.
+        frames: Number of frames of the well-specified study.
+        frames_each: Number of frames of each sequence that is scored.
         detections: Detections of the sequences, as for `egocap track`.
         noise: Noise of the well-specified detections.
         rig: Rig file; EgoRig1 by default.
@@ -255,12 +262,15 @@ def study(
         only_detector: Skip the well-specified study.
         keep: Finished scores; the same command continues from them after a stop.
         page: HTML page of figures to write.
+        model: Model of the detector's errors to write, json.
     """
     from egocap.cameras.rig_files import load_rig
     from egocap_sim.core.resources import rig_file
 
     if workers < 1:
         raise InputError(f"{workers} workers", valid="1 or more")
+    if model is not None and not sequences:
+        raise InputError("--model without sequences", valid="folders of sequences")
     if only_detector and not sequences:
         raise InputError("--only-detector without sequences", valid="folders of sequences")
     log, report = ScoreLog(keep, check=FrameScore.from_dict), CalibrationReport(None)
@@ -271,8 +281,12 @@ def study(
         )  # fmt: skip
     if sequences:
         config = PosteriorConfig(degrees=noise.degrees)
-        found = run_detector(sequences, detections, frames, config, workers, log)
-        report = replace(report, before=found[0], after=found[1], temperature=found[2])
+        before, after, learned = run_detector(
+            sequences, detections, frames_each, config, workers, log
+        )
+        report = replace(report, before=before, after=after, model=learned)
+        if model is not None:
+            learned.save(model)
     if page is not None:
         write_diagrams(page, report)
     return Outcome(report.to_dict(), (report.to_table(),), report.missed())

@@ -27,8 +27,8 @@ def write_diagrams(path: Path, report: CalibrationReport) -> None:
     facts = list(report.missed())
     if report.well_specified is not None and not facts:
         facts.append("Well-specified coverage is within tolerance.")
-    if report.temperature is not None:
-        facts.append(f"Temperature fitted to frames held out: {report.temperature:.2f}.")
+    if report.model is not None:
+        facts.append(f"Temperature by the correlation of errors: {report.model.temperature:.2f}.")
     drawn = [("Reliability", draw_reliability({c.name: c.curve() for c in studies}))]
     for study in studies:
         drawn.append((f"Every joint, {study.name}", draw_joints(study)))

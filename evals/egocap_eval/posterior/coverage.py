@@ -10,7 +10,7 @@ calibration".
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,13 @@ from numpy import ndarray as Array
 from egocap.body.labels import EVALUATED, LABELS
 from egocap.body.skeleton import DOFS
 from egocap.evaluation.table import Table, number
+from egocap.posterior.detector_error import DetectorError
 
 LEVELS = (0.5, 0.8, 0.95)
 CURVE = tuple(float(p) for p in np.linspace(0.05, 0.95, 19))
 RANK_BINS = 12
 TOLERANCE = 0.03
-"""How far coverage may be from nominal in the well-specified study."""
+"""How far coverage may be from nominal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,23 +115,24 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationReport:
-    """The well-specified study, and, where there are detections, before and after temperature."""
+    """The well-specified study and, of a detector, those without and with the error model."""
 
     well_specified: Coverage | None
     before: Coverage | None = None
     after: Coverage | None = None
-    temperature: float | None = None
+    model: DetectorError | None = None
     settings: dict[str, Any] | None = None
 
     def missed(self) -> list[str]:
-        """Levels at which the well-specified coverage is off, in words."""
+        """Levels at which coverage is off, and chains that did not converge, in words."""
         missed = []
-        if self.well_specified is None:
-            return missed
-        for level in LEVELS:
-            share, _ = self.well_specified.pooled(level)
-            if abs(share - level) > TOLERANCE:
-                missed.append(f"coverage {100 * share:.1f} % at {100 * level:.0f} %")
+        for study in filter(None, (self.well_specified, self.after)):
+            for level in LEVELS:
+                share, _ = study.pooled(level)
+                if abs(share - level) > TOLERANCE:
+                    missed.append(f"{study.name}: {100 * share:.1f} % in regions of {level:.0%}")
+            if lost := sum(not score.converged for score in study.scores):
+                missed.append(f"{study.name}: {lost} of {len(study.scores)} chains not converged")
         return missed
 
     def to_dict(self) -> dict[str, Any]:
@@ -140,8 +142,8 @@ class CalibrationReport:
             result["well_specified"] = self.well_specified.to_dict() | {
                 "ranks": rank_statistics(self.well_specified.scores)
             }
-        if self.before is not None and self.after is not None:
-            result["temperature"] = self.temperature
+        if self.before is not None and self.after is not None and self.model is not None:
+            result["error_model"] = asdict(self.model)
             result["before"], result["after"] = self.before.to_dict(), self.after.to_dict()
         return result
 
@@ -156,8 +158,10 @@ class CalibrationReport:
                 share, error = coverage.pooled(level)
                 cells.append(f"{100 * share:.1f} +- {100 * error:.1f}")
             laplace = [number(100 * coverage.pooled(level, laplace=True)[0]) for level in LEVELS]
-            rows.append((coverage.name, str(len(coverage.scores)), *cells, " ".join(laplace)))
-        header = ("study", "frames", "50 %", "80 %", "95 %", "Laplace")
+            lost = sum(not score.converged for score in coverage.scores)
+            frames = str(len(coverage.scores))
+            rows.append((coverage.name, frames, str(lost), *cells, " ".join(laplace)))
+        header = ("study", "frames", "not converged", "50 %", "80 %", "95 %", "Laplace")
         return Table("Share of true joints in the posterior's regions, %", header, tuple(rows))
 
 

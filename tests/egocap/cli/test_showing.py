@@ -6,6 +6,7 @@ import sys
 from egocap import cli
 from egocap.body.proportions import Proportions
 from egocap.data.sequence import Sequence
+from egocap.posterior.detector_error import load_detector_error
 from egocap.posterior.result import load_posterior
 
 
@@ -22,7 +23,9 @@ def test_posterior_of_learned_detections_with_another_body(
     summary, found = json.loads(out), load_posterior(tmp_path / "p.npz")
     assert summary["converged"] == found.converged == (summary["largest_rhat"] <= 1.01)
     assert summary["least_effective"] > 0 and "steps" in err
-    assert found.config["detections"].startswith("learned")
+    model = load_detector_error()
+    assert found.config["detections"] == model.detector
+    assert found.config["posterior"]["temperature"] == model.temperature
     arm = found.flat_joints[:, 3] - found.flat_joints[:, 4]
     lengths = (arm**2).sum(axis=1) ** 0.5
     assert abs(lengths - tall.bone_lengths["left_wrist"]).max() < 1e-9

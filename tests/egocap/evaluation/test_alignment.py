@@ -11,6 +11,7 @@ from egocap.evaluation.alignment import (
     align_sequence,
     align_similarity,
     fit_similarity,
+    resize_bones,
 )
 
 seeds = st.integers(0, 2**32 - 1)
@@ -126,3 +127,68 @@ def test_root_alignment_moves_only():
     truth = poses(rng)
     shift = rng.normal(size=(len(truth), 1, 3))
     np.testing.assert_allclose(align_root(truth + shift, truth, (10, 14)), truth, atol=1e-12)
+
+
+def test_bones_get_their_lengths_and_keep_their_directions():
+    """A chain of three joints and a fork; the joint of no bone stays."""
+    points = np.array([[[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 0, 4], [7, 7, 7]]], float)
+    bones = ((0, 1), (1, 2), (0, 3))
+    resized = resize_bones(points, np.array([[1.0, 6.0, 0.5]]), bones)
+    expected = [[[0, 0, 0], [1, 0, 0], [1, 6, 0], [0, 0, 0.5], [7, 7, 7]]]
+    np.testing.assert_allclose(resized, expected)
+    np.testing.assert_allclose(points[0, 1], [2, 0, 0])  # the input is left alone
+
+
+def test_bone_without_length_has_no_direction():
+    points = np.array([[[1, 1, 1], [1, 1, 1], [1, 1, 3]]], float)
+    resized = resize_bones(points, np.array([[5.0, 5.0]]), ((0, 1), (1, 2)))
+    np.testing.assert_allclose(resized, [[[1, 1, 1], [1, 1, 1], [1, 1, 6]]])
+
+
+@pytest.mark.parametrize("align", [align_rigid, align_similarity, align_sequence])
+def test_a_masked_joint_does_not_turn_the_others(align):
+    rng = np.random.default_rng(3)
+    truth = poses(rng)
+    mask = np.ones(truth.shape[:2], bool)
+    mask[:, 4] = False
+    moved = truth @ Rotation.from_euler("z", 40, degrees=True).as_matrix().T + [1.0, 2.0, 3.0]
+    moved[:, 4] += 50.0
+    np.testing.assert_allclose(align(moved, truth, mask)[mask], truth[mask], atol=1e-9)
+
+
+def test_rigid_alignment_of_a_sequence_keeps_the_scale():
+    rng = np.random.default_rng(4)
+    truth = poses(rng)
+    np.testing.assert_allclose(align_sequence(3.0 * truth, truth), truth, atol=1e-9)
+    rigid = align_sequence(3.0 * truth, truth, scaled=False)
+    span = [np.linalg.norm(points[0, 1] - points[0, 2]) for points in (rigid, truth)]
+    assert span[0] == pytest.approx(3.0 * span[1])
+
+
+def test_fit_of_few_small_and_single_precision_points_is_exact():
+    """One joint alone is moved onto its truth; millimetres in metres, in float32, are not lost."""
+    rng = np.random.default_rng(5)
+    truth = 1e-3 * poses(rng) + 100.0
+    moved = (0.5 * (truth - 100.0)).astype(np.float32)
+    s, _, _ = fit_similarity(moved, truth)
+    np.testing.assert_allclose(s, 2.0, rtol=1e-6)
+    aligned = align_similarity(moved.astype(np.float64), truth)
+    np.testing.assert_allclose(aligned, truth, atol=1e-9)
+    alone = np.zeros(truth.shape[:2], bool)
+    alone[:, 3] = True
+    np.testing.assert_allclose(align_rigid(moved, truth, alone)[:, 3], truth[:, 3], atol=1e-9)
+
+
+def test_bones_of_several_short_poses_are_resized_one_by_one():
+    rng = np.random.default_rng(6)
+    points = (0.1 * rng.normal(size=(4, 3, 3))).astype(np.float32)
+    lengths = rng.uniform(0.2, 0.5, (4, 2))
+    resized = resize_bones(points, lengths, ((0, 1), (1, 2)))
+    assert resized.dtype == np.float64
+    for k in range(2):
+        bone, before = resized[:, k + 1] - resized[:, k], points[:, k + 1] - points[:, k]
+        np.testing.assert_allclose(np.linalg.norm(bone, axis=1), lengths[:, k], rtol=1e-6)
+        np.testing.assert_allclose(
+            bone / lengths[:, k, None],
+            before / np.linalg.norm(before, axis=1, keepdims=True), atol=1e-6,
+        )  # fmt: skip

@@ -48,6 +48,28 @@ def test_weights_sum_to_one_for_every_colour():
     np.testing.assert_allclose(total, 1.0)
 
 
+def test_weights_are_the_papers_formulas():
+    """w_s = sqrt(s), w_d = max(0, 0.5 - v), w_g = max(0, 0.5 - s), over their sum (appendix A)."""
+    dark_green, pale = np.array([0.3, 0.64, 0.1]), np.array([0.3, 0.09, 0.3])
+    np.testing.assert_allclose(blend_weights(dark_green), np.array([0.8, 0.4, 0.0]) / 1.2)
+    np.testing.assert_allclose(blend_weights(pale), np.array([0.3, 0.2, 0.41]) / 0.91)
+    at_half = np.array([0.3, 0.49, 0.45])  # just below 0.5, where both still count
+    np.testing.assert_allclose(blend_weights(at_half), np.array([0.7, 0.05, 0.01]) / 0.76)
+
+
+def test_dissimilarity_blends_the_papers_three_terms():
+    model, image = np.array([0.2, 0.25, 0.3]), np.array([0.9, 0.35, 0.6])
+    d_s, d_d, d_g = 0.6**2, 2 * 0.3**2, 0.3 + 0.1
+    x = (0.5 * d_s + 0.2 * d_d + 0.25 * d_g) / 0.95
+    expected = 1 - (1 - x) ** 4 * (8 * x + 2)
+    assert dissimilarity(model, image) == pytest.approx(expected)
+
+
+def test_smooth_step_by_hand():
+    assert smooth_step(np.array(0.5)) == pytest.approx(1 - 0.5**4 * 6)
+    assert smooth_step(np.array(-1.0)) == -1.0
+
+
 def test_saturated_colours_ignore_light_and_grey_ones_hue():
     red, dim_red, cyan = np.array([0.0, 1, 1]), np.array([0.0, 1, 0.55]), np.array([0.5, 1, 1])
     assert dissimilarity(red, dim_red) == -1.0

@@ -15,6 +15,7 @@ from egocap.posterior.information import (
     Noise,
     _pairs,
     fisher_information,
+    image_sensitivity,
     joint_bound,
     joint_covariance,
     lasting_information,
@@ -37,6 +38,21 @@ def test_information_is_the_curvature_of_the_log_likelihood(rig, person):
     _, _, H = make_log_posterior(found, 0, rig, person, config).derivatives(pose[0])
     information = fisher_information(pose, person, rig, seen, Noise(2.0))
     np.testing.assert_allclose(information[0], H - load_posture().precision, rtol=1e-6, atol=1e-3)
+
+
+def test_sensitivity_is_the_change_of_the_image_points(rig, person):
+    rng = np.random.default_rng(3)
+    pose = 0.3 * draw_poses(2, PosteriorConfig(), rng)
+    seen = rng.random((2, 2, 18)) < 0.8
+    found = image_sensitivity(pose, person, rig, seen, Noise(3.0))
+    width = rig.cameras[0].width
+    for d in (0, 4, 20, 33):
+        step = 1e-6 * (np.arange(37) == d)
+        after, _ = rig.project(forward(person, pose + step))
+        before, _ = rig.project(forward(person, pose - step))
+        moved = np.moveaxis(after - before, 0, 1) / 2e-6 / (3.0 * width / 640)
+        expected = np.where(seen[..., None], moved, 0.0)
+        np.testing.assert_allclose(found[..., d], expected, rtol=1e-4, atol=1e-3)
 
 
 def test_detections_inform_by_their_own_spreads(rig, person):

@@ -5,12 +5,23 @@ import pytest
 
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import FileError, InputError
-from egocap.posterior.config import SamplerConfig
+from egocap.posterior.config import PosteriorConfig, SamplerConfig
 from egocap_eval.harness.cases import ScoreLog
 from egocap_eval.posterior import calibration
-from egocap_eval.posterior.calibration import DrawnNoise, run_well_specified, study
+from egocap_eval.posterior.calibration import (
+    DrawnNoise,
+    run_detector,
+    run_well_specified,
+    study,
+)
 from egocap_eval.posterior.calibration_plots import write_diagrams
-from egocap_eval.posterior.coverage import Coverage, FrameScore, rank_statistics, region_share
+from egocap_eval.posterior.coverage import (
+    CalibrationReport,
+    Coverage,
+    FrameScore,
+    rank_statistics,
+    region_share,
+)
 from egocap_sim.core.resources import rig_file
 
 
@@ -77,6 +88,19 @@ def test_study_runs_goes_on_and_draws(monkeypatch, tmp_path):
     assert again.to_dict() == first.to_dict()
     write_diagrams(tmp_path / "page.html", again)
     assert (tmp_path / "page.html").read_text().count("data:image/png") == 3
+
+
+def test_detector_is_scored_as_stated_and_by_its_error_model(tiny_sequence, monkeypatch):
+    monkeypatch.setattr(calibration, "SAMPLER", SamplerConfig(most_steps=500))
+    config = PosteriorConfig()
+    with pytest.raises(InputError, match="1 sequences"):
+        run_detector([tiny_sequence], "simulated:2", 2, config, 1)
+    before, after, model = run_detector([tiny_sequence] * 2, "simulated:2", 2, config, 1)
+    assert len(before.scores) == len(after.scores) == 2
+    assert model.detector == "simulated:2.0" and model.frames == 7
+    report = CalibrationReport(None, before=before, after=after, model=model)
+    assert report.to_dict()["error_model"]["temperature"] >= 1.0
+    assert [row[0] for row in report.to_table().rows] == ["as stated", "by the error model"]
 
 
 def test_other_files_are_no_score_logs(tmp_path):

@@ -3,15 +3,16 @@
 #
 #     sh tools/release-detector.sh WEIGHTS.safetensors WORK MOTIONS
 #
-# WORK keeps footage between calls: WORK/calibration is made here of evals/calibration.toml, 90 people
-# that no training and no validation has seen, on six rigs; WORK/validation holds the validation frames. MOTIONS is
-# a folder of the validation clips alone, in bvh/ and npz/: `egocap-eval motion-sets --link` makes it.
+# WORK keeps footage between calls: WORK/calibration is made here of evals/calibration.toml, 48 people
+# that no training and no validation has seen, on six rigs; WORK/validation holds the validation
+# frames. MOTIONS is a folder of the validation clips alone, in bvh/ and npz/:
+# `egocap-eval motion-sets --link` makes it.
 set -eu
 weights=$1 work=$2 motions=$3
 bin=${BIN:-.venv/bin} shipped=egocap/detect/shipped results=evals/results
 
-for each in egorig1:400100:200 egorig2:400200:200 sampled:400300:200 \
-    glasses:400400:100 headset4:400500:100 cap:400600:100; do
+for each in egorig1:400100:100 egorig2:400200:100 sampled:400300:100 \
+    glasses:400400:60 headset4:400500:60 cap:400600:60; do
     rig=${each%%:*} frames=${each##*:} seed=${each#*:}
     "$bin/egocap-sim" generate evals/calibration.toml --out "$work/calibration/$rig" \
         --seed "${seed%:*}" --rig "$rig" --frames "$frames"

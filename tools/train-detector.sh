@@ -26,3 +26,8 @@ footage bikes tools/training-bikes.toml
 "$bin/egocap" train "$work/clips" "$work/families" "$work/varied" "$work/all" "$work/poses" \
     "$work/bikes" --shares 9 9 4 2 2 1 --out "$work/run" --resume ${start:+--start "$start"} \
     --minutes "${MINUTES:-60}" --learning-rate 0.001 --average 0.997 --compile --seed 2
+# The mean of the trained weights and those they started from is the better of both on either's footage.
+if [ -n "$start" ]; then
+    "$bin/python" -m egocap_eval.detection.average "$work/run/detector.safetensors" "$start" 0.5 \
+        "$work/averaged.safetensors"
+fi

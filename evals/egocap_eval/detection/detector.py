@@ -147,7 +147,10 @@ def study(
     speed: dict[str, Any] | None = None
     for folder in folders:
         sequence = open_sequence(folder)
-        config["sequences"][sequence.manifest.name] = sequence.manifest.config_sha256
+        name = sequence.manifest.name
+        if name in scored:  # episodes of a data set
+            name = f"{name} {folder.name}"
+        config["sequences"][name] = sequence.manifest.config_sha256
         if detections is not None:
             found = load_detections(detections)
         else:
@@ -156,7 +159,7 @@ def study(
             found = _detect(sequence, detector, frames)
             if speed is None and not untimed:
                 speed = measure_speed(sequence, detector, network.threads)
-        scored[sequence.manifest.name] = score(sequence, found)
+        scored[name] = score(sequence, found)
     result = summary(scored) | {"speed": speed}
     if picture is not None:
         from egocap_eval.detection.detector_plots import draw

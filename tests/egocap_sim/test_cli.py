@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egocap.data.manifest import load_manifest
+from egocap.data.manifest import SCHEMA, load_manifest
 from egocap.data.sequence import Sequence
 from egocap_sim import cli
 from egocap_sim.core.resources import builtin_file
@@ -127,7 +127,7 @@ def test_what_the_command_line_asks_for_wins():
         ("--seed -1", r"'seed': "),
         ("--size 0 0", r"'rig\.size\.0': .*equal to 64"),
         ("--size 100000 64", r"'rig\.size\.0': .*8192"),
-        ("--rig egorig9", r"no built-in rig or file 'egorig9' \(valid: cap, egorig1, egorig2"),
+        ("--rig egorig9", r"no built-in rig or file 'egorig9' \(valid: cap, ego4view, egorig1"),
         ("--rig none.toml", r"none\.toml: no such file"),
         ("--rig .", "is a folder"),
         ("--motion wlak", r"no built-in motion or file 'wlak' \(valid: walk, "),
@@ -157,7 +157,7 @@ def test_impossible_options_leave_nothing_behind(sim, words, says):
         (GOOD.replace("frames = 2", "frames = true"), "'frames': .*integer, not True"),
         (GOOD.replace("frames = 2", "frames = '2'"), "'frames': .*integer, not '2'"),
         (GOOD.replace("frames = 2", "fps = nan"), "'fps': .*finite"),
-        (GOOD + "fov = 3\n", r"'rig\.fov': unknown key \(valid: file, name, size\)"),
+        (GOOD + "fov = 3\n", r"'rig\.fov': unknown key \(valid: family, file, name, size\)"),
         (GOOD + "file = 'a.toml'\nname = 'egorig1'\n", "'rig': give either"),
         (GOOD + "[person]\nheight_m = 5\n", r"'person\.height_m': .*2\.1, not 5"),
         (GOOD + "[person.outfit]\ntop = 'cape'\n", r"'person': unknown top 'cape' \(valid: tshirt"),
@@ -216,10 +216,11 @@ def test_a_newer_or_mangled_sequence_is_refused_by_every_command(sim, tiny_scene
     Path("tiny.toml").write_text(to_toml(tiny_scene))
     Path("seq").mkdir()
     text = (tiny_sequence / "manifest.json").read_text()
+    newer = text.replace(f'"schema_version":{SCHEMA}', '"schema_version":99')
     commands = [("generate", "tiny.toml", "--out", "seq"), ("verify", "seq"),
                 ("preview", "seq", "--out", "a.png")]  # fmt: skip
     for content, says in (
-        (text.replace('"schema_version":1', '"schema_version":99'), "newer version (schema 99)"),
+        (newer, "newer version (schema 99)"),
         (text[: len(text) // 2], "manifest.json, line 1: not JSON"),
     ):
         Path("seq/manifest.json").write_text(content)

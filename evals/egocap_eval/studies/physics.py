@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -74,7 +74,7 @@ def study(
         "worst": _rounded(summary(clips, "max")),
         "per_clip": [
             {"name": clip.name, "seconds": round(clip.seconds, 2)}
-            | (_rounded(asdict(clip.stats)) if clip.stats else {"problem": clip.problem})
+            | (_rounded(_measures(clip.stats)) if clip.stats else {"problem": clip.problem})
             for clip in clips
         ],
     }
@@ -102,8 +102,8 @@ def summary(clips: Sequence[ClipResult], how: str) -> dict[str, float]:
     take = {"median": np.median, "max": np.max}[how]
     rows = [clip.stats for clip in clips if clip.stats is not None]
     return {
-        f.name: float(take([getattr(s, f.name) for s in rows])) if rows else float("inf")
-        for f in fields(PhysicsStats)
+        name: float(take([getattr(stats, name) for stats in rows])) if rows else float("inf")
+        for name in COLUMNS
     }
 
 
@@ -121,7 +121,7 @@ def table(clips: Sequence[ClipResult]) -> Table:
     """A row for each clip, the median and the worst below."""
     rows = []
     for clip in clips:
-        cells = _cells(asdict(clip.stats)) if clip.stats else ["-"] * len(COLUMNS)
+        cells = _cells(_measures(clip.stats)) if clip.stats else ["-"] * len(COLUMNS)
         rows.append((clip.name, number(clip.seconds), *cells, clip.problem))
     seconds = number(sum(clip.seconds for clip in clips), 0)
     rows += [(how, seconds, *_cells(summary(clips, how)), "") for how in ("median", "max")]
@@ -160,6 +160,10 @@ def _person(seed: int) -> Person:
     from egocap_sim.human.clothing.wardrobe import make_person
 
     return make_person(seed)
+
+
+def _measures(stats: PhysicsStats) -> dict[str, float]:
+    return {name: getattr(stats, name) for name in COLUMNS}
 
 
 def _cells(figures: dict[str, float]) -> list[str]:

@@ -8,6 +8,7 @@ need a checkout of the same commit and return the files.
 from __future__ import annotations
 
 import hashlib
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -54,7 +55,7 @@ def study(
     if stale and not dry_run:
         require_ready(motions)
         assert motions is not None
-        work, motions = footage_folder(work.resolve()), motions.resolve()
+        work, motions = footage_folder(from_root(work)), from_root(motions)
         run = _locally if cluster is None else _on_cluster(cluster)
         failed = run([c.entry for c in stale], work, motions)
     rows = [{"file": c.entry.file, "minutes": round(c.minutes, 1), "why": list(c.stale)}
@@ -65,6 +66,11 @@ def study(
     table = Table("", ("stale result", "minutes", "why"), (*cells, ("all", f"{total:.0f}", "")))
     missed = [f"{name} is stale{': ' + failed[name] if name in failed else ''}" for name in left]
     return Outcome({"stale": rows, "failed": failed}, [table] if rows else [], missed)
+
+
+def from_root(path: Path) -> Path:
+    """The path as seen from the checkout, where the commands run: results quote it."""
+    return Path(os.path.relpath(path, ROOT))
 
 
 def footage_folder(work: Path) -> Path:

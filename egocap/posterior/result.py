@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.errors import FileError
 from egocap.files import read_npz, write_npz
+from egocap.schema import parsed
 
 KIND, SCHEMA = "egocap-posterior", 2
 
@@ -125,7 +126,7 @@ def load_posterior(path: str | Path) -> Posterior:
     for name, value in found.items():
         if value.shape == ():
             found[name] = value.item()
-    found["config"] = json.loads(found["config"])
+    found["config"] = parsed(str(found["config"]), path, key="config")
     for name in ("names", "notes"):
         found[name] = tuple(map(str, found[name]))
     return Posterior(**found)

@@ -41,9 +41,10 @@ def parse_opencv(text: str, where: str | Path, size: tuple[int, int] | None = No
         names = set(root.keys()) if root.isMap() else set()
     except (cv2.error, SystemError) as error:
         raise FileError(where, f"OpenCV cannot read it: {str(error).strip()[:200]}") from None
-    values = {name: _value(storage.getNode(name)) for name in names}
+    read = {name: _value(storage.getNode(name)) for name in names}
+    values = {name: value for name, value in read.items() if value is not None}
     file = _File(values, Path(where), size)
-    if "R" in names and "T" in names:
+    if "R" in values and "T" in values:
         first, second = file.lens("1"), file.lens("2")
         T = rigid(_rotation(values["R"], where), file.numbers("T", 3))
         return CameraSet(
@@ -176,12 +177,11 @@ def format_opencv(cameras: CameraSet, xml: bool = False) -> tuple[str, float]:
     flags |= cv2.FILE_STORAGE_FORMAT_XML if xml else cv2.FILE_STORAGE_FORMAT_YAML
     storage, worst = cv2.FileStorage("", flags), 0.0
     pair = len(cameras.cameras) == 2
-    camera = cameras.cameras[0].camera
     sizes = {(c.camera.width, c.camera.height) for c in cameras.cameras}
     if len(sizes) > 1:
         raise InputError("the two cameras' images differ in size", valid="one size")
-    storage.write("image_width", camera.width)
-    storage.write("image_height", camera.height)
+    for key, length in zip(("image_width", "image_height"), *sizes, strict=True):
+        storage.write(key, length)
     storage.write("fisheye_model", 1)
     for i, each in enumerate(cameras.cameras, 1):
         lens = as_kannala_brandt(each.camera)
@@ -193,8 +193,8 @@ def format_opencv(cameras: CameraSet, xml: bool = False) -> tuple[str, float]:
         D = np.array(lens.camera.parameters)[:, None]
         storage.write(f"K{i}" if pair else "camera_matrix", K)
         storage.write(f"D{i}" if pair else "distortion_coefficients", D)
-    if pair:
-        place = cameras.cameras[1].T_first_camera
+    for each in cameras.cameras[1:]:
+        place = each.T_first_camera
         if place is None:
             raise InputError("the place of the second camera is unknown", valid="a rig")
         T = inverse(place)

@@ -74,7 +74,7 @@ def _import_dataset(
         import_recording(found, out, copy=copy, on_frames=advance)
     apart = found.reprojection_px()
     if as_json:
-        print(json.dumps({"sequence": str(out), "frames": len(found), "views": found.rig.views,
+        print(jsons.dumps({"sequence": str(out), "frames": len(found), "views": found.rig.views,
                           "labels_off_px": apart}, indent=1))  # fmt: skip
     else:
         labels = "" if apart is None else f"; labels reproject within {apart:.2f} px (median)"

@@ -124,7 +124,8 @@ def fit_body(
     problem = FitProblem(of_frames, prior, tracker)
     poses, components, converged = solve(problem, followed.angles[frames], prior.mean, config)
     poses, unbiased = without_bias(problem, poses, components)
-    return _finished(problem, poses, unbiased, unbiased - components, converged, frames)
+    usual = length_spread(unbiased, prior.individual)
+    return _finished(problem, poses, unbiased, unbiased - components, converged, frames, usual)
 
 
 def first_seconds(detections: Detections, seconds: float) -> Detections:
@@ -162,6 +163,7 @@ def _finished(
     corrected: Float[Array, "K"],
     converged: bool,
     frames: Int[Array, "T"],
+    usual_std: Float[Array, "22"],
 ) -> BodyFit:
     system = linearised(problem, poses, components)
     weights = problem.observations.weights
@@ -176,7 +178,7 @@ def _finished(
         proportions=to_proportions(components),
         std=std,
         prior_std=prior_std,
-        usual_std=length_spread(components, problem.prior.individual),
+        usual_std=usual_std,
         components=components,
         covariance=covariance,
         frames=frames,

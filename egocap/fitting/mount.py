@@ -58,7 +58,8 @@ class MountPrior:
     ) -> MountPrior:  # fmt: skip
         """A body prior and a rig file right within `rotation` [rad] and `position` [m]."""
         spread = np.repeat([rotation, position], 3) ** 2
-        return cls(np.append(mean, np.zeros(6)), block_diag(covariance, np.diag(spread)))
+        both = np.asarray(block_diag(covariance, np.diag(spread)))
+        return cls(np.append(mean, np.zeros(6)), both)
 
 
 @dataclass(frozen=True, eq=False)

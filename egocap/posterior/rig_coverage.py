@@ -47,7 +47,7 @@ class RigCoverage:
             "bound_mm": float(np.sqrt((self.bound_mm[joints] ** 2).mean())),
         }
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, float | dict[str, dict[str, float]]]:
         """JSON-ready form."""
         lines = zip(LABELS, self.any_view, self.all_views, self.bound_mm, strict=True)
         return self.summary | {

@@ -24,7 +24,7 @@ class Entry(Protocol):
     def name(self) -> str: ...
 
 
-E = TypeVar("E", bound=Entry)
+E = TypeVar("E", bound=Entry, covariant=True)
 Enter = Callable[[E], None]
 """Called in the parent with the entry of each finished job."""
 

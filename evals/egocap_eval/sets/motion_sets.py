@@ -43,7 +43,7 @@ class MotionSets(Strict):
         name = Path(clip).name
         if name in self.excluded:
             return None
-        found = [s for s in SETS if any(fnmatch(name, p) for p in getattr(self, s))]
+        found: list[SetName] = [s for s in SETS if any(fnmatch(name, p) for p in getattr(self, s))]
         if len(found) > 1:
             raise FileError(FILE, f"{name} is in the sets {', '.join(found)}", valid="one set")
         return found[0] if found else None

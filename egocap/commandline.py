@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import io
 import logging
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +14,7 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
-from egocap.errors import EgocapError
+from egocap.errors import EgocapError, one_line
 
 if TYPE_CHECKING:
     from tyro.extras import SubcommandApp
@@ -44,13 +46,19 @@ def run(
     """
     import tyro
 
+    _open_closed_streams()
     _log_to_stderr()
+    box = io.StringIO()
     try:
-        code = app.cli(
-            prog=prog, description=description, args=args, config=(tyro.conf.FlagCreatePairsOff,)
-        )
+        with _wrong_usage_to(box):
+            code = app.cli(
+                prog=prog, description=description, args=args,
+                config=(tyro.conf.FlagCreatePairsOff,),
+            )  # fmt: skip
         sys.stdout.flush()
     except SystemExit as stop:  # tyro: --help is 0, wrong usage 2
+        if text := box.getvalue():
+            _report(prog, _without_box(text))
         return stop.code if isinstance(stop.code, int) else (USAGE if stop.code else DONE)
     except EgocapError as error:
         _report(prog, str(error))
@@ -67,7 +75,7 @@ def run(
             raise
         where = f"{error.filename}: " if error.filename else ""
         hint = "; free some space and run the same command again" * (error.errno == errno.ENOSPC)
-        _report(prog, f"{where}{error.strerror}{hint}")
+        _report(prog, one_line(f"{where}{error.strerror}{hint}"))
         log.debug("traceback", exc_info=True)
         return USAGE if isinstance(error, _WRONG_PATH) else FAILED
     return DONE if code is None else int(code)
@@ -157,9 +165,50 @@ def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
             show()
 
 
+@contextmanager
+def _wrong_usage_to(box: io.StringIO) -> Iterator[None]:
+    """Let tyro print what it says of wrong options into `box`, and nothing else."""
+    from tyro import _errors  # the hook of tyro 1.0.17; the lock file pins it
+
+    stderr = sys.stderr
+
+    def collect(event: object) -> None:
+        sys.stderr = box
+
+    try:
+        with _errors.on_parse_error(collect):
+            yield
+    finally:
+        sys.stderr = stderr
+
+
+def _without_box(text: str) -> str:
+    """The lines of tyro's box as one line, with the command that shows the help."""
+    lines = [line.strip("│╭╮╰╯|+ ") for line in re.sub(r"\x1b\[[0-9;]*m", "", text).split("\n")]
+    parts = re.split("─{3,}|-{3,}", " ".join(lines))
+    rest = [" ".join(part.split()) for part in (p.strip("─• ") for p in parts[1:]) if part]
+    helps = [p for p in rest if p.startswith("For full helptext")]
+    where = re.split("run:? ", helps[0])[-1] if helps else ""
+    said = "; ".join(p for p in rest if p not in helps) or parts[0].strip("─ ")
+    return one_line(said, 240) + (f" (see {where})" if where else "")
+
+
 def _report(prog: str, message: str) -> None:
     sys.stdout.flush()
     print(f"{prog}: {message}", file=sys.stderr, flush=True)
+
+
+def _open_closed_streams() -> None:
+    """Give a process that was started without stdin, stdout or stderr null devices in place.
+
+    Otherwise the first file that it opens would get the number of stdout, and what is printed.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) < 3:
+        pass
+    os.close(number)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w"))
 
 
 def _log_to_stderr() -> None:

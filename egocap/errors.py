@@ -29,7 +29,7 @@ class InputError(EgocapError):
     """A value given by the user is wrong. The message names it and the valid values."""
 
     def __init__(self, problem: str, *, valid: str | Iterable[str] | None = None) -> None:
-        super().__init__(_shown(problem) + _valid(valid))
+        super().__init__(one_line(problem) + _valid(valid))
 
 
 class FileError(EgocapError):
@@ -51,8 +51,8 @@ class FileError(EgocapError):
         if line is not None:
             where += f", line {line}"
         if key is not None:
-            where += f", key '{_shown(key, LONGEST_KEY)}'"
-        super().__init__(_shown(f"{where}: {problem}") + _valid(valid))
+            where += f", key '{one_line(key, LONGEST_KEY)}'"
+        super().__init__(one_line(f"{where}: {problem}") + _valid(valid))
         self.path, self.line, self.key = Path(path), line, key
 
 
@@ -62,7 +62,7 @@ class MachineError(EgocapError):
     exit_code = 1
 
     def __init__(self, problem: str, *, remedy: str | None = None) -> None:
-        super().__init__(problem + (f"; {remedy}" if remedy else ""))
+        super().__init__(one_line(problem) + (f"; {remedy}" if remedy else ""))
 
 
 def _rebuild(kind: type[EgocapError], message: str, state: dict[str, object]) -> EgocapError:
@@ -76,10 +76,10 @@ def _valid(valid: str | Iterable[str] | None) -> str:
     if valid is None:
         return ""
     names = valid if isinstance(valid, str) else ", ".join(valid)
-    return f" (valid: {_shown(names, LONGEST_VALID)})"
+    return f" (valid: {one_line(names, LONGEST_VALID)})"
 
 
-def _shown(text: str, most: int = LONGEST_MESSAGE) -> str:
+def one_line(text: str, most: int = LONGEST_MESSAGE) -> str:
     """The text in one line: control characters escaped, the middle of a long text left out."""
     if not text.isprintable():
         text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split("\n")))

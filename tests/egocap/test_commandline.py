@@ -6,6 +6,7 @@ import sys
 import time
 import types
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from tyro.extras import SubcommandApp
@@ -74,7 +75,62 @@ def test_wrong_usage_is_2_on_stderr(args, capsys):
 
     assert run(app, prog="thing", args=args) == 2
     captured = capsys.readouterr()
-    assert captured.out == "" and captured.err
+    assert captured.out == "" and captured.err.count("\n") == 1
+    assert captured.err.startswith("thing: ") and len(captured.err) <= 300
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["undo"], "undo"),
+        (["do"], "--count"),
+        (["do", "--count", "x"], "count"),
+        (["do", "--count", "1", "--kind", "c"], "'a', 'b'"),
+        (["do", "--count", "1", "--a\x07b"], "x07"),
+        (["do", "--count", "1", *["--nonsense"] * 500], "Unrecognized"),
+    ],
+)
+def test_wrong_usage_names_what_is_wrong(args, said, capsys):
+    app = SubcommandApp()
+
+    @app.command
+    def do(count: int, kind: Literal["a", "b"] = "a") -> None: ...
+
+    @app.command
+    def other() -> None: ...
+
+    assert run(app, prog="thing", args=args) == 2
+    shown = capsys.readouterr().err
+    assert said in shown and shown.strip().isprintable() and len(shown) <= 300
+    assert not set("│╭╯") & set(shown)
+
+
+def test_what_a_command_writes_to_stderr_is_left_as_it_is(capsys):
+    def do() -> None:
+        print("│ box │\n│ more │", file=sys.stderr)
+        raise SystemExit(2)
+
+    assert code_of(do) == 2
+    assert capsys.readouterr().err == "│ box │\n│ more │\n"
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_closed_streams_are_no_error(closed, tmp_path):
+    # the first file opened must not take the place of stdout
+    script = (
+        "import sys; from tyro.extras import SubcommandApp; from egocap.commandline import run\n"
+        "app = SubcommandApp()\n"
+        "def do() -> None:\n"
+        f"    file = open({str(tmp_path / 'file')!r}, 'w'); print('lost'); file.write('kept')\n"
+        "    file.close(); print('lost', file=sys.stderr)\n"
+        "app.command(do, name='do'); app.command(do, name='again')\n"
+        "sys.exit(run(app, prog='thing', args=sys.argv[1:]))\n"
+    )
+    for args, code in (("do", 0), ("--help", 0), ("undo", 2)):
+        command = f'{sys.executable} -c "$SCRIPT" {args} {closed}'
+        env = os.environ | {"SCRIPT": script}
+        assert subprocess.run(["bash", "-c", command], env=env).returncode == code
+    assert (tmp_path / "file").read_text() == "kept"
 
 
 def test_help_is_0_and_flags_have_no_twin(capsys):

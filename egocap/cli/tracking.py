@@ -61,7 +61,7 @@ def track(
     """
     from egocap.cameras.rig_files import load_rig
     from egocap.data import detections as detection_file
-    from egocap.data.head_pose import in_world
+    from egocap.data.head_pose import in_world, read_head_poses
     from egocap.data.sequence import Sequence
     from egocap.data.track import save_track
     from egocap.files import make_folder
@@ -80,7 +80,7 @@ def track(
     origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}
     result = replace(result, config=result.config | origin)
     if head_pose is not None:
-        result = in_world(result, head_pose)
+        result = in_world(result, read_head_poses(head_pose, result.times))
     for path in (out, save_detections):
         if path is not None:
             make_folder(path.parent)

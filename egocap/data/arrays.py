@@ -21,13 +21,13 @@ from numpy import ndarray as Array
 from egocap.errors import FileError
 from egocap.files import read_npz, write_atomically, write_npz
 
-SCHEMA = 3
+SCHEMA = 4
 """Version of detections and tracks. 2: detections may have `modes` and `mode_weights`; tracks the
 skeleton's offsets, covariance, confidence, energies by term, and the world frame. 3: tracks may
-have the cause of occlusion."""
+have the cause of occlusion. 4: tracks may have contacts, and gaps in the world frame."""
 
 _FINITE = {"times", "angles", "joints_head", "offsets", "covariance", "confidence", "T_world_head",
-           "joints_world"}  # fmt: skip
+           "joints_world", "contacts"}  # fmt: skip
 _TYPES = {
     "Float": ("f", "floating-point numbers"),
     "Bool": ("b", "booleans"),

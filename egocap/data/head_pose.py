@@ -1,16 +1,17 @@
 """Head poses from other sources (SLAM, structure from motion, a headset).
 
 A file is an npz with `time` (N,) in seconds, increasing, and `T_world_head` (N, 4, 4): rigid maps
-from the head frame to a world frame of the user's choice. Other arrays are ignored.
+from the head frame to a world frame with z up. Other arrays are ignored. Where no pose is near in
+time, there is a gap: nothing is interpolated, and the motion stays in the head frame.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.data.track import Track
@@ -19,6 +20,20 @@ from egocap.files import read_npz
 from egocap.geometry import rigid, transform
 
 _SLACK = 1.0  # allowed extrapolation, in median steps between poses
+GAP_S = 0.2
+"""Seconds between poses above which there is a gap, if their median step is not longer."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeadPoses:
+    """The head's pose in the world at the times of some frames."""
+
+    T_world_head: Float[Array, "T 4 4"]  # in gaps: that of the nearest frame with one
+    known: Bool[Array, "T"]
+
+    def __getitem__(self, frames: slice) -> HeadPoses:
+        """Those of some frames."""
+        return HeadPoses(self.T_world_head[frames], self.known[frames])
 
 
 def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N 4 4"]]:
@@ -66,8 +81,39 @@ def interpolate_poses(
     return rigid(turned, moved)
 
 
-def in_world(track: Track, path: str | Path) -> Track:
-    """Add head poses from a file, and the joints in the world, to a track."""
-    T_world_head = interpolate_poses(track.times, *load_head_pose(path))
+def head_poses_at(
+    times: Float[Array, "T"], known: Float[Array, "N"], poses: Float[Array, "N 4 4"]
+) -> HeadPoses:
+    """Head poses of frames, and which frames lie in no gap. InputError if all of them do."""
+    steps = np.diff(known)
+    step = float(np.median(steps)) if len(steps) else 1e-3
+    longest = max(GAP_S, (1.0 + _SLACK) * step)
+    after = np.clip(np.searchsorted(known, times), 0, len(known) - 1)
+    before = np.maximum(np.searchsorted(known, times, side="right") - 1, 0)
+    distance = np.minimum(np.abs(known[after] - times), np.abs(known[before] - times))
+    inside = known[after] - known[before] <= longest
+    outside = (times < known[0]) | (times > known[-1])
+    there = np.where(outside, distance <= _SLACK * step, inside)
+    if not there.any():
+        raise InputError(
+            f"head poses from {known[0]:g} to {known[-1]:g} s",
+            valid=f"those from {times[0]:g} to {times[-1]:g} s",
+        )
+    found = interpolate_poses(np.clip(times, known[0], known[-1]), known, poses)
+    frames = np.flatnonzero(there)
+    nearest = np.rint(np.interp(np.arange(len(times)), frames, np.arange(len(frames)))).astype(int)
+    return HeadPoses(np.where(there[:, None, None], found, found[frames[nearest]]), there)
+
+
+def read_head_poses(path: str | Path, times: Float[Array, "T"]) -> HeadPoses:
+    """The head poses of a file at the times of frames. Raises FileError, or InputError for none."""
+    return head_poses_at(times, *load_head_pose(path))
+
+
+def in_world(track: Track, poses: HeadPoses) -> Track:
+    """Add head poses, and the joints in the world, to a track."""
+    T_world_head = poses.T_world_head
     joints = transform(T_world_head, track.joints_head)
-    return replace(track, T_world_head=T_world_head, joints_world=joints)
+    return replace(
+        track, T_world_head=T_world_head, joints_world=joints, in_world=poses.known.copy()
+    )

@@ -23,9 +23,13 @@ HIDDEN: tuple[str, ...] = ("seen", "out of view", "own body", "object or unknown
 """Meaning of the codes of `Track.hidden`, as in `Truth.visibility`."""
 
 
+CONTACTS: tuple[str, ...] = ("left_heel", "left_toe", "right_heel", "right_toe")
+"""Columns of `Track.contacts`, in the order of `Truth.contact`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A tracked motion in the head frame."""
+    """A tracked motion in the head frame and, where the head pose is known, in the world."""
 
     times: Float[Array, "T"]
     angles: Float[Array, "T 37"]  # radians, `egocap.body.skeleton.DOFS`
@@ -42,6 +46,9 @@ class Track:
     T_world_head: Float[Array, "T 4 4"] | None = None  # if the head pose is known
     joints_world: Float[Array, "T 18 3"] | None = None  # metres, if the head pose is known
     hidden: UInt8[Array, "T V 18"] | None = None  # why a joint is not visible in a view, `HIDDEN`
+    in_world: Bool[Array, "T"] | None = None
+    """Frames whose head pose is known; the others have that of the nearest one. None: all."""
+    contacts: Float[Array, "T 4"] | None = None  # probability of touching the ground, `CONTACTS`
 
     def __repr__(self) -> str:
         frames, seconds = len(self.times), float(np.ptp(self.times)) if len(self.times) else 0.0
@@ -94,6 +101,9 @@ def write_arrays(path: str | Path, track: Track) -> None:
         frame=np.array("world" if world else "head"),
         confidence=track.confidence,
         T_world_head=track.T_world_head,
+        in_world=track.in_world,
+        contacts=track.contacts,
+        contact_names=None if track.contacts is None else np.array(CONTACTS),
         hidden=track.hidden,
         hidden_names=None if track.hidden is None else np.array(HIDDEN),
     )

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from egocap.errors import InputError
-from egocap.evaluation import metrics
+from egocap.evaluation import metrics, world_metrics
 from egocap.evaluation.pose_errors import MM, PoseErrors
 from egocap.evaluation.protocol import BONES, LOWER_LIMBS, UPPER_LIMBS, same_joints
 
@@ -59,19 +59,6 @@ def _bone_error(e: PoseErrors) -> float:
     return MM * metrics.bone_length_error(e.predicted, e.truth.joints_head, BONES, e.valid)
 
 
-def _foot_skate(e: PoseErrors) -> float:
-    if e.feet_world is None or e.truth.contact is None:
-        return NAN
-    return metrics.foot_skate(e.feet_world, e.truth.contact[:, [1, 3]], e.truth.times)
-
-
-def _contact_f1(e: PoseErrors) -> float:
-    if e.feet_world is None or e.truth.contact is None or len(e.truth.times) < 2:
-        return NAN
-    planted = e.truth.contact[:, [0, 2]] | e.truth.contact[:, [1, 3]]
-    return metrics.f1_score(metrics.estimate_planted(e.feet_world, e.truth.times), planted)
-
-
 def _visible(e: PoseErrors) -> float:
     return NAN if e.truth.seen is None else e.mean(where=e.truth.seen)
 
@@ -101,13 +88,19 @@ MEASURES: Mapping[str, Measure] = {
         Measure("accel_error", "m/s^2", "lower", "mean acceleration error: jitter", _acceleration),
         Measure("bone_error_mm", "mm", "lower", "mean error of bone lengths", _bone_error),
         Measure("bone_drift_mm", "mm", "lower", "standard deviation of bone lengths", _bone_drift),
-        Measure(
-            "foot_skate", "m/s", "lower", "horizontal speed of planted toes, true head pose",
-            _foot_skate,
-        ),
-        Measure(
-            "contact_f1", "0 to 1", "higher", "planted feet found, true head pose", _contact_f1
-        ),
+        Measure("foot_skate", "m/s", "lower", "horizontal speed of planted toes",
+                world_metrics.skate),
+        Measure("penetration_mm", "mm", "lower", "depth of ankles and toes below the ground",
+                world_metrics.sinking),
+        Measure("contact_f1", "0 to 1", "higher", "planted feet found", world_metrics.contact_f1),
+        Measure("world_mpjpe_mm", "mm", "lower", "in its own world, first frame aligned",
+                world_metrics.first_aligned),
+        Measure("world_aligned_mpjpe_mm", "mm", "lower", "in its own world, all frames aligned",
+                world_metrics.all_aligned),
+        Measure("root_translation_percent", "% of the way", "lower",
+                "mean error of the hips' place, all frames aligned", world_metrics.root_error),
+        Measure("world_accel_error", "m/s^2", "lower", "mean acceleration error in its own world",
+                world_metrics.acceleration),
     )
 }  # fmt: skip
 

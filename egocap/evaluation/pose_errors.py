@@ -19,7 +19,10 @@ from egocap.evaluation.protocol import ALIGNMENTS, Protocol, find_protocol
 from egocap.geometry import transform
 
 MM = 1e3  # millimetres a metre
-TOES = (LABEL_INDEX["left_foot"], LABEL_INDEX["right_foot"])
+FEET = tuple(LABEL_INDEX[f"{side}_{part}"] for side in ("left", "right")
+             for part in ("ankle", "foot"))  # fmt: skip
+"""The joint over each heel and toe of `GroundTruth.contact`."""
+TOES = FEET[1::2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,15 @@ class GroundTruth:
 
 
 @dataclass(frozen=True, eq=False)
+class WorldPrediction:
+    """What a method says of the motion in a world of its own, z up."""
+
+    joints: Float[Array, "T 18 3"]  # metres
+    known: Bool[Array, "T"]  # frames whose head pose it knows
+    contacts: Float[Array, "T 4"] | None = None  # probability of contact, as `GroundTruth.contact`
+
+
+@dataclass(frozen=True, eq=False)
 class PoseErrors:
     """A predicted motion, the true one, and the errors between them under one protocol."""
 
@@ -65,6 +77,7 @@ class PoseErrors:
     truth: GroundTruth
     protocol: Protocol
     valid: Bool[Array, "T 18"]  # joints that were predicted
+    own_world: WorldPrediction | None = None
 
     @classmethod
     def between(
@@ -74,6 +87,7 @@ class PoseErrors:
         *,
         valid: Bool[Array, "T 18"] | None = None,
         protocol: str = "egocap-17",
+        world: WorldPrediction | None = None,
     ) -> PoseErrors:
         """Check a motion against its truth and compare them; arguments as of `evaluate_pose`.
 
@@ -96,7 +110,7 @@ class PoseErrors:
         require_finite(predicted, "predicted joints", valid)
         if truth.labelled is not None:
             valid = valid & truth.labelled
-        errors = cls(predicted, truth, rules, valid)
+        errors = cls(predicted, truth, rules, valid, world)
         if not errors.evaluated.any():
             raise InputError(f"the truth has no joint of {rules.name}", valid="labels in 3-D")
         if not errors.counted.any():
@@ -131,11 +145,21 @@ class PoseErrors:
         return MM * metrics.mean_error_per_joint(self.joint_errors.T, self.counted.T)
 
     @cached_property
-    def feet_world(self) -> Float[Array, "T 2 3"] | None:
-        """Predicted toes in the world, with the true head pose."""
-        if self.truth.T_world_head is None or not self.valid[:, TOES].all():
+    def world(self) -> WorldPrediction | None:
+        """The motion in its own world, or in the true one by the true head pose."""
+        if self.own_world is not None:
+            return self.own_world
+        if self.truth.T_world_head is None or not self.valid[:, FEET].all():
             return None
-        return transform(self.truth.T_world_head, self.predicted[:, TOES])
+        joints = transform(self.truth.T_world_head, self.predicted)
+        return WorldPrediction(joints, np.ones(len(joints), bool))
+
+    @cached_property
+    def true_world(self) -> Float[Array, "T 18 3"] | None:
+        """True joints in the world, metres."""
+        if self.truth.T_world_head is None:
+            return None
+        return transform(self.truth.T_world_head, self.truth.joints_head)
 
     def under(self, protocol: Protocol) -> Float[Array, "T 18"]:
         """Joint errors under another protocol, metres."""

@@ -14,9 +14,11 @@ from egocap.evaluation.table import Table, number
 UNITS: Mapping[str, str] = {
     "*_mm": "millimetres",
     "accel_error": "m/s^2",
+    "world_accel_error": "m/s^2",
     "velocity_error, foot_skate": "m/s",
     "pck3d_*, auc3d_*": "percent, at 100 or 150 mm; AUC to 150 mm",
     "contact_f1*": "0 to 1",
+    "root_translation_percent": "percent of the way of the hips",
     "pck20, auc20": "percent, at 20 px of 640 x 512",
     "*_px": "pixels at 640 x 512",
     "*_share": "0 to 1",
@@ -58,9 +60,15 @@ class Report:
     pck3d_150: float | None = None
     auc3d_150: float | None = None  # area under the 3-D PCK curve to 150 mm
     velocity_error: float | None = None
-    foot_skate: float | None = None  # of planted toes, head pose true
-    contact_f1: float | None = None  # of planted feet, head pose true
+    foot_skate: float | None = None  # of planted toes, own head pose if there is one, or the true
+    penetration_mm: float | None = None  # of ankles and toes, likewise
+    contact_f1: float | None = None  # of planted feet, likewise
     contact_f1_of_truth: float | None = None  # what true joints score by the same rule
+    world_mpjpe_mm: float | None = None  # own head pose, first frame aligned
+    world_aligned_mpjpe_mm: float | None = None  # all frames aligned, rigidly
+    root_translation_percent: float | None = None  # of the way of the hips
+    world_accel_error: float | None = None
+    frames_in_world: int | None = None  # with a head pose of the method's own
     coverage_share: float | None = None  # joints of the protocol that were predicted
     other_protocols_mm: Mapping[str, float] = field(default_factory=dict)
     detections: DetectionScore | None = None
@@ -139,7 +147,12 @@ class Report:
             ("seen share", number(_percent(self.visible_share)), "%", "of joints and frames"),
             ("velocity error", number(self.velocity_error, 3), "m/s", ""),
             ("acceleration error", number(self.accel_error, 2), "m/s^2", "jitter"),
-            ("foot skate", number(self.foot_skate, 3), "m/s", "planted toes, head pose true"),
+            ("world MPJPE", number(self.world_mpjpe_mm), "mm", "first frame aligned"),
+            ("world MPJPE", number(self.world_aligned_mpjpe_mm), "mm", "all frames aligned"),
+            ("root translation", number(self.root_translation_percent, 2), "%", "of its way"),
+            ("jitter in the world", number(self.world_accel_error, 2), "m/s^2", ""),
+            ("foot skate", number(self.foot_skate, 3), "m/s", f"planted toes, {self._pose()}"),
+            ("penetration", number(self.penetration_mm), "mm", "ankles and toes, the same"),
             ("contact F1", number(self.contact_f1, 2), "", self._f1_note()),
             ("bone length error", number(self.bone_error_mm), "mm", ""),
             ("bone length drift", number(self.bone_drift_mm), "mm", "standard deviation in time"),
@@ -150,6 +163,11 @@ class Report:
         ]
         shown = tuple(row for row in rows if row[1] != "-")
         return Table("", ("measure", "value", "unit", "note"), shown)
+
+    def _pose(self) -> str:
+        if self.frames_in_world is None:
+            return "head pose true"
+        return f"head pose of the track, {self.frames_in_world} frames"
 
     def _coverage(self) -> str:
         share = self.coverage_share

@@ -26,7 +26,7 @@ from egocap.evaluation.frame_matching import (
     warn_of_other_readings,
 )
 from egocap.evaluation.measures import MEASURES, measure
-from egocap.evaluation.pose_errors import MM, GroundTruth, PoseErrors
+from egocap.evaluation.pose_errors import MM, GroundTruth, PoseErrors, WorldPrediction
 from egocap.evaluation.predictions import Predictions
 from egocap.evaluation.protocol import PROTOCOLS
 from egocap.evaluation.report import Report
@@ -75,6 +75,7 @@ def evaluate_pose(
     valid: Bool[Array, "T 18"] | None = None,
     protocol: str = "egocap-17",
     rng: np.random.Generator | None = None,
+    world: WorldPrediction | None = None,
 ) -> Report:
     """Score joints against true ones of the same frames.
 
@@ -84,12 +85,14 @@ def evaluate_pose(
         valid: predicted joints that exist; all, when None. The others are not read.
         protocol: a name in `egocap.evaluation.protocol.PROTOCOLS`.
         rng: draws the bootstrap's samples; the same fixed stream each time when None.
+        world: the motion in a world of the method's own, if it has one.
 
     Raises:
         InputError: frame counts or shapes differ, a coordinate is not finite (the message names
             frame and joint), nothing is left to score, or there is no such protocol.
     """
-    return make_report(PoseErrors.between(predicted, truth, valid=valid, protocol=protocol), rng)
+    errors = PoseErrors.between(predicted, truth, valid=valid, protocol=protocol, world=world)
+    return make_report(errors, rng)
 
 
 def make_report(errors: PoseErrors, rng: np.random.Generator | None = None) -> Report:
@@ -117,6 +120,7 @@ def make_report(errors: PoseErrors, rng: np.random.Generator | None = None) -> R
             and p.defined(errors.counted)
         },
         contact_f1_of_truth=measure(ideal, "contact_f1"),
+        frames_in_world=None if errors.own_world is None else int(errors.own_world.known.sum()),
     )  # fmt: skip
 
 
@@ -137,8 +141,11 @@ def prediction_errors(
     positions, valid = match_frames(predictions, truth.time, missing)
     require_plausible_size(positions, valid, truth.joints_head, predictions.unit)
     in_head = to_head_frame(positions, predictions.frame, sequence.rig, truth.T_world_head)
+    world = None
+    if predictions.frame == "world":
+        world = WorldPrediction(positions, np.asarray(valid.all(1)))
     return PoseErrors.between(
-        in_head, GroundTruth.from_truth(truth), valid=valid, protocol=protocol
+        in_head, GroundTruth.from_truth(truth), valid=valid, protocol=protocol, world=world
     )
 
 
@@ -171,7 +178,10 @@ def _score_track(track: Track, sequence: Sequence, protocol: str) -> Report:
         valid = f"a track of {sequence.folder}"
         raise InputError("the track was made from another sequence", valid=valid)
     require_same_times(track.times, truth.time, "the track")
-    report = evaluate_pose(track.joints_head, GroundTruth.from_truth(truth), protocol=protocol)
+    report = evaluate_pose(
+        track.joints_head, GroundTruth.from_truth(truth), protocol=protocol,
+        world=world_prediction(track),
+    )  # fmt: skip
     pixels, inside = sequence.true_rig.project(track.joints_head)  # (V, T, 18, 2), (V, T, 18)
     source = track.config.get("detections")
     return replace(
@@ -183,6 +193,14 @@ def _score_track(track: Track, sequence: Sequence, protocol: str) -> Report:
         detections_source=source if isinstance(source, str) else None,
         body=_body_name(track, sequence),
     )  # fmt: skip
+
+
+def world_prediction(track: Track) -> WorldPrediction | None:
+    """A track's motion in its own world, if it has a head pose."""
+    if track.joints_world is None:
+        return None
+    known = np.ones(len(track.times), bool) if track.in_world is None else track.in_world
+    return WorldPrediction(track.joints_world, known, track.contacts)
 
 
 def _body_name(track: Track, sequence: Sequence) -> str:

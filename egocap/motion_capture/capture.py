@@ -15,7 +15,7 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.bvh import write_bvh
 from egocap.data.detections import Detections, load_detections, save_detections
-from egocap.data.head_pose import in_world
+from egocap.data.head_pose import in_world, read_head_poses
 from egocap.data.resampling import evenly
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track, load_track, save_track
@@ -146,7 +146,9 @@ def _track(
         track = track_in_windows(sequence.folder, found, body, tracker, advance)
         config = track.config | {"sequence": sequence.manifest.config_sha256}
         track = replace(track, config=config)
-        save_track(path, track if options.head_pose is None else in_world(track, options.head_pose))
+        if options.head_pose is not None:
+            track = in_world(track, read_head_poses(options.head_pose, track.times))
+        save_track(path, track)
 
     settings = {"tracker": asdict(tracker), "head_pose": options.head_pose}
     return stages.run("track.npz", settings, write, load_track)

@@ -21,7 +21,7 @@ from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.data.dataset import Dataset, EpisodeEntry, episode_name, load_dataset
 from egocap.data.detections import load_detections, save_detections
-from egocap.data.head_pose import in_world
+from egocap.data.head_pose import in_world, read_head_poses
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track, save_track
 
@@ -112,9 +112,10 @@ def _results(sequence: Sequence, work: Path) -> list[Target]:
     return [
         Target("detections.npz", detections, load_detections),
         Target("track.npz", track, load_track),
-        Target("head_pose.npz", poses, lambda path: in_world(tracked, path)),
+        Target("head_pose.npz", poses,
+               lambda path: in_world(tracked, read_head_poses(path, tracked.times))),
         Target("baseline.json", baseline, load_baseline),
-    ]
+    ]  # fmt: skip
 
 
 def _predictions(sequence: Sequence, work: Path) -> list[Target]:

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from egocap.data.head_pose import in_world, interpolate_poses, load_head_pose
+from egocap.data.head_pose import (
+    head_poses_at,
+    in_world,
+    interpolate_poses,
+    load_head_pose,
+    read_head_poses,
+)
 from egocap.errors import FileError, InputError
 from egocap.geometry import axis_angle, rigid, transform
 from tests.egocap.data.test_bvh import made
@@ -36,8 +42,30 @@ def test_joints_move_into_the_world(tmp_path):
     track = made(frames=11)
     times, poses = known()
     np.savez(tmp_path / "head.npz", time=times, T_world_head=poses, more=np.ones(3))
-    result = in_world(track, tmp_path / "head.npz")
+    result = in_world(track, read_head_poses(tmp_path / "head.npz", track.times))
+    assert result.in_world.all()
     assert np.allclose(result.joints_world, transform(result.T_world_head, track.joints_head))
+
+
+def test_a_gap_is_not_interpolated():
+    times, poses = known(9)
+    kept = [0, 1, 2, 6, 7, 8]
+    at = np.arange(25) / 30
+    found = head_poses_at(at, times[kept], poses[kept])
+    inside = (at > 0.2 + 1e-9) & (at < 0.6 - 1e-9)
+    assert np.array_equal(found.known, ~inside)
+    whole = interpolate_poses(at, times, poses)
+    assert np.allclose(found.T_world_head[found.known], whole[found.known])
+    held = np.isclose(found.T_world_head[inside][:, None], poses[[2, 6]]).all((2, 3))
+    assert held.any(1).all()
+
+
+def test_frames_outside_the_known_poses_are_a_gap():
+    times, poses = known()
+    found = head_poses_at(np.array([-0.3, 0.1, 0.9]), times, poses)
+    assert found.known.tolist() == [False, True, False]
+    with pytest.raises(InputError, match=r"0 to 0\.4 s"):
+        head_poses_at(np.array([7.0, 8.0]), times, poses)
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,8 @@ def import_(
     Frames follow the first view's clock. Frames that were dropped, repeated or damaged are found,
     reported, and missing in the sequence.
 
+    Without sources, an imported sequence at --out gets other clocks, colours or another range.
+
     Args:
         sources: a video, or a folder of pictures, for every view in the order of the rig.
         rig: rig file of the cameras.
@@ -48,16 +50,21 @@ def import_(
         sequence: name of the data set's sequence, where it holds several.
         json: print the summary as JSON.
     """
-    from egocap.footage.importing import import_footage
+    from egocap.data.footage import FOOTAGE
+    from egocap.footage.importing import edit_footage, import_footage
 
     if dataset is not None:
         if sources:
             raise InputError("--dataset together with sources", valid="one of them")
         return _import_dataset(dataset, sequence, rig, out, options.copy, json)
-    if rig is None or not sources:
+    edits = not sources and rig is None and (out / FOOTAGE).exists()
+    if not edits and (rig is None or not sources):
         raise InputError("no --rig or no sources", valid="sources and --rig FILE, or --dataset")
     with ExitStack() as stack:
-        found = import_footage(sources, rig, out, options, steps(stack))
+        if rig is None:
+            found = edit_footage(out, options, steps(stack))
+        else:
+            found = import_footage(sources, rig, out, options, steps(stack))
     print_footage(found, json)
     return DONE
 

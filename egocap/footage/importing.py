@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,10 @@ from egocap.data.manifest import MANIFEST, SCHEMA, Manifest, load_manifest
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.sequence import open_sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, require_same_config, write_shard
+from egocap.errors import FileError
 from egocap.files import make_folder
 from egocap.footage.clocks import find_clocks, find_colours
-from egocap.footage.config import ImportOptions
+from egocap.footage.config import ImportOptions, Range
 from egocap.footage.pairing import ViewFrames, pair, view_frames
 from egocap.footage.scan import ViewScan
 from egocap.footage.sources import (
@@ -45,6 +46,8 @@ from egocap.footage.sources import (
 )
 
 SHARD_FRAMES = 50
+EDITABLE = ("lag", "drift", "gains", "range")
+"""Options that may change for a sequence that refers to its pictures."""
 QUALITY = 95  # of JPEG; chroma at full resolution, as subsampling destroys thin coloured limbs
 
 
@@ -56,6 +59,8 @@ def import_footage(
     on_step: Step = lambda name, total: lambda count: None,
 ) -> Recording:
     """Import footage as a sequence without truth. The same call completes an interrupted one.
+
+    A call with other clocks, colours or another range edits a sequence that refers to its pictures.
 
     Args:
         sources: a video or a folder of pictures for every view, in the order of the rig; one for
@@ -92,12 +97,62 @@ def import_footage(
     return open_sequence(out)
 
 
-def _earlier(out: Path, config: dict[str, object]) -> tuple[Footage, FrameTimes] | None:
-    """What an earlier call found. Raises InputError if it had other options."""
+def edit_footage(
+    out: str | Path,
+    options: ImportOptions,
+    on_step: Step = lambda name, total: lambda count: None,
+) -> Recording:
+    """Give an imported sequence other clocks, colours or another range; its scans are used again.
+
+    What `options` leave at the default stays as it was.
+
+    Raises:
+        FileError: no imported sequence, or its files are missing.
+        InputError: it holds copies of its pictures, whose frames are fixed.
+    """
+    out = Path(out)
+    asked, footage = load_manifest(out).config.get("options"), load_footage(out / FOOTAGE)
+    if not isinstance(asked, dict):
+        raise FileError(out, "is no import of files", valid="a sequence made from videos")
+    plain = ImportOptions()
+    kept = {
+        name: _option(asked[name]) for name in EDITABLE
+        if getattr(options, name) == getattr(plain, name)
+    }  # fmt: skip
+    views = footage.views
+    new = replace(options, **kept, copy=asked["copy"], side_by_side=asked["side_by_side"],
+                  pictures=views[0].options)  # fmt: skip
+    sources = list(dict.fromkeys(view.path for view in views))
+    return import_footage(sources, out / "rig.json", out, new, on_step)
+
+
+def _option(value: Any) -> Any:
+    """An option as read from a manifest."""
+    return Range(**value) if isinstance(value, dict) else tuple(value)
+
+
+def _earlier(out: Path, config: dict[str, Any]) -> tuple[Footage, FrameTimes] | None:
+    """What an earlier call found; None if there was none, or with other clocks, colours or range.
+
+    Raises InputError if it differed otherwise.
+    """
     if not (out / MANIFEST).exists():
         return None
-    require_same_config(out, load_manifest(out), _Asked(config, digest(config)))
-    return load_footage(out / FOOTAGE), FrameTimes.load(out / TIMES)
+    there = load_manifest(out)
+    before, now = there.config, config
+    if not there.shards_hold_images and "options" in before:
+        before, now = _fixed(before), _fixed(config)
+    require_same_config(out, _Asked(before, digest(before), there.code_version),
+                        _Asked(now, digest(now)))  # fmt: skip
+    if there.config == config:
+        return load_footage(out / FOOTAGE), FrameTimes.load(out / TIMES)
+    (out / MANIFEST).unlink()
+    return None
+
+
+def _fixed(config: dict[str, Any]) -> dict[str, Any]:
+    """The part of a configuration that no edit changes."""
+    return config | {"options": {k: v for k, v in config["options"].items() if k not in EDITABLE}}
 
 
 @dataclass
@@ -117,7 +172,7 @@ def _report(seen: ViewScan, view: ViewFrames, times: FrameTimes, v: int) -> dict
     }  # fmt: skip
 
 
-def _config(rig: Rig, entries: list[FootageView], options: ImportOptions) -> dict[str, object]:
+def _config(rig: Rig, entries: list[FootageView], options: ImportOptions) -> dict[str, Any]:
     """Everything that the sequence depends on."""
     sources = [{"name": e.name, "sha256": e.sha256, "part": list(e.part)} for e in entries]
     return json.loads(json.dumps({"sources": sources, "rig": rig.to_dict(),
@@ -125,7 +180,7 @@ def _config(rig: Rig, entries: list[FootageView], options: ImportOptions) -> dic
 
 
 def _write(
-    out: Path, rig: Rig, footage: Footage, times: FrameTimes, config: dict[str, object],
+    out: Path, rig: Rig, footage: Footage, times: FrameTimes, config: dict[str, Any],
     options: ImportOptions, on_step: Step,
 ) -> None:  # fmt: skip
     files = {

@@ -68,4 +68,4 @@ def estimate_colour(
 
 
 def _usable(colour: Float[Array, "N 3"]) -> Bool[Array, "N"]:
-    return ((colour > DARK) & (colour < BRIGHT)).all(1)
+    return np.asarray(((colour > DARK) & (colour < BRIGHT)).all(1))

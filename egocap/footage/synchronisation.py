@@ -10,6 +10,7 @@ Source: Huber & Ronchetti 2009, ch. 7 (M-estimators and their covariance).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -26,6 +27,7 @@ RIVAL = 0.97  # of the highest peak of the correlation: another lag explains the
 WHAT = {"rotation": "the rotation of the head", "light": "changes of the light"}
 _SMOOTH = 1.0  # standard deviation of the smoothing, frames
 _BLOCK_S = 1.0
+_ROUNDS = 12
 _FLOOR_S = 3e-4  # standard deviation of what the model leaves out: rolling shutter, exposure
 
 
@@ -57,7 +59,7 @@ def rotation_signal(
     intervals longer than three periods are left out.
     """
     places = np.flatnonzero(fresh)
-    known = np.isfinite(turn).all(1)
+    known = np.asarray(np.isfinite(turn).all(1))
     total = np.cumsum(np.where(known[:, None], turn, 0.0), 0)[places]
     return _rates(time[places], total, np.cumsum(~known)[places])
 
@@ -171,54 +173,66 @@ def refine_clock(
     Rates of each view are compared with the spline of the other's, so that the noise of neither
     draws the estimate.
     """
-    from scipy.interpolate import CubicSpline
-
     sa, sb = _smoothed(a), _smoothed(b)
-    spline_a, spline_b = CubicSpline(sa.time, sa.rate), CubicSpline(sb.time, sb.rate)
     centre = float(b.time.mean())  # offset and drift are independent about the middle
-    middle, drift = centre + lag, 0.0
-    H = np.eye(2)
-    for _ in range(12):
-        common = middle + (1.0 + drift) * (sb.time - centre)
-        own = centre + (sa.time - middle) / (1.0 + drift)
-        parts = []
-        for rate, spline, at, when, sign in (
-            (sb.rate, spline_a, common, sb.time - centre, 1.0),
-            (sa.rate, spline_b, own, own - centre, -1.0),
-        ):
-            inside = (at > spline.x[1]) & (at < spline.x[-2])
-            residual = rate[inside] - spline(at[inside])
-            slope = sign * spline(at[inside], 1)
-            J = np.stack([slope, slope * when[inside, None]], -1)
-            parts.append((residual, J, when[inside]))
-        residual, J, when = (np.concatenate(p) for p in zip(*parts, strict=True))
-        size = np.linalg.norm(residual, axis=1)
-        scale = max(1.4826 * float(np.median(size)), 1e-9)
-        weight = 1.0 / (1.0 + (size / (2.0 * scale)) ** 2) ** 2
-        variance = 0.5 * scale**2
-        prior = np.diag([0.0, variance / (1e-6 * DRIFT_PRIOR_PPM) ** 2])
-        H = np.einsum("n,nki,nkj->ij", weight, J, J) + prior
-        gradient = np.einsum("n,nki,nk->ni", weight, J, residual)
-        step = np.linalg.solve(H, gradient.sum(0) - prior @ [0.0, drift])
-        middle, drift = middle + step[0], drift + step[1]
+    clock = np.array([centre + lag, 0.0])  # common time at the centre; drift
+    model = _linearised(sa, sb, centre, clock)
+    for _ in range(_ROUNDS):
+        step = np.linalg.solve(model.H, model.gradient.sum(0) - model.prior @ [0.0, clock[1]])
+        clock = clock + step
         if abs(step[0]) < 1e-7:
             break
-    cov = _sandwich(H, gradient, when, variance * prior)
+        model = _linearised(sa, sb, centre, clock)
     shift = np.array([[1.0, -centre], [0.0, 1.0]])  # from the middle of the footage to time zero
-    return float(middle - (1.0 + drift) * centre), float(drift), shift @ cov @ shift.T
+    cov = shift @ _sandwich(model) @ shift.T
+    return float(clock[0] - (1.0 + clock[1]) * centre), float(clock[1]), cov
 
 
-def _sandwich(
-    H: Float[Array, "2 2"], gradient: Float[Array, "n 2"], when: Float[Array, "n"],
-    prior: Float[Array, "2 2"],
-) -> Float[Array, "2 2"]:  # fmt: skip
+class _Linearised(NamedTuple):
+    """The weighted least-squares problem of a step in the clock at the centre and the drift."""
+
+    H: Float[Array, "2 2"]
+    gradient: Float[Array, "n 2"]  # of every sample
+    when: Float[Array, "n"]  # s, from the centre
+    prior: Float[Array, "2 2"]  # the part of H that the prior adds
+    variance: float  # of a residual
+
+
+def _linearised(
+    a: ViewSignal, b: ViewSignal, centre: float, clock: Float[Array, "2"]
+) -> _Linearised:
+    from scipy.interpolate import CubicSpline
+
+    middle, drift = clock
+    common = middle + (1.0 + drift) * (b.time - centre)
+    own = centre + (a.time - middle) / (1.0 + drift)
+    parts = []
+    for rate, seen, at, when, sign in (
+        (b.rate, a, common, b.time - centre, 1.0), (a.rate, b, own, own - centre, -1.0),
+    ):  # fmt: skip
+        spline = CubicSpline(seen.time, seen.rate)
+        inside = (at > seen.time[1]) & (at < seen.time[-2])
+        slope = sign * spline(at[inside], 1)
+        J = np.stack([slope, slope * when[inside, None]], -1)
+        parts.append((rate[inside] - spline(at[inside]), J, when[inside]))
+    residual, J, when = (np.concatenate(p) for p in zip(*parts, strict=True))
+    size = np.linalg.norm(residual, axis=1)
+    scale = max(1.4826 * float(np.median(size)), 1e-9)
+    weight = 1.0 / (1.0 + (size / (2.0 * scale)) ** 2) ** 2
+    variance = 0.5 * scale**2
+    prior = np.diag([0.0, variance / (1e-6 * DRIFT_PRIOR_PPM) ** 2])
+    H = np.einsum("n,nki,nkj->ij", weight, J, J) + prior
+    return _Linearised(H, np.einsum("n,nki,nk->ni", weight, J, residual), when, prior, variance)
+
+
+def _sandwich(model: _Linearised) -> Float[Array, "2 2"]:
     """Covariance of an M-estimate whose errors are correlated within blocks."""
-    block = np.floor((when - when.min()) / _BLOCK_S).astype(int)
+    block = np.floor((model.when - model.when.min()) / _BLOCK_S).astype(int)
     sums = np.zeros((block.max() + 1, 2))
-    np.add.at(sums, block, gradient)
+    np.add.at(sums, block, model.gradient)
     count = np.unique(block).size
-    meat = sums.T @ sums * count / max(count - 2, 1) + prior
-    inverse = np.linalg.inv(H)
+    meat = sums.T @ sums * count / max(count - 2, 1) + model.variance * model.prior
+    inverse = np.linalg.inv(model.H)
     return inverse @ meat @ inverse
 
 

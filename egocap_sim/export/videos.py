@@ -117,7 +117,7 @@ def _plan(sequence: Sequence, v: int) -> CameraFile:
     manifest = sequence.manifest
     rng = make_rng(manifest.seed, f"videos.{manifest.views[v]}")
     count = len(sequence)
-    start = int(rng.integers(0, min(LATEST_START_S * manifest.fps, 0.2 * count)))
+    start = int(rng.integers(0, int(min(LATEST_START_S * manifest.fps, 0.2 * count))))
     if sequence.sensor is None:
         alone = np.ones(count, bool)
     else:

@@ -8,7 +8,7 @@ import pytest
 from egocap.data.sequence import Sequence
 from egocap.errors import FileError, InputError
 from egocap.footage.config import ImportOptions, Range
-from egocap.footage.importing import import_footage
+from egocap.footage.importing import edit_footage, import_footage
 from egocap.footage.summary import describe, summary
 from egocap.media.pictures import PictureOptions
 
@@ -84,6 +84,30 @@ def test_given_lag_and_drift_pair_the_views(tmp_path, rig):
     assert len(sequence) == 40 and shows(sequence, 20, 1, EVERY[20])
     np.testing.assert_allclose(sequence.frame_times.taken[:, 1], sequence.times, atol=3e-5)
     assert sequence.footage.views[1].timing.origin == "given"
+
+
+def test_an_edit_sets_clocks_and_range_from_the_scans_that_are_there(tmp_path, rig, monkeypatch):
+    own = 0.5 + EVERY
+    sequence = of(tmp_path, rig, EVERY, own, shown={"right": EVERY})
+    wrong = sequence.footage.views[1].timing
+    monkeypatch.setattr("egocap.footage.sources.scan", None)  # nothing is decoded again
+    edited = edit_footage(sequence.folder, ImportOptions(lag=(0.5,)))
+    assert wrong.origin == "assumed" and edited.footage.views[1].timing.origin == "given"
+    assert len(edited) == 40 and shows(edited, 20, 1, EVERY[20])
+    part = edit_footage(sequence.folder, ImportOptions(range=Range(start=0.32, end=0.61)))
+    np.testing.assert_allclose(part.times, EVERY[10:19], atol=2e-5)
+    assert part.footage.views[1].timing.offset_s == pytest.approx(-0.5)  # as edited before
+    whole = import_footage([tmp_path / "left.mp4", tmp_path / "right.mp4"], rig, sequence.folder)
+    assert whole.footage.views[1].timing == wrong  # a whole call sets everything
+
+
+def test_an_edit_needs_an_import_of_the_same_files(tmp_path, rig):
+    sequence = of(tmp_path, rig, EVERY, EVERY)
+    film(tmp_path / "left.mp4", EVERY[:30])
+    with pytest.raises(InputError, match="differs in sources"):
+        edit_footage(sequence.folder, ImportOptions(lag=(0.1,)))
+    with pytest.raises(FileError, match="no such"):
+        edit_footage(tmp_path / "nothing", ImportOptions(lag=(0.1,)))
 
 
 def test_a_slower_view_is_used_once(tmp_path, rig):

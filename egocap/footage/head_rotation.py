@@ -1,15 +1,13 @@
 """Rotation of the rig between consecutive pictures of one view, from the flow of the background.
 
-Corners are tracked (Lucas-Kanade) in reduced grey pictures and cast to rays. Rotation and direction
-of translation minimise the robust epipolar error r2 . (t x R r1), which is free of the depth of the
-background; points near the wearer's own body are left out, and its other points are outliers.
+Corners are tracked (Lucas-Kanade) in reduced grey pictures and cast to rays, whose relative motion
+(`epipolar`) is free of the depth of the background. Points near the wearer's own body are left out,
+and its other points are outliers.
 
-Source: epipolar constraint on rays, Hartley & Zisserman 2004, ch. 9; corners, Shi & Tomasi 1994.
+Source: corners, Shi & Tomasi 1994.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -17,24 +15,14 @@ from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount
-from egocap.geometry import axis_angle
+from egocap.footage.epipolar import Motion, relative_motion
 
 WIDTH = 320  # to which pictures are reduced, px
 CORNERS = 220
 FEWEST = 25  # points for an estimate
 BODY_CONE = np.deg2rad(50.0)  # around straight down from the head: mostly the wearer
 RIM = np.deg2rad(4.0)  # outermost part of the field of view, left out
-_ROUNDS = 10
 _PIXELS = 0.04  # standard deviation of a tracked corner, px
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A solution of the epipolar constraint."""
-
-    R: Float[Array, "3 3"]  # rays of the picture before to rays now
-    t: Float[Array, "3"]  # unit vector
-    cost: float
 
 
 class RotationMeter:
@@ -102,74 +90,6 @@ def background(
     rim = np.arccos(np.clip(rays[..., 2], -1.0, 1.0)) > camera.max_angle - RIM
     rays = rays @ R_head_camera.T
     return valid & ~rim & (rays[..., 2] > -np.cos(BODY_CONE)), rays
-
-
-def relative_motion(
-    r1: Float[Array, "n 3"],
-    r2: Float[Array, "n 3"],
-    noise: float,
-    before: Motion | None = None,
-) -> Motion:
-    """Rotation and direction of translation that moved rays r1 of a rigid scene to r2.
-
-    `noise` is the standard deviation of a ray [rad] where nothing else disturbs it. The solution is
-    the better one of two starts: the rotation alone, and the motion of the interval before.
-    """
-    R = _robust_rotation(r1, r2, noise)
-    starts = [(R, _direction(np.cross(r1 @ R.T, r2)))]
-    if before is not None:
-        starts.append((before.R, before.t))
-    return min((_refined(r1, r2, *start, noise) for start in starts), key=lambda m: m.cost)
-
-
-def _refined(
-    r1: Float[Array, "n 3"], r2: Float[Array, "n 3"], R: Float[Array, "3 3"],
-    t: Float[Array, "3"], noise: float,
-) -> Motion:  # fmt: skip
-    """Gauss-Newton over rotation and direction, with a Geman-McClure loss that narrows."""
-    error = np.zeros(len(r1))
-    for i in range(_ROUNDS):
-        turned = r1 @ R.T
-        normal = np.cross(turned, r2)
-        error = normal @ t
-        width = 3.0 * noise * 2.0 ** max(3 - i, 0)
-        weight = 1.0 / (1.0 + (error / width) ** 2) ** 2
-        across = np.linalg.svd(t[None])[2][1:]  # two directions orthogonal to t
-        J = np.concatenate(
-            [r2 * (turned @ t)[:, None] - t * (r2 * turned).sum(1)[:, None], normal @ across.T], 1
-        )
-        H = (J * weight[:, None]).T @ J + 1e-7 * np.eye(5)
-        step = -np.linalg.solve(H, J.T @ (weight * error))
-        R = _rotation(step[:3]) @ R
-        t = t + step[3:] @ across
-        t = t / np.linalg.norm(t)
-    squared = (error / (3.0 * noise)) ** 2
-    return Motion(R, t, float((squared / (1.0 + squared)).sum()))
-
-
-def _robust_rotation(
-    r1: Float[Array, "n 3"], r2: Float[Array, "n 3"], noise: float
-) -> Float[Array, "3 3"]:
-    """Rotation alone, by iteratively re-weighted orthogonal Procrustes."""
-    weight = np.ones(len(r1))
-    R = np.eye(3)
-    for _ in range(6):
-        U, _, Vt = np.linalg.svd((r2 * weight[:, None]).T @ r1)
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        error = np.linalg.norm(r2 - r1 @ R.T, axis=1)
-        scale = max(1.4826 * float(np.median(error)), noise)
-        weight = 1.0 / (1.0 + (error / scale) ** 2) ** 2
-    return R
-
-
-def _direction(normal: Float[Array, "n 3"]) -> Float[Array, "3"]:
-    """Unit vector most orthogonal to the normals."""
-    return np.linalg.eigh(normal.T @ normal)[1][:, 0]
-
-
-def _rotation(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    angle = float(np.linalg.norm(vector))
-    return np.eye(3) if angle < 1e-12 else axis_angle(vector / angle, np.float64(angle))
 
 
 def _vector(R: Float[Array, "3 3"]) -> Float[Array, "3"]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 
 from egocap.cameras.rig import Rig
 from egocap.data.footage import FootageView
@@ -95,20 +97,36 @@ def _checksum(path: Path) -> tuple[int, str]:
 def scan_views(
     views: list[OpenView], entries: list[FootageView], rig: Rig, out: Path, on_step: Step
 ) -> list[ViewScan]:
-    """Scans from files of an earlier call, or made now."""
-    meters = picture_meters(rig)
-    found: dict[str, ViewScan] = {}
-    for source in {id(view.source): view.source for view in views}.values():
-        shared = [v for v, view in enumerate(views) if view.source is source]
-        files = [out / scan_name(entries[v], rig) for v in shared]
-        if not all(file.exists() for file in files):
-            advance = on_step(f"scan {source.path.name}", len(source.times))
-            parts = tuple(views[v].part for v in shared)
-            measured = [meters[views[v].name] for v in shared]
-            for file, made in zip(files, scan(source, parts, measured, advance), strict=True):
-                made.save(file)
-        found |= {views[v].name: ViewScan.load(f) for v, f in zip(shared, files, strict=True)}
-    return [found[view.name] for view in views]
+    """Scans from files of an earlier call, or made now, one source a thread."""
+    files = [out / scan_name(entry, rig) for entry in entries]
+    sources = {id(view.source): view.source for view in views}.values()
+    shared = [[v for v, view in enumerate(views) if view.source is source] for source in sources]
+    new = [group for group in shared if not all(files[v].exists() for v in group)]
+    if new:
+        advance = _locked(on_step("scan", sum(len(views[g[0]].source.times) for g in new)))
+        meters = picture_meters(rig)
+
+        def measure(group: list[int]) -> None:
+            measured = [meters[views[v].name] for v in group]
+            parts = tuple(views[v].part for v in group)
+            made = scan(views[group[0]].source, parts, measured, advance)
+            for v, one in zip(group, made, strict=True):
+                one.save(files[v])
+
+        with ThreadPoolExecutor(len(new), thread_name_prefix="scan") as pool:
+            list(pool.map(measure, new))
+    return [ViewScan.load(file) for file in files]
+
+
+def _locked(advance: Callable[[int], None]) -> Callable[[int], None]:
+    """The function, for calls from several threads."""
+    lock = Lock()
+
+    def locked(count: int) -> None:
+        with lock:
+            advance(count)
+
+    return locked
 
 
 def scan_name(entry: FootageView, rig: Rig) -> str:

@@ -99,7 +99,7 @@ class ColourTerm:
 
         Raises InputError for pictures that are not of the rig's shape.
         """
-        require_pictures(rig, frames[0][0])
+        require_pictures(rig, frames[0][0], (config.size, config.size))
         body = GaussianBody.from_proportions(proportions)
         rays, light = image_rays(rig, config.size, config.size), None
         if adapt_illumination:

@@ -78,12 +78,19 @@ def image_rays(rig: Rig, width: int | None = None, height: int | None = None) ->
     )  # fmt: skip
 
 
-def require_pictures(rig: Rig, images: Sequence[UInt8[Array, "H W 3"]]) -> None:
-    """Raise InputError unless there is one picture a view, of the aspect of the rig's."""
+def require_pictures(
+    rig: Rig, images: Sequence[UInt8[Array, "H W 3"]], reduced: tuple[int, int] | None = None
+) -> None:
+    """Raise InputError unless there is one picture a view, of the aspect of the rig's.
+
+    Pictures of the size `reduced` are accepted too.
+    """
     if len(images) != len(rig.mounts):
         raise InputError(f"{len(images)} images", valid=f"{len(rig.mounts)}, one a view")
     for mount, image in zip(rig.mounts, images, strict=True):
         camera, (height, width) = mount.camera, image.shape[:2]
+        if (width, height) == reduced:
+            continue
         if abs(width * camera.height - height * camera.width) > max(camera.width, camera.height):
             raise InputError(
                 f"a picture of {width} x {height} in view '{mount.name}'",

@@ -44,8 +44,8 @@ class Video:
             raise FileError(self.path, "holds no frame that can be decoded", valid="a whole video")
         height, width = first[1].shape[:2]
         self.size = (width, height)
-        self._run: Iterator[tuple[float, UInt8[Array, "H W 3"]]] = iter(())
-        self._last: tuple[float, UInt8[Array, "H W 3"] | None] = (math.inf, None)
+        self._run: Iterator[tuple[float, VideoFrame]] = iter(())
+        self._last: tuple[float, VideoFrame | None] = (math.inf, None)
 
     def __repr__(self) -> str:
         return f"Video('{self.path}', {self.size[0]} x {self.size[1]}, {len(self.times)} frames)"
@@ -74,6 +74,9 @@ class Video:
         self, start: float = -math.inf, end: float = math.inf
     ) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
         """Time [s] and RGB image of every decodable frame, from `start` to `end`, in order."""
+        return ((time, _upright(frame)) for time, frame in self._frames(start, end))
+
+    def _frames(self, start: float, end: float = math.inf) -> Iterator[tuple[float, VideoFrame]]:
         with self._open() as (container, stream):
             base = stream.time_base
             assert base is not None
@@ -84,7 +87,7 @@ class Video:
                 if time > end + _TICK_S:
                     return
                 if time >= start - _TICK_S:
-                    yield time, _upright(frame)
+                    yield time, frame
 
     def image(self, index: int) -> UInt8[Array, "H W 3"] | None:
         """RGB image of a frame, by its place in `times`; None where it is damaged.
@@ -93,11 +96,12 @@ class Video:
         """
         wanted = float(self.times[index])
         if not self._last[0] - _TICK_S <= wanted <= self._last[0] + _READ_ON_S:
-            self._run = self.frames(start=wanted)
+            self._run = self._frames(start=wanted)
             self._last = (-math.inf, None)
         while self._last[0] < wanted - _TICK_S:
             self._last = next(self._run, (math.inf, None))
-        return self._last[1] if self._last[0] <= wanted + _TICK_S else None
+        time, frame = self._last
+        return None if frame is None or time > wanted + _TICK_S else _upright(frame)
 
     def close(self) -> None:
         """Release the file."""

@@ -17,6 +17,7 @@ from egocap.errors import FileError
 from egocap.files import make_folder
 
 PIECE = 600  # frames
+BATCH = 4  # frames a run of the network
 
 
 def detect_in_pieces(
@@ -56,11 +57,13 @@ def _detect(
 ) -> Detections:
     """Detections of a range of frames; a thread decodes ahead of the network."""
 
-    def prepared(index: int):
-        return index, *detector.canonical([recorded_pictures(sequence, index)])
+    def prepared(some: range):
+        return some, *detector.canonical([recorded_pictures(sequence, i) for i in some])
 
     parts = []
-    for index, views, slots in ahead(iter(rows), prepared):
-        parts.append(detector.read(detector.run(views), slots, sequence.times[index : index + 1]))
-        on_frames(1)
+    jobs = (rows[i : i + BATCH] for i in range(0, len(rows), BATCH))
+    for some, views, slots in ahead(jobs, prepared):
+        times = sequence.times[some.start : some.stop]
+        parts.append(detector.read(detector.run(views), slots, times))
+        on_frames(len(some))
     return joined(parts)

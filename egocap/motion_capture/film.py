@@ -14,6 +14,8 @@ from egocap.detect.input_images import ahead
 from egocap.view.skeleton import side_by_side
 from egocap.view.video import VideoFile
 
+FILM_HZ = 15.0
+
 
 def write_film(
     path: Path,
@@ -21,12 +23,17 @@ def write_film(
     track: Track,
     on_frames: Callable[[int], None] = lambda count: None,
 ) -> None:
-    """Write the film, as long as the footage. A thread decodes and draws ahead of the encoder."""
-    drawn = ahead(iter(range(len(sequence))), lambda index: picture(sequence, track, index))
-    with VideoFile(path, sequence.manifest.fps) as film:
-        for time, image in zip(track.times - track.times[0], drawn, strict=True):
-            film.add(image, float(time))
-            on_frames(1)
+    """Write the film, as long as the footage, at a rate of `FILM_HZ` or little more.
+
+    A thread decodes and draws ahead of the encoder.
+    """
+    step = max(1, int(sequence.manifest.fps / FILM_HZ + 0.05))
+    rows = range(0, len(sequence), step)
+    drawn = ahead(iter(rows), lambda index: picture(sequence, track, index))
+    with VideoFile(path, sequence.manifest.fps / step) as film:
+        for index, image in zip(rows, drawn, strict=True):
+            film.add(image, float(track.times[index] - track.times[0]))
+            on_frames(min(step, len(sequence) - index))
 
 
 def picture(sequence: Sequence, track: Track, index: int) -> UInt8[Array, "h w 3"]:

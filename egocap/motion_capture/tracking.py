@@ -13,6 +13,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
@@ -85,4 +87,23 @@ def _track(
     folder: Path, found: Detections, first: int, body: Proportions, config: TrackerConfig
 ) -> Track:
     sequence = Sequence(folder)
-    return Tracker(sequence.rig, body, config).track(found, lambda t: sequence.images(first + t))
+    tracker = Tracker(sequence.rig, body, config)
+    if not (config.colour or config.checks_appearance):
+        return tracker.track(found)
+    rows = range(first, first + len(found.times))
+    return tracker.track(found, reduced_images(sequence, rows, config.colour_size).__getitem__)
+
+
+def reduced_images(
+    sequence: Sequence, rows: range, size: int
+) -> list[tuple[UInt8[Array, "S S 3"], ...]]:
+    """Images of a range of frames as the colour term reduces them, each decoded once, in order."""
+    import cv2
+
+    return [
+        tuple(
+            np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
+            for image in sequence.images(i)
+        )
+        for i in rows
+    ]

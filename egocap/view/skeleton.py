@@ -22,7 +22,11 @@ MIDST = np.array([0.1, 0.0, -0.75])
 """What it looks at: the middle of the body."""
 FIELD = 2.0
 """Height of what it shows, metres at the distance of the body."""
-_FLOOR_M = 0.5  # spacing of the floor's lines
+_FLOOR = np.array([
+    [x, y, 0.0] for near in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    for x, y in ((near, -1.0), (near, 1.0), (-1.0, near), (1.0, near))
+])  # fmt: skip
+"""Ends of the floor's lines, two after two."""
 
 
 def side_by_side(
@@ -73,12 +77,9 @@ def draw_in_space(
 
     canvas = np.full((size // 2 * 2, size // 2 * 2, 3), 24, np.uint8)
     floor = float(joints_head[:, 2].min())
-    reach = np.arange(-1.0, 1.0 + 1e-6, _FLOOR_M)
-    for near in reach:
-        for ends in ([[near, -1.0], [near, 1.0]], [[-1.0, near], [1.0, near]]):
-            line = _seen(np.array([[x, y, floor] for x, y in ends]), size)
-            first, last = np.rint(16.0 * line).astype(int).tolist()
-            cv2.line(canvas, first, last, (58, 58, 58), 1, cv2.LINE_AA, 4)
+    lines = _seen(_FLOOR + [0.0, 0.0, floor], size).reshape(-1, 2, 2)
+    for first, last in np.rint(16.0 * lines).astype(int).tolist():
+        cv2.line(canvas, first, last, (58, 58, 58), 1, cv2.LINE_AA, 4)
     everything = np.ones(len(LABELS), bool)
     return draw_pose(canvas, _seen(joints_head, size), everything, confidence)
 
@@ -99,7 +100,8 @@ def _scaled(image: UInt8[Array, "H W 3"] | None, width: int, height: int) -> UIn
 
     if image is None:
         return np.zeros((height, width, 3), np.uint8)
-    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]
+    reduce = cv2.INTER_AREA if image.shape[0] > 2 * height else cv2.INTER_LINEAR
+    return cv2.resize(image, (width, height), interpolation=reduce)  # pyright: ignore[reportReturnType]
 
 
 def _colour(label: int) -> tuple[int, int, int]:

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount
-from egocap.footage.head_rotation import RotationMeter, background, relative_motion
+from egocap.footage.epipolar import relative_motion
+from egocap.footage.head_rotation import RotationMeter, background
 
 NOISE = 3e-4
 

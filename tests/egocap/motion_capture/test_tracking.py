@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from egocap.body.skeleton import forward
+from egocap.data.sequence import Sequence
 from egocap.data.track import Track
-from egocap.motion_capture.tracking import OVERLAP, WINDOW, join, split
+from egocap.image_model.image_rays import image_rays, ray_colours
+from egocap.motion_capture.tracking import OVERLAP, WINDOW, join, reduced_images, split
 from tests.egocap.conftest import make_motion
 
 
@@ -18,6 +20,15 @@ def test_windows_cover_all_frames_and_overlap(frames):
     assert all(a.stop - b.start == OVERLAP for a, b in pairwise(windows))
     assert max(map(len, windows)) <= WINDOW + OVERLAP
     assert len(windows) == 1 or min(map(len, windows)) > WINDOW / 2
+
+
+def test_reduced_images_have_the_colours_of_the_whole_ones(tiny_sequence):
+    sequence = Sequence(tiny_sequence)
+    rays = image_rays(sequence.rig, 64, 64)
+    for i, images in enumerate(reduced_images(sequence, range(2), 64)):
+        np.testing.assert_array_equal(
+            ray_colours(rays, images), ray_colours(rays, sequence.images(i))
+        )
 
 
 def test_joined_windows_are_the_motion():

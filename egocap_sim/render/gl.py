@@ -1,9 +1,6 @@
-"""Headless OpenGL: the only module that imports pyrender and PyOpenGL, and creates contexts.
+"""Headless OpenGL: contexts, and the names of PyOpenGL that the renderer uses.
 
-pyrender 0.1.45 pins PyOpenGL 3.1.0, which predates numpy 2 and today's EGL. Four things must hold
-before pyrender is imported, so every module takes `GL` and `pyrender` from here:
-`PYOPENGL_PLATFORM=egl` is set, `np.infty` exists, `OpenGL.GL.shaders` is imported before
-`OpenGL.EGL`, and `OpenGL.EGL` has an `EGLDeviceEXT` (mujoco's EGL requires it).
+Every module takes `GL` from here: `egl` prepares PyOpenGL before its first import.
 
 Mesa's software renderer uses one thread per core. With several worker processes, set
 `LP_NUM_THREADS=1` in each worker's environment before it creates a context; this module does not
@@ -13,9 +10,7 @@ set it. Never fork after a context was created (the child hangs): start workers 
 from __future__ import annotations
 
 import ctypes
-import os
 import threading
-from importlib.resources import files
 
 import numpy as np
 
@@ -23,33 +18,14 @@ from egocap.errors import MachineError
 
 REMEDY = "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
-os.environ["PYOPENGL_PLATFORM"] = "egl"
-os.environ.setdefault("MUJOCO_GL", "egl")
-np.__dict__.setdefault("infty", np.inf)
-
 try:
     # isort: off
-    import OpenGL
-    import OpenGL.raw.EGL._errors as _egl_errors
-
-    # Errors are checked once per frame (`check_errors`): checking after each call takes longer than
-    # the calls. PyOpenGL 3.1.0 then lacks the error checker of EGL.
-    OpenGL.ERROR_CHECKING = False
-    _egl_errors.__dict__.setdefault("_error_checker", None)
-    import OpenGL.GL as GL
-    import OpenGL.GL.shaders  # before OpenGL.EGL, or PyOpenGL 3.1.0 fails
-    import OpenGL.EGL as EGL
-    # isort: on
-
-    if not hasattr(EGL, "EGLDeviceEXT"):
-        EGL.EGLDeviceEXT = ctypes.c_void_p  # pyright: ignore[reportAttributeAccessIssue]
-    import pyrender
-    import pyrender.renderer
-    import pyrender.shader_program
+    from egocap_sim.render.egl import GL, EglContext, list_devices  # before anything of OpenGL
     from OpenGL import contextdata
     from OpenGL.raw.GL.VERSION.GL_1_0 import glReadPixels as read_pixels
     from OpenGL.raw.GL.VERSION.GL_1_4 import glMultiDrawElements as draw_runs
-    from pyrender.platforms import egl as _platform
+    from egocap_sim.render.programs import Programs
+    # isort: on
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
 
@@ -57,27 +33,24 @@ _spare = threading.local()  # a context belongs to one thread
 
 __all__ = [
     "GL", "Context", "begin_depth_test", "check_errors", "draw_runs", "make_depth_target",
-    "pyrender", "read_pixels", "set_sampling",
+    "read_pixels", "set_sampling",
 ]  # fmt: skip
 
 
 class Context:
     """An OpenGL core context without a window, current in the thread that created it.
 
-    Several may exist in one process, also at the same time (unlike pyrender's off-screen renderer,
-    whose deletion ends every EGL context of the process).
+    Several may exist in one process, also at the same time.
 
     Raises: MachineError if no EGL device provides a context.
     """
 
     def __init__(self) -> None:
-        self._platform = _first_working()
+        self._egl: EglContext | None = _first_working()
         self.renderer = _text(GL.GL_RENDERER)
         self.version = _text(GL.GL_VERSION)
-        self.programs = pyrender.shader_program.ShaderProgramCache(
-            shader_dir=str(files("egocap_sim.render") / "shaders")
-        )
-        """Compiled shaders, by name."""
+        self.programs = Programs()
+        """Compiled shaders, kept with the context for its next renderer."""
 
     @classmethod
     def borrow(cls) -> Context:
@@ -97,21 +70,18 @@ class Context:
 
     def make_current(self) -> None:
         """Make it the target of this thread's OpenGL calls."""
-        self._platform.make_current()
+        assert self._egl is not None, "the context is closed"
+        self._egl.make_current()
 
     def close(self) -> None:
         """Destroy the context only; the EGL display stays open for other contexts."""
-        platform = getattr(self, "_platform", None)
-        if platform is None:
+        if self._egl is None:
             return
-        platform.make_current()
-        self.programs.clear()
+        self._egl.make_current()
+        self.programs.delete()
         contextdata.cleanupContext()
-        del self._platform
-        EGL.eglMakeCurrent(
-            platform._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
-        )
-        EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
+        self._egl.destroy()
+        self._egl = None
 
 
 def check_errors() -> None:
@@ -160,20 +130,15 @@ def _text(name: int) -> str:
     return GL.glGetString(name).decode()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def _first_working() -> _platform.EGLPlatform:
+def _first_working() -> EglContext:
     problem: Exception | None = None
-    try:
-        devices = _platform.query_devices()
-    except Exception:  # no device extension: use EGL's default display
-        devices = [_platform.EGLDevice(None)]
+    devices = list_devices()
     for device in devices:
-        candidate = _platform.EGLPlatform(16, 16, device=device)
         try:
-            candidate.init_context()
-            candidate.make_current()
+            context = EglContext(device)
             _text(GL.GL_VERSION)
-            return candidate
-        except Exception as error:
+            return context
+        except Exception as error:  # each driver fails in its own way
             problem = error
     raise MachineError(
         f"none of {len(devices)} EGL devices provides an OpenGL 4.1 context ({problem!r})",

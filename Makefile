@@ -1,26 +1,32 @@
-# The two jobs of a fresh machine: `make demo` shows the whole path, `make test` proves it.
-# Both first make a virtual environment with the pinned versions and see to the GL libraries.
+# The two jobs of a fresh machine: `make demo` shows the whole path with the light install, `make test`
+# proves it with every extra. Both first make a virtual environment with the pinned versions and see
+# to the GL libraries.
 
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out
 
-.PHONY: demo test check check-evals tables release-check docs mutation setup gl clean
+.PHONY: demo test test-all dist check check-evals tables release-check docs mutation setup light gl clean
 
 setup: $(VENV)/.ready gl
+light: $(VENV)/.light gl
 
-$(VENV)/.ready: pyproject.toml requirements.lock
+# What generates, detects, tracks and scores: no torch, no extras.
+$(VENV)/.light: pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, this is {sys.version.split()[0]}: make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV) || { echo "the venv module is missing: apt-get install python3-venv"; exit 1; }
+	$(BIN)/python -m pip install --quiet --constraint requirements.lock --editable .
+	touch $@
+
+$(VENV)/.ready: $(VENV)/.light
 	$(BIN)/python -m pip install --quiet --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --no-deps --editable .
 	touch $@
 
 gl:
 	@sh tools/install-gl.sh
 
-demo: setup
+demo: light
 	$(BIN)/egocap-sim generate validation-walk --out $(OUT)/walk
 	$(BIN)/egocap-sim verify $(OUT)/walk
 	$(BIN)/egocap track $(OUT)/walk --out $(OUT)/walk.track.npz
@@ -31,6 +37,14 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+# The tests, without those of training, on each other supported Python that is on the PATH.
+test-all: test
+	sh tools/test-pythons.sh $(OUT)/pythons
+
+# The wheel in out/dist, checked in a new environment from another folder.
+dist: gl
+	PYTHON=$(PYTHON) sh tools/build-wheel.sh $(OUT)/dist
 
 check: setup
 	$(BIN)/pyright

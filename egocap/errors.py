@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 LONGEST_MESSAGE, LONGEST_KEY, LONGEST_VALID = 300, 60, 1000
@@ -63,6 +64,14 @@ class MachineError(EgocapError):
 
     def __init__(self, problem: str, *, remedy: str | None = None) -> None:
         super().__init__(one_line(problem) + (f"; {remedy}" if remedy else ""))
+
+
+def require(package: str, extra: str) -> None:
+    """Raise MachineError, with the extra to install, unless a package can be imported."""
+    if find_spec(package) is None:
+        raise MachineError(
+            f"the package '{package}' is missing", remedy=f"pip install 'egocap[{extra}]'"
+        )
 
 
 def _rebuild(kind: type[EgocapError], message: str, state: dict[str, object]) -> EgocapError:

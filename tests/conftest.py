@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,24 @@ from egocap.errors import MachineError
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene, load_scene
+
+_NEEDS_TORCH = re.compile(
+    r"^(import torch|from torch|from safetensors.torch"
+    r"|from egocap.detect.(network|train.(loss|trainer|run|validation|checkpoint)) )",
+    re.MULTILINE,
+)
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out the test files that import torch, an extra, where it is not installed."""
+    if collection_path.suffix != ".py" or find_spec("torch") is not None:
+        return None
+    return bool(_NEEDS_TORCH.search(collection_path.read_text())) or None
+
+
+def pytest_report_header() -> str | None:
+    """Say so."""
+    return None if find_spec("torch") else "without torch: its test files are left out"
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
 from egocap.detect.train.config import FOR_A_RIG, RunConfig, TrainingConfig
-from egocap.errors import InputError
+from egocap.errors import InputError, require
 
 if TYPE_CHECKING:
     from egocap.data.detections import Detections
@@ -112,10 +112,11 @@ def train(
     import subprocess
     import sys
 
-    from egocap.detect.train import run as runs
-
     if rig is not None:
         raise InputError(f"egocap train does not simulate footage{FOR_A_RIG}")
+    require("torch", "train")
+    from egocap.detect.train import run as runs
+
     command = runs.command_for_devices(sys.argv[1:])
     if command is not None:
         return subprocess.call(command)

@@ -15,7 +15,7 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
-from egocap.errors import FileError, MachineError
+from egocap.errors import FileError, require
 from egocap.media.decoding import decode
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -64,10 +64,9 @@ class Picture:
 
 def open_hdf5(path: Path) -> Any:
     """Open an HDF5 file for reading. Raises MachineError without h5py, FileError for others."""
-    try:
-        import h5py
-    except ImportError:
-        raise MachineError("HDF5 files need h5py", remedy="pip install egocap[datasets]") from None
+    require("h5py", "datasets")
+    import h5py
+
     try:
         return h5py.File(path, "r")
     except OSError as error:

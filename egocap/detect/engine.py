@@ -1,7 +1,8 @@
 """Inference engines: OpenVINO or onnxruntime on CPUs, optionally torch on CPU or GPU.
 
-The network is exported to ONNX once and cached under its weights' checksum, so that detection does
-not import torch.
+The network is written as ONNX once and cached under its weights' checksum, so that detection does
+not import torch: the shipped graph is filled with the weights, and only a network of another
+configuration is exported by torch.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -19,8 +21,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
+from egocap.detect.onnx_graph import filled_graph, has_graph
 from egocap.detect.weights import Weights
-from egocap.errors import EgocapError, InputError, MachineError
+from egocap.errors import EgocapError, InputError, MachineError, require
 from egocap.files import cache_folder, make_folder, replacing
 
 EngineName = Literal["auto", "onnxruntime", "openvino", "torch", "cuda"]
@@ -28,7 +31,7 @@ EngineName = Literal["auto", "onnxruntime", "openvino", "torch", "cuda"]
 CPUs; openvino: bfloat16 on CPUs that support it, twice as fast; torch: eager mode."""
 
 INPUT, OUTPUTS = "images", ("heat", "info")
-_EXPORT = 1  # version of the export, part of the cached file's name
+_EXPORT = 2  # version of the export, part of the cached file's name
 _OPSET = 17
 
 log = logging.getLogger(__name__)
@@ -111,32 +114,47 @@ def exported(weights: Weights) -> Path:
     try:
         make_folder(path.parent)
         with replacing(path) as temporary:
-            export_onnx(weights, temporary)
+            write_onnx(weights, temporary)
     except (EgocapError, OSError) as error:
         remedy = "set XDG_CACHE_HOME to a folder with 100 MB of space"
         raise MachineError(f"cannot cache the exported network: {error}", remedy=remedy) from None
     return path
 
 
-def export_onnx(weights: Weights, path: Path) -> None:
-    """Write the network as ONNX: uint8 images (B, H, W, 3) in, `heat` and `info` out."""
+def write_onnx(weights: Weights, path: Path) -> None:
+    """Write the network as ONNX: uint8 images (B, H, W, 3) in, `heat` and `info` out.
+
+    Raises FileError for damaged weights, MachineError without torch where it is needed.
+    """
+    if has_graph(weights):
+        path.write_bytes(filled_graph(weights))
+    else:
+        export_onnx(weights, path)
+
+
+def export_onnx(weights: Weights, path: Path | BytesIO, *, folded: bool = True) -> None:
+    """Export the network by torch, with batch normalisation folded into the convolutions or not."""
     import warnings
 
+    network = weights.network()
     import torch
 
     images = torch.zeros((2, weights.view.height, weights.view.width, 3), dtype=torch.uint8)
+    mode = torch.onnx.TrainingMode
     with warnings.catch_warnings(), torch.inference_mode():
         # The tracing exporter needs no package besides onnx; it is deprecated.
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
-            weights.network(),
+            network,
             (images,),
-            str(path),
+            path if isinstance(path, BytesIO) else str(path),
             dynamo=False,
             opset_version=_OPSET,
             input_names=[INPUT],
             output_names=list(OUTPUTS),
             dynamic_axes={name: {0: "B"} for name in (INPUT, *OUTPUTS)},
+            training=mode.EVAL if folded else mode.PRESERVE,
+            do_constant_folding=folded,
         )
 
 
@@ -165,10 +183,9 @@ def _openvino(path: Path, threads: int) -> Run:
     # OpenVINO's import sends usage data from a forked process, and a fork after OpenGL has started
     # can crash. Without this package it uses a stub.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
-    try:
-        import openvino  # pyright: ignore[reportMissingImports] (an extra)
-    except ImportError:
-        raise MachineError("openvino is missing", remedy="pip install 'egocap[openvino]'") from None
+    require("openvino", "fast")
+    import openvino  # pyright: ignore[reportMissingImports] (an extra)
+
     core = openvino.Core()
     options: dict[str, Any] = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads}
     compiled = core.compile_model(core.read_model(str(path)), "CPU", options)
@@ -183,6 +200,7 @@ def _openvino(path: Path, threads: int) -> Run:
 
 
 def _torch(weights: Weights, device: str, threads: int) -> Run:
+    require("torch", "train")
     import torch
 
     if device == "cuda" and not torch.cuda.is_available():

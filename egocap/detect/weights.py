@@ -15,10 +15,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy import ndarray as Array
+
 from egocap.body.labels import LABELS
 from egocap.detect.calibration import Calibration
 from egocap.detect.canonical_view import ViewSpec
-from egocap.errors import FileError, InputError, MachineError
+from egocap.errors import FileError, InputError, MachineError, require
 from egocap.files import write_atomically
 
 if TYPE_CHECKING:
@@ -49,34 +52,49 @@ class Weights:
         return f"{self.config['name']}-{self.sha256[:12]}"
 
     def network(self) -> DetectorNetwork:
-        """The network with these weights, for inference. Raises FileError."""
-        from safetensors import SafetensorError
-        from safetensors.torch import load_file
+        """The network with these weights, for inference. Raises FileError, or MachineError."""
+        require("torch", "train")
+        import torch
 
         from egocap.detect.network import build_network, config_from_dict
 
         try:
             network = build_network(config_from_dict(dict(self.config)))
-            state = load_file(self.path)
-        except (SafetensorError, OSError) as error:
-            raise FileError(self.path, f"damaged: {error}", valid=_EXPECTED) from None
         except InputError as error:
             raise FileError(self.path, str(error), key="config") from None
         wanted = network.state_dict()
-        for name, tensor in wanted.items():
-            if name not in state or state[name].shape != tensor.shape:
+        state = self.tensors({name: tuple(tensor.shape) for name, tensor in wanted.items()})
+        network.load_state_dict(
+            {name: torch.from_numpy(v).to(wanted[name].dtype) for name, v in state.items()}
+        )
+        return network.eval()
+
+    def tensors(self, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
+        """The tensors of a network whose tensors have these shapes. Raises FileError."""
+        stored = self.stored()
+        for name, shape in shapes.items():
+            if name not in stored or stored[name].shape != shape:
                 raise FileError(
                     self.path,
-                    f"has {list(state[name].shape)}" if name in state else "tensor missing",
+                    f"has {list(stored[name].shape)}" if name in stored else "tensor missing",
                     key=name,
-                    valid=f"{list(tensor.shape)} in a '{self.config['name']}' network",
+                    valid=f"{list(shape)} in a '{self.config['name']}' network",
                 )
-            if not state[name].isfinite().all():
+            if not np.isfinite(stored[name]).all():
                 raise FileError(self.path, "holds values that are not finite", key=name)
-        if extra := sorted(state.keys() - wanted.keys()):
+        if extra := sorted(stored.keys() - shapes.keys()):
             raise FileError(self.path, "unknown tensor", key=extra[0], valid=_EXPECTED)
-        network.load_state_dict({n: t.to(wanted[n].dtype) for n, t in state.items()})
-        return network.eval()
+        return stored
+
+    def stored(self) -> dict[str, Array]:
+        """The tensors of the file, by name. Raises FileError."""
+        from safetensors import SafetensorError
+        from safetensors.numpy import load_file
+
+        try:
+            return load_file(self.path)
+        except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+            raise FileError(self.path, f"damaged: {error}", valid=_EXPECTED) from None
 
 
 def open_weights(path: str | Path | None = None) -> Weights:
@@ -145,10 +163,10 @@ def with_calibration(
     weights: Weights, calibration: Calibration, training: Mapping[str, Any], path: str | Path
 ) -> None:
     """Write the same tensors with another calibration and training record."""
-    from safetensors.torch import load_file, save
+    from safetensors.numpy import save
 
     header = _header(weights.config, training, calibration)
-    write_atomically(Path(path), _in_order(save(load_file(weights.path), header)))
+    write_atomically(Path(path), _in_order(save(weights.stored(), header)))
 
 
 def shipped_file(name: str = SHIPPED) -> Path:

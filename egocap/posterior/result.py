@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
-from egocap.errors import FileError
+from egocap.errors import FileError, require
 from egocap.files import read_npz, write_npz
 from egocap.schema import parsed
 
@@ -139,12 +139,7 @@ def to_arviz(posterior: Posterior) -> Any:
     """
     from importlib import import_module
 
-    from egocap.errors import MachineError
-
-    try:
-        arviz = import_module("arviz")
-    except ImportError:
-        raise MachineError("arviz is not installed",
-                           remedy="pip install 'egocap[posterior]'") from None  # fmt: skip
+    require("arviz", "posterior")
+    arviz = import_module("arviz")
     variables = {name: posterior.draws[..., i] for i, name in enumerate(posterior.names)}
     return arviz.from_dict(posterior=variables, sample_stats={"lp": posterior.log_prob})

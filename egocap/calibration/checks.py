@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,13 +11,16 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap.boards.board import Board
-from egocap.calibration.detection import Anchors, find_markers
+from egocap.calibration.detection import Anchors, anchor_points, find_markers
+from egocap.calibration.planar_pose import homography_residual
 from egocap.calibration.recording import View
+from egocap.calibration.start import HALF_FIELDS, equidistant_rays, extent
 from egocap.calibration.state import Corners
-from egocap.errors import FileError
+from egocap.errors import FileError, InputError
 
 LEAST_BOARDS = 5  # pictures of a view
 _TRIED = 12  # pictures searched for the reason
+_LIES_FLAT = 0.06  # residual of a board's markers from the best homography, of their extent
 RECORD = ("20 to 60 sharp pictures of the whole board, in even light, held still, near and tilted, "
           "all over the image out to its rim")  # fmt: skip
 
@@ -38,6 +42,47 @@ def refuse_few_boards(view: View, corners: Corners) -> None:
     if boards < LEAST_BOARDS:
         raise FileError(view.source, f"the corners are clear in only {boards} of "
                         f"{len(view.pictures)} pictures", valid=RECORD)  # fmt: skip
+
+
+def refuse_other_layout(view: View, board: Board, anchors: Mapping[int, Anchors]) -> None:
+    """Raise FileError where the markers do not lie as on the board, whatever the lens.
+
+    A board of other counts has the same markers at other places, which no lens explains.
+    """
+    if not board.markers or _layout_residual(board, anchors, view) < _LIES_FLAT:
+        return
+    found = {str(b): _layout_residual(b, anchors, view) for b in _other_boards(board)}
+    best = min(found, key=lambda name: found[name])
+    fits = found[best] < _LIES_FLAT
+    raise FileError(view.source, f"no lens explains where the markers of {board} lie"
+                    + (f": they lie as on {best}" if fits else ""),
+                    valid="the counts and sizes of the board as printed; a flat board")  # fmt: skip
+
+
+def _layout_residual(board: Board, anchors: Mapping[int, Anchors], view: View) -> float:
+    """Median over pictures, with the equidistant lens that fits best; infinite without markers."""
+    points, whole = anchor_points(board), sorted(anchors.values(), key=len)[-_TRIED:]
+    shown = [a for a in whole if len(a) >= 8 and a.index.max() < len(points)]
+    if not shown:
+        return np.inf
+    medians = []
+    for half in HALF_FIELDS:
+        rays = [equidistant_rays(a.pixels, view.size, view.size[0] / 2 / half) for a in shown]
+        medians.append(np.median([homography_residual(r, points[a.index]) / extent(r)
+                                  for r, a in zip(rays, shown, strict=True)]))  # fmt: skip
+    return float(min(medians))
+
+
+def _other_boards(board: Board) -> list[Board]:
+    """The board turned, and boards of up to two squares more or less along a side."""
+    found = [replace(board, columns=board.rows, rows=board.columns)]
+    for columns in range(board.columns - 2, board.columns + 3):
+        for rows in range(board.rows, board.rows + 4):  # rows beyond the printed ones do no harm
+            try:
+                found.append(replace(board, columns=columns, rows=rows))
+            except InputError:
+                continue
+    return found
 
 
 def _reason(view: View, board: Board) -> str | None:

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from egocap.boards.board import Board
 from egocap.calibration.detection import NOTHING, Anchors, anchor_points, find_board
-from egocap.calibration.patches import Project, Refined, refine, visible
+from egocap.calibration.patches import Refined, projector, refine, visible
 from egocap.calibration.planar_pose import planar_pose
 from egocap.calibration.state import Corners, joined, no_corners
 from egocap.cameras.camera import Camera
@@ -25,7 +25,7 @@ _RECTIFIED_PX, _RECTIFIED_FIELD = 800, np.deg2rad(78.0)
 _TURNS = ((0.0, 0.0), *((np.deg2rad(62.0), k * np.pi / 4) for k in range(8)))
 _SAME_BOARD = np.deg2rad(3.0)  # rms of the anchors' angles
 _LEAST_WIDTH = 0.15  # of a set of corners, against its length
-_FLOOR_PX = 0.02  # standard deviation of a perfect corner: what resampling leaves
+_FLOOR_PX = 0.005  # standard deviation of a perfect corner
 
 
 def find_boards(pictures: Mapping[int, UInt8[Array, "H W"]], board: Board) -> dict[int, Anchors]:
@@ -84,7 +84,7 @@ def refine_boards(
         seen = np.flatnonzero(visible(board, poses[i], project, (camera.width, camera.height)))
         if len(seen) < LEAST_REFINED:
             return None
-        found = refine(pictures[i], board, poses[i], project, seen)
+        found = refine(pictures[i], board, poses[i], camera, seen)
         enough = max(LEAST_REFINED, _LEAST_SHARE * len(seen))
         whole = len(found.corner) >= enough and spans_plane(board.points[found.corner])
         return found if whole else None
@@ -116,18 +116,6 @@ def anchor_corners(anchors: Mapping[int, Anchors], view: int, least: int) -> Cor
                      np.tile(np.eye(2), (len(a), 1, 1)))
              for i, a in anchors.items() if len(a) >= least]  # fmt: skip
     return joined(parts or [no_corners()])
-
-
-def projector(camera: Camera) -> Project:
-    """Pixels of points in the camera frame, NaN outside the field of view."""
-
-    def project(points: Float[Array, "N 3"]) -> Float[Array, "N 2"]:
-        pixels, _ = camera.project(points)
-        rho = np.hypot(points[:, 0], points[:, 1])
-        inside = np.arctan2(rho, points[:, 2]) <= camera.max_angle
-        return np.where(inside[:, None], pixels, np.nan)
-
-    return project
 
 
 def _pinhole_map(camera: Camera, R_camera_view: Array) -> tuple[Array, Array]:

@@ -1,11 +1,12 @@
 """Sub-pixel corners in locally rectified patches.
 
 Each corner's surroundings are sampled on the board's own plane, through the lens and the board's
-pose, so that the corner looks as if seen from the front however oblique the view. The corner is the
-point at which the patch's gradients are orthogonal to the lines to it.
+pose, so that the corner looks as if seen from the front however oblique the view. The point at
+which the patch's gradients are orthogonal to the lines to it starts the fit of two edges to the
+pixels themselves.
 
 Source: Foerstner and Guelch 1987; Geiger et al. 2012 and Schoeps et al. 2020 for refinement in
-rectified patches.
+rectified patches; `egocap.calibration.saddle_fit`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap.boards.board import Board
+from egocap.calibration.saddle_fit import Surroundings, fit_saddles
+from egocap.cameras.camera import Camera
 
 Project = Callable[[Array], Array]
 """Pixels (N, 2) of points (N, 3) in the camera frame; NaN outside the lens's field."""
@@ -31,6 +34,9 @@ _SHARE = 0.85  # of the free surroundings that a patch uses
 _LEAST_SCORE = 0.75  # correlation with a corner
 _LEAST_CONTRAST = 12.0  # grey levels between black and white
 _MOST_MOVE = 0.35  # from the predicted place, as a share of the patch's half side
+_AROUND_PX = 10  # from a corner to the border of the pixels that are fitted
+_LEAST_FREE = 0.15  # of half a side: surroundings that count as free of markers
+_BLUR_PX = 0.3  # of a marker's edge, that is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +45,18 @@ class Refined:
 
     corner: Int[Array, "n"]
     pixels: Float[Array, "n 2"]
-    covariance: Float[Array, "n 2 2"]  # pixels^2 for a noise of one grey level
+    covariance: Float[Array, "n 2 2"]  # pixels^2
 
 
 def refine(
     picture: UInt8[Array, "H W"],
     board: Board,
     T_camera_board: Float[Array, "4 4"],
-    project: Project,
+    camera: Camera,
     wanted: Int[Array, "n"],
 ) -> Refined:
     """Refine the `wanted` corners of a board; those that do not look like corners are left out."""
+    project = projector(camera)
     points = board.points[wanted]
     half = _half_sizes(points, board, T_camera_board, project)
     inside = np.isfinite(half)
@@ -66,26 +73,59 @@ def refine(
         complete = np.isfinite(patch).all((1, 2))
         good &= complete
         patch = np.where(complete[:, None, None], patch, 0.0)
-        step, information = _foerstner(patch, grid, weight)
+        step = _foerstner(patch, grid, weight)
         offset += np.clip(step, -0.3, 0.3)
         if np.abs(step[good]).max(initial=0.0) < 1e-3:
             break
     score = _score(patch, grid, weight, board.polarity[wanted])
     good &= (np.abs(offset).max(1) < _MOST_MOVE) & (score > _LEAST_SCORE)
-    at = _pixels(points, offset[:, None, None] * _wide(half), T_camera_board, project)[:, 0, 0]
+    wanted, points, half, offset = wanted[good], points[good], half[good], offset[good]
     J = _patch_jacobian(half, points, T_camera_board, project)
-    return Refined(wanted[good], at[good], _covariance(J, information)[good])
+    seen = _surroundings(picture, board, points, half, T_camera_board, camera, J)
+    offset, covariance = fit_saddles(seen, offset)
+    at = _pixels(points, offset[:, None, None] * _wide(half), T_camera_board, project)[:, 0, 0]
+    near = (np.abs(offset) < _MOST_MOVE).all(1) & np.isfinite(at).all(1)
+    return Refined(wanted[near], at[near], (J @ covariance @ J.swapaxes(1, 2))[near])
+
+
+def projector(camera: Camera) -> Project:
+    """Pixels of points in the camera frame, NaN outside the field of view."""
+
+    def project(points: Float[Array, "N 3"]) -> Float[Array, "N 2"]:
+        pixels, _ = camera.project(points)
+        rho = np.hypot(points[:, 0], points[:, 1])
+        inside = np.arctan2(rho, points[:, 2]) <= camera.max_angle
+        return np.where(inside[:, None], pixels, np.nan)
+
+    return project
 
 
 def _wide(half: Float[Array, "n"]) -> Float[Array, "n 1 1 1"]:
     return half[:, None, None, None]
 
 
-def _covariance(J: Float[Array, "n 2 2"], information: Float[Array, "n 2 2"]) -> Array:
-    """Covariance in pixels of a patch whose every pixel holds as many samples as fit in it."""
-    area = np.maximum(4.0 * np.abs(np.linalg.det(J)), 1.0)  # of the patch in the image
-    samples = (2 * _HALF + 1) ** 2
-    return J @ np.linalg.inv(information) @ J.swapaxes(1, 2) * (samples / area)[:, None, None]
+def _surroundings(
+    picture: Array, board: Board, points: Array, half: Float[Array, "n"],
+    T_camera_board: Float[Array, "4 4"], camera: Camera, J: Float[Array, "n 2 2"],
+) -> Surroundings:  # fmt: skip
+    """The pixels around corners, and where on the board their rays meet it."""
+    side = np.arange(-_AROUND_PX, _AROUND_PX + 1)
+    middle = _pixels(points, np.zeros((len(points), 1, 1, 2)), T_camera_board, projector(camera))
+    pixels = np.rint(middle[:, 0]) + np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(-1)
+    at = np.where(inside[..., None], pixels, 0).astype(int)
+    rays, _ = camera.ray(at)
+    R, t = T_camera_board[:3, :3], T_camera_board[:3, 3]
+    towards = rays @ R[:, 2]
+    inside &= towards * (t @ R[:, 2]) > 1e-9
+    distance = t @ R[:, 2] / np.where(inside, towards, 1.0)
+    flat = (rays * distance[..., None] - t) @ R[:, :2]
+    u = (flat - points[:, None, :2]) / half[:, None, None]
+    pixel = np.linalg.norm(np.linalg.inv(J), axis=2)
+    free = np.maximum(board.reach / half[:, None] - _BLUR_PX * pixel, _LEAST_FREE)
+    clear = (np.abs(u) < free[:, None]).any(-1) & (np.abs(u) < 1.0).all(-1) & inside
+    weight = np.where(clear, np.exp(-2.0 * np.minimum(u**2, 1.0).sum(-1)), 0.0)
+    return Surroundings(picture[at[..., 1], at[..., 0]].astype(float), u, weight, pixel)
 
 
 def _half_sizes(points: Array, board: Board, T: Array, project: Project) -> Float[Array, "n"]:
@@ -136,16 +176,11 @@ def _window(grid: Array, board: Board, half: Float[Array, "n"]) -> Float[Array, 
     bell = np.exp(-2.0 * (grid**2).sum(-1))
     free = board.reach * _SHARE / half  # of the diagonal surroundings, in the patch's unit
     nearest = np.abs(grid).min(-1)
-    return bell * (nearest < np.maximum(free, 0.15)[:, None, None])
+    return bell * (nearest < np.maximum(free, _LEAST_FREE)[:, None, None])
 
 
-def _foerstner(
-    patch: Float[Array, "n a a"], grid: Array, weight: Array
-) -> tuple[Float[Array, "n 2"], Float[Array, "n 2 2"]]:
-    """The point to which the gradients are orthogonal, in the patch's unit, and its information.
-
-    The information is that of a noise of one grey level in every sample.
-    """
+def _foerstner(patch: Float[Array, "n a a"], grid: Array, weight: Array) -> Float[Array, "n 2"]:
+    """The point to which the gradients are orthogonal, in the patch's unit."""
     gy, gx = np.gradient(patch, axis=(1, 2))
     w = weight[:, 1:-1, 1:-1]
     gx, gy, at = gx[:, 1:-1, 1:-1], gy[:, 1:-1, 1:-1], grid[1:-1, 1:-1]
@@ -154,8 +189,7 @@ def _foerstner(
     A = np.einsum("nab,nabi,nabj->nij", w, gradient, gradient)
     b = np.einsum("nab,nabi,nab->ni", w, gradient, along)
     A += 1e-6 * (np.trace(A, axis1=1, axis2=2)[:, None, None] + 1e-6) * np.eye(2)
-    step = np.linalg.solve(A, b[..., None])[..., 0]
-    return step, A
+    return np.linalg.solve(A, b[..., None])[..., 0]
 
 
 def _score(

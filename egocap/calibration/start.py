@@ -12,7 +12,7 @@ from egocap.calibration.planar_pose import homography_residual, planar_pose
 from egocap.calibration.state import Corners, State
 
 LEAST_CORNERS = 6  # of a picture
-_HALF_FIELDS = np.deg2rad([25, 33, 42, 52, 64, 78, 92, 108, 125, 145])  # over half the width
+HALF_FIELDS = np.deg2rad([25, 33, 42, 52, 64, 78, 92, 108, 125, 145])  # over half the width
 _STARTS = 3  # best focal lengths that are adjusted
 EQUIDISTANT = LensShape("equidistant")
 
@@ -24,13 +24,13 @@ def start_view(corners: Corners, points: Float[Array, "K 3"], size: tuple[int, i
     """
     boards = boards_of(corners)
     errors = []
-    for half in _HALF_FIELDS:
+    for half in HALF_FIELDS:
         rays = equidistant_rays(corners.pixels, size, size[0] / 2 / half)
         # a homography fits rays of the wrong focal length worse; relative to the board's extent
-        each = [homography_residual(rays[b], points[corners.corner[b]]) / _extent(rays[b])
+        each = [homography_residual(rays[b], points[corners.corner[b]]) / extent(rays[b])
                 for b in boards]  # fmt: skip
         errors.append(float(np.median(each)))
-    found = [_adjusted(corners, points, size, _HALF_FIELDS[i])
+    found = [_adjusted(corners, points, size, HALF_FIELDS[i])
              for i in np.argsort(errors)[:_STARTS]]  # fmt: skip
     return min(found, key=lambda a: float(np.median(np.abs(a.residuals))))
 
@@ -68,5 +68,6 @@ def _adjusted(corners: Corners, points: Array, size: tuple[int, int], half: floa
     return adjust(state, corners, points)
 
 
-def _extent(rays: Float[Array, "n 3"]) -> float:
+def extent(rays: Float[Array, "n 3"]) -> float:
+    """Root mean square distance of unit rays from their mean."""
     return float(np.sqrt(((rays - rays.mean(0)) ** 2).sum(1).mean())) + 1e-9

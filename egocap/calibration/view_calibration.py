@@ -16,7 +16,11 @@ from egocap.calibration.adjustment import (
     robust_scale,
     whitened,
 )
-from egocap.calibration.checks import refuse_few_boards, refuse_no_boards
+from egocap.calibration.checks import (
+    refuse_few_boards,
+    refuse_no_boards,
+    refuse_other_layout,
+)
 from egocap.calibration.corner_search import (
     LEAST_REFINED,
     anchor_corners,
@@ -65,6 +69,7 @@ def calibrate_view(
     """Calibrate one camera. Raises InputError where the pictures do not determine it."""
     anchors = find_boards(view.pictures, board)
     refuse_no_boards(view, board, anchors)
+    refuse_other_layout(view, board, anchors)
     least = 8 if board.markers else LEAST_REFINED
     first = anchor_corners(anchors, 0, least)
     refuse_few_boards(view, first)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.calibration.flatness import bend
 from egocap.calibration.report.summary import corner_angles
 from egocap.calibration.rig_calibration import Calibration
 
@@ -16,6 +17,7 @@ _LEAST_PICTURES = 15
 _NEAR_M, _FAR_M = 0.05, 5.0  # of boards
 _BASELINE_M = (0.01, 0.8)
 _LEAST_TILT = np.deg2rad(20.0)
+_BENT_M, _SURE = 0.0005, 4.0  # height of an edge, and that over its standard deviation
 
 
 def advice(calibration: Calibration) -> list[str]:
@@ -24,7 +26,7 @@ def advice(calibration: Calibration) -> list[str]:
     for v, view in enumerate(calibration.views):
         name = view.view.name
         found += [f"{name}: {text}" for text in _of_view(calibration, v)]
-    return found + _of_sizes(calibration) + _of_poses(calibration)
+    return found + _of_bend(calibration) + _of_sizes(calibration) + _of_poses(calibration)
 
 
 def lens_uncertainty(
@@ -94,6 +96,15 @@ def _of_sizes(calibration: Calibration) -> list[str]:
     if _NEAR_M < distance < _FAR_M:
         return []
     return [f"the boards are {distance:.3g} m away: are the sizes in --board in metres?"]
+
+
+def _of_bend(calibration: Calibration) -> list[str]:
+    height, covariance = bend(calibration.adjusted, calibration.corners, calibration.board)
+    most = float(np.abs(height).max())
+    if most < _BENT_M or height @ np.linalg.solve(covariance, height) < 3 * _SURE**2:
+        return []
+    return [f"the board is bent by {1000 * most:.1f} mm: glue it to glass, aluminium or a hardback "
+            "book and record again"]  # fmt: skip
 
 
 def _of_poses(calibration: Calibration) -> list[str]:

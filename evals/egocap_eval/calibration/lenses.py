@@ -6,11 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import polar
 
 from egocap.cameras.camera import Camera
 from egocap.cameras.camera_files import load_camera
 from egocap.cameras.rig import Mount, Rig
 from egocap.cameras.rig_files import load_rig
+from egocap.geometry import rigid
 from egocap_sim.core.resources import rig_file
 
 SIZE = (1280, 1024)
@@ -42,3 +44,18 @@ def stereo_rig(name: str, camera: Camera) -> Rig:
     other = replace(camera, centre=centre)
     left, right = helmet.T_head_camera
     return Rig(name, (Mount("left", camera, left), Mount("right", other, right)))
+
+
+def with_symmetric_affine(mount: Mount) -> Mount:
+    """The same camera in the frame that a calibration uses.
+
+    An affine matrix A = S Q turns the image by Q about the optical axis; so does a turn of the
+    camera. The calibrated matrix is symmetric (`egocap.calibration.lens_shape`): Q is in the pose.
+    """
+    Q, S = polar(np.array(mount.camera.affine), side="left")
+    turn = np.eye(3)
+    turn[:2, :2] = Q.T
+    camera = replace(mount.camera, affine=tuple(map(tuple, S.tolist())))
+    return replace(
+        mount, camera=camera, T_head_camera=mount.T_head_camera @ rigid(turn, np.zeros(3))
+    )

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import cv2
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
@@ -67,40 +64,3 @@ def pose_errors(calibration: Calibration, truth: Rig) -> dict[str, float]:
     return {"millimetres": float(1000 * np.linalg.norm(shift)),
             "degrees": float(np.degrees(np.linalg.norm(turn))),
             "normalised": float(np.sqrt(step @ np.linalg.solve(covariance, step) / 6))}  # fmt: skip
-
-
-def opencv_fisheye(calibration: Calibration, view: int) -> dict[str, Any]:
-    """Reprojection rms [px] of cv2.fisheye on the corners of one view, with and without a guess.
-
-    None where it raises or diverges. Its guess is our lens; boards beyond 90 degrees are left out
-    for it, because it cannot project them.
-    """
-    objects, images = _boards(calibration, view)
-    size = calibration.views[view].view.size
-    camera = calibration.rig.cameras[view]
-    focal = np.sqrt(np.linalg.det(np.array(camera.affine))) * camera.radial.radius(0.0)[1]
-    K = np.array([[focal, 0, camera.centre[0]], [0, focal, camera.centre[1]], [0, 0, 1.0]])
-    flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
-    found: dict[str, Any] = {"boards": len(objects)}
-    for name, more in (("guided", cv2.CALIB_USE_INTRINSIC_GUESS), ("unguided", 0)):
-        try:
-            rms = cv2.fisheye.calibrate(objects, images, size, K.copy(), np.zeros((4, 1)),
-                                        flags=flags | more)[0]  # fmt: skip
-        except cv2.error:
-            rms = np.inf
-        found[name] = float(rms / np.sqrt(2)) if rms < 100 else None  # of a coordinate
-    return found
-
-
-def _boards(calibration: Calibration, view: int) -> tuple[list[Array], list[Array]]:
-    corners, state = calibration.corners, calibration.adjusted.state
-    objects, images = [], []
-    for i in np.unique(corners.instant[corners.view == view]):
-        at = (corners.view == view) & (corners.instant == i)
-        points = calibration.board.points[corners.corner[at]]
-        T = state.T_view_rig[view] @ state.T_rig_board[i]
-        seen = points @ T[:3, :3].T + T[:3, 3]
-        if np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]).max() < np.deg2rad(88):
-            objects.append(points[None])
-            images.append(corners.pixels[at][None])
-    return objects, images

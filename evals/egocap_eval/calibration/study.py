@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,14 @@ from egocap.calibration.rig_calibration import Calibration, calibrate
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import parse_rig
 from egocap.evaluation.table import Table
-from egocap_eval.calibration.lenses import stereo_rig, study_lenses
+from egocap_eval.calibration.lenses import (
+    stereo_rig,
+    study_lenses,
+    with_symmetric_affine,
+)
+from egocap_eval.calibration.opencv import compare
 from egocap_eval.calibration.scores import (
     normalised_lens_error,
-    opencv_fisheye,
     pose_errors,
     ray_errors,
 )
@@ -27,6 +32,7 @@ from egocap_sim.boards.settings import BoardRecording
 
 TARGETS = {"ray_rms": 0.02, "ray_worst": 0.1, "millimetres": 0.5, "degrees": 0.03}
 _NORMALISED = (0.8, 1.25)
+_NO_WORSE = 1.001  # of OpenCV's reprojection error
 
 
 def study(
@@ -53,6 +59,7 @@ def study(
             settings = BoardRecording(count=count, seed=seed + i)
             record_board(parse_board(board), rig, settings, recorded)
         truth = parse_rig(json.loads((recorded / TRUTH).read_text())["rig"], recorded / TRUTH)
+        truth = replace(truth, mounts=tuple(map(with_symmetric_affine, truth.mounts)))
         started = time.process_time()
         found = calibrate([recorded / view for view in rig.views], board)
         rows.append(_row(name, found, truth, time.process_time() - started))
@@ -69,7 +76,7 @@ def _row(name: str, found: Calibration, truth: Rig, seconds: float) -> dict[str,
         cameras.append({"model": found.views[v].choice.shape.title, "rays_degrees": errors,
                         "normalised": normalised_lens_error(found, v, mount.camera),
                         "reprojection_px": pixels, "corners": int(own.sum()),
-                        "opencv_fisheye": opencv_fisheye(found, v)})  # fmt: skip
+                        "opencv": compare(found, v)})  # fmt: skip
     return {"lens": name, "cameras": cameras, "pose": pose_errors(found, truth),
             "cpu_seconds": seconds}  # fmt: skip
 
@@ -84,13 +91,26 @@ def _summary(rows: list[dict[str, Any]]) -> dict[str, float]:
         "degrees": max(row["pose"]["degrees"] for row in rows),
         "normalised_lens": float(np.sqrt(np.mean(squares))),
         "normalised_pose": float(np.sqrt(np.mean([r["pose"]["normalised"] ** 2 for r in rows]))),
+        "against_fisheye": _against(cameras, "fisheye_guided", "ours_fisheye"),
+        "against_omnidir": _against(cameras, "omnidir", "ours_omnidir"),
+        "fisheye_failed": sum(c["opencv"]["fisheye"] is None for c in cameras),
+        "omnidir_failed": sum(c["opencv"]["omnidir"] is None for c in cameras),
     }
+
+
+def _against(cameras: list[dict[str, Any]], theirs: str, ours: str) -> float:
+    """Largest ratio of our reprojection error to OpenCV's, where it has one."""
+    pairs = [(c["opencv"][ours], c["opencv"][theirs]) for c in cameras]
+    return max((own / other for own, other in pairs if other is not None), default=0.0)
 
 
 def _missed(summary: dict[str, float]) -> list[str]:
     low, high = _NORMALISED
     wrong = [f"{name} is {summary[name]:.3g}, above {most:g}"
              for name, most in TARGETS.items() if summary[name] > most]  # fmt: skip
+    wrong += [f"{name} is {summary[name]:.4f}, above {_NO_WORSE:g}"
+              for name in ("against_fisheye", "against_omnidir")
+              if summary[name] > _NO_WORSE]  # fmt: skip
     return wrong + [f"{name} is {summary[name]:.2f}, not within {low:g} to {high:g}"
                     for name in ("normalised_lens", "normalised_pose")
                     if not low <= summary[name] <= high]  # fmt: skip
@@ -98,13 +118,13 @@ def _missed(summary: dict[str, float]) -> list[str]:
 
 def _table(rows: list[dict[str, Any]]) -> Table:
     head = ("lens", "model", "rays, rms deg", "worst", "aligned rms", "normalised", "px",
-            "cv2.fisheye px", "unguided", "pose mm", "pose deg", "CPU s")  # fmt: skip
+            "fisheye px", "ours", "omnidir px", "ours", "pose mm", "pose deg", "CPU s")  # fmt: skip
     body = []
     for row in rows:
         for side, camera in zip(("left", "right"), row["cameras"], strict=True):
-            rays, theirs = camera["rays_degrees"], camera["opencv_fisheye"]
-            shown = [f"{t:.4f}" if t is not None else "failed"
-                     for t in (theirs["guided"], theirs["unguided"])]  # fmt: skip
+            rays, both = camera["rays_degrees"], camera["opencv"]
+            shown = [f"{both[n]:.4f}" if both[n] is not None else "failed"
+                     for n in ("fisheye", "ours_fisheye", "omnidir", "ours_omnidir")]  # fmt: skip
             body.append((f"{row['lens']} {side}", camera["model"], f"{rays['rms']:.4f}",
                          f"{rays['worst']:.4f}", f"{rays['aligned_rms']:.4f}",
                          f"{camera['normalised']:.2f}", f"{camera['reprojection_px']:.4f}", *shown,

@@ -76,6 +76,20 @@ def test_mirrored_pictures_are_recognised(recorded, tmp_path):
         calibrate([tmp_path / "left"], BOARD)
 
 
+def test_moving_blur_is_recognised(recorded, tmp_path):
+    kernel = np.zeros((31, 31), np.float32)
+    np.fill_diagonal(kernel, 1 / 31)
+    for path in sorted((recorded / "left").iterdir())[:6]:
+        cv2.imwrite(str(tmp_path / path.name), cv2.filter2D(cv2.imread(str(path)), -1, kernel))
+    with pytest.raises(FileError, match=r"found in 0 of 6 pictures: .*blurred.*held still"):
+        calibrate([tmp_path], BOARD)
+
+
+def test_board_of_other_counts_is_named(recorded):
+    with pytest.raises(FileError, match=r"no lens explains .* lie as on charuco:4x\d"):
+        calibrate([recorded / "left"], "charuco:5x4:0.05:0.037")
+
+
 def test_pictures_without_a_board(tmp_path):
     rng = np.random.default_rng(0)
     for i in range(6):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray as Array
 
-from egocap.data.footage import ViewColour, ViewTiming
+from egocap.data.footage import FootageView, ViewColour, ViewTiming
 from egocap.errors import InputError
 from egocap.footage.config import ImportOptions
 from egocap.footage.pairing import REPEATED
@@ -17,16 +18,19 @@ from egocap.footage.photometry import estimate_colour
 from egocap.footage.scan import ViewScan
 from egocap.footage.synchronisation import (
     ViewSignal,
+    ViewSignals,
     estimate_clock,
     light_signal,
     rotation_signal,
+    sound_signal,
 )
+from egocap.media.sound import loudness
 
 log = logging.getLogger(__name__)
 
 
 def find_clocks(
-    options: ImportOptions, scans: Sequence[ViewScan], names: Sequence[str]
+    options: ImportOptions, scans: Sequence[ViewScan], views: Sequence[FootageView]
 ) -> list[ViewTiming]:
     """Clock of every view against the first's. Raises InputError for a wrong number of values.
 
@@ -37,13 +41,13 @@ def find_clocks(
         return _given(options, len(scans))
     if options.side_by_side:
         return [ViewTiming(note="the views share a file") for _ in scans]
-    (turn, light), *others = (_signals(scan) for scan in scans)
+    first, *others = (_signals(s, view.path) for s, view in zip(scans, views, strict=True))
     found = [ViewTiming()]
-    for name, (own_turn, own_light) in zip(names[1:], others, strict=True):
-        estimate = estimate_clock(turn, own_turn, light, own_light)
+    for view, other in zip(views[1:], others, strict=True):
+        estimate = estimate_clock(first, other)
         if estimate.problem:
             log.warning("%s: clock assumed equal to that of %s (%s); set --lag where it is not",
-                        name, names[0], estimate.problem)  # fmt: skip
+                        view.name, views[0].name, estimate.problem)  # fmt: skip
         found.append(estimate.timing)
     return found
 
@@ -84,10 +88,17 @@ def _check_count(name: str, values: Sequence[float], views: int, each: int = 1) 
                          valid=f"{each * (views - 1)}, {what} after the first")  # fmt: skip
 
 
-def _signals(scan: ViewScan) -> tuple[ViewSignal, ViewSignal]:
+def _signals(scan: ViewScan, path: str) -> ViewSignals:
     fresh = _fresh(scan)
-    return (rotation_signal(scan.time, scan.turn, fresh),
-            light_signal(scan.time, scan.light, fresh))  # fmt: skip
+    return ViewSignals(
+        rotation_signal(scan.time, scan.turn, fresh), light_signal(scan.time, scan.light, fresh),
+        _sound(Path(path)),
+    )  # fmt: skip
+
+
+def _sound(path: Path) -> ViewSignal | None:
+    heard = None if path.is_dir() else loudness(path)
+    return None if heard is None else sound_signal(*heard)
 
 
 def _fresh(scan: ViewScan) -> Bool[Array, "N"]:

@@ -83,7 +83,7 @@ def import_footage(
     if prepared is None:
         make_folder(out)
         scans = scan_views(views, entries, fitted, out, on_step)
-        timings = find_clocks(options, scans, fitted.views)
+        timings = find_clocks(options, scans, entries)
         colours = find_colours(options, scans, timings)
         found = view_frames(scans, timings)
         times = pair(found, options.range)

@@ -1,8 +1,9 @@
-"""Clocks of views from what they see at the same time: head rotation, or changes of the light.
+"""Clocks of views from what they have in common: head rotation, sound, or changes of the light.
 
-Angular rates of two views are correlated for a coarse lag. Lag and drift then minimise the robust
-difference of the rates, with a prior on the drift of crystals. Standard deviations are those of a
-sandwich estimator over blocks of a second, since errors of neighbouring frames are alike.
+Angular rates of two views, or changes of their loudness, are correlated for a coarse lag. Lag and
+drift then minimise the robust difference of the rates, with a prior on the drift of crystals.
+Standard deviations are those of a sandwich estimator over blocks of a second, since errors of
+neighbouring samples are alike.
 
 Source: Huber & Ronchetti 2009, ch. 7 (M-estimators and their covariance).
 """
@@ -24,9 +25,14 @@ LEAST_OVERLAP_S = 3.0
 STILL_RAD_S = 0.03  # rate of a head at rest, with the noise of its measurement
 MOST_STD_S = 0.010  # of a lag that is still worth using
 RIVAL = 0.97  # of the highest peak of the correlation: another lag explains the views as well
-WHAT = {"rotation": "the rotation of the head", "light": "changes of the light"}
+WHAT = {"rotation": "the rotation of the head", "sound": "sound", "light": "changes of the light"}
+SOUND_STD_S = 0.003  # by which the sound of two cameras of one kind lies apart from their pictures
+SOUND_FAR_S = 0.1  # from the pictures: not the same sound
 _SMOOTH = 1.0  # standard deviation of the smoothing, frames
 _BLOCK_S = 1.0
+_SOUND_SMOOTH = 1.0  # standard deviation of the smoothing of sound's power, samples
+_LOUD = 2.0  # times the usual amplitude: where sound counts
+_ONSET_S = 1e-4  # by which the beginnings of sounds differ between microphones
 _ROUNDS = 12
 _FLOOR_S = 3e-4  # standard deviation of what the model leaves out: rolling shutter, exposure
 
@@ -46,7 +52,7 @@ class ClockEstimate:
 
     timing: ViewTiming
     correlation: float  # of the two signals, aligned; nan without any
-    source: str  # 'rotation', 'light' or 'none'
+    source: str  # 'rotation', 'sound', 'light' or 'none'
     problem: str = ""  # why the clock could not be estimated
 
 
@@ -77,6 +83,16 @@ def light_signal(
     return replace(found, events=True)
 
 
+def sound_signal(time: Float[Array, "N"], amplitude: Float[Array, "N"]) -> ViewSignal:
+    """Rate of change of the logarithm of the amplitude, above the usual noise."""
+    from scipy.ndimage import gaussian_filter1d
+
+    amplitude = np.sqrt(gaussian_filter1d(amplitude**2, _SOUND_SMOOTH, mode="nearest"))
+    usual, loud = np.quantile(amplitude, [0.5, 0.995])  # free of the microphone's gain
+    level = np.log1p(amplitude / max(_LOUD * usual, loud / _LOUD, 1e-9))
+    return replace(_rates(time, level[:, None], np.zeros(len(time))), events=True)
+
+
 def _rates(
     time: Float[Array, "n"], total: Float[Array, "n K"], unknown: Float[Array, "n"]
 ) -> ViewSignal:
@@ -89,21 +105,75 @@ def _rates(
     return ViewSignal(0.5 * (time[1:] + time[:-1])[good], rate)
 
 
-def estimate_clock(
-    first: ViewSignal, other: ViewSignal, first_light: ViewSignal, other_light: ViewSignal
-) -> ClockEstimate:
+@dataclass(frozen=True, eq=False)
+class ViewSignals:
+    """All that one view shows of its clock."""
+
+    rotation: ViewSignal
+    light: ViewSignal
+    sound: ViewSignal | None = None
+
+
+def estimate_clock(first: ViewSignals, other: ViewSignals) -> ClockEstimate:
     """Clock of the other view, with the first's as the common one.
 
-    Head rotation decides; without enough of it, sudden changes of the light (a flash, a lamp).
+    Head rotation decides, and sound improves its drift; without enough rotation, sound, then sudden
+    changes of the light (a flash, a lamp).
     """
-    problems = []
-    for source, a, b in (("rotation", first, other), ("light", first_light, other_light)):
-        found = _estimate(a, b, source)
-        if not found.problem:
-            return found
-        problems.append(f"{source}: {found.problem}")
-    problem = "; ".join(problems)
-    return ClockEstimate(ViewTiming(note=problem), found.correlation, "none", problem)
+    found = {"rotation": _estimate(first.rotation, other.rotation, "rotation")}
+    if first.sound is not None and other.sound is not None:
+        found["sound"] = _from_sound(first.sound, other.sound)
+    turned = found["rotation"]
+    if not turned.problem:
+        return _with_drift(turned, found.get("sound", turned), float(other.rotation.time.mean()))
+    if "sound" not in found or found["sound"].problem:
+        found["light"] = _estimate(first.light, other.light, "light")
+    for estimate in found.values():
+        if not estimate.problem:
+            return estimate
+    problem = "; ".join(f"{source}: {estimate.problem}" for source, estimate in found.items())
+    return ClockEstimate(ViewTiming(note=problem), next(reversed(found.values())).correlation,
+                         "none", problem)  # fmt: skip
+
+
+def _from_sound(a: ViewSignal, b: ViewSignal) -> ClockEstimate:
+    """As `_estimate`; sound and pictures of a file may lie apart."""
+    found = _estimate(a, b, "sound")
+    if found.problem:
+        return found
+    assert found.timing.offset_std_s is not None
+    assert found.timing.drift_std_ppm is not None
+    drift_std = np.hypot(found.timing.drift_std_ppm, 1e6 * _ONSET_S * 12**0.5 / _duration(b))
+    return replace(found, timing=found.timing.model_copy(update={
+        "offset_std_s": float(np.hypot(found.timing.offset_std_s, SOUND_STD_S)),
+        "drift_std_ppm": float(drift_std),
+    }))  # fmt: skip
+
+
+def _with_drift(turned: ClockEstimate, heard: ClockEstimate, middle: float) -> ClockEstimate:
+    """The lag of the one at the middle of the footage, and the drift of the surer one."""
+    timing, sound = turned.timing, heard.timing
+    if heard.source != "sound":
+        return turned
+    assert timing.offset_std_s is not None and timing.drift_std_ppm is not None
+    assert sound.drift_std_ppm is not None
+    at = np.array([middle])
+    apart = float((sound.to_common(at) - timing.to_common(at))[0])
+    if abs(apart) > SOUND_FAR_S:
+        note = f"{timing.note}; the sound tracks lie {1e3 * apart:+.0f} ms apart from that"
+        return replace(turned, timing=timing.model_copy(update={"note": note}))
+    if sound.drift_std_ppm >= timing.drift_std_ppm:
+        return turned
+    away = 1e-6 * middle
+    std_middle = np.sqrt(
+        max(timing.offset_std_s**2 - (away * timing.drift_std_ppm) ** 2, _FLOOR_S**2)
+    )
+    return replace(turned, timing=timing.model_copy(update={
+        "offset_s": timing.offset_s + away * (timing.drift_ppm - sound.drift_ppm),
+        "offset_std_s": float(np.hypot(std_middle, away * sound.drift_std_ppm)),
+        "drift_ppm": sound.drift_ppm, "drift_std_ppm": sound.drift_std_ppm,
+        "note": f"{timing.note}; drift from sound, {1e3 * apart:+.1f} ms apart",
+    }))  # fmt: skip
 
 
 def _estimate(a: ViewSignal, b: ViewSignal, source: str) -> ClockEstimate:
@@ -114,7 +184,7 @@ def _estimate(a: ViewSignal, b: ViewSignal, source: str) -> ClockEstimate:
         return failed(f"less than {LEAST_OVERLAP_S:g} s")
     if source == "rotation" and min(_activity(a), _activity(b)) < STILL_RAD_S:
         return failed("the head hardly turns")
-    if source == "light" and min(_peak(a), _peak(b)) < 12.0:
+    if source != "rotation" and min(_peak(a), _peak(b)) < 12.0:
         return failed("no sudden change")
     lag, correlation, rival = coarse_lag(a, b)
     if not correlation > LEAST_CORRELATION:
@@ -217,7 +287,8 @@ def _linearised(
         parts.append((rate[inside] - spline(at[inside]), J, when[inside]))
     residual, J, when = (np.concatenate(p) for p in zip(*parts, strict=True))
     size = np.linalg.norm(residual, axis=1)
-    scale = max(1.4826 * float(np.median(size)), 1e-9)
+    usual = float(np.sqrt(np.mean(size**2))) if a.events else 1.4826 * float(np.median(size))
+    scale = max(usual, 1e-9)
     weight = 1.0 / (1.0 + (size / (2.0 * scale)) ** 2) ** 2
     variance = 0.5 * scale**2
     prior = np.diag([0.0, variance / (1e-6 * DRIFT_PRIOR_PPM) ** 2])
@@ -257,7 +328,8 @@ def _smoothed(signal: ViewSignal) -> ViewSignal:
         off = np.linalg.norm(rate - median, axis=1)
         spike = off > 8.0 * 1.4826 * np.median(off) + 1e-9
         rate = np.where(spike[:, None], median, rate)
-    return ViewSignal(signal.time, gaussian_filter1d(rate, _SMOOTH, axis=0, mode="nearest"))
+    smooth = gaussian_filter1d(rate, _SMOOTH, axis=0, mode="nearest")
+    return replace(signal, rate=smooth)
 
 
 def _duration(signal: ViewSignal) -> float:

@@ -1,9 +1,9 @@
 """Export to ordinary camera files: one H.264 video of every view, and no truth.
 
 Each camera starts at its own time, has its own white balance and exposure, loses a few frames and
-repeats some, and states the times of its own clock. Clocks that differ between frames are rendered:
-the scene's `fps`, `time_offset_s` and `clock_drift_ppm`. planted.json holds what was done, for
-scoring only.
+repeats some, records sound, and states the times of its own clock. Clocks that differ between
+frames are rendered: the scene's `fps`, `time_offset_s` and `clock_drift_ppm`. planted.json holds
+what was done, for scoring only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from egocap.data.sequence import Sequence
@@ -24,6 +24,7 @@ from egocap.errors import InputError
 from egocap.files import replacing, write_json
 from egocap_sim.core.rng import make_rng
 from egocap_sim.export.formats import new_folder
+from egocap_sim.export.sound import RATE, SceneSound, scene_sound
 from egocap_sim.sensor.light import DECODING
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ LATEST_START_S = 1.5
 LOST, REPEATED = 3, 1  # frames of each view, if it has a hundred
 EXPOSURE_EV, BALANCE_EV = 0.3, 0.15  # standard deviations
 _TICKS = 90_000  # a second, of the container's clock
+_BLOCK = 1024  # samples of a block of sound
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +62,10 @@ def write_videos(sequence: Sequence, out: Path, on_frames: Callable[[int], None]
                              valid="even width and height, for H.264")  # fmt: skip
     new_folder(out)
     planned = [_plan(sequence, v) for v in range(len(manifest.views))]
+    sound = scene_sound(sequence)
     with ExitStack() as stack:
         writers = [
-            stack.enter_context(_Writer(out / f"{view}.mp4", sequence, v, planned[v]))
+            stack.enter_context(_Writer(out / f"{view}.mp4", sequence, v, planned[v], sound))
             for v, view in enumerate(manifest.views)
         ]
         for frame in sequence:
@@ -136,11 +139,24 @@ def _plan(sequence: Sequence, v: int) -> CameraFile:
     return CameraFile(tuple(frames), tuple(i - start for i in places), gain)
 
 
+def _recorded_sound(
+    sequence: Sequence, v: int, camera: CameraFile, sound: SceneSound
+) -> Float32[Array, "N"]:
+    """What the microphone of a view records from its first to its last picture."""
+    start, rate = _clock(sequence, v, camera)
+    own = np.arange(int(camera.places[-1] / sequence.manifest.fps * RATE)) / RATE
+    rng = make_rng(sequence.manifest.seed, f"microphone.{sequence.manifest.views[v]}")
+    return sound.recorded(start + rate * own, float(rng.uniform(0.3, 1.0)), rng)
+
+
 class _Writer:
     """Encodes one view."""
 
-    def __init__(self, path: Path, sequence: Sequence, v: int, camera: CameraFile) -> None:
+    def __init__(
+        self, path: Path, sequence: Sequence, v: int, camera: CameraFile, sound: SceneSound
+    ) -> None:
         self._path, self._camera = path, camera
+        self._heard = _recorded_sound(sequence, v, camera, sound)
         self._fps = Fraction(sequence.manifest.fps).limit_denominator(1001)
         self._size = sequence.rig.cameras[v].width, sequence.rig.cameras[v].height
         self._table = np.clip(
@@ -149,7 +165,7 @@ class _Writer:
         self._wanted: dict[int, list[int]] = {}
         for frame, place in zip(camera.frames, camera.places, strict=True):
             self._wanted.setdefault(frame, []).append(place)
-        self._stack = ExitStack()
+        self._stack, self._written = ExitStack(), 0
 
     def __enter__(self) -> _Writer:
         import av
@@ -164,17 +180,33 @@ class _Writer:
         stream.bit_rate = int(BITS_PER_PIXEL * width * height * float(self._fps))
         stream.codec_context.time_base = Fraction(1, _TICKS)
         self._stream = stream
+        self._sound = self._container.add_stream("aac", rate=RATE, layout="mono")
         return self
 
     def __exit__(self, *exception: Any) -> None:
         if exception[0] is None:
+            self._add_sound(len(self._heard))
+            self._container.mux(self._sound.encode(None))  # pyright: ignore[reportArgumentType]
             self._container.mux(self._stream.encode())
         self._stack.__exit__(*exception)
 
     def add(self, index: int, image: UInt8[Array, "H W 3"]) -> None:
         """Encode a frame of the sequence as often as the camera records it."""
         for frame in self._frames(index, image):
+            self._add_sound(round(frame.pts * RATE / _TICKS))
             self._container.mux(self._stream.encode(frame))
+
+    def _add_sound(self, until: int) -> None:
+        """Encode the sound up to a sample."""
+        from av import AudioFrame
+
+        while self._written < min(until, len(self._heard)):
+            block = self._heard[self._written : self._written + _BLOCK]
+            frame = AudioFrame.from_ndarray(block[None], format="fltp", layout="mono")
+            frame.sample_rate, frame.pts = RATE, self._written
+            frame.time_base = Fraction(1, RATE)
+            self._container.mux(self._sound.encode(frame))  # pyright: ignore[reportArgumentType]
+            self._written += len(block)
 
     def _frames(self, index: int, image: UInt8[Array, "H W 3"]) -> Iterator[Any]:
         import cv2

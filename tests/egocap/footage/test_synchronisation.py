@@ -6,11 +6,13 @@ from scipy.interpolate import CubicSpline
 
 from egocap.footage.synchronisation import (
     ViewSignal,
+    ViewSignals,
     coarse_lag,
     estimate_clock,
     light_signal,
     refine_clock,
     rotation_signal,
+    sound_signal,
 )
 
 FPS = 29.97
@@ -44,9 +46,11 @@ def dark(seconds):
     return light_signal(time, 100.0 + rng.normal(0, 0.5, len(time)), np.ones(len(time), bool))
 
 
-def estimate(first, other, light=None):
-    still = dark(60)
-    return estimate_clock(first, other, *(light or (still, still)))
+def estimate(first, other, light=None, sound=(None, None)):
+    lights = light or (dark(60), dark(60))
+    return estimate_clock(
+        *(ViewSignals(*s) for s in zip((first, other), lights, sound, strict=True))
+    )
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.0123, -1.487, 3.3021])
@@ -144,3 +148,46 @@ def test_the_reversed_roles_invert_the_clock():
     back, rate, _ = refine_clock(b, a, coarse_lag(b, a)[0])
     assert back == pytest.approx(-offset, abs=1e-3)
     assert rate == pytest.approx(-drift, abs=5e-5)
+
+
+def heard(seconds, offset=0.0, drift=0.0, gain=1.0, seed=1, bursts=40):
+    """Loudness of sounds of a scene, by a file whose clock differs."""
+    events = np.random.default_rng(9)
+    at, loud = events.uniform(-5, 40, bursts), events.uniform(0.2, 1.0, bursts)
+    own = np.arange(int(seconds / 0.002)) * 0.002
+    since = (offset + (1.0 + drift) * own)[:, None] - at
+    since = since.clip(0)
+    sound = (loud * np.exp(-since / 0.05) * -np.expm1(-since / 0.005)).sum(1)
+    own_noise = np.random.default_rng(seed).uniform(0.8, 1.2, len(own))
+    return sound_signal(own, gain * sound + 0.01 * own_noise)
+
+
+def test_sound_gives_the_clock_where_the_head_is_still():
+    still = Head(40, rate=0.0)
+    sound = heard(30), heard(28, 1.234, 30e-6, gain=0.3, seed=2)
+    found = estimate(still.seen(30), still.seen(28, 1.234, seed=2), sound=sound)
+    assert found.source == "sound" and "from sound" in found.timing.note
+    assert found.timing.offset_s == pytest.approx(1.234, abs=2e-3)
+    assert found.timing.drift_ppm == pytest.approx(30, abs=3 * found.timing.drift_std_ppm)
+    assert found.timing.offset_std_s > 2e-3  # sound and pictures of a file lie apart
+
+
+def test_sound_improves_the_drift_and_leaves_the_lag_to_the_pictures():
+    head = Head(40)
+    first, other = head.seen(30, noise=2e-3), head.seen(28, 0.5, 45e-6, noise=2e-3, seed=2)
+    sound = heard(30), heard(28, 0.5 + 0.012, 45e-6, gain=2.0, seed=2)  # 12 ms behind
+    alone, both = estimate(first, other).timing, estimate(first, other, sound=sound).timing
+    assert both.drift_std_ppm < 0.7 * alone.drift_std_ppm
+    assert both.drift_ppm == pytest.approx(45, abs=20)
+    middle = 14.0
+    np.testing.assert_allclose(both.to_common(middle), alone.to_common(middle), atol=2e-4)
+    assert "drift from sound, +12" in both.note or "drift from sound, +11" in both.note
+
+
+def test_sound_of_another_occasion_changes_nothing():
+    head = Head(40)
+    first, other = head.seen(30), head.seen(28, 0.5, seed=2)
+    sound = heard(30), heard(28, 3.5, seed=2)
+    alone, both = estimate(first, other).timing, estimate(first, other, sound=sound).timing
+    assert both.offset_s == alone.offset_s and both.drift_ppm == alone.drift_ppm
+    assert "sound tracks lie +3000 ms apart" in both.note

@@ -29,6 +29,8 @@ class Footage:
         self.manifest = SimpleNamespace(name="ramp", fps=FPS, views=self.rig.views, seed=4)
         self.times = np.arange(frames) / FPS
         taken = np.stack([self.times, self.times * (1 + DRIFT) + LATE], 1)
+        contact = (self.times % 0.5 < 0.25)[:, None] & np.ones(4, bool)  # two steps a second
+        self.truth = SimpleNamespace(contact=contact)
         self.sensor = SimpleNamespace(time=taken, dropped=np.zeros((frames, 2), bool))
         self._shape = (64, width, 3)
 
@@ -93,3 +95,17 @@ def test_what_cannot_be_written_is_refused(tmp_path):
         write_videos(Footage(width=95), tmp_path / "odd", print)
     with pytest.raises(InputError, match="too few"):
         write_videos(Footage(frames=9), tmp_path / "short", print)
+
+
+def test_sound_states_the_clocks(exported):
+    from egocap.footage.synchronisation import coarse_lag, refine_clock, sound_signal
+    from egocap.media.sound import loudness
+
+    out, planted = exported
+    left, right = (sound_signal(*loudness(out / f"{view}.mp4")) for view in planted["views"])
+    lag, correlation, _ = coarse_lag(left, right)
+    offset, drift, _ = refine_clock(left, right, lag)
+    told = list(planted["views"].values())[1]
+    middle = float(right.time.mean())
+    assert correlation > 0.7
+    assert abs(offset - told["offset_s"] + (drift - 1e-6 * told["drift_ppm"]) * middle) < 3e-4

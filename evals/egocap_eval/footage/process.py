@@ -1,0 +1,67 @@
+"""A command as a process of its own, with the time and memory that it and its children take."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from egocap.commandline import DONE
+from egocap.errors import MachineError
+
+_INTERVAL_S = 0.25
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What a finished command took."""
+
+    wall_s: float
+    cpu_s: float  # user and system, of all its processes
+    peak_mb: float  # highest sum over its processes of the memory that each holds (PSS)
+
+
+def run_egocap(words: Sequence[str]) -> Spent:
+    """Run `egocap` with these words. Raises MachineError if it fails."""
+    started = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "egocap", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
+    peak, ended, status = 0.0, 0, 0
+    while not ended:
+        peak = max(peak, sum(_pss_mb(pid) for pid in _family(process.pid)))
+        time.sleep(_INTERVAL_S)
+        ended, status, usage = os.wait4(process.pid, os.WNOHANG)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.stderr is not None
+    if process.returncode != DONE:
+        last = process.stderr.read().decode(errors="replace").strip().splitlines()[-1:]
+        raise MachineError(f"'egocap {' '.join(words[:3])} ...' exited with "
+                           f"{process.returncode}: {''.join(last)}")  # fmt: skip
+    cpu = usage.ru_utime + usage.ru_stime
+    return Spent(time.perf_counter() - started, cpu, peak)
+
+
+def _family(pid: int) -> list[int]:
+    """A process and its descendants."""
+    found, new = [], [pid]
+    while new:
+        found.append(parent := new.pop())
+        for file in Path(f"/proc/{parent}/task").glob("*/children"):
+            with suppress(OSError):
+                new += map(int, file.read_text().split())
+    return found
+
+
+def _pss_mb(pid: int) -> float:
+    """Memory of a process, shared pages divided among those that share them; 0 once it ended."""
+    with suppress(OSError):
+        for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
+            if line.startswith("Pss:"):
+                return int(line.split()[1]) / 1024.0
+    return 0.0

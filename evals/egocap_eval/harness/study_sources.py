@@ -23,6 +23,10 @@ FOOTAGE_TRACKED = (*DETECTOR, *TRACKER, *SCORES, *WORLD, *HARNESS)
 SMALL_DETECTORS = (*TRAINING, *WORLD, "egocap_eval/studies/small_detectors.py")
 VALIDATION_FRAMES = ("egocap_eval/detection/validation_frames.py",)
 
+IMPORTED = ("egocap/data", "egocap/footage", "egocap/media", "egocap_sim/export",
+            "egocap_eval/footage/synchronisation.py")  # fmt: skip
+CAPTURED = (*FOOTAGE_TRACKED, *IMPORTED, "egocap/fitting", "egocap/motion_capture")
+
 STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "ablation": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/ablation.py",
                  "egocap_eval/studies/recovery.py", "egocap_eval/studies/recorded.py",
@@ -36,6 +40,9 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "crash-recovery": (*WORLD, "egocap_sim/record", "egocap/data",
                        "egocap_eval/studies/crash_recovery.py"),
     "dataset": (*WORLD, "egocap_eval/studies/dataset_card.py"),
+    "capture-memory": (*CAPTURED, "egocap_eval/footage"),
+    "captures": (*CAPTURED, "egocap_eval/footage", "egocap_eval/sets",
+                 "egocap_eval/studies/recorded.py"),
     "detector": (*DETECTOR, *GEOMETRY, *SCORES, *WORLD, *VALIDATION_FRAMES,
                  "egocap_eval/detection/detector.py"),
     "fit-rig": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/studies/fit_rig.py"),
@@ -51,6 +58,7 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "runtime": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/runtime.py"),
     "stress": (*NOISE, *TRACKER, *SCORES, *WORLD, *MOTION_TRUTH, "egocap_eval/studies/stress.py"),
     "stress-rendered": (*FOOTAGE_TRACKED, "egocap_eval/studies/stress_rendered.py"),
+    "sync": (*GEOMETRY, *WORLD, *HARNESS, *IMPORTED),
     "training-set": (*SMALL_DETECTORS, "egocap_eval/studies/training_set.py"),
     "visibility": (*GEOMETRY, *WORLD, "egocap_eval/studies/visibility.py"),
     "benchmarks/detector.py": (*DETECTOR, "benchmarks/detector.py"),

@@ -32,7 +32,7 @@ _HZ = 30
 
 def study(
     videos: Annotated[Path, arg(metavar="DIR")],
-    frames: tuple[int, ...] = (2000, 6000, 12000),
+    frames: tuple[int, ...] = (2000, 10000),
     size: tuple[int, int] = (160, 128),
     height: float = 1.75,
     unique: int = 150,

@@ -7,8 +7,7 @@ A dressed person swings arms and legs in a furnished room. Every frame is posed,
 shadows for both cameras, tested for the visibility of 18 joints a view and encoded as JPEG (quality
 95, 4:4:4). The stock loop renders the same meshes with `pyrender.OffscreenRenderer`, five cube
 faces a camera of the same density, and resamples them. `cpu_ms` is processor time a frame and
-worker; it varies less with the load of the machine than the rate. Compare within one run. The
-stock loop needs pyrender: `pip install pyrender; pip install --upgrade pyopengl`.
+worker; it varies less with the load of the machine than the rate. Compare within one run.
 """
 
 from __future__ import annotations
@@ -107,11 +106,7 @@ def render_stock(size: tuple[int, int], frames: int, barrier, results) -> None:
 
     from egocap_sim.render.batch import merge
     from egocap_sim.render.fisheye import build_atlas
-
-    np.__dict__.setdefault("infty", np.inf)  # which pyrender imports
-    import pyrender
-
-    import egocap_sim.render.gl  # noqa: F401 (prepares PyOpenGL)
+    from egocap_sim.render.gl import pyrender
 
     stage = BenchmarkScene(size)
     atlas = build_atlas(stage.rig.cameras)

@@ -1,7 +1,7 @@
 """A person and a reference motion in; a simulated trajectory with contact forces out.
 
-mujoco is imported here without its unused renderer: with MUJOCO_GL=egl or osmesa its import fails
-where that library is missing. Import the modules directly.
+mujoco is imported here without its unused renderer: with MUJOCO_GL=egl or osmesa that import fails
+with the PyOpenGL version that pyrender is pinned to. Import the modules directly.
 """
 
 import os

@@ -1,4 +1,4 @@
 """Meshes, poses and cameras in; fisheye images, part labels and depth out, by OpenGL.
 
-`egl` prepares PyOpenGL before its first import; other modules take `GL` from `gl`.
+`gl` is the one module that imports pyrender and PyOpenGL.
 """

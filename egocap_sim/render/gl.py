@@ -1,6 +1,10 @@
-"""Headless OpenGL: contexts, and the names of PyOpenGL that the renderer uses.
+"""Headless OpenGL: the only module that imports pyrender and PyOpenGL, and creates contexts.
 
-Every module takes `GL` from here: `egl` prepares PyOpenGL before its first import.
+pyrender 0.1.45 pins PyOpenGL 3.1.0, which predates numpy 2, today's EGL and Python 3.12. Five
+things must hold before pyrender is imported, so every module takes `GL` and `pyrender` from here:
+`PYOPENGL_PLATFORM=egl` is set, `np.infty` exists, `OpenGL.GL.shaders` is imported before
+`OpenGL.EGL`, `OpenGL.EGL` has an `EGLDeviceEXT` (mujoco's EGL requires it), and PyOpenGL knows the
+name that Python 3.12 gave to the type of `ctypes.byref`.
 
 Mesa's software renderer uses one thread per core. With several worker processes, set
 `LP_NUM_THREADS=1` in each worker's environment before it creates a context; this module does not
@@ -10,7 +14,9 @@ set it. Never fork after a context was created (the child hangs): start workers 
 from __future__ import annotations
 
 import ctypes
+import os
 import threading
+from importlib.resources import files
 
 import numpy as np
 
@@ -18,14 +24,37 @@ from egocap.errors import MachineError
 
 REMEDY = "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
+os.environ["PYOPENGL_PLATFORM"] = "egl"
+os.environ.setdefault("MUJOCO_GL", "egl")
+np.__dict__.setdefault("infty", np.inf)
+
 try:
     # isort: off
-    from egocap_sim.render.egl import GL, EglContext, list_devices  # before anything of OpenGL
+    import OpenGL
+    import OpenGL.raw.EGL._errors as _egl_errors
+    from OpenGL.plugins import FormatHandler
+
+    _parameters = FormatHandler.by_name("ctypesparameter")
+    assert _parameters is not None
+    _parameters.check.append("_ctypes.CArgObject")
+    # Errors are checked once per frame (`check_errors`): checking after each call takes longer than
+    # the calls. PyOpenGL 3.1.0 then lacks the error checker of EGL.
+    OpenGL.ERROR_CHECKING = False
+    _egl_errors.__dict__.setdefault("_error_checker", None)
+    import OpenGL.GL as GL
+    import OpenGL.GL.shaders  # before OpenGL.EGL, or PyOpenGL 3.1.0 fails
+    import OpenGL.EGL as EGL
+    # isort: on
+
+    if not hasattr(EGL, "EGLDeviceEXT"):
+        EGL.EGLDeviceEXT = ctypes.c_void_p  # pyright: ignore[reportAttributeAccessIssue]
+    import pyrender
+    import pyrender.renderer
+    import pyrender.shader_program
     from OpenGL import contextdata
     from OpenGL.raw.GL.VERSION.GL_1_0 import glReadPixels as read_pixels
     from OpenGL.raw.GL.VERSION.GL_1_4 import glMultiDrawElements as draw_runs
-    from egocap_sim.render.programs import Programs
-    # isort: on
+    from pyrender.platforms import egl as _platform
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
 
@@ -33,24 +62,27 @@ _spare = threading.local()  # a context belongs to one thread
 
 __all__ = [
     "GL", "Context", "begin_depth_test", "check_errors", "draw_runs", "make_depth_target",
-    "read_pixels", "set_sampling",
+    "pyrender", "read_pixels", "set_sampling",
 ]  # fmt: skip
 
 
 class Context:
     """An OpenGL core context without a window, current in the thread that created it.
 
-    Several may exist in one process, also at the same time.
+    Several may exist in one process, also at the same time (unlike pyrender's off-screen renderer,
+    whose deletion ends every EGL context of the process).
 
     Raises: MachineError if no EGL device provides a context.
     """
 
     def __init__(self) -> None:
-        self._egl: EglContext | None = _first_working()
+        self._platform = _first_working()
         self.renderer = _text(GL.GL_RENDERER)
         self.version = _text(GL.GL_VERSION)
-        self.programs = Programs()
-        """Compiled shaders, kept with the context for its next renderer."""
+        self.programs = pyrender.shader_program.ShaderProgramCache(
+            shader_dir=str(files("egocap_sim.render") / "shaders")
+        )
+        """Compiled shaders, by name."""
 
     @classmethod
     def borrow(cls) -> Context:
@@ -70,18 +102,21 @@ class Context:
 
     def make_current(self) -> None:
         """Make it the target of this thread's OpenGL calls."""
-        assert self._egl is not None, "the context is closed"
-        self._egl.make_current()
+        self._platform.make_current()
 
     def close(self) -> None:
         """Destroy the context only; the EGL display stays open for other contexts."""
-        if self._egl is None:
+        platform = getattr(self, "_platform", None)
+        if platform is None:
             return
-        self._egl.make_current()
-        self.programs.delete()
+        platform.make_current()
+        self.programs.clear()
         contextdata.cleanupContext()
-        self._egl.destroy()
-        self._egl = None
+        del self._platform
+        EGL.eglMakeCurrent(
+            platform._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
+        )
+        EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
 
 
 def check_errors() -> None:
@@ -130,15 +165,20 @@ def _text(name: int) -> str:
     return GL.glGetString(name).decode()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def _first_working() -> EglContext:
+def _first_working() -> _platform.EGLPlatform:
     problem: Exception | None = None
-    devices = list_devices()
+    try:
+        devices = _platform.query_devices()
+    except Exception:  # no device extension: use EGL's default display
+        devices = [_platform.EGLDevice(None)]
     for device in devices:
+        candidate = _platform.EGLPlatform(16, 16, device=device)
         try:
-            context = EglContext(device)
+            candidate.init_context()
+            candidate.make_current()
             _text(GL.GL_VERSION)
-            return context
-        except Exception as error:  # each driver fails in its own way
+            return candidate
+        except Exception as error:
             problem = error
     raise MachineError(
         f"none of {len(devices)} EGL devices provides an OpenGL 4.1 context ({problem!r})",

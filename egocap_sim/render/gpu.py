@@ -1,4 +1,4 @@
-"""Batches in graphics memory, and texture arrays."""
+"""Batches in graphics memory, texture arrays, and shader uniforms by name."""
 
 from __future__ import annotations
 
@@ -11,35 +11,27 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap_sim.render.batch import Batch, Layer
-from egocap_sim.render.gl import GL, draw_runs, set_sampling
+from egocap_sim.render.gl import GL, draw_runs, pyrender, set_sampling
 
 MAX_SIZE = 1024  # pixels along a texture
 
 
-_SIZES = (3, 3, 2, 2)  # of a vertex: position, normal, place in the texture, layer and part
-
-
 class GpuBatch:
-    """Vertex buffer, index buffer and texture array of one batch."""
+    """Vertex buffer (a pyrender primitive), index buffer and texture array of one batch."""
 
     def __init__(self, batch: Batch) -> None:
         self.batch = batch
+        self.primitive = pyrender.Primitive(
+            positions=batch.positions,
+            normals=batch.normals,
+            texcoord_0=batch.uv,
+            texcoord_1=batch.layer_part,
+            indices=batch.faces,
+        )
+        self.mesh = pyrender.Mesh([self.primitive])
         self._vertices = np.concatenate(
             [batch.positions, batch.normals, batch.uv, batch.layer_part], axis=1
         ).astype(np.float32)
-        self._array = GL.glGenVertexArrays(1)
-        GL.glBindVertexArray(self._array)
-        self._buffers = [
-            _filled_buffer(GL.GL_ARRAY_BUFFER, self._vertices),
-            _filled_buffer(GL.GL_ELEMENT_ARRAY_BUFFER, batch.faces.astype(np.uint32)),
-        ]
-        stride, offset = self._vertices.strides[0], 0
-        for location, size in enumerate(_SIZES):
-            place = c_void_p(offset)
-            GL.glVertexAttribPointer(location, size, GL.GL_FLOAT, GL.GL_FALSE, stride, place)
-            GL.glEnableVertexAttribArray(location)
-            offset += 4 * size
-        GL.glBindVertexArray(0)
         self._texture = texture_array(batch.layers)
         self._double_sided = np.array([c.double_sided for c in batch.chunks])
         self.casts_shadow = np.array([c.casts_shadow for c in batch.chunks])
@@ -49,7 +41,7 @@ class GpuBatch:
     def upload(self, positions: Float[Array, "N 3"], normals: Float[Array, "N 3"]) -> None:
         """Upload posed vertices and normals."""
         self._vertices[:, :3], self._vertices[:, 3:6] = positions, normals
-        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffers[0])
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self.primitive._buffers[0])
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._vertices.nbytes, self._vertices)
 
     def bind_textures(self, unit: int) -> None:
@@ -59,17 +51,15 @@ class GpuBatch:
 
     def draw(self, chosen: Bool[Array, "C"]) -> None:
         """Draw the chosen chunks with the bound program, culling back faces of one-sided ones."""
-        GL.glBindVertexArray(self._array)
+        self.primitive._bind()
         GL.glEnable(GL.GL_CULL_FACE)
         self._draw_runs(chosen & ~self._double_sided)
         GL.glDisable(GL.GL_CULL_FACE)
         self._draw_runs(chosen & self._double_sided)
 
     def free(self) -> None:
-        """Free the graphics memory."""
+        """Free the texture memory; the renderer frees the buffers."""
         GL.glDeleteTextures([self._texture])
-        GL.glDeleteVertexArrays(1, [self._array])
-        GL.glDeleteBuffers(len(self._buffers), self._buffers)
 
     def _draw_runs(self, chosen: Bool[Array, "C"]) -> None:
         """Draw chunks in one call, with neighbours merged into runs."""
@@ -86,12 +76,30 @@ class GpuBatch:
         )  # fmt: skip
 
 
-def _filled_buffer(kind: int, values: Array) -> int:
-    """Create a buffer of values, left bound."""
-    name = GL.glGenBuffers(1)
-    GL.glBindBuffer(kind, name)
-    GL.glBufferData(kind, values.nbytes, np.ascontiguousarray(values), GL.GL_STATIC_DRAW)
-    return name
+class Uniforms:
+    """Set shader uniforms by name with cached locations.
+
+    pyrender's `set_uniform` looks up the name each time and ignores errors.
+    """
+
+    def __init__(self) -> None:
+        self._location: dict[tuple[int, str], int] = {}
+
+    def matrix(self, program, name: str, value: Float[Array, "4 4"]) -> None:
+        """A 4x4 matrix."""
+        GL.glUniformMatrix4fv(self._locate(program, name), 1, GL.GL_TRUE, value.astype(np.float32))
+
+    def vector(self, program, name: str, value: Float[Array, "3"]) -> None:
+        """Three numbers."""
+        GL.glUniform3f(self._locate(program, name), *map(float, value))
+
+    def _locate(self, program, name: str) -> int:
+        key = (program._program_id, name)
+        if key not in self._location:
+            location = GL.glGetUniformLocation(*key)
+            assert location >= 0, f"shader has no active input '{name}'"
+            self._location[key] = location
+        return self._location[key]
 
 
 def texture_array(layers: Sequence[Layer]) -> int:

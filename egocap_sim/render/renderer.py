@@ -22,13 +22,15 @@ from egocap_sim.render.batch import Batch, merge
 from egocap_sim.render.contact import ContactShadows
 from egocap_sim.render.fisheye import Atlas, build_atlas
 from egocap_sim.render.framebuffer import AtlasBuffer, Window
-from egocap_sim.render.gl import GL, Context, check_errors
-from egocap_sim.render.gpu import GpuBatch
-from egocap_sim.render.programs import Program
+from egocap_sim.render.gl import GL, Context, check_errors, pyrender
+from egocap_sim.render.gpu import GpuBatch, Uniforms
 from egocap_sim.render.shadow import shadow_map
 from egocap_sim.render.views import Resampler, Views
 
 NEAR, FAR = 0.01, 60.0  # metres; 24 bits of depth leave 0.2 mm at 5 m
+_SCENE = 0  # pyrender.RenderFlags.NONE
+_LABELS = pyrender.RenderFlags.SEG
+_SHADOW = pyrender.RenderFlags.DEPTH_ONLY
 
 
 @lru_cache(maxsize=2)
@@ -50,7 +52,7 @@ class _Canvas:
         self.buffer = AtlasBuffer(self.atlas.needed, samples)
 
 
-class FisheyeRenderer:
+class FisheyeRenderer(pyrender.Renderer):
     """Render a rig's views of actors in an environment, in this process and thread.
 
     Parameters: `samples` is 0, or 4 for anti-aliased outlines at about three times the cost;
@@ -77,11 +79,17 @@ class FisheyeRenderer:
         self.context = Context.borrow()
         self._coarse, self._canvases = coarse, {1.0: self._make_canvas(1.0)}
         self._canvas = self._canvases[1.0]
-        self._programs = self.context.programs
+        super().__init__(self._canvas.atlas.width, self._canvas.atlas.height)
+        self._program_cache = self.context.programs
+        self._uniforms = Uniforms()
         self._batches: dict[str | None, Batch] = {a.name: merge(a.meshes) for a in actors}
         if place.meshes:
             self._batches[None] = merge(place.meshes)  # last: mostly occluded by the actors
         self._gpu = {name: GpuBatch(batch) for name, batch in self._batches.items()}
+        self._scene = pyrender.Scene()
+        for gpu in self._gpu.values():
+            self._scene.add(gpu.mesh)
+        self._update_context(self._scene, _SCENE)
         # Resolution on the floor similar to that of the image.
         finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = shadow_map(place.light.spread, fine=finest > 250)
@@ -173,6 +181,10 @@ class FisheyeRenderer:
             self._contact.free()
         for canvas in self._canvases.values():
             canvas.buffer.free()
+        self._program_cache = (
+            pyrender.shader_program.ShaderProgramCache()
+        )  # the context keeps its programs
+        self.delete()
         self.context.release()
         del self.context
 
@@ -181,6 +193,9 @@ class FisheyeRenderer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def __del__(self) -> None:
+        """Do nothing: `close` frees; at exit the OpenGL library may be unloaded already."""
 
     def read_depth(self) -> Float[Array, "h w"]:
         """Metres along the face's z axis at every atlas pixel."""
@@ -216,8 +231,9 @@ class FisheyeRenderer:
         """Draw the shadow map; return the matrix from the world to its texture coordinates."""
         clip = projection.light_projection(self.place.light.direction, focus, self._shadow.size)
         self._shadow.begin()
-        self._programs.use("mesh_depth").matrix("clip_from_world", clip)
         for gpu in self._gpu.values():
+            program = self._program(gpu, _SHADOW)
+            self._uniforms.matrix(program, "clip_from_world", clip)
             gpu.draw(gpu.casts_shadow)
         self._shadow.end(clip)
         return projection.TO_TEXTURE @ clip
@@ -227,15 +243,16 @@ class FisheyeRenderer:
         windows = [window for window in self._windows if window is not None]
         self._canvas.buffer.begin(np.sqrt(self.place.background), windows)
         self._shadow.bind(unit=1)
-        program = self._programs.use("mesh", self._shadow.defined)
-        program.matrix("shadow_from_world", shadow_from_world)
-        program.vector("to_light", -light.direction)
-        program.vector("light_color", light.color)
-        program.vector("sky_color", light.sky)
-        program.vector("ground_color", light.ground)
-        program.vector("sky_axis", light.sky_axis)
-        program.vector("room", self.place.room)
         for name, gpu in self._gpu.items():
+            program = self._program(gpu, _SCENE)
+            set_ = self._uniforms
+            set_.matrix(program, "shadow_from_world", shadow_from_world)
+            set_.vector(program, "to_light", -light.direction)
+            set_.vector(program, "light_color", light.color)
+            set_.vector(program, "sky_color", light.sky)
+            set_.vector(program, "ground_color", light.ground)
+            set_.vector(program, "sky_axis", light.sky_axis)
+            set_.vector(program, "room", self.place.room)
             gpu.bind_textures(unit=0)
             self._draw_tiles(name, gpu, program, with_eye=True)
         if self._contact is not None and self._contact.count:
@@ -243,27 +260,24 @@ class FisheyeRenderer:
         self._canvas.buffer.end()
 
     def _draw_contact(self, contact: ContactShadows) -> None:
-        program = self._programs.use("contact")
+        program = self._compiled("contact")
         contact.begin()
         for clip, _, _ in self._visible_tiles(*contact.boxes()):
-            program.matrix("clip_from_world", clip)
+            self._uniforms.matrix(program, "clip_from_world", clip)
             contact.draw()
         contact.end()
 
     def _draw_labels(self) -> None:
         self._canvas.buffer.begin_labels()
-        program = self._programs.use("segmentation")
         for name, gpu in self._gpu.items():
-            self._draw_tiles(name, gpu, program, with_eye=False)
+            self._draw_tiles(name, gpu, self._program(gpu, _LABELS), with_eye=False)
         self._canvas.buffer.end_labels()
 
-    def _draw_tiles(
-        self, name: str | None, gpu: GpuBatch, program: Program, *, with_eye: bool
-    ) -> None:
+    def _draw_tiles(self, name: str | None, gpu: GpuBatch, program, *, with_eye: bool) -> None:
         for clip, eye, seen in self._visible_tiles(*self._boxes[name]):
-            program.matrix("clip_from_world", clip)
+            self._uniforms.matrix(program, "clip_from_world", clip)
             if with_eye:
-                program.vector("eye", eye)
+                self._uniforms.vector(program, "eye", eye)
             gpu.draw(seen)
 
     def _visible_tiles(self, low: Array, high: Array) -> Iterator[tuple[Array, Array, Array]]:
@@ -282,3 +296,22 @@ class FisheyeRenderer:
                 GL.glViewport(tile.column, tile.row, tile.width, tile.height)
                 GL.glScissor(*window)
                 yield clip, eye, seen
+
+    def _program(self, gpu: GpuBatch, flags: int):
+        program = self._get_primitive_program(
+            gpu.primitive,
+            flags,
+            0 if flags == _SHADOW else pyrender.constants.ProgramFlags.USE_MATERIAL,
+        )
+        if flags == _SCENE and self._shadow.defines:
+            return self._compiled("mesh", {**program.defines, **self._shadow.defines})
+        program._bind()
+        return program
+
+    def _compiled(self, name: str, defines: Mapping[str, int] | None = None):
+        """The program of a pair of shaders, bound."""
+        program = self._program_cache.get_program(f"{name}.vert", f"{name}.frag", defines=defines)
+        if not program._in_context():
+            program._add_to_context()
+        program._bind()
+        return program

@@ -10,6 +10,7 @@ Source: Donnelly & Lauritzen 2006, "Variance shadow maps"; penumbrae by distance
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from ctypes import c_void_p
 
 import cv2
@@ -30,7 +31,7 @@ SOFT = 0.03  # least tangent of a light's diameter for soft shadows; the sun's: 
 class ShadowMap:
     """Depth from the light, compared while it is sampled (four neighbours blended)."""
 
-    defined: tuple[str, ...] = ()  # in the shader that samples it
+    defines: Mapping[str, int] = {}  # of the shader that samples it
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -71,7 +72,7 @@ class ShadowMap:
 class SoftShadowMap(ShadowMap):
     """Shadow map of a light whose diameter is `spread` times its distance."""
 
-    defined = ("SOFT_SHADOWS",)
+    defines = {"SOFT_SHADOWS": 1}
 
     def __init__(self, size: int, spread: float) -> None:
         super().__init__(size)

@@ -3,9 +3,9 @@
 // face. Light is worked out here, not at every pixel: people are finely meshed and rooms are flat.
 // Light adds up in linear units; colours are sRGB, whose curve is taken to be a square root.
 layout(location = 0) in vec3 position;
-layout(location = 1) in vec3 normal;
-layout(location = 2) in vec2 texcoord;
-layout(location = 3) in vec2 layer_part;
+layout(location = NORMAL_LOC) in vec3 normal;
+layout(location = TEXCOORD_0_LOC) in vec2 texcoord;
+layout(location = TEXCOORD_1_LOC) in vec2 layer_part;
 uniform mat4 clip_from_world;
 uniform mat4 shadow_from_world;  // to texture coordinates and depth of the shadow map, 0..1
 uniform vec3 eye;

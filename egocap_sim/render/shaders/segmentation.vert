@@ -1,6 +1,6 @@
 #version 330 core
 layout(location = 0) in vec3 position;
-layout(location = 3) in vec2 layer_part;
+layout(location = TEXCOORD_1_LOC) in vec2 layer_part;
 uniform mat4 clip_from_world;
 flat out float part;
 void main() {

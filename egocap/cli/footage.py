@@ -12,7 +12,7 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.cli.registry import app
-from egocap.commandline import DONE, progress
+from egocap.commandline import DONE, MISSED, progress
 from egocap.errors import InputError
 from egocap.footage.config import ImportOptions
 from egocap.motion_capture.config import MocapOptions
@@ -117,6 +117,7 @@ def mocap(
     out: Path,
     options: Annotated[MocapOptions, tyro.conf.OmitArgPrefixes] = MOCAP,
     footage: Annotated[ImportOptions, tyro.conf.OmitArgPrefixes] = IMPORT,
+    strict: bool = False,
     json: bool = False,
 ) -> int:
     """Capture the motion of the wearer of a rig from footage of its cameras.
@@ -130,18 +131,21 @@ def mocap(
         out: folder of the results.
         options: what is known of the wearer, and what to write.
         footage: how the footage is read.
+        strict: exit with 3 if footage, rig and body do not fit each other; all files are written.
         json: print the findings as JSON.
     """
     from egocap.motion_capture.capture import mocap as capture
+    from egocap.track.consistency import warning_of
 
     with ExitStack() as stack:
         made = capture(sources, rig, out, options, footage, on_step=steps(stack))
+    code = MISSED if strict and warning_of(made.track) else DONE
     if json:
         print(jsons.dumps({"folder": str(out)} | made.findings.to_dict(), indent=1))
-        return DONE
+        return code
     print_footage(made.sequence, as_json=False)
     print(f"{out / 'index.html'}: a joint is within 5 cm with a probability of "
           f"{100 * float(made.findings.sure.mean()):.0f} %")  # fmt: skip
     for line in made.findings.advice:
         print(f"  {line}")
-    return DONE
+    return code

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from tyro.conf import Positional
 
+from egocap.body.labels import LABELS
 from egocap.cli.registry import app
-from egocap.commandline import DONE
+from egocap.commandline import DONE, MISSED
 from egocap.detect.sources import detections_from
 from egocap.fitting.config import FitConfig
 from egocap.paper.config import SolverName
@@ -34,6 +35,7 @@ def track(
     rig: Path | None = None,
     save_detections: Path | None = None,
     head_pose: Path | None = None,
+    strict: bool = False,
     json: bool = False,
 ) -> int:
     """Recover 37 joint angles in every frame of a sequence from detections in both views.
@@ -57,6 +59,7 @@ def track(
         save_detections: also write the detections used, npz.
         head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
             `T_world_head` (4 x 4); the track then has its joints in that world, too.
+        strict: exit with 3 if detections, rig and body do not fit each other; the track is written.
         json: print the summary as JSON.
     """
     from egocap.cameras.rig_files import load_rig
@@ -67,6 +70,7 @@ def track(
     from egocap.files import make_folder
     from egocap.fitting.wearer import find_body
     from egocap.paper.tracker import make_tracker
+    from egocap.track.consistency import warning_of
 
     opened = Sequence(sequence)
     if body is None:
@@ -88,7 +92,7 @@ def track(
         detection_file.save_detections(save_detections, found)
     save_track(out, result)
     _print_summary(out, result, json)
-    return DONE
+    return MISSED if strict and warning_of(result) else DONE
 
 
 @app.command
@@ -145,11 +149,14 @@ def fit_body(
 
 
 def _print_summary(path: Path, result: Track, as_json: bool) -> None:
+    from egocap.track.consistency import warning_of
+
     rate = 1.0 / result.seconds_per_frame
     summary: dict[str, Any] = {
         "track": str(path), "frames": len(result.times), "frames_per_second": rate,
         "converged": int(result.converged.sum()),
         "detections_per_frame": float(result.detections_used.mean()),
+        "consistency": result.config["consistency"],
     }  # fmt: skip
     if result.hidden is not None:
         from egocap.data.track import HIDDEN
@@ -159,9 +166,12 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
     if as_json:
         print(json.dumps(summary, indent=1))
         return
+    views = "" if result.hidden is None else f" of {result.hidden.shape[1]} x {len(LABELS)}"
     print(f"{path}: {summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
           f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections a "
-          "frame of 2 x 18")  # fmt: skip
+          f"frame{views}")  # fmt: skip
+    if warning := warning_of(result):
+        print(f"warning: {warning}")
 
 
 def _print_body(path: Path, fit: BodyFit, sizes: dict[str, float] | None, as_json: bool) -> None:

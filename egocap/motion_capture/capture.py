@@ -31,12 +31,12 @@ from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.detecting import detect_in_pieces
 from egocap.motion_capture.film import write_film
 from egocap.motion_capture.findings import Findings, find
-from egocap.motion_capture.geometry_check import check_agreement
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
+from egocap.track.view_agreement import check_agreement
 
 FILM, PAGE = "film.mp4", "index.html"
 

@@ -20,7 +20,8 @@ from egocap.data.footage import Footage
 from egocap.data.track import Track
 from egocap.fitting.wearer import average_body
 from egocap.geometry import axis_angle, rigid
-from egocap.motion_capture.geometry_check import Agreement
+from egocap.track.consistency import warning_of
+from egocap.track.view_agreement import Agreement
 
 SEEN = 0.5
 """Visibility probability from which a joint counts as seen."""
@@ -97,7 +98,7 @@ def find(
         spread_mm=_by_label(1e3 * np.median(spread, 0), 1), sure=sure,
         worst=worst_frames(sure, track.times), tilt=best_tilt(rig, track.joints_head), advice=[],
     )  # fmt: skip
-    return replace(result, advice=advise(result))
+    return replace(result, advice=advise(result, warning_of(track)))
 
 
 def in_pictures(rig: Rig, joints_head: Float[Array, "T 18 3"]) -> Array:
@@ -162,9 +163,13 @@ def worst_frames(sure: Float[Array, "T"], times: Float[Array, "T"]) -> list[int]
     return sorted(found)
 
 
-def advise(found: Findings) -> list[str]:
-    """What the numbers say should be improved, most important first."""
-    return [*_about_geometry(found), *_about_sight(found), *_about_pictures(found)] or [
+def advise(found: Findings, warning: str | None = None) -> list[str]:
+    """What the numbers say should be improved, most important first.
+
+    `warning` is the track's own, named where the findings name no cause.
+    """
+    geometry = _about_geometry(found) or ([] if warning is None else [f"Warning: {warning}."])
+    return [*geometry, *_about_sight(found), *_about_pictures(found)] or [
         "Nothing stands out: all joints are seen and the views agree."
     ]
 

@@ -23,6 +23,7 @@ from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.detect.engine import available_cores
 from egocap.pose.config import TrackerConfig
+from egocap.track.consistency import with_consistency
 from egocap.track.tracker import Tracker
 
 WINDOW, OVERLAP = 900, 60  # frames
@@ -48,7 +49,8 @@ def track_in_windows(
         for window, part in zip(windows, pool.map(_track, *zip(*jobs, strict=True)), strict=True):
             parts.append(part)
             on_frames(window.stop - max(window.start, 0) - (OVERLAP if window.start else 0))
-    return join(windows, parts, body)
+    joined = join(windows, parts, body)
+    return with_consistency(joined, found, Sequence(folder).rig, body, config)
 
 
 def split(frames: int) -> list[range]:

@@ -31,6 +31,7 @@ from egocap.pose.energy import predict
 from egocap.pose.kernel import make_model
 from egocap.pose.observations import Observations, observe
 from egocap.track.colour_refinement import Images, most_certain_frames
+from egocap.track.consistency import with_consistency
 from egocap.track.joint_occlusion import occlusion_causes
 from egocap.track.online import ONLINE
 from egocap.track.online_filter import filter_sequence
@@ -114,7 +115,7 @@ class PaperTracker:
         )
         if self.low_pass > 0.0:
             angles = smooth_gaussian(angles, self.low_pass)
-        return Track(
+        track = Track(
             times=seen.times, angles=angles, joints_head=forward(self.proportions, angles),
             energy=energies.sum(1), converged=converged,
             detections_used=valid.sum((1, 2)).astype(float),
@@ -127,6 +128,7 @@ class PaperTracker:
             offsets=np.array(self.proportions.offsets), energies=energies,
             hidden=occlusion_causes(angles, detections, self.rig, self.proportions),
         )  # fmt: skip
+        return with_consistency(track, detections, self.rig, self.proportions)
 
     def _solve(
         self, solver: PaperSolver, seen: Observations, confidence: Float[Array, "T V 18"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 
@@ -19,7 +20,7 @@ from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.track import Track
 from egocap.errors import InputError
-from egocap.geometry import unit
+from egocap.geometry import axis_angle, unit
 from egocap.image_model.image_rays import image_rays
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
@@ -29,10 +30,11 @@ from egocap.pose.observations import Observations, observe, tangent_basis
 from egocap.track.appearance_check import find_rejected, remove_rejected
 from egocap.track.batch_solver import BatchSolver, Solution
 from egocap.track.colour_refinement import Images, learn_colour_term, refine_by_colour
+from egocap.track.consistency import with_consistency
 from egocap.track.joint_occlusion import occlusion_causes
 from egocap.track.online_filter import term_energies
 from egocap.track.stopwatch import Stopwatch
-from egocap.track.uncertainty import confidences, joint_covariances
+from egocap.track.uncertainty import joint_covariances
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +87,7 @@ class Tracker:
             "estimated": estimate.solution.estimated,
         }  # fmt: skip
         energies = self._term_energies(estimate)
-        return Track(
+        track = Track(
             times=np.asarray(detections.times, float),
             angles=estimate.angles,
             joints_head=joints,
@@ -96,10 +98,11 @@ class Tracker:
             config=settings,
             offsets=np.array(self.proportions.offsets),
             covariance=covariance,
-            confidence=None if covariance is None else confidences(covariance),
             energies=energies,
             hidden=occlusion_causes(estimate.angles, detections, self.rig, self.proportions),
         )
+        rig = turned_rig(self.rig, estimate.solution.estimated)
+        return with_consistency(track, detections, rig, self.proportions, self.config)
 
     def _estimate(self, observations: Observations, stopwatch: Stopwatch) -> _Estimate:
         solution = self._solver.solve(observations, stopwatch)
@@ -188,6 +191,19 @@ class _Estimate:
     angles: Float[Array, "T 37"]
     covariances: Float[Array, "T 37 37"] | None
     colour: Float[Array, "T"]  # energy
+
+
+def turned_rig(rig: Rig, estimated: Mapping[str, object]) -> Rig:
+    """The rig with the rotations of its views that the solver estimated, if it did."""
+    turns = estimated.get("rotation_deg")
+    if not isinstance(turns, list):
+        return rig
+    mounts = []
+    for mount, turn in zip(rig.mounts, np.deg2rad(turns), strict=True):
+        T = mount.T_head_camera.copy()
+        T[:3, :3] = axis_angle(unit(turn), np.linalg.norm(turn)) @ T[:3, :3]
+        mounts.append(replace(mount, T_head_camera=T))
+    return replace(rig, mounts=tuple(mounts))
 
 
 def seeing(observations: Observations) -> Bool[Array, "T"]:

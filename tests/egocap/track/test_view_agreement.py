@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egocap.geometry import axis_angle
-from egocap.motion_capture.geometry_check import check_agreement
+from egocap.track.view_agreement import check_agreement
 from tests.egocap.conftest import make_motion
 
 

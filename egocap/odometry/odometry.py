@@ -1,0 +1,260 @@
+"""Stereo fisheye odometry: pictures of a rig in, frame by frame; head poses, or none, out.
+
+Corners are followed from frame to frame (Lucas-Kanade) in every view; the pose minimises the robust
+error of their rays against the map's points; keyframes add points by stereo and refine the last
+poses and points by bundle adjustment. A frame whose pose too few points support has none. Causal:
+a frame's result depends on earlier frames alone.
+
+Source: Klein and Murray 2007 (keyframes); Mur-Artal and Tardos 2017 (stereo points, windows).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.geometry import inverse, rigid
+from egocap.odometry import stereo
+from egocap.odometry.adjustment import adjust
+from egocap.odometry.config import OdometryConfig
+from egocap.odometry.corners import find_corners
+from egocap.odometry.ray_kernel import refine_pose, squared_residuals
+from egocap.odometry.rejections import RejectionMap
+from egocap.odometry.track_map import Observations, Posed, TrackMap
+from egocap.odometry.views import Views
+
+WIDTHS = np.array([30.0, 12.0, 5.0, 3.0])
+"""Widths of the loss in a pose's successive rounds, standard deviations."""
+GATE = 4.0  # sigmas beyond which an observation is an outlier
+LEAST_SHARE = 0.35  # of the followed points that agree with a pose
+MOST_SIGMA = 0.05  # m; a pose less certain is none
+_OLDER = 4  # fixed keyframes before the window
+
+Image = UInt8[Array, "H W"]
+
+
+@dataclass(frozen=True, eq=False)
+class HeadPose:
+    """Pose of one frame; None where it is not known, with the reason."""
+
+    T_world_head: Float[Array, "4 4"] | None
+    covariance: Float[Array, "6 6"] | None  # of rotation (rad) and translation (m), in the map
+    points: int  # that support it
+    problem: str = ""
+
+
+class Odometry:
+    """Head poses of a stream of frames. The first pose is the identity."""
+
+    def __init__(self, views: Views, config: OdometryConfig = OdometryConfig()) -> None:  # noqa: B008
+        self.views, self.config, self.map = views, config, TrackMap()
+        self.wearer = [RejectionMap(c.width, c.height) for c in views.cameras]
+        self._images: tuple[Image | None, ...] = (None,) * len(views)
+        self._followed = Observations.empty()  # in `_images`
+        self._last: Posed | None = None
+        self._before: Posed | None = None
+        self._missed, self._segment = 0, -1
+
+    def add(
+        self, index: int, time: float, images: tuple[Image | None, ...],
+        excluded: tuple[Bool[Array, "H W"] | None, ...] = (),
+    ) -> HeadPose:  # fmt: skip
+        """The head pose at the next frame from grey pictures of the working size.
+
+        `excluded`: pixels that do not show the static surroundings, one array a view.
+        """
+        masks = tuple(
+            lens if k is None else np.where(k, 0, lens).astype(np.uint8)
+            for lens, k in zip(
+                self.views.lens_masks, excluded or (None,) * len(self.views), strict=True
+            )
+        )
+        if self._last is None or self._segment < 0:
+            return self._begin(index, time, images, masks)
+        R, t = self._predicted(time)
+        seen = self._follow(images, masks, R, t)
+        pose = self._pose(seen, R, t, index, time)
+        if isinstance(pose, str):
+            return self._miss(pose, len(seen.point))
+        self._missed = 0
+        self._images, self._followed = images, pose.seen
+        self._before, self._last = self._last, pose
+        self.map.frames.append(pose)
+        if self._is_keyframe(pose):
+            self._add_keyframe(pose, images, masks)
+        return _result(pose)
+
+    def _begin(
+        self, index: int, time: float, images: tuple[Image | None, ...], masks: tuple[Image, ...]
+    ) -> HeadPose:
+        """Start a segment where stereo finds enough points."""
+        origin = Posed(index, time, np.eye(3), np.zeros(3), Observations.empty(), False,
+                       len({f.segment for f in self.map.frames}), np.zeros((6, 6)))  # fmt: skip
+        seen = self._new_points(origin, images, masks)
+        if len(np.unique(seen.point)) < self.config.fewest:
+            return HeadPose(None, None, len(np.unique(seen.point)), "too few points with depth")
+        origin.seen, self._segment, self._missed = seen, origin.segment, 0
+        origin.keyframe, origin.information = True, 1e8 * np.eye(6)
+        self.map.frames.append(origin)
+        self.map.keyframes.append(len(self.map.frames) - 1)
+        self._images, self._followed = images, seen
+        self._last, self._before = origin, None
+        return _result(origin)
+
+    def _miss(self, problem: str, points: int) -> HeadPose:
+        self._missed += 1
+        if self._missed > self.config.patience:
+            self._segment = -1
+        return HeadPose(None, None, points, problem)
+
+    def _predicted(self, time: float) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+        """Pose at constant velocity in the head frame."""
+        last, before = self._last, self._before
+        assert last is not None
+        if before is None or last.time <= before.time or self._missed:
+            return last.R, last.t
+        share = (time - last.time) / (last.time - before.time)
+        if not 0.5 < share < 2.0:
+            return last.R, last.t
+        moved = inverse(rigid(before.R, before.t)) @ rigid(last.R, last.t)
+        T = rigid(last.R, last.t) @ moved
+        return T[:3, :3], T[:3, 3]
+
+    def _follow(
+        self, images: tuple[Image | None, ...], masks: tuple[Image, ...],
+        R: Float[Array, "3 3"], t: Float[Array, "3"],
+    ) -> Observations:  # fmt: skip
+        """Followed points in the new pictures, from their places at the predicted pose."""
+        found = Observations.empty()
+        for v, image in enumerate(images):
+            rows = np.flatnonzero(self._followed.view == v)
+            last = self._images[v]
+            if image is None or last is None or not len(rows):
+                continue
+            old = self._followed[rows]
+            guess, ahead = self.views.project(v, (self.map.points[old.point] - t) @ R)
+            pixels, good = _lucas_kanade(last, image, old.pixel, guess)
+            u, w = np.clip(pixels.round().astype(int), 0, [image.shape[1] - 1, image.shape[0] - 1]).T
+            good &= ahead & (masks[v][w, u] > 0)
+            found = found.joined(self._observed(v, old.point[good], pixels[good]))
+        return found
+
+    def _observed(self, view: int, points: Array, pixels: Float[Array, "n 2"]) -> Observations:
+        rays, valid = self.views.rays(view, pixels)
+        points, pixels, rays = points[valid], pixels[valid], rays[valid]
+        _, density = self.views.ray_derivative(view, rays)
+        return Observations(points, np.full(len(points), view), pixels, rays,
+                            density / self.config.noise_px)  # fmt: skip
+
+    def _pose(
+        self, seen: Observations, R: Float[Array, "3 3"], t: Float[Array, "3"], index: int,
+        time: float,
+    ) -> Posed | str:  # fmt: skip
+        """The robust pose, or why there is none."""
+        if len(seen.point) < self.config.fewest:
+            return "too few points followed"
+        data = (self.map.points[seen.point], self.views.centres[seen.view], seen.ray,
+                seen.inv_sigma)  # fmt: skip
+        R, t, H = refine_pose(R, t, *data, WIDTHS, 6)
+        inlier = squared_residuals(R, t, *data) < GATE**2
+        self._learn_wearer(seen, inlier)
+        if len(np.unique(seen.point[inlier])) < self.config.fewest:
+            return "too few points agree"
+        if inlier.mean() < LEAST_SHARE:
+            return "most points move otherwise"
+        sigma = np.sqrt(np.trace(np.linalg.inv(H)[3:, 3:]))
+        if not sigma < MOST_SIGMA:
+            return "the points do not determine the pose"
+        return Posed(index, time, R, t, seen[inlier], False, self._segment, H)
+
+    def _is_keyframe(self, pose: Posed) -> bool:
+        key = self.map.frames[self.map.keyframes[-1]]
+        moved = np.linalg.norm(pose.t - key.t)
+        turned = np.degrees(np.arccos(np.clip((np.trace(key.R.T @ pose.R) - 1) / 2, -1, 1)))
+        fewer = len(pose.seen.point) < 0.7 * len(key.seen.point)
+        return bool(
+            moved > self.config.keyframe_move or turned > self.config.keyframe_turn or fewer
+        )
+
+    def _add_keyframe(
+        self, pose: Posed, images: tuple[Image | None, ...], masks: tuple[Image, ...]
+    ) -> None:
+        pose.keyframe = True
+        pose.seen = pose.seen.joined(self._new_points(pose, images, masks))
+        self.map.keyframes.append(len(self.map.frames) - 1)
+        self._refine_window()
+        self._followed = pose.seen
+
+    def _new_points(
+        self, pose: Posed, images: tuple[Image | None, ...], masks: tuple[Image, ...]
+    ) -> Observations:
+        """Corners of every view that stereo gives a depth; those of the wearer are left out."""
+        added = Observations.empty()
+        for a, image in enumerate(images):
+            if image is None:
+                continue
+            taken = pose.seen.joined(added)
+            taken = taken.pixel[taken.view == a]
+            mask = np.where(self.wearer[a].rejected, 0, masks[a])
+            corners = find_corners(image, mask, taken, max(self.config.corners - len(taken), 0))
+            for b in self.views.partners[a]:
+                if not len(corners) or images[b] is None:
+                    continue
+                pair = stereo.match(self.views, a, b, images, corners, self.config.noise_px)  # pyright: ignore
+                own = is_wearer(pair.points_head)
+                self.wearer[a].add(corners[pair.rows], own)
+                rows, points = pair.rows[~own], pair.points_head[~own]
+                numbers = self.map.add_points(points @ pose.R.T + pose.t)
+                added = added.joined(self._observed(a, numbers, corners[rows]))
+                added = added.joined(self._observed(b, numbers, pair.pixels[~own]))
+                corners = np.delete(corners, pair.rows, axis=0)
+        return added
+
+    def _learn_wearer(self, seen: Observations, inlier: Bool[Array, "n"]) -> None:
+        for v, wearer in enumerate(self.wearer):
+            rows = seen.view == v
+            wearer.add(seen.pixel[rows], ~inlier[rows])
+
+    def _refine_window(self) -> None:
+        """Bundle adjustment of the last keyframes; older ones that see the same points are fixed."""
+        keys = [k for k in self.map.keyframes if self.map.frames[k].segment == self._segment]
+        free = keys[-self.config.window :]
+        older = keys[-self.config.window - _OLDER : -self.config.window]
+        fixed = np.arange(len(older) + len(free)) < max(len(older), 1)
+        problem, numbers = self.map.problem([*older, *free], fixed, self.views.centres)
+        found = adjust(problem, 3.0, 4)
+        for i, k in enumerate([*older, *free]):
+            self.map.frames[k].R, self.map.frames[k].t = found.R[i], found.t[i]
+        self.map.points[numbers] = found.points
+
+
+def is_wearer(points_head: Float[Array, "n 3"]) -> Bool[Array, "n"]:
+    """Whether points lie where the wearer's own body may be: near the head or below it."""
+    near = np.linalg.norm(points_head, axis=1) < 0.9
+    below = (np.hypot(points_head[:, 0], points_head[:, 1]) < 0.45) & (points_head[:, 2] < 0.2)
+    return near | below
+
+
+def _result(pose: Posed) -> HeadPose:
+    covariance = np.linalg.inv(pose.information)
+    return HeadPose(rigid(pose.R, pose.t), covariance, len(np.unique(pose.seen.point)))
+
+
+def _lucas_kanade(
+    last: Image, image: Image, pixels: Float[Array, "n 2"], guess: Float[Array, "n 2"]
+) -> tuple[Float[Array, "n 2"], Bool[Array, "n"]]:
+    import cv2
+
+    found, good, error = cv2.calcOpticalFlowPyrLK(
+        last, image, _points(pixels), _points(guess),
+        winSize=(15, 15), maxLevel=2, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.01),
+    )  # fmt: skip
+    return found[:, 0].astype(float), (good[:, 0] == 1) & (error[:, 0] < 20.0)
+
+
+def _points(pixels: Float[Array, "n 2"]) -> Array:
+    return np.ascontiguousarray(pixels[:, None], np.float32)

@@ -1,0 +1,162 @@
+"""Patches of grey pictures: sampling under an affine map, correlation, sub-pixel alignment (numba).
+
+A patch is a square of SIDE x SIDE samples around a pixel. A 2 x 2 matrix A maps offsets in the
+reference picture to offsets in another one.
+Source: inverse compositional alignment, Baker and Matthews 2004.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+REACH = 4
+SIDE = 2 * REACH + 1
+FLAT = 2.0
+"""Standard deviation of grey values below which a patch has no texture."""
+
+
+@njit(cache=True)
+def sample(image, u, v):
+    """Grey value at a pixel, bilinear; nan outside the picture."""
+    height, width = image.shape
+    if not (u >= 0.0 and v >= 0.0 and u < width - 1 and v < height - 1):
+        return np.nan
+    i, j = int(v), int(u)
+    b, a = v - i, u - j
+    top = (1.0 - a) * image[i, j] + a * image[i, j + 1]
+    bottom = (1.0 - a) * image[i + 1, j] + a * image[i + 1, j + 1]
+    return (1.0 - b) * top + b * bottom
+
+
+@njit(cache=True)
+def patch(image, u, v, A, reach, out):
+    """Sample a patch of side 2 reach + 1 into `out`; whether it lies in the picture."""
+    n = 0
+    for y in range(-reach, reach + 1):
+        for x in range(-reach, reach + 1):
+            value = sample(image, u + A[0, 0] * x + A[0, 1] * y, v + A[1, 0] * x + A[1, 1] * y)
+            if np.isnan(value):
+                return False
+            out[n] = value
+            n += 1
+    return True
+
+
+@njit(cache=True)
+def normalise(values):
+    """Subtract the mean and divide by the standard deviation, in place; the latter."""
+    mean, squared = 0.0, 0.0
+    for value in values:
+        mean += value
+    mean /= len(values)
+    for n in range(len(values)):
+        values[n] -= mean
+        squared += values[n] * values[n]
+    deviation = np.sqrt(squared / len(values))
+    if deviation > 1e-9:
+        for n in range(len(values)):
+            values[n] /= deviation
+    return deviation
+
+
+@njit(cache=True)
+def best_matches(reference, pixels, image, candidates, A, valid, apart):
+    """The candidate of each pixel whose patch correlates best.
+
+    pixels (N, 2) in `reference`; candidates (N, H, 2) in `image` with maps A (N, H, 2, 2). Returns
+    its index (N,), its correlation, and the best one at least `apart` candidates away; -1: none.
+    """
+    N, H = candidates.shape[:2]
+    index, score, rival = np.full(N, -1), np.full(N, -1.0), np.full(N, -1.0)
+    template, other, scores = np.empty(SIDE * SIDE), np.empty(SIDE * SIDE), np.empty(H)
+    straight = np.eye(2)
+    for n in range(N):
+        if not patch(reference, pixels[n, 0], pixels[n, 1], straight, REACH, template):
+            continue
+        if normalise(template) < FLAT:
+            continue
+        for h in range(H):
+            scores[h] = -1.0
+            q = candidates[n, h]
+            if valid[n, h] and patch(image, q[0], q[1], A[n, h], REACH, other):
+                if normalise(other) >= FLAT:
+                    scores[h] = np.mean(template * other)
+            if scores[h] > score[n]:
+                index[n], score[n] = h, scores[h]
+        for h in range(H):
+            if abs(h - index[n]) >= apart and scores[h] > rival[n]:
+                rival[n] = scores[h]
+    return index, score, rival
+
+
+@njit(cache=True)
+def align(templates, image, pixels, A, rounds, farthest):
+    """Move each pixel (N, 2) to where its template fits; returns pixels and correlations (N,).
+
+    templates (N, (SIDE + 2)^2): a patch and its border, grey values. A (N, 2, 2). A pixel that
+    moves farther than `farthest` or out of the picture has the correlation -1.
+    """
+    N, wide = len(pixels), SIDE + 2
+    moved, score = pixels.copy(), np.full(N, -1.0)
+    inner, other = np.empty(SIDE * SIDE), np.empty(SIDE * SIDE)
+    gradient = np.empty((SIDE * SIDE, 2))
+    for n in range(N):
+        T = templates[n].reshape(wide, wide)
+        _inner(T, inner, gradient)
+        deviation = normalise(inner)
+        if deviation < FLAT:
+            continue
+        h00, h01, h11 = 0.0, 0.0, 0.0
+        for k in range(len(inner)):
+            h00 += gradient[k, 0] * gradient[k, 0]
+            h01 += gradient[k, 0] * gradient[k, 1]
+            h11 += gradient[k, 1] * gradient[k, 1]
+        det = h00 * h11 - h01 * h01
+        if det < 1e-6 * (h00 + h11) ** 2:
+            continue
+        for _ in range(rounds):
+            u, v = moved[n]
+            if not patch(image, u, v, A[n], REACH, other) or normalise(other) < FLAT:
+                score[n] = -1.0
+                break
+            g0, g1, agreement = 0.0, 0.0, 0.0
+            for k in range(len(inner)):
+                error = (other[k] - inner[k]) * deviation
+                g0 += gradient[k, 0] * error
+                g1 += gradient[k, 1] * error
+                agreement += other[k] * inner[k]
+            score[n] = agreement / len(inner)
+            x, y = (h11 * g0 - h01 * g1) / det, (h00 * g1 - h01 * g0) / det
+            moved[n, 0] = u - (A[n, 0, 0] * x + A[n, 0, 1] * y)
+            moved[n, 1] = v - (A[n, 1, 0] * x + A[n, 1, 1] * y)
+            away = (moved[n, 0] - pixels[n, 0]) ** 2 + (moved[n, 1] - pixels[n, 1]) ** 2
+            if away > farthest * farthest:
+                score[n] = -1.0
+                break
+            if x * x + y * y < 1e-4:
+                break
+    return moved, score
+
+
+@njit(cache=True)
+def _inner(T, inner, gradient):
+    """Patch without its border, and its central differences."""
+    n = 0
+    for i in range(1, T.shape[0] - 1):
+        for j in range(1, T.shape[1] - 1):
+            inner[n] = T[i, j]
+            gradient[n, 0] = 0.5 * (T[i, j + 1] - T[i, j - 1])
+            gradient[n, 1] = 0.5 * (T[i + 1, j] - T[i - 1, j])
+            n += 1
+
+
+@njit(cache=True)
+def templates_at(image, pixels):
+    """Patches with a border of one sample (N, (SIDE + 2)^2), and whether they are in the picture."""
+    N, side = len(pixels), SIDE + 2
+    found, inside = np.zeros((N, side * side), np.float32), np.zeros(N, np.bool_)
+    straight = np.eye(2)
+    for n in range(N):
+        inside[n] = patch(image, pixels[n, 0], pixels[n, 1], straight, REACH + 1, found[n])
+    return found, inside

@@ -1,0 +1,140 @@
+"""Residuals of points against rays, and robust least squares over one pose (numba, float64).
+
+A ray is a unit vector b in the head frame from the centre o of its camera. A point X of the world
+has the direction u = unit(R^T (X - t) - o); the residual is u in the tangent plane of b, divided by
+the standard deviation of the ray. It is defined for any angle off the optical axis.
+
+Perturbation of a pose: R exp([w]), t + v, with the columns in the order w, v.
+Source: Barfoot, State Estimation for Robotics, 2017, ch. 7; loss, Geman and McClure 1985.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+OPPOSITE = 1e3
+"""Residual of a point that lies on the other side of the camera, in standard deviations."""
+
+
+@njit(cache=True)
+def tangents(b, basis):
+    """Two unit vectors orthogonal to the unit vector b, as rows of `basis`."""
+    k = 0
+    for i in range(1, 3):
+        if abs(b[i]) < abs(b[k]):
+            k = i
+    p, q = (k + 1) % 3, (k + 2) % 3
+    n = 1.0 / np.sqrt(b[p] * b[p] + b[q] * b[q])
+    basis[0, k], basis[0, p], basis[0, q] = 0.0, b[q] * n, -b[p] * n
+    basis[1, 0] = b[1] * basis[0, 2] - b[2] * basis[0, 1]
+    basis[1, 1] = b[2] * basis[0, 0] - b[0] * basis[0, 2]
+    basis[1, 2] = b[0] * basis[0, 1] - b[1] * basis[0, 0]
+
+
+@njit(cache=True)
+def residual(R, t, X, o, b, inv_sigma, r, J_pose, J_point):
+    """Residual r (2) and derivatives J_pose (2, 6), J_point (2, 3), written in place.
+
+    Returns whether the point lies on the side of the ray.
+    """
+    basis = np.empty((2, 3))
+    y, d = np.empty(3), np.empty(3)
+    for i in range(3):
+        y[i] = R[0, i] * (X[0] - t[0]) + R[1, i] * (X[1] - t[1]) + R[2, i] * (X[2] - t[2])
+        d[i] = y[i] - o[i]
+    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    if length < 1e-9 or d[0] * b[0] + d[1] * b[1] + d[2] * b[2] <= 0.0:
+        r[0], r[1] = OPPOSITE, OPPOSITE
+        J_pose[:], J_point[:] = 0.0, 0.0
+        return False
+    tangents(b, basis)
+    scale = inv_sigma / length
+    for a in range(2):
+        along = (basis[a, 0] * d[0] + basis[a, 1] * d[1] + basis[a, 2] * d[2]) / length
+        r[a] = along * inv_sigma
+        g0 = (basis[a, 0] - along * d[0] / length) * scale  # dr/dd
+        g1 = (basis[a, 1] - along * d[1] / length) * scale
+        g2 = (basis[a, 2] - along * d[2] / length) * scale
+        J_pose[a, 0] = g1 * y[2] - g2 * y[1]  # dd/dw = [y]x
+        J_pose[a, 1] = g2 * y[0] - g0 * y[2]
+        J_pose[a, 2] = g0 * y[1] - g1 * y[0]
+        for i in range(3):
+            J_point[a, i] = R[i, 0] * g0 + R[i, 1] * g1 + R[i, 2] * g2
+            J_pose[a, 3 + i] = -J_point[a, i]
+    return True
+
+
+@njit(cache=True)
+def exponential(w):
+    """Rotation matrix of a rotation vector (Rodrigues)."""
+    angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    a = 1.0 - angle * angle / 6.0 if angle < 1e-4 else np.sin(angle) / angle
+    c = 0.5 - angle * angle / 24.0 if angle < 1e-4 else (1.0 - np.cos(angle)) / (angle * angle)
+    K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    return np.eye(3) + a * K + c * (K @ K)
+
+
+@njit(cache=True)
+def turned(R, w):
+    """R exp([w]), orthonormal again to rounding error (one Newton step of the polar factor).
+
+    Without it, predictions from earlier poses multiply the rounding error in every frame.
+    """
+    product = np.ascontiguousarray(R) @ exponential(w)
+    return 0.5 * (product @ (3.0 * np.eye(3) - product.T @ product))
+
+
+@njit(cache=True)
+def squared_residuals(R, t, X, o, b, inv_sigma):
+    """Squared length of every residual (N,); points X (N, 3), centres o (N, 3), rays b (N, 3)."""
+    r, J_pose, J_point = np.empty(2), np.empty((2, 6)), np.empty((2, 3))
+    found = np.empty(len(X))
+    for n in range(len(X)):
+        residual(R, t, X[n], o[n], b[n], inv_sigma[n], r, J_pose, J_point)
+        found[n] = r[0] * r[0] + r[1] * r[1]
+    return found
+
+
+@njit(cache=True)
+def normal_equations(R, t, X, o, b, inv_sigma, width):
+    """J^T W J (6, 6), J^T W r (6) and the robust cost at a pose; `width` of the loss in sigmas."""
+    r, J, J_point = np.empty(2), np.empty((2, 6)), np.empty((2, 3))
+    H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
+    c2 = width * width
+    for n in range(len(X)):
+        ahead = residual(R, t, X[n], o[n], b[n], inv_sigma[n], r, J, J_point)
+        e2 = r[0] * r[0] + r[1] * r[1]
+        cost += c2 * e2 / (c2 + e2)
+        if not ahead:
+            continue
+        weight = (c2 / (c2 + e2)) ** 2
+        for i in range(6):
+            g[i] += weight * (J[0, i] * r[0] + J[1, i] * r[1])
+            for j in range(i, 6):
+                H[i, j] += weight * (J[0, i] * J[0, j] + J[1, i] * J[1, j])
+    for i in range(6):
+        for j in range(i):
+            H[i, j] = H[j, i]
+    return H, g, cost
+
+
+@njit(cache=True)
+def refine_pose(R, t, X, o, b, inv_sigma, widths, rounds):
+    """Gauss-Newton steps on one pose with a loss that narrows; returns R, t and J^T W J there.
+
+    `widths` are the loss's successive widths in sigmas, `rounds` the most steps at each.
+    """
+    H = np.eye(6)
+    for width in widths:
+        for _ in range(rounds):
+            H, g, _ = normal_equations(R, t, X, o, b, inv_sigma, width)
+            damped = H.copy()
+            for i in range(6):
+                damped[i, i] += 1e-9 * H[i, i] + 1e-12
+            step = np.linalg.solve(damped, -g)
+            R = turned(R, step[:3])
+            t = t + step[3:]
+            if np.abs(step).max() < 1e-7:
+                break
+    return R, t, H

@@ -1,0 +1,87 @@
+"""Depth of corners: plane sweep along the ray over inverse depths, then sub-pixel alignment.
+
+Patches are warped as if they lay on a plane, so that any two fisheye views can be compared.
+Source: plane sweep, Collins 1996; inverse depth, Civera et al. 2008.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.odometry import patch_kernel as patches
+from egocap.odometry.views import Views
+
+NEAREST, FARTHEST = 0.4, 40.0  # m
+STEP = 1.5  # px of disparity between hypotheses
+_ALIKE, _APART, _DISTINCT = 0.80, 4, 0.06
+_EPIPOLAR = 1.2  # px from the epipolar curve
+
+
+@dataclass(frozen=True, eq=False)
+class StereoMatches:
+    """Corners of one view found in another one; `rows` index the corners asked for."""
+
+    rows: Array  # (m,)
+    pixels: Float[Array, "m 2"]  # in the other view
+    points_head: Float[Array, "m 3"]  # metres
+    depth_sigma: Float[Array, "m"]  # metres, along the ray
+
+
+def match(
+    views: Views, a: int, b: int, images: tuple[UInt8[Array, "H W"], ...],
+    pixels: Float[Array, "n 2"], noise_px: float,
+) -> StereoMatches:  # fmt: skip
+    """Corners of view a that one place of view b matches distinctly, with their points."""
+    rays, valid = views.rays(a, pixels)
+    slope, density = views.ray_derivative(a, rays)
+    origin, far = views.centres[a], views.centres[b] - views.centres[a]
+    steps = np.linalg.norm(far) * density.max(initial=1.0) * (1 / NEAREST - 1 / FARTHEST) / STEP
+    inverse_depth = np.linspace(1 / FARTHEST, 1 / NEAREST, max(int(steps), 8))
+    points = origin + rays[:, None] / inverse_depth[None, :, None]
+    where, J, seen = views.project_jacobian(b, points)
+    A = (J / inverse_depth[None, :, None, None]) @ slope[:, None]
+    index, score, rival = patches.best_matches(
+        images[a], pixels, images[b], where, A, seen & valid[:, None], _APART
+    )
+    rows = np.flatnonzero((index >= 0) & (score > _ALIKE) & (score - rival > _DISTINCT))
+    if not len(rows):
+        return StereoMatches(rows, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+    best = index[rows]
+    templates, _ = patches.templates_at(images[a], pixels[rows])
+    found, fit = patches.align(
+        templates, images[b], where[rows, best], np.ascontiguousarray(A[rows, best]), 8, 2.5
+    )
+    return _triangulated(views, (a, b), rays[rows], rows, found, fit > _ALIKE, noise_px)
+
+
+def _triangulated(
+    views: Views, pair: tuple[int, int], rays: Float[Array, "m 3"], rows: Array,
+    found: Float[Array, "m 2"], good: Bool[Array, "m"], noise_px: float,
+) -> StereoMatches:  # fmt: skip
+    a, b = pair
+    other, valid = views.rays(b, found)
+    points, distance = intersect(views.centres[a], rays, views.centres[b], other)
+    back, _ = views.project(b, points)
+    good = good & valid & (distance > NEAREST) & (distance < 2 * FARTHEST)
+    good &= np.linalg.norm(back - found, axis=1) < _EPIPOLAR
+    _, density = views.ray_derivative(a, rays)
+    parallax = np.linalg.norm(np.cross(rays, other), axis=1)
+    with np.errstate(divide="ignore"):
+        sigma = np.sqrt(2.0) * noise_px / density * distance / parallax
+    good &= sigma < 0.3 * distance
+    return StereoMatches(rows[good], found[good], points[good], sigma[good])
+
+
+def intersect(
+    o1: Float[Array, "3"], d1: Float[Array, "n 3"], o2: Float[Array, "3"], d2: Float[Array, "n 3"]
+) -> tuple[Float[Array, "n 3"], Float[Array, "n"]]:
+    """Points on the rays o1 + s d1 nearest to the rays from o2, and s [m]; s < 0 is behind."""
+    across = o2 - o1
+    cosine = (d1 * d2).sum(1)
+    sine2 = np.maximum(1.0 - cosine**2, 1e-12)
+    s = (d1 @ across - cosine * (d2 @ across)) / sine2
+    return o1 + s[:, None] * d1, s

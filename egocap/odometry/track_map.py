@@ -1,0 +1,90 @@
+"""Points, keyframes and observations of an odometry, in arrays that grow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from egocap.odometry.adjustment import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Points seen in one frame by all views."""
+
+    point: Int[Array, "n"]
+    view: Int[Array, "n"]
+    pixel: Float[Array, "n 2"]
+    ray: Float[Array, "n 3"]  # head frame
+    inv_sigma: Float[Array, "n"]  # 1 / rad
+
+    @classmethod
+    def empty(cls) -> Observations:
+        none = np.zeros(0, int)
+        return cls(none, none, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+
+    def __getitem__(self, rows: Array) -> Observations:
+        return Observations(self.point[rows], self.view[rows], self.pixel[rows], self.ray[rows],
+                            self.inv_sigma[rows])  # fmt: skip
+
+    def joined(self, other: Observations) -> Observations:
+        pairs = ((getattr(self, n), getattr(other, n)) for n in self.__dataclass_fields__)
+        return Observations(*(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass
+class Posed:
+    """A frame whose head pose is known; `segment` numbers the maps it may belong to."""
+
+    index: int
+    time: float  # s
+    R: Float[Array, "3 3"]
+    t: Float[Array, "3"]
+    seen: Observations
+    keyframe: bool
+    segment: int
+    information: Float[Array, "6 6"]
+
+
+@dataclass
+class TrackMap:
+    """Points and posed frames; poses are R_world_head and t [m]."""
+
+    points: Float[Array, "P 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    frames: list[Posed] = field(default_factory=list)
+    keyframes: list[int] = field(default_factory=list)  # rows of `frames`
+
+    def add_points(self, points: Float[Array, "n 3"]) -> Int[Array, "n"]:
+        """Append points; their numbers."""
+        first = len(self.points)
+        self.points = np.concatenate([self.points, points])
+        return np.arange(first, first + len(points))
+
+    def problem(
+        self, keyframes: list[int], fixed: Array, centres: Float[Array, "V 3"]
+    ) -> tuple[Problem, Int[Array, "P"]]:
+        """The adjustment of these frames (rows), and the numbers of its points.
+
+        Points with fewer than two observations are left out.
+        """
+        seen = [self.frames[k].seen for k in keyframes]
+        point = np.concatenate([s.point for s in seen])
+        frame = np.repeat(np.arange(len(seen)), [len(s.point) for s in seen])
+        kept = np.bincount(point, minlength=1)[point] >= 2
+        order = np.flatnonzero(kept)
+        order = order[np.argsort(point[order], kind="stable")]
+        numbers, counts = np.unique(point[order], return_counts=True)
+        view, ray, inv_sigma = (
+            np.concatenate([getattr(s, name) for s in seen])[order]
+            for name in ("view", "ray", "inv_sigma")
+        )
+        poses = [self.frames[k] for k in keyframes]
+        problem = Problem(
+            np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), self.points[numbers],
+            np.concatenate([[0], np.cumsum(counts)]), frame[order], centres[view], ray, inv_sigma,
+            np.asarray(fixed),
+        )  # fmt: skip
+        return problem, numbers

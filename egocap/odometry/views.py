@@ -1,0 +1,102 @@
+"""The views of a rig at working size: rays, their derivatives and standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.cameras.camera import Camera
+from egocap.cameras.rig import Rig
+from egocap.errors import InputError
+
+RIM = np.deg2rad(3.0)
+"""Outermost part of the field of view, left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """A rig whose pictures are at most `width` pixels wide."""
+
+    rig: Rig
+
+    @classmethod
+    def of(cls, rig: Rig, width: int) -> Views:
+        """The working views of a rig. Raises InputError for a rig of one view."""
+        if len(rig.mounts) < 2:
+            raise InputError(f"rig '{rig.name}' has one view: the scale cannot be measured",
+                             valid="a rig of two views or more, or --from FILE")  # fmt: skip
+        camera = rig.cameras[0]
+        scale = min(width / camera.width, 1.0)
+        size = round(camera.width * scale), round(camera.height * scale)
+        if all((c.width, c.height) == (camera.width, camera.height) for c in rig.cameras):
+            return cls(rig.resized(*size))
+        raise InputError(f"rig '{rig.name}' has views of different sizes", valid="equal sizes")
+
+    def __len__(self) -> int:
+        return len(self.rig.mounts)
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        return self.rig.cameras
+
+    @cached_property
+    def centres(self) -> Float[Array, "V 3"]:
+        """Camera centres in the head frame, metres."""
+        return np.ascontiguousarray(self.rig.T_head_camera[:, :3, 3])
+
+    @cached_property
+    def T_camera_head(self) -> Float[Array, "V 4 4"]:
+        return self.rig.T_camera_head
+
+    @cached_property
+    def lens_masks(self) -> tuple[UInt8[Array, "H W"], ...]:
+        """255 where a pixel is inside the field of view, the rim left out."""
+        found = []
+        for camera in self.cameras:
+            pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
+            rays, valid = camera.ray(pixels.astype(float))
+            inner = np.arccos(np.clip(rays[..., 2], -1.0, 1.0)) < camera.max_angle - RIM
+            found.append(np.where(valid & inner, 255, 0).astype(np.uint8))
+        return tuple(found)
+
+    @cached_property
+    def partners(self) -> tuple[tuple[int, ...], ...]:
+        """For every view, the others by the overlap of their optical axes."""
+        axes = self.rig.T_head_camera[:, :3, 2]
+        order = np.argsort(-(axes @ axes.T), axis=1, kind="stable")
+        return tuple(tuple(int(u) for u in row if u != v) for v, row in enumerate(order))
+
+    def rays(
+        self, view: int, pixels: Float[Array, "n 2"]
+    ) -> tuple[Float[Array, "n 3"], Bool[Array, "n"]]:
+        """Unit rays in the head frame of a view's pixels, and whether they are in its field."""
+        rays, valid = self.cameras[view].ray(np.asarray(pixels, float))
+        return rays @ self.rig.T_head_camera[view, :3, :3].T, valid
+
+    def project(
+        self, view: int, points_head: Float[Array, "*n 3"]
+    ) -> tuple[Float[Array, "*n 2"], Bool[Array, "*n"]]:
+        """Pixels of points in the head frame."""
+        T = self.T_camera_head[view]
+        return self.cameras[view].project(points_head @ T[:3, :3].T + T[:3, 3])
+
+    def project_jacobian(
+        self, view: int, points_head: Float[Array, "*n 3"]
+    ) -> tuple[Float[Array, "*n 2"], Float[Array, "*n 2 3"], Bool[Array, "*n"]]:
+        """`project` and its derivative by the point in the head frame."""
+        T = self.T_camera_head[view]
+        pixels, J, valid = self.cameras[view].project_jacobian(points_head @ T[:3, :3].T + T[:3, 3])
+        return pixels, J @ T[:3, :3], valid
+
+    def ray_derivative(
+        self, view: int, rays: Float[Array, "n 3"]
+    ) -> tuple[Float[Array, "n 3 2"], Float[Array, "n"]]:
+        """Derivative of unit rays by their pixels [1/px], and pixels per radian (mean)."""
+        _, J, _ = self.project_jacobian(view, rays + self.centres[view])
+        square = J @ J.transpose(0, 2, 1)
+        density = np.linalg.det(square) ** 0.25
+        return J.transpose(0, 2, 1) @ np.linalg.inv(square), density

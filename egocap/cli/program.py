@@ -6,6 +6,7 @@ from egocap.cli import (  # noqa: F401 (each adds its commands)
     calibrating,
     detecting,
     footage,
+    head_pose,
     live,
     rigs,
     showing,

@@ -23,6 +23,7 @@ from egocap.odometry.config import OdometryConfig
 from egocap.odometry.corners import find_corners
 from egocap.odometry.ray_kernel import refine_pose, squared_residuals
 from egocap.odometry.rejections import RejectionMap
+from egocap.odometry.surface_patches import aligned, fitting, patches_at, warps
 from egocap.odometry.track_map import Observations, Posed, TrackMap
 from egocap.odometry.views import Views
 
@@ -77,6 +78,8 @@ class Odometry:
         R, t = self._predicted(time)
         seen = self._follow(images, masks, R, t)
         pose = self._pose(seen, R, t, index, time)
+        if isinstance(pose, Posed):
+            pose = self._sharpened(pose, images)
         if isinstance(pose, str):
             return self._miss(pose, len(seen.point))
         self._missed = 0
@@ -170,6 +173,36 @@ class Odometry:
             return "the points do not determine the pose"
         return Posed(index, time, R, t, seen[inlier], False, self._segment, H)
 
+    def _sharpened(self, pose: Posed, images: tuple[Image | None, ...]) -> Posed | str:
+        """The pose from points aligned with their first pictures as they look from there."""
+        found = Observations.empty()
+        for v, image in enumerate(images):
+            rows = np.flatnonzero(pose.seen.view == v)
+            if image is None or not len(rows):
+                continue
+            old = pose.seen[rows]
+            A = self._warps(old.point, v, pose)
+            pixels, good = aligned(self.map.patches, old.point, image, old.pixel, A)
+            found = found.joined(self._observed(v, old.point[good], pixels[good]))
+        return self._pose(found, pose.R, pose.t, pose.index, pose.time)
+
+    def _warps(self, points: Array, view: int, pose: Posed) -> Float[Array, "n 2 2"]:
+        return warps(self.map.patches, points, self.map.points[points], *self.map.hosts(points),
+                     self.views, view, (pose.R, pose.t))  # fmt: skip
+
+    def _renew_patches(self, pose: Posed, images: tuple[Image | None, ...]) -> None:
+        """Take new pictures of points that look much smaller, larger or thinner than at first."""
+        for v, image in enumerate(images):
+            rows = np.flatnonzero(pose.seen.view == v)
+            if image is None or not len(rows):
+                continue
+            seen = pose.seen[rows]
+            rows = np.flatnonzero(~fitting(self._warps(seen.point, v, pose)))
+            points = seen.point[rows]
+            new, inside = patches_at(self.views, v, len(self.map.frames) - 1, image,
+                                     seen.pixel[rows], self.map.patches.normal[points])  # fmt: skip
+            self.map.patches.replace(points[inside], new[inside])
+
     def _is_keyframe(self, pose: Posed) -> bool:
         key = self.map.frames[self.map.keyframes[-1]]
         moved = np.linalg.norm(pose.t - key.t)
@@ -183,6 +216,7 @@ class Odometry:
         self, pose: Posed, images: tuple[Image | None, ...], masks: tuple[Image, ...]
     ) -> None:
         pose.keyframe = True
+        self._renew_patches(pose, images)
         pose.seen = pose.seen.joined(self._new_points(pose, images, masks))
         self.map.keyframes.append(len(self.map.frames) - 1)
         self._refine_window()
@@ -193,6 +227,7 @@ class Odometry:
     ) -> Observations:
         """Corners of every view that stereo gives a depth; those of the wearer are left out."""
         added = Observations.empty()
+        host = len(self.map.frames) - (0 if self._segment < 0 else 1)
         for a, image in enumerate(images):
             if image is None:
                 continue
@@ -206,10 +241,13 @@ class Odometry:
                 pair = stereo.match(self.views, a, b, images, corners, self.config.noise_px)  # pyright: ignore
                 own = is_wearer(pair.points_head)
                 self.wearer[a].add(corners[pair.rows], own)
-                rows, points = pair.rows[~own], pair.points_head[~own]
-                numbers = self.map.add_points(points @ pose.R.T + pose.t)
+                rows, kept = pair.rows[~own], np.flatnonzero(~own)
+                patches, _ = patches_at(self.views, a, host, image, corners[rows],
+                                        pair.normal_head[kept] @ pose.R.T)  # fmt: skip
+                points = pair.points_head[kept] @ pose.R.T + pose.t
+                numbers = self.map.add_points(points, patches)
                 added = added.joined(self._observed(a, numbers, corners[rows]))
-                added = added.joined(self._observed(b, numbers, pair.pixels[~own]))
+                added = added.joined(self._observed(b, numbers, pair.pixels[kept]))
                 corners = np.delete(corners, pair.rows, axis=0)
         return added
 

@@ -13,11 +13,14 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.odometry import patch_kernel as patches
+from egocap.geometry import UP, unit
+from egocap.odometry.surface_patches import surface_slope
 from egocap.odometry.views import Views
 
 NEAREST, FARTHEST = 0.4, 40.0  # m
 STEP = 1.5  # px of disparity between hypotheses
 _ALIKE, _APART, _DISTINCT = 0.80, 4, 0.06
+_LEAST_GAIN = 0.005  # of the correlation, for another orientation than facing the ray
 _EPIPOLAR = 1.2  # px from the epipolar curve
 
 
@@ -28,7 +31,7 @@ class StereoMatches:
     rows: Array  # (m,)
     pixels: Float[Array, "m 2"]  # in the other view
     points_head: Float[Array, "m 3"]  # metres
-    depth_sigma: Float[Array, "m"]  # metres, along the ray
+    normal_head: Float[Array, "m 3"]  # of the plane that matches best
 
 
 def match(
@@ -49,18 +52,47 @@ def match(
     )
     rows = np.flatnonzero((index >= 0) & (score > _ALIKE) & (score - rival > _DISTINCT))
     if not len(rows):
-        return StereoMatches(rows, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+        return StereoMatches(rows, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 3)))
     best = index[rows]
+    planes = _Planes(rays[rows], slope[rows], 1.0 / inverse_depth[best], J[rows, best])
     templates, _ = patches.templates_at(images[a], pixels[rows])
-    found, fit = patches.align(
-        templates, images[b], where[rows, best], np.ascontiguousarray(A[rows, best]), 8, 2.5
-    )
-    return _triangulated(views, (a, b), rays[rows], rows, found, fit > _ALIKE, noise_px)
+    found, fit, normal = planes.aligned(templates, images[b], where[rows, best])
+    return _triangulated(views, (a, b), rays[rows], rows, found, fit > _ALIKE, noise_px, normal)
+
+
+@dataclass(frozen=True, eq=False)
+class _Planes:
+    """Points on rays, with the orientations that a surface there is likely to have."""
+
+    ray: Float[Array, "m 3"]
+    slope: Float[Array, "m 3 2"]
+    distance: Float[Array, "m"]
+    J: Float[Array, "m 2 3"]  # of the other view's pixel by the point
+
+    def normals(self) -> list[Float[Array, "m 3"]]:
+        """Facing the ray; the floor (the head's up); a wall that faces the head."""
+        flat = self.ray * [1.0, 1.0, 0.0]
+        return [self.ray, np.tile(UP, (len(self.ray), 1)), unit(flat)]
+
+    def aligned(
+        self, templates: Float[Array, "m S"], image: UInt8[Array, "H W"],
+        start: Float[Array, "m 2"],
+    ) -> tuple[Float[Array, "m 2"], Float[Array, "m"], Float[Array, "m 3"]]:  # fmt: skip
+        """Pixels, correlations and normals of the orientation that correlates best."""
+        pixels, score = start.copy(), np.full(len(start), -1.0)
+        best = self.ray.copy()
+        for normal in self.normals():
+            A = self.J @ surface_slope(self.ray, self.slope, self.distance, normal)
+            found, fit = patches.align(templates, image, start, A, 8, 2.5)
+            better = fit > score + _LEAST_GAIN
+            pixels[better], score[better], best[better] = found[better], fit[better], normal[better]
+        return pixels, score, best
 
 
 def _triangulated(
     views: Views, pair: tuple[int, int], rays: Float[Array, "m 3"], rows: Array,
     found: Float[Array, "m 2"], good: Bool[Array, "m"], noise_px: float,
+    normal: Float[Array, "m 3"],
 ) -> StereoMatches:  # fmt: skip
     a, b = pair
     other, valid = views.rays(b, found)
@@ -73,7 +105,7 @@ def _triangulated(
     with np.errstate(divide="ignore"):
         sigma = np.sqrt(2.0) * noise_px / density * distance / parallax
     good &= sigma < 0.3 * distance
-    return StereoMatches(rows[good], found[good], points[good], sigma[good])
+    return StereoMatches(rows[good], found[good], points[good], normal[good])
 
 
 def intersect(

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.odometry.adjustment import Problem
+from egocap.odometry.surface_patches import SurfacePatches
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +57,20 @@ class TrackMap:
     points: Float[Array, "P 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     frames: list[Posed] = field(default_factory=list)
     keyframes: list[int] = field(default_factory=list)  # rows of `frames`
+    patches: SurfacePatches = field(default_factory=SurfacePatches.empty)  # a row a point
 
-    def add_points(self, points: Float[Array, "n 3"]) -> Int[Array, "n"]:
+    def add_points(self, points: Float[Array, "n 3"], patches: SurfacePatches) -> Int[Array, "n"]:
         """Append points; their numbers."""
         first = len(self.points)
         self.points = np.concatenate([self.points, points])
+        self.patches.extend(patches)
         return np.arange(first, first + len(points))
+
+    def hosts(self, points: Int[Array, "n"]) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3"]]:
+        """Poses of the keyframes that hold the points' patches."""
+        rows, place = np.unique(self.patches.host[points], return_inverse=True)
+        poses = [self.frames[i] for i in rows]
+        return np.stack([p.R for p in poses])[place], np.stack([p.t for p in poses])[place]
 
     def problem(
         self, keyframes: list[int], fixed: Array, centres: Float[Array, "V 3"]

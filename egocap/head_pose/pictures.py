@@ -1,0 +1,74 @@
+"""Grey pictures of a sequence at working size, decoded ahead of their use on another thread."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
+
+from egocap.cameras.rig import Rig
+from egocap.data.sequence import Sequence
+
+AHEAD = 4  # frames
+Grey = UInt8[Array, "h w"]
+
+
+def grey_frames(
+    sequence: Sequence, rig: Rig, frames: range
+) -> Iterator[tuple[int, tuple[Grey | None, ...]]]:
+    """Frame numbers and grey pictures of all views at the size of `rig`; None: no picture."""
+    with ThreadPoolExecutor(1) as pool:
+        waiting: deque[tuple[int, Future[tuple[Grey | None, ...]]]] = deque()
+        upcoming = iter(frames)
+        try:
+            while True:
+                while len(waiting) < AHEAD and (index := next(upcoming, None)) is not None:
+                    waiting.append((index, pool.submit(_decoded, sequence, rig, index)))
+                if not waiting:
+                    return
+                index, future = waiting.popleft()
+                yield index, future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _decoded(sequence: Sequence, rig: Rig, index: int) -> tuple[Grey | None, ...]:
+    return tuple(
+        _picture(sequence, index, view, (mount.camera.width, mount.camera.height))
+        for view, mount in enumerate(rig.mounts)
+    )
+
+
+def _picture(sequence: Sequence, index: int, view: int, size: tuple[int, int]) -> Grey | None:
+    """A JPEG in a shard is decoded at a fraction of its size; colours are not corrected."""
+    import cv2
+
+    times, name = sequence.frame_times, sequence.manifest.views[view]
+    if times is not None and not times.present[index, view]:
+        return None
+    grey: Grey | None
+    if sequence.manifest.shards_hold_images and sequence.image_suffix(index, name).endswith("jpg"):
+        grey = _jpeg(sequence, index, name, size)
+    else:
+        image = sequence.picture(index, view)
+        grey = None if image is None else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    if grey is None or grey.shape == size[::-1]:
+        return grey
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA))
+
+
+def _jpeg(sequence: Sequence, index: int, view: str, size: tuple[int, int]) -> Grey:
+    import simplejpeg
+
+    from egocap.errors import FileError
+
+    data = sequence.read(index, f"{view}.jpg")
+    try:
+        image = simplejpeg.decode_jpeg(data, "GRAY", min_width=size[0], min_height=size[1])
+    except ValueError:
+        raise FileError(sequence.folder, f"frame {index}: '{view}.jpg' is damaged") from None
+    return image[..., 0]

@@ -48,7 +48,7 @@ def head_pose(
     from egocap.data.sequence import Sequence
     from egocap.data.track import load_track
     from egocap.files import make_folder
-    from egocap.head_pose.estimate import by_odometry, head_trajectory
+    from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
 
     opened = Sequence(sequence)
     cameras = opened.rig if rig is None else load_rig(rig)
@@ -56,7 +56,8 @@ def head_pose(
     make_folder(out.parent)
     with progress("head pose", len(opened)) as advance:
         found, reasons = by_odometry(opened, settings, cameras, body, advance)
-    result = head_trajectory(found, reasons, len(opened), None)
+    vertical = vertical_of(opened, cameras, settings, found)
+    result = head_trajectory(found, reasons, len(opened), vertical)
     result.save(out)
     _print(out, result, len(opened), json)
     return DONE
@@ -79,8 +80,9 @@ def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> No
         print(jsons.dumps(summary, indent=1))
         return
     print(f"{path}: {len(result.time)} of {frames} frames, path of {length:.1f} m")
-    vertical = result.facts.get("vertical")
-    if vertical:
-        print(f"vertical from the {vertical['source']}, to {vertical['std_deg']:.2g} degrees")
+    facts = result.facts["vertical"]
+    floor = facts["floor_std_mm"]
+    known = "not found" if floor is None else f"from {facts['floor_from']}, to {floor:.2g} mm"
+    print(f"up from {facts['up_from']}, to {facts['up_std_deg']:.2g} degrees; floor {known}")
     for gap in result.gaps:
         print(f"no pose in frames {gap.first} to {gap.last}: {gap.reason}")

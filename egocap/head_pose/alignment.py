@@ -111,7 +111,9 @@ def aligned(T_world_device: Float[Array, "N 4 4"], found: Alignment) -> Float[Ar
     """Head poses in the reference's world."""
     R = found.T_reference_world[:3, :3] @ T_world_device[:, :3, :3]
     p = found.scale * T_world_device[:, :3, 3] @ found.T_reference_world[:3, :3].T
-    return rigid(R @ found.R_device_head, p + found.T_reference_world[:3, 3] + R @ found.t_device_head)
+    return rigid(
+        R @ found.R_device_head, p + found.T_reference_world[:3, 3] + R @ found.t_device_head
+    )
 
 
 def _places(

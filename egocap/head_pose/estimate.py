@@ -14,9 +14,10 @@ from egocap.cameras.rig import Rig
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.errors import InputError
-from egocap.head_pose.floor import Vertical, find_floor, upright
+from egocap.head_pose.floor import find_floor
 from egocap.head_pose.pictures import grey_frames
 from egocap.head_pose.result import HeadTrajectory, gaps_of
+from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import Finished, finish
@@ -24,6 +25,7 @@ from egocap.odometry.odometry import Odometry
 from egocap.odometry.views import Views
 
 log = logging.getLogger(__name__)
+FLOOR_FRAMES = 16
 Advance = Callable[[int], None]
 
 
@@ -48,18 +50,30 @@ def by_odometry(
     return finish(odometry.map, views.centres), reasons
 
 
-def head_trajectory(
-    found: Finished, reasons: dict[int, str], frames: int, vertical: Vertical | None
-) -> HeadTrajectory:
-    """The poses in the world: z up, the floor at 0, the first head above the origin facing +x.
+def vertical_of(sequence: Sequence, rig: Rig, config: OdometryConfig, found: Finished) -> Vertical:
+    """Up and the floor's height, from the map's planes and some of the pictures."""
+    vertical = find_vertical(found.points, found.T_map_head)
+    if vertical.source == "head":
+        log.warning("no walls, floor or tables found: up is that of the head, uncertain by 10 "
+                    "degrees")  # fmt: skip
+    views = Views.of(rig, config.width)
+    rows = np.unique(np.linspace(0, len(found.frame) - 1, FLOOR_FRAMES).astype(int))
+    frames = []
+    for row in rows:
+        at = int(found.frame[row])
+        _, images = next(grey_frames(sequence, views.rig, range(at, at + 1)))
+        frames.append((found.T_map_head[row], images))
+    floor = find_floor(views, frames, vertical.up)
+    if floor is None:
+        log.warning("the floor was not found: heights are relative to the first head")
+        return vertical
+    return vertical.with_floor(*floor, "pictures")
 
-    The vertical is that of the floor's points where None is given, else the head's mean up.
-    """
-    if vertical is None:
-        vertical = find_floor(found.points, found.T_map_head)
-    if vertical is None:
-        log.warning("no floor found: the vertical is the head's mean up, uncertain by 10 degrees")
-        vertical = upright(found.T_map_head)
+
+def head_trajectory(
+    found: Finished, reasons: dict[int, str], frames: int, vertical: Vertical
+) -> HeadTrajectory:
+    """The poses in the world: z up, the floor at 0, the first head above the origin facing +x."""
     T = vertical.transform(found.T_map_head[0])
     gaps = gaps_of(frames, found.frame, reasons)
     return HeadTrajectory(
@@ -77,9 +91,9 @@ def turned(covariance: Float[Array, "N 6 6"], T: Float[Array, "4 4"]) -> Float[A
 
 def vertical_facts(vertical: Vertical) -> dict[str, Any]:
     """JSON-ready form."""
-    return {"source": vertical.source, "std_deg": round(float(np.degrees(vertical.up_std)), 4),
-            "floor_std_mm": None if vertical.floor_std is None else
-            round(1e3 * vertical.floor_std, 3), "floor_points": vertical.points}  # fmt: skip
+    std = None if vertical.floor_std is None else round(1e3 * vertical.floor_std, 2)
+    return {"up_from": vertical.source, "up_std_deg": round(float(np.degrees(vertical.up_std)), 3),
+            "floor_from": vertical.floor_source, "floor_std_mm": std}  # fmt: skip
 
 
 def map_facts(found: Finished) -> dict[str, Any]:

@@ -1,124 +1,103 @@
-"""The vertical and the floor, from points of the surroundings and the head's usual attitude.
+"""The height of the floor: the level plane on which two views of it agree best.
 
-The head's own up, averaged over the recording, is within some 20 degrees of the vertical; the floor
-is the lowest large plane near that direction. Source: RANSAC, Fischler and Bolles 1981.
+Patches of the ground are warped from one view into the other as if they lay at each height; weak
+textures count together. Source: plane sweep, Collins 1996.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.geometry import unit
+from egocap.odometry import patch_kernel as kernel
+from egocap.odometry.surface_patches import surface_slope
+from egocap.odometry.views import Views
 
-TILT = np.deg2rad(30.0)  # of the floor against the head's mean up, at most
-HEIGHTS = 0.4, 2.4  # m of the head above the floor
-THICKNESS = 0.03  # m; points within it lie on the floor
-FEWEST = 40
-_TRIALS = 800
-PRIOR_STD = np.deg2rad(10.0)
-"""Standard deviation of the head's mean up about the vertical."""
+BELOW = 0.5, 2.3  # m of the floor below the head
+STEP = 0.02  # m
+SPACING = 3.0  # px between a patch's samples
+GRID = 12  # px between patches
+CLEAR = 0.55  # m about the head's vertical, where the wearer stands
+FARTHEST = 2.5  # m on the floor from the head's vertical
+LEAST = 0.15  # mean correlation of a floor
+_FEWEST = 20  # patches
+
+Image = UInt8[Array, "H W"]
 
 
-@dataclass(frozen=True, eq=False)
-class Vertical:
-    """Up in the map, and the height of the floor where it was seen."""
+def floor_scores(
+    views: Views, images: tuple[Image | None, ...], up_head: Float[Array, "3"],
+) -> tuple[Float[Array, "H"], Float[Array, "H"]]:  # fmt: skip
+    """Depths below the head [m] and the sum of the patches' correlations there, of one frame."""
+    depths = np.arange(*BELOW, STEP)
+    total, count = np.zeros(len(depths)), 0
+    for a, image in enumerate(images):
+        b = views.partners[a][0]
+        if image is None or images[b] is None:
+            continue
+        scores = _pair_scores(views, a, b, image, images[b], up_head, depths)
+        total += np.clip(scores, 0.0, 1.0).sum(0)
+        count += len(scores)
+    return depths, total / max(count, _FEWEST)
 
-    up: Float[Array, "3"]
-    up_std: float  # rad
-    source: str  # 'floor', 'imu', 'head' or 'file'
-    floor: float | None = None  # height along `up` of the floor in the map, m
-    floor_std: float | None = None  # m
-    points: int = 0
 
-    def transform(self, T_map_head: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
-        """T_world_map: z up, floor at 0, the given head above the origin and facing +x.
-
-        Without a floor the given head is the origin.
-        """
-        forward = T_map_head[:3, 0]
-        x = unit(forward - (forward @ self.up) * self.up)
-        T = np.eye(4)
-        T[:3, :3] = np.stack([x, np.cross(self.up, x), self.up])
-        T[:3, 3] = -T[:3, :3] @ T_map_head[:3, 3]
-        if self.floor is not None:
-            T[2, 3] = -self.floor
-        return T
+def _pair_scores(
+    views: Views, a: int, b: int, image: Image, other: Image | None, up: Float[Array, "3"],
+    depths: Float[Array, "H"],
+) -> Float[Array, "n H"]:  # fmt: skip
+    assert other is not None
+    height, width = image.shape
+    grid = np.stack(np.meshgrid(np.arange(GRID, width - GRID, GRID),
+                                np.arange(GRID, height - GRID, GRID)), -1).reshape(-1, 2)  # fmt: skip
+    inside = views.lens_masks[a][grid[:, 1], grid[:, 0]] > 0
+    pixels = grid[inside].astype(float)
+    rays, _ = views.rays(a, pixels)
+    steep = -(rays @ up)
+    pixels, rays, steep = pixels[steep > 0.3], rays[steep > 0.3], steep[steep > 0.3]
+    slope, _ = views.ray_derivative(a, rays)
+    origin = views.centres[a]
+    reach = (depths + origin @ up) / steep[:, None]  # (n, H), metres along the ray
+    points = origin + reach[..., None] * rays[:, None]
+    across = np.linalg.norm(points - (points @ up)[..., None] * up, axis=-1)
+    where, J, seen = views.project_jacobian(b, points)
+    flat = np.tile(up, (len(rays), 1))
+    A = J @ (surface_slope(rays, slope, np.ones(len(rays)), flat)[:, None] * reach[..., None, None])
+    seen = seen & (across > CLEAR) & (across < FARTHEST)
+    return kernel.correlations(image, pixels, other, where, A, seen, SPACING)
 
 
 def find_floor(
-    points: Float[Array, "P 3"], heads: Float[Array, "T 4 4"], seed: int = 0
-) -> Vertical | None:
-    """The floor's plane; None where too few points agree on one."""
-    prior = mean_up(heads)
-    above = heads[:, :3, 3]
-    best = _sampled(points, prior, above, np.random.default_rng(seed))
-    if best is None:
+    views: Views, frames: list[tuple[Float[Array, "4 4"], tuple[Image | None, ...]]],
+    up: Float[Array, "3"],
+) -> tuple[float, float] | None:  # fmt: skip
+    """Height of the floor along `up` in the map and its standard error [m]; None: no clear peak.
+
+    `frames`: T_map_head and the pictures of some frames spread over the recording.
+    """
+    heads = np.array([T[:3, 3] @ up for T, _ in frames])
+    levels = heads.mean() - np.arange(BELOW[0] - 0.1, BELOW[1] + 0.1, STEP)
+    scores = []
+    for head, (T, images) in zip(heads, frames, strict=True):
+        depths, found = floor_scores(views, images, T[:3, :3].T @ up)
+        scores.append(np.interp(head - levels, depths, found, left=0.0, right=0.0))
+    table = np.array(scores)
+    mean = table.mean(0)
+    best = int(mean.argmax())
+    if not 0 < best < len(levels) - 1 or mean[best] < LEAST:
         return None
-    normal, height = best
-    for _ in range(8):
-        on = np.abs(points @ normal - height) < THICKNESS
-        if on.sum() < FEWEST:
-            return None
-        normal, height = _fitted(points[on], prior)
-    return _described(points[on], normal, height)
+    own = np.array([_peak(row, levels, best) for row in table])
+    own = own[np.isfinite(own)]
+    std = float(own.std() / np.sqrt(len(own))) if len(own) > 2 else STEP
+    return _peak(mean, levels, best), max(std, 1e-3)
 
 
-def mean_up(heads: Float[Array, "T 4 4"]) -> Float[Array, "3"]:
-    """The head's own up, averaged."""
-    return unit(heads[:, :3, 2].mean(0))
-
-
-def _sampled(
-    points: Float[Array, "P 3"], prior: Float[Array, "3"], above: Float[Array, "T 3"],
-    rng: np.random.Generator,
-) -> tuple[Float[Array, "3"], float] | None:  # fmt: skip
-    """The plane through three points that most points lie on, below all heads."""
-    if len(points) < FEWEST:
-        return None
-    corners = points[rng.integers(len(points), size=(_TRIALS, 3))]
-    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    normals *= np.where(normals @ prior < 0, -1.0, 1.0)[:, None]
-    heights = (normals * corners[:, 0]).sum(1)
-    clear = above @ normals.T - heights  # (T, trials)
-    fits = normals @ prior > np.cos(TILT)
-    fits &= (np.median(clear, 0) > HEIGHTS[0]) & (np.median(clear, 0) < HEIGHTS[1])
-    if not fits.any():
-        return None
-    normals, heights = normals[fits], heights[fits]
-    apart = points @ normals.T - heights
-    support = (np.abs(apart) < THICKNESS).sum(0) - (apart < -3 * THICKNESS).sum(0)
-    best = int(support.argmax())
-    return (normals[best], float(heights[best])) if support[best] >= FEWEST else None
-
-
-def _fitted(
-    points: Float[Array, "n 3"], prior: Float[Array, "3"]
-) -> tuple[Float[Array, "3"], float]:
-    centre = points.mean(0)
-    normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
-    normal = normal if normal @ prior > 0 else -normal
-    return normal, float(normal @ centre)
-
-
-def _described(points: Float[Array, "n 3"], normal: Float[Array, "3"], height: float) -> Vertical:
-    """The plane with the standard errors of its direction and height."""
-    off = points @ normal - height
-    sigma = max(float(np.sqrt((off**2).mean())), 1e-4)
-    spread = np.linalg.eigvalsh(np.cov((points - np.outer(off, normal)).T))[1:]
-    n = len(points)
-    return Vertical(normal, float(sigma * np.sqrt((1 / (n * spread)).sum())), "floor", height,
-                    float(sigma / np.sqrt(n)), n)  # fmt: skip
-
-
-def upright(heads: Float[Array, "T 4 4"]) -> Vertical:
-    """The head's mean up as the vertical, where nothing better is known."""
-    return Vertical(mean_up(heads), PRIOR_STD, "head")
-
-
-def on_floor(points: Float[Array, "P 3"], found: Vertical) -> Bool[Array, "P"]:
-    """Whether points lie on the floor."""
-    return np.abs(points @ found.up - (found.floor or 0.0)) < THICKNESS
+def _peak(scores: Float[Array, "H"], levels: Float[Array, "H"], near: int) -> float:
+    """Maximum near an index, by a parabola; nan where it is none."""
+    low = max(near - 4, 1)
+    at = low + int(scores[low : near + 5].argmax())
+    if not 0 < at < len(scores) - 1:
+        return float("nan")
+    left, middle, right = scores[at - 1 : at + 2]
+    bend = left - 2.0 * middle + right
+    return float(levels[at] - STEP * 0.5 * (left - right) / bend) if bend < 0 else float("nan")

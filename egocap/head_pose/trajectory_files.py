@@ -131,7 +131,9 @@ def _xr(form: str) -> Callable[[Path, str], Trajectory]:
         header = [w.strip().lower() for w in next(_rows(text), (0, ""))[1].split(",")]
         time = next((w for w in header if w.startswith(("timestamp", "time", "xr_time"))), "time")
         unit = next((s for end, s in _SECONDS.items() if time.endswith(end)), 1.0)
-        columns = [_first(header, (f"t{a}", f"p{a}", f"position_{a}", f"pos_{a}", a)) for a in "xyz"]
+        columns = [
+            _first(header, (f"t{a}", f"p{a}", f"position_{a}", f"pos_{a}", a)) for a in "xyz"
+        ]
         columns += [_first(header, (f"q{a}", f"q_{a}", f"rotation_{a}", f"orientation_{a}", f"rot_{a}"))
                     for a in "wxyz"]  # fmt: skip
         table, _ = _by_name(path, text, (time, *columns))
@@ -193,7 +195,9 @@ def _poses(
     length = np.linalg.norm(quaternions, axis=1)
     if (np.abs(length - 1.0) > 1e-2).any():
         worst = int(np.abs(length - 1.0).argmax())
-        raise FileError(path, f"pose {worst}: a quaternion of length {length[worst]:.3g}", valid="1")
+        raise FileError(
+            path, f"pose {worst}: a quaternion of length {length[worst]:.3g}", valid="1"
+        )
     return rigid(quaternion_to_matrix(quaternions), translations)
 
 

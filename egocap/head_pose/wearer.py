@@ -40,7 +40,7 @@ class WearerMasks:
         for v, camera in enumerate(self._views.cameras):
             mask = np.zeros((camera.height, camera.width), np.uint8)
             for (u, w), radius in zip(*self._discs(v, centres), strict=True):
-                cv2.circle(mask, (int(round(u)), int(round(w))), int(np.ceil(radius)), 1, -1)
+                cv2.circle(mask, (round(u), round(w)), int(np.ceil(radius)), 1, -1)
             masks.append(mask > 0)
         return tuple(masks)
 

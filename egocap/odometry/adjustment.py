@@ -119,7 +119,10 @@ def _matrix(blocks: Float[Array, "B 6 6"], slot: Int[Array, "F F"]) -> csc_array
 
 
 def _stepped(
-    R: Float[Array, "K 3 3"], t: Float[Array, "K 3"], row: Int[Array, "K"], step: Float[Array, "F 6"]
+    R: Float[Array, "K 3 3"],
+    t: Float[Array, "K 3"],
+    row: Int[Array, "K"],
+    step: Float[Array, "F 6"],
 ) -> tuple[Float[Array, "K 3 3"], Float[Array, "K 3"]]:
     R, t = R.copy(), t.copy()
     for k in np.flatnonzero(row != kernel.NONE):

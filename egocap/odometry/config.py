@@ -13,7 +13,7 @@ class OdometryConfig:
     """Pictures are reduced to this width, pixels."""
     corners: int = 350
     """Most corners followed in a view."""
-    noise_px: float = 0.25
+    noise_px: float = 0.08
     """Standard deviation of a followed corner, pixels at the reduced width."""
     fewest: int = 25
     """Points on which a pose must rest; with fewer, the frame is a gap."""

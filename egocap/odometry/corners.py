@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 CELL = 20  # px
 BORDER = 6  # px
-FAINTEST = 2e-5
+FAINTEST = 1e-6
 """Smallest eigenvalue of a corner (OpenCV's scale, pictures of 8 bits: at most about 0.1)."""
 
 

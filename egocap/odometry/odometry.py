@@ -34,6 +34,9 @@ LEAST_SHARE = 0.35  # of the followed points that agree with a pose
 MOST_SIGMA = 0.05  # m; a pose less certain is none
 _OLDER = 4  # fixed keyframes before the window
 
+GREY_NOISE = 1.0
+"""Standard deviation of grey values, against which weak texture is weighed."""
+
 Image = UInt8[Array, "H W"]
 
 
@@ -140,7 +143,8 @@ class Odometry:
             old = self._followed[rows]
             guess, ahead = self.views.project(v, (self.map.points[old.point] - t) @ R)
             pixels, good = _lucas_kanade(last, image, old.pixel, guess)
-            u, w = np.clip(pixels.round().astype(int), 0, [image.shape[1] - 1, image.shape[0] - 1]).T
+            last_pixel = np.array(image.shape)[::-1] - 1
+            u, w = np.clip(pixels.round().astype(int), 0, last_pixel).T
             good &= ahead & (masks[v][w, u] > 0)
             found = found.joined(self._observed(v, old.point[good], pixels[good]))
         return found
@@ -149,8 +153,9 @@ class Odometry:
         rays, valid = self.views.rays(view, pixels)
         points, pixels, rays = points[valid], pixels[valid], rays[valid]
         _, density = self.views.ray_derivative(view, rays)
-        return Observations(points, np.full(len(points), view), pixels, rays,
-                            density / self.config.noise_px)  # fmt: skip
+        blur = GREY_NOISE / np.maximum(self.map.patches.sharpness[points], 1e-3)
+        sigma = np.hypot(self.config.noise_px, blur)
+        return Observations(points, np.full(len(points), view), pixels, rays, density / sigma)
 
     def _pose(
         self, seen: Observations, R: Float[Array, "3 3"], t: Float[Array, "3"], index: int,
@@ -257,7 +262,7 @@ class Odometry:
             wearer.add(seen.pixel[rows], ~inlier[rows])
 
     def _refine_window(self) -> None:
-        """Bundle adjustment of the last keyframes; older ones that see the same points are fixed."""
+        """Bundle adjustment of the last keyframes; some older ones are fixed."""
         keys = [k for k in self.map.keyframes if self.map.frames[k].segment == self._segment]
         free = keys[-self.config.window :]
         older = keys[-self.config.window - _OLDER : -self.config.window]

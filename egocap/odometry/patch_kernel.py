@@ -12,7 +12,7 @@ from numba import njit
 
 REACH = 4
 SIDE = 2 * REACH + 1
-FLAT = 2.0
+FLAT = 1.0
 """Standard deviation of grey values below which a patch has no texture."""
 
 
@@ -61,33 +61,27 @@ def normalise(values):
 
 
 @njit(cache=True)
-def best_matches(reference, pixels, image, candidates, A, valid, apart):
-    """The candidate of each pixel whose patch correlates best.
+def correlations(reference, pixels, image, candidates, A, valid, spacing):
+    """Correlation (N, H) of each pixel's patch with those of its candidates; -1: none.
 
-    pixels (N, 2) in `reference`; candidates (N, H, 2) in `image` with maps A (N, H, 2, 2). Returns
-    its index (N,), its correlation, and the best one at least `apart` candidates away; -1: none.
+    pixels (N, 2) in `reference`; candidates (N, H, 2) in `image` with maps A (N, H, 2, 2). Samples
+    are `spacing` pixels apart in the reference.
     """
     N, H = candidates.shape[:2]
-    index, score, rival = np.full(N, -1), np.full(N, -1.0), np.full(N, -1.0)
-    template, other, scores = np.empty(SIDE * SIDE), np.empty(SIDE * SIDE), np.empty(H)
-    straight = np.eye(2)
+    scores = np.full((N, H), -1.0)
+    template, other = np.empty(SIDE * SIDE), np.empty(SIDE * SIDE)
+    straight = np.eye(2) * spacing
     for n in range(N):
         if not patch(reference, pixels[n, 0], pixels[n, 1], straight, REACH, template):
             continue
         if normalise(template) < FLAT:
             continue
         for h in range(H):
-            scores[h] = -1.0
             q = candidates[n, h]
-            if valid[n, h] and patch(image, q[0], q[1], A[n, h], REACH, other):
-                if normalise(other) >= FLAT:
-                    scores[h] = np.mean(template * other)
-            if scores[h] > score[n]:
-                index[n], score[n] = h, scores[h]
-        for h in range(H):
-            if abs(h - index[n]) >= apart and scores[h] > rival[n]:
-                rival[n] = scores[h]
-    return index, score, rival
+            inside = valid[n, h] and patch(image, q[0], q[1], A[n, h] * spacing, REACH, other)
+            if inside and normalise(other) >= FLAT:
+                scores[n, h] = np.mean(template * other)
+    return scores
 
 
 @njit(cache=True)
@@ -152,8 +146,25 @@ def _inner(T, inner, gradient):
 
 
 @njit(cache=True)
+def sharpness(templates):
+    """Inverse standard deviation (N,) of an aligned patch's place in its worse direction [1/px].
+
+    For grey values with a standard deviation of one. Source: Foerstner and Guelch 1987.
+    """
+    inner, gradient = np.empty(SIDE * SIDE), np.empty((SIDE * SIDE, 2))
+    found = np.empty(len(templates))
+    for n in range(len(templates)):
+        _inner(templates[n].reshape(SIDE + 2, SIDE + 2), inner, gradient)
+        h00, h11 = np.sum(gradient[:, 0] ** 2), np.sum(gradient[:, 1] ** 2)
+        h01 = np.sum(gradient[:, 0] * gradient[:, 1])
+        middle, half = 0.5 * (h00 + h11), 0.5 * (h00 - h11)
+        found[n] = np.sqrt(max(middle - np.sqrt(half * half + h01 * h01), 0.0))
+    return found
+
+
+@njit(cache=True)
 def templates_at(image, pixels):
-    """Patches with a border of one sample (N, (SIDE + 2)^2), and whether they are in the picture."""
+    """Patches with a border of one sample (N, (SIDE + 2)^2); whether they are in the picture."""
     N, side = len(pixels), SIDE + 2
     found, inside = np.zeros((N, side * side), np.float32), np.zeros(N, np.bool_)
     straight = np.eye(2)

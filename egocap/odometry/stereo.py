@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap.odometry import patch_kernel as patches
 from egocap.geometry import UP, unit
+from egocap.odometry import patch_kernel as patches
 from egocap.odometry.surface_patches import surface_slope
 from egocap.odometry.views import Views
 
@@ -47,10 +47,11 @@ def match(
     points = origin + rays[:, None] / inverse_depth[None, :, None]
     where, J, seen = views.project_jacobian(b, points)
     A = (J / inverse_depth[None, :, None, None]) @ slope[:, None]
-    index, score, rival = patches.best_matches(
-        images[a], pixels, images[b], where, A, seen & valid[:, None], _APART
+    scores = patches.correlations(
+        images[a], pixels, images[b], where, A, seen & valid[:, None], 1.0
     )
-    rows = np.flatnonzero((index >= 0) & (score > _ALIKE) & (score - rival > _DISTINCT))
+    index, distinct = _best(scores)
+    rows = np.flatnonzero(distinct)
     if not len(rows):
         return StereoMatches(rows, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 3)))
     best = index[rows]
@@ -58,6 +59,18 @@ def match(
     templates, _ = patches.templates_at(images[a], pixels[rows])
     found, fit, normal = planes.aligned(templates, images[b], where[rows, best])
     return _triangulated(views, (a, b), rays[rows], rows, found, fit > _ALIKE, noise_px, normal)
+
+
+def _best(scores: Float[Array, "n H"]) -> tuple[Int[Array, "n"], Bool[Array, "n"]]:
+    """The best candidate of every corner, and whether no other peak comes near it."""
+    index = scores.argmax(1)
+    best = scores.max(1)
+    peak = np.zeros(scores.shape, bool)
+    inner = scores[:, 1:-1]
+    peak[:, 1:-1] = (inner >= scores[:, :-2]) & (inner >= scores[:, 2:])
+    peak &= np.abs(np.arange(scores.shape[1]) - index[:, None]) >= _APART
+    rival = np.where(peak, scores, -1.0).max(1)
+    return index, (best > _ALIKE) & (best - rival > _DISTINCT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,13 +34,14 @@ class SurfacePatches:
     slope: Float[Array, "P 3 2"]  # of the ray by the pixel
     normal: Float[Array, "P 3"]  # of the plane, world
     picture: Float[Array, "P S"]
+    sharpness: Float[Array, "P"]  # 1 / px, as `patch_kernel.sharpness`
 
     @classmethod
     def empty(cls) -> SurfacePatches:
         none = np.zeros(0, int)
         side = (kernel.SIDE + 2) ** 2
         return cls(none, none, np.zeros((0, 3)), np.zeros((0, 3, 2)), np.zeros((0, 3)),
-                   np.zeros((0, side), np.float32))  # fmt: skip
+                   np.zeros((0, side), np.float32), np.zeros(0))  # fmt: skip
 
     def __getitem__(self, rows: Array) -> SurfacePatches:
         return SurfacePatches(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
@@ -63,7 +64,8 @@ def patches_at(
     slope, _ = views.ray_derivative(view, rays)
     picture, inside = kernel.templates_at(image, pixels)
     n = len(pixels)
-    found = SurfacePatches(np.full(n, host), np.full(n, view), rays, slope, normal, picture)
+    found = SurfacePatches(np.full(n, host), np.full(n, view), rays, slope, normal, picture,
+                           kernel.sharpness(picture))  # fmt: skip
     return found, inside
 
 

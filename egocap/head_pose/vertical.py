@@ -1,0 +1,152 @@
+"""Up in a map of points: from the planes of rooms, near the head's usual attitude.
+
+The head's own up, averaged over the recording, is some 20 degrees from the vertical at most. Planes
+near that direction are floors and tables, planes across it walls; up is what they agree on.
+Source: RANSAC, Fischler and Bolles 1981; Manhattan directions, Coughlan and Yuille 1999.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.geometry import unit
+
+TILT = np.deg2rad(25.0)  # of up against the head's mean up, at most
+THICKNESS = 0.02  # m; points within it lie on a plane
+FEWEST = 30  # points of a plane
+MOST_STD = np.deg2rad(2.0)  # of up, for planes to decide
+MEAN_UP_STD = np.deg2rad(10.0)
+"""Standard deviation of the head's mean up about the vertical."""
+_PLANES, _TRIALS, _NEAR = 12, 400, 1.0  # m: corners of a trial plane lie this near each other
+
+
+@dataclass(frozen=True, eq=False)
+class Vertical:
+    """Up in the map, and the height of the floor where it is known."""
+
+    up: Float[Array, "3"]
+    up_std: float  # rad
+    source: str  # 'planes', 'imu', 'head' or 'file'
+    floor: float | None = None  # height of the floor along `up` in the map, m
+    floor_std: float | None = None  # m
+    floor_source: str = "unknown"  # 'pictures', 'feet'
+
+    def transform(self, T_map_head: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
+        """T_world_map: z up, floor at 0, the given head above the origin and facing +x.
+
+        Without a floor the given head is the origin.
+        """
+        forward = T_map_head[:3, 0]
+        x = unit(forward - (forward @ self.up) * self.up)
+        T = np.eye(4)
+        T[:3, :3] = np.stack([x, np.cross(self.up, x), self.up])
+        T[:3, 3] = -T[:3, :3] @ T_map_head[:3, 3]
+        if self.floor is not None:
+            T[2, 3] = -self.floor
+        return T
+
+    def with_floor(self, height: float, std: float, source: str) -> Vertical:
+        return replace(self, floor=height, floor_std=std, floor_source=source)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    normal: Float[Array, "3"]
+    information: Float[Array, "3 3"]  # of the normal, 1 / rad^2
+
+
+def find_vertical(
+    points: Float[Array, "P 3"], heads: Float[Array, "T 4 4"], seed: int = 0
+) -> Vertical:
+    """Up from planes; the head's mean up where they do not determine it."""
+    prior = unit(heads[:, :3, 2].mean(0))
+    planes = _planes(points, np.random.default_rng(seed))
+    up, std = _agreed(planes, prior)
+    if std < MOST_STD:
+        return Vertical(up, std, "planes")
+    return Vertical(prior, MEAN_UP_STD, "head")
+
+
+def _agreed(planes: list[_Plane], prior: Float[Array, "3"]) -> tuple[Float[Array, "3"], float]:
+    """Up that floors are along and walls across, and its standard deviation [rad]."""
+    best, best_support = prior, -1.0
+    for candidate in _candidates(planes, prior):
+        support = sum(np.sqrt(np.trace(p.information)) for p in planes if _fits(p, candidate))
+        if support > best_support:
+            best, best_support = candidate, support
+    up, H = best, np.eye(2)
+    for _ in range(5):
+        across = np.linalg.svd(up[None])[2][1:]
+        H, g = np.eye(2) / MEAN_UP_STD**2, across @ (up - prior) / MEAN_UP_STD**2
+        for p in (p for p in planes if _fits(p, up)):
+            if abs(p.normal @ up) < 0.5:  # a wall: normal . up = 0
+                weight, r = up @ p.information @ up, p.normal @ up
+                J = across @ p.normal
+                H, g = H + weight * np.outer(J, J), g + weight * J * r
+            else:
+                n = p.normal * np.sign(p.normal @ up)
+                W = across @ p.information @ across.T
+                H, g = H + W, g + W @ (across @ (up - n))
+        up = unit(up - np.linalg.solve(H, g) @ across)
+    return up, float(np.sqrt(np.trace(np.linalg.inv(H))))
+
+
+def _candidates(planes: list[_Plane], prior: Float[Array, "3"]) -> list[Float[Array, "3"]]:
+    """Normals of floors, and directions across two walls, near the head's mean up."""
+    found = [p.normal for p in planes]
+    found += [unit(np.cross(p.normal, q.normal)) for p in planes for q in planes
+              if abs(p.normal @ q.normal) < 0.8]  # fmt: skip
+    found = [n * (1.0 if n @ prior > 0 else -1.0) for n in found]
+    return [n for n in found if n @ prior > np.cos(TILT)]
+
+
+def _fits(plane: _Plane, up: Float[Array, "3"]) -> bool:
+    """Whether a plane is level or upright within 3 degrees."""
+    cosine = abs(float(plane.normal @ up))
+    return cosine > np.cos(np.deg2rad(3.0)) or cosine < np.sin(np.deg2rad(3.0))
+
+
+def _planes(points: Float[Array, "P 3"], rng: np.random.Generator) -> list[_Plane]:
+    """The planes with the most points, one after the other."""
+    found: list[_Plane] = []
+    left = points[np.isfinite(points).all(1)]
+    while len(found) < _PLANES and len(left) >= FEWEST:
+        on = _largest(left, rng)
+        if on.sum() < FEWEST:
+            break
+        found.append(_plane(left[on]))
+        left = left[~on]
+    return found
+
+
+def _largest(points: Float[Array, "P 3"], rng: np.random.Generator) -> Array:
+    """Points on the plane that most lie on, through three that are near each other."""
+    first = points[rng.integers(len(points), size=_TRIALS)]
+    near = points[rng.integers(len(points), size=(_TRIALS, 60))]
+    apart = np.linalg.norm(near - first[:, None], axis=2)
+    order = np.argsort(np.where(apart < 0.05, np.inf, apart), axis=1)[:, [0, 3]]
+    pair = np.take_along_axis(near, order[:, :, None], 1)
+    normals = unit(np.cross(pair[:, 0] - first, pair[:, 1] - first))
+    off = np.abs(points @ normals.T - (normals * first).sum(1))
+    on = off[:, int((off < THICKNESS).sum(0).argmax())] < THICKNESS
+    for _ in range(3):
+        if on.sum() < 3:
+            break
+        centre = points[on].mean(0)
+        normal = np.linalg.eigh((points[on] - centre).T @ (points[on] - centre))[1][:, 0]
+        on = np.abs((points - centre) @ normal) < THICKNESS
+    return on
+
+
+def _plane(points: Float[Array, "n 3"]) -> _Plane:
+    """Normal and its information: the spread within the plane against the distances from it."""
+    away = points - points.mean(0)
+    values, axes = np.linalg.eigh(away.T @ away)
+    sigma2 = max(values[0] / len(points), 1e-6)
+    # Neighbouring points share errors: a tenth of them count.
+    spread = 0.1 * values[1:] / sigma2
+    return _Plane(axes[:, 0], axes[:, 1:] @ np.diag(spread) @ axes[:, 1:].T)

@@ -18,7 +18,7 @@ LAYERS = (
     {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards"},
     {"egocap.data"},
     {"egocap.footage", "egocap.calibration", "egocap.odometry"},
-    {"egocap.detect", "egocap.evaluation", "egocap.pose", "egocap.head_pose"},  # these do not import each other
+    {"egocap.detect", "egocap.evaluation", "egocap.pose", "egocap.head_pose"},  # not each other
     {"egocap.detect.train", "egocap.image_model"},
     {"egocap.track", "egocap.datasets"},
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
@@ -149,7 +149,8 @@ def test_rooms_are_small_and_say_what_they_are(name):
 
 
 HANDS_TRUTH_ON = {"egocap.detect.sources"}  # to the synthetic detector alone
-WITHOUT_TRUTH = ("detect", "odometry", "head_pose", "pose", "image_model", "track", "paper", "fitting", "posterior")
+WITHOUT_TRUTH = ("detect", "odometry", "head_pose", "pose", "image_model", "track", "paper",
+                 "fitting", "posterior")  # fmt: skip
 METHOD_WITHOUT_TRUTH = [
     m
     for m in MODULES

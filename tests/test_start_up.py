@@ -30,6 +30,7 @@ COMMANDS = {
         "live",
         "fit-body",
         "fit-rig",
+        "head-pose",
         "posterior",
         "rig",
         "track",

@@ -11,12 +11,16 @@ from tyro.conf import Positional
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE, progress
+from egocap.errors import InputError
+from egocap.head_pose.foreign import ForeignOptions, foreign_trajectory
 from egocap.odometry.config import OdometryConfig
 
 if TYPE_CHECKING:
+    from egocap.cameras.rig import Rig
+    from egocap.data.sequence import Sequence
     from egocap.head_pose.result import HeadTrajectory
 
-CONFIG = OdometryConfig()
+CONFIG, FOREIGN = OdometryConfig(), ForeignOptions()
 
 
 @app.command(name="head-pose")
@@ -27,6 +31,8 @@ def head_pose(
     settings: Annotated[OdometryConfig, tyro.conf.OmitArgPrefixes] = CONFIG,
     track: Path | None = None,
     rig: Path | None = None,
+    trajectory: Path | None = None,
+    foreign: Annotated[ForeignOptions, tyro.conf.OmitArgPrefixes] = FOREIGN,
     json: bool = False,
 ) -> int:
     """Find where the head is in the world, from the pictures that are tracked.
@@ -42,25 +48,46 @@ def head_pose(
         track: track of the sequence; its body masks the wearer, who is otherwise told by depth
             and motion.
         rig: rig file in place of the sequence's own rig.
+        trajectory: poses of another program in place of the pictures: TUM, EuRoC, COLMAP's
+            images.txt, Aria's closed_loop_trajectory.csv, or CSV of ARKit or OpenXR.
+        foreign: how that trajectory is read.
         json: print the summary as JSON.
     """
     from egocap.cameras.rig_files import load_rig
     from egocap.data.sequence import Sequence
-    from egocap.data.track import load_track
     from egocap.files import make_folder
-    from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
 
     opened = Sequence(sequence)
     cameras = opened.rig if rig is None else load_rig(rig)
-    body = None if track is None else load_track(track)
     make_folder(out.parent)
-    with progress("head pose", len(opened)) as advance:
-        found, reasons = by_odometry(opened, settings, cameras, body, advance)
-    vertical = vertical_of(opened, cameras, settings, found)
-    result = head_trajectory(found, reasons, len(opened), vertical)
+    if trajectory is not None:
+        result = foreign_trajectory(trajectory, foreign, cameras, opened.times)
+    else:
+        _refuse(foreign)
+        result = _from_pictures(opened, cameras, settings, track)
     result.save(out)
     _print(out, result, len(opened), json)
     return DONE
+
+
+def _refuse(foreign: ForeignOptions) -> None:
+    """Options of a trajectory, where none is given, would be ignored."""
+    if foreign != FOREIGN:
+        raise InputError("--format, --reference or --time-offset without --trajectory",
+                         valid="--trajectory FILE with them")  # fmt: skip
+
+
+def _from_pictures(
+    sequence: Sequence, cameras: Rig, settings: OdometryConfig, track: Path | None
+) -> HeadTrajectory:
+    from egocap.data.track import load_track
+    from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
+
+    body = None if track is None else load_track(track)
+    with progress("head pose", len(sequence)) as advance:
+        found, reasons = by_odometry(sequence, settings, cameras, body, advance)
+    vertical = vertical_of(sequence, cameras, settings, found)
+    return head_trajectory(found, reasons, len(sequence), vertical)
 
 
 def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> None:
@@ -80,9 +107,22 @@ def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> No
         print(jsons.dumps(summary, indent=1))
         return
     print(f"{path}: {len(result.time)} of {frames} frames, path of {length:.1f} m")
-    facts = result.facts["vertical"]
-    floor = facts["floor_std_mm"]
-    known = "not found" if floor is None else f"from {facts['floor_from']}, to {floor:.2g} mm"
-    print(f"up from {facts['up_from']}, to {facts['up_std_deg']:.2g} degrees; floor {known}")
+    print(_origin(result.facts))
     for gap in result.gaps:
         print(f"no pose in frames {gap.first} to {gap.last}: {gap.reason}")
+
+
+def _origin(facts: dict[str, Any]) -> str:
+    """The world's vertical and floor, or the clock and place of a foreign trajectory."""
+    if "vertical" in facts:
+        found = facts["vertical"]
+        floor = found["floor_std_mm"]
+        known = "not found" if floor is None else f"from {found['floor_from']}, to {floor:.2g} mm"
+        return f"up from {found['up_from']}, to {found['up_std_deg']:.2g} degrees; floor {known}"
+    told = [f"{facts['method']}: {facts['poses']} poses, clock offset {facts['offset_s']:.4f} s"]
+    if "residual_mm" in facts:
+        told.append(f"{facts['residual_mm']} mm and {facts['residual_deg']} degrees from the "
+                    "reference")  # fmt: skip
+        if facts["device_head_m"] is None:
+            told.append("the device's place on the head is not observable: taken as the head's")
+    return "; ".join(told)

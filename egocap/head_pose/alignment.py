@@ -50,7 +50,7 @@ def angular_rates(time: Float[Array, "N"], R: Float[Array, "N 3 3"]) -> ViewSign
 def rate_alignment(
     reference: ViewSignal, other: ViewSignal
 ) -> tuple[float, float, float, Float[Array, "3 3"]]:
-    """Offset [s], its standard deviation, the correlation, and R with rate_other = R rate_reference.
+    """Offset [s], its standard deviation, correlation, and R with rate_other = R rate_reference.
 
     Raises InputError where the rates do not agree or hardly turn.
     """

@@ -48,8 +48,8 @@ def _pair_scores(
 ) -> Float[Array, "n H"]:  # fmt: skip
     assert other is not None
     height, width = image.shape
-    grid = np.stack(np.meshgrid(np.arange(GRID, width - GRID, GRID),
-                                np.arange(GRID, height - GRID, GRID)), -1).reshape(-1, 2)  # fmt: skip
+    columns, rows = np.arange(GRID, width - GRID, GRID), np.arange(GRID, height - GRID, GRID)
+    grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
     inside = views.lens_masks[a][grid[:, 1], grid[:, 0]] > 0
     pixels = grid[inside].astype(float)
     rays, _ = views.rays(a, pixels)

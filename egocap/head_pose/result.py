@@ -42,8 +42,10 @@ class HeadTrajectory:
     def save(self, path: Path) -> None:
         """Write the npz file, atomically. Raises as `egocap.files.disk_errors`."""
         gaps = [{"first": g.first, "last": g.last, "reason": g.reason} for g in self.gaps]
-        write_npz(path, time=self.time, T_world_head=self.T_world_head, frame=self.frame,
-                  covariance=self.covariance, gaps=json.dumps(gaps), facts=json.dumps(self.facts))  # fmt: skip
+        write_npz(
+            path, time=self.time, T_world_head=self.T_world_head, frame=self.frame,
+            covariance=self.covariance, gaps=json.dumps(gaps), facts=json.dumps(self.facts),
+        )  # fmt: skip
 
 
 def gaps_of(count: int, known: Int[Array, "N"], reasons: dict[int, str]) -> tuple[Gap, ...]:

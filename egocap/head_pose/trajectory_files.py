@@ -23,6 +23,9 @@ from egocap.schema import read_text
 FORMATS = ("tum", "euroc", "colmap", "aria", "arkit", "openxr")
 R_DEVICE_HEAD_XR = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Head axes (forward, left, up) in a device whose x is right, y up and z backwards."""
+_COLMAP_LINE = "IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"
+_PLACES = ("t", "p", "position_", "pos_", "")
+_TURNS = ("q", "q_", "rotation_", "orientation_", "rot_")
 _Z, _Y = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 _SECONDS = {"_ns": 1e-9, "_us": 1e-6, "_ms": 1e-3, "_s": 1.0}
 
@@ -95,8 +98,7 @@ def _colmap(path: Path, text: str) -> Trajectory:
         if not words:
             continue
         if len(words) != 10:
-            raise FileError(path, f"{len(words)} columns", line=n,
-                            valid="IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME")  # fmt: skip
+            raise FileError(path, f"{len(words)} columns", line=n, valid=_COLMAP_LINE)
         digits = re.findall(r"\d+", Path(words[9]).stem)
         if not digits:
             raise FileError(path, f"no frame number in the name '{words[9]}'", line=n)
@@ -118,8 +120,8 @@ def _view(name: str) -> str:
 
 
 def _aria(path: Path, text: str) -> Trajectory:
-    table, _ = _by_name(path, text, ("tracking_timestamp_us", *(f"t{a}_world_device" for a in "xyz"),
-                                     *(f"q{a}_world_device" for a in "wxyz")))  # fmt: skip
+    place = [f"t{a}_world_device" for a in "xyz"] + [f"q{a}_world_device" for a in "wxyz"]
+    table, _ = _by_name(path, text, ("tracking_timestamp_us", *place))
     up, known = _by_name(path, text, tuple(f"gravity_{a}_world" for a in "xyz"), optional=True)
     direction = -np.median(up, axis=0) if known else _Z
     T = _poses(path, table[:, 4:8], table[:, 1:4])
@@ -131,11 +133,8 @@ def _xr(form: str) -> Callable[[Path, str], Trajectory]:
         header = [w.strip().lower() for w in next(_rows(text), (0, ""))[1].split(",")]
         time = next((w for w in header if w.startswith(("timestamp", "time", "xr_time"))), "time")
         unit = next((s for end, s in _SECONDS.items() if time.endswith(end)), 1.0)
-        columns = [
-            _first(header, (f"t{a}", f"p{a}", f"position_{a}", f"pos_{a}", a)) for a in "xyz"
-        ]
-        columns += [_first(header, (f"q{a}", f"q_{a}", f"rotation_{a}", f"orientation_{a}", f"rot_{a}"))
-                    for a in "wxyz"]  # fmt: skip
+        columns = [_first(header, [f"{name}{a}" for name in _PLACES]) for a in "xyz"]
+        columns += [_first(header, [f"{name}{a}" for name in _TURNS]) for a in "wxyz"]
         table, _ = _by_name(path, text, (time, *columns))
         T = _poses(path, table[:, 4:8], table[:, 1:4])
         return Trajectory(form, table[:, 0] * unit, T, _Y, R_DEVICE_HEAD_XR)

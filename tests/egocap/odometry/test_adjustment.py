@@ -34,8 +34,12 @@ def disturbed(rng, exact, turn=0.01, move=0.02, point=0.05):
         R[k] = R[k] @ exponential(turn * rng.normal(size=3))
         t[k] += move * rng.normal(size=3)
     X = exact.points + point * rng.normal(size=exact.points.shape)
-    return Problem(R, t, X, *[getattr(exact, n) for n in
-                              ("start", "frame", "origin", "ray", "inv_sigma", "fixed")])  # fmt: skip
+    return Problem(
+        R,
+        t,
+        X,
+        *[getattr(exact, n) for n in ("start", "frame", "origin", "ray", "inv_sigma", "fixed")],
+    )
 
 
 def test_exact_rays_give_exact_poses_and_points(rng):
@@ -43,7 +47,7 @@ def test_exact_rays_give_exact_poses_and_points(rng):
     found = adjust(disturbed(rng, exact), 50.0, 20)
     assert found.cost < 1e-8
     assert found.t == pytest.approx(exact.t, abs=1e-6)
-    assert found.R == pytest.approx(exact.R, abs=1e-6)
+    assert pytest.approx(exact.R, abs=1e-6) == found.R
     assert found.points == pytest.approx(exact.points, abs=1e-5)
 
 
@@ -85,7 +89,9 @@ def test_reduced_system_is_the_inverse_covariance_of_the_keyframes(rng):
     found = adjust(exact, 1e6, 0, system=True)
     residuals = []
     h = 1e-6
-    columns = [(k, i) for k in (1, 2) for i in range(6)] + [(p, i) for p in range(12) for i in range(3)]
+    columns = [(k, i) for k in (1, 2) for i in range(6)] + [
+        (p, i) for p in range(12) for i in range(3)
+    ]
     for n, (which, i) in enumerate(columns):
         ends = []
         for sign in (1, -1):

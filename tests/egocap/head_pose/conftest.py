@@ -1,0 +1,9 @@
+"""Fixtures of the head pose's tests."""
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(11)

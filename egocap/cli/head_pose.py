@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.commandline import DONE, progress
 from egocap.errors import InputError
-from egocap.head_pose.foreign import ForeignOptions, foreign_trajectory
+from egocap.head_pose.config import ForeignOptions
 from egocap.odometry.config import OdometryConfig
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ def head_pose(
     cameras = opened.rig if rig is None else load_rig(rig)
     make_folder(out.parent)
     if trajectory is not None:
+        from egocap.head_pose.foreign import foreign_trajectory
+
         result = foreign_trajectory(trajectory, foreign, cameras, opened.times)
     else:
         _refuse(foreign)

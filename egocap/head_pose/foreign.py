@@ -6,7 +6,7 @@ head, and the scale are found; without one they are as given, or as the format s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +19,11 @@ from egocap.data.head_pose import load_head_pose
 from egocap.errors import FileError, InputError
 from egocap.geometry import inverse, rigid, unit
 from egocap.head_pose.alignment import Alignment, align, aligned
+from egocap.head_pose.config import ForeignOptions
 from egocap.head_pose.result import HeadTrajectory
 from egocap.head_pose.trajectory_files import Trajectory, read_trajectory
 
 MOST_STEP = 0.25  # s between poses of a trajectory without a gap
-
-
-@dataclass(frozen=True)
-class ForeignOptions:
-    """How a trajectory of another program is read."""
-
-    format: str | None = None
-    """tum, euroc, colmap, aria, arkit or openxr; recognised when not given."""
-    reference: Path | None = None
-    """Head poses of the same motion, npz, from which clock, axes, place and scale are found."""
-    time_offset: float | None = None
-    """Seconds to add to the trajectory's times; found from --reference where that is given."""
 
 
 def foreign_trajectory(

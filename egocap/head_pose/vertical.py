@@ -21,7 +21,9 @@ FEWEST = 30  # points of a plane
 MOST_STD = np.deg2rad(2.0)  # of up, for planes to decide
 MEAN_UP_STD = np.deg2rad(10.0)
 """Standard deviation of the head's mean up about the vertical."""
-_PLANES, _TRIALS, _NEAR = 12, 400, 1.0  # m: corners of a trial plane lie this near each other
+BENT = np.deg2rad(0.7)  # standard deviation of a plane's direction: things stand on floors
+LOSS = np.deg2rad(1.5)  # width of the loss; slopes and slanted things are outliers
+_PLANES, _TRIALS = 16, 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,26 +75,36 @@ def find_vertical(
 
 def _agreed(planes: list[_Plane], prior: Float[Array, "3"]) -> tuple[Float[Array, "3"], float]:
     """Up that floors are along and walls across, and its standard deviation [rad]."""
-    best, best_support = prior, -1.0
+    up, most = prior, -1.0
     for candidate in _candidates(planes, prior):
-        support = sum(np.sqrt(np.trace(p.information)) for p in planes if _fits(p, candidate))
-        if support > best_support:
-            best, best_support = candidate, support
-    up, H = best, np.eye(2)
-    for _ in range(5):
+        support = sum(1.0 / (1.0 + (_off(p, candidate) / LOSS) ** 2) for p in planes)
+        if support > most:
+            up, most = candidate, support
+    H = np.eye(2)
+    for _ in range(10):
         across = np.linalg.svd(up[None])[2][1:]
         H, g = np.eye(2) / MEAN_UP_STD**2, across @ (up - prior) / MEAN_UP_STD**2
-        for p in (p for p in planes if _fits(p, up)):
-            if abs(p.normal @ up) < 0.5:  # a wall: normal . up = 0
-                weight, r = up @ p.information @ up, p.normal @ up
-                J = across @ p.normal
-                H, g = H + weight * np.outer(J, J), g + weight * J * r
+        for p in planes:
+            weight = 1.0 / (1.0 + (_off(p, up) / LOSS) ** 2) ** 2
+            if _is_wall(p, up):  # normal . up = 0
+                J, W = across @ p.normal, weight * (up @ p.information @ up)
+                H, g = H + W * np.outer(J, J), g + W * J * (p.normal @ up)
             else:
                 n = p.normal * np.sign(p.normal @ up)
-                W = across @ p.information @ across.T
+                W = weight * across @ p.information @ across.T
                 H, g = H + W, g + W @ (across @ (up - n))
         up = unit(up - np.linalg.solve(H, g) @ across)
     return up, float(np.sqrt(np.trace(np.linalg.inv(H))))
+
+
+def _is_wall(plane: _Plane, up: Float[Array, "3"]) -> bool:
+    return abs(float(plane.normal @ up)) < 0.7
+
+
+def _off(plane: _Plane, up: Float[Array, "3"]) -> float:
+    """Angle of a plane from the nearer one of level and upright [rad]."""
+    cosine = min(abs(float(plane.normal @ up)), 1.0)
+    return float(min(np.arccos(cosine), np.arcsin(cosine)))
 
 
 def _candidates(planes: list[_Plane], prior: Float[Array, "3"]) -> list[Float[Array, "3"]]:
@@ -102,12 +114,6 @@ def _candidates(planes: list[_Plane], prior: Float[Array, "3"]) -> list[Float[Ar
               if abs(p.normal @ q.normal) < 0.8]  # fmt: skip
     found = [n * (1.0 if n @ prior > 0 else -1.0) for n in found]
     return [n for n in found if n @ prior > np.cos(TILT)]
-
-
-def _fits(plane: _Plane, up: Float[Array, "3"]) -> bool:
-    """Whether a plane is level or upright within 3 degrees."""
-    cosine = abs(float(plane.normal @ up))
-    return cosine > np.cos(np.deg2rad(3.0)) or cosine < np.sin(np.deg2rad(3.0))
 
 
 def _planes(points: Float[Array, "P 3"], rng: np.random.Generator) -> list[_Plane]:
@@ -148,5 +154,5 @@ def _plane(points: Float[Array, "n 3"]) -> _Plane:
     values, axes = np.linalg.eigh(away.T @ away)
     sigma2 = max(values[0] / len(points), 1e-6)
     # Neighbouring points share errors: a tenth of them count.
-    spread = 0.1 * values[1:] / sigma2
-    return _Plane(axes[:, 0], axes[:, 1:] @ np.diag(spread) @ axes[:, 1:].T)
+    variance = 10.0 * sigma2 / values[1:] + BENT**2
+    return _Plane(axes[:, 0], axes[:, 1:] @ np.diag(1.0 / variance) @ axes[:, 1:].T)

@@ -11,7 +11,7 @@ class OdometryConfig:
 
     width: int = 640
     """Pictures are reduced to this width, pixels."""
-    corners: int = 350
+    corners: int = 300
     """Most corners followed in a view."""
     noise_px: float = 0.08
     """Standard deviation of a followed corner, pixels at the reduced width."""

@@ -29,6 +29,7 @@ from egocap.odometry.views import Views
 
 WIDTHS = np.array([30.0, 12.0, 5.0, 3.0])
 """Widths of the loss in a pose's successive rounds, standard deviations."""
+LEAST_KEPT = 0.55  # of a keyframe's observations; with fewer left, the next keyframe follows
 GATE = 4.0  # sigmas beyond which an observation is an outlier
 LEAST_SHARE = 0.35  # of the followed points that agree with a pose
 MOST_SIGMA = 0.05  # m; a pose less certain is none
@@ -212,7 +213,7 @@ class Odometry:
         key = self.map.frames[self.map.keyframes[-1]]
         moved = np.linalg.norm(pose.t - key.t)
         turned = np.degrees(np.arccos(np.clip((np.trace(key.R.T @ pose.R) - 1) / 2, -1, 1)))
-        fewer = len(pose.seen.point) < 0.7 * len(key.seen.point)
+        fewer = len(pose.seen.point) < LEAST_KEPT * len(key.seen.point)
         return bool(
             moved > self.config.keyframe_move or turned > self.config.keyframe_turn or fewer
         )
@@ -268,7 +269,7 @@ class Odometry:
         older = keys[-self.config.window - _OLDER : -self.config.window]
         fixed = np.arange(len(older) + len(free)) < max(len(older), 1)
         problem, numbers = self.map.problem([*older, *free], fixed, self.views.centres)
-        found = adjust(problem, 3.0, 4)
+        found = adjust(problem, 3.0, 3)
         for i, k in enumerate([*older, *free]):
             self.map.frames[k].R, self.map.frames[k].t = found.R[i], found.t[i]
         self.map.points[numbers] = found.points

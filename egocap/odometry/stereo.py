@@ -18,8 +18,8 @@ from egocap.odometry.surface_patches import surface_slope
 from egocap.odometry.views import Views
 
 NEAREST, FARTHEST = 0.4, 40.0  # m
-STEP = 1.5  # px of disparity between hypotheses
-_ALIKE, _APART, _DISTINCT = 0.80, 4, 0.06
+STEP = 2.0  # px of disparity between hypotheses
+_ALIKE, _APART, _DISTINCT = 0.80, 3, 0.06
 _LEAST_GAIN = 0.005  # of the correlation, for another orientation than facing the ray
 _EPIPOLAR = 1.2  # px from the epipolar curve
 

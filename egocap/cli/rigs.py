@@ -202,7 +202,8 @@ def fit_rig(
     """Find where a rig sits on the wearer's head today, and the wearer's body, from some seconds.
 
     The wearer stands upright at first and looks at the horizon, then nods, turns and tilts the
-    head, squats and moves the arms. What the footage does not determine is said.
+    head, moves the arms and squats, and does as at first after each. What the footage does not
+    determine is said.
 
     Args:
         footage: folder of a sequence.
@@ -247,14 +248,15 @@ def _print_fit(path: Path, fit: RigFit, as_json: bool) -> None:
     if as_json:
         summary = {
             "rig": str(path), "frames": fit.frames, "neutral_frames": fit.neutral,
+            "neutral_stances": fit.stances,
             "converged": fit.converged, "residual": round(fit.residual, 3), "mount": report,
             "notes": notes, "bones": fit.body.report(),
         }  # fmt: skip
         print(json.dumps(summary, indent=1))
         return
     unfinished = "" if fit.converged else "; not converged"
-    print(f"{path}: from {fit.frames} frames, {fit.neutral} of the neutral stance; detections miss "
-          f"by {fit.residual:.2f} standard deviations{unfinished}")  # fmt: skip
+    print(f"{path}: from {fit.frames} frames, {fit.neutral} of {fit.stances} neutral stances; "
+          f"detections miss by {fit.residual:.2f} standard deviations{unfinished}")  # fmt: skip
     for i, (name, line) in enumerate(report.items()):
         unit = "deg" if i < 3 else "mm"
         seen = "" if line["observed"] else "  not observed: near the rig file"

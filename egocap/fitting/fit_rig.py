@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from egocap.body.skeleton import DOFS
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
@@ -32,20 +33,28 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 
 NEUTRAL_FRAMES = 12
-"""Frames of the neutral stance that take part."""
+"""Frames of each neutral stance that take part."""
+RETURNED = np.deg2rad(9.0)
+"""Largest angle of the neck from the first neutral stance at which it counts as taken again."""
+LEAST_STANCE_S = 0.5
+"""Seconds that a stance is held."""
 SYSTEMATIC = np.repeat([np.deg2rad(0.5), 0.002], 3)
 """Standard deviations that more frames do not reduce: habits of stance, marks on the skin."""
 OBSERVED = 0.5
 """Fraction of its prior standard deviation below which a parameter counts as observed."""
 MOVES = (
-    "2 s: stand upright, arms hanging, and look at the horizon (gives the rotation)",
-    "4 s: nod slowly, chin to chest and up (forward and up)",
-    "4 s: turn the head slowly, left and right (forward and left)",
+    "2 s: stand upright, arms hanging, and look at the horizon (gives the rotation); do so again "
+    "for a second after each of the following moves, since no one meets it exactly",
+    "3 s: nod slowly, chin to chest and up (forward and up)",
+    "3 s: turn the head slowly, left and right (forward and left)",
     "3 s: tilt the head to either shoulder (left and up)",
+    "3 s: both arms forward and sideways (body)",
     "4 s: two squats, looking ahead (body)",
-    "4 s: both arms forward, sideways, up (body)",
 )
 """What to do before the cameras, and what it determines."""
+
+
+_NECK = [i for i, name in enumerate(DOFS) if "neck" in name]
 
 
 class MountError(NamedTuple):
@@ -64,7 +73,8 @@ class RigFit:
     shift: Float[Array, "6"]  # rotation vector [rad], translation [m]: given to fitted rig, head
     covariance: Float[Array, "6 6"]
     prior: Float[Array, "6 6"]  # covariance before
-    neutral: int  # frames of the neutral stance that took part
+    neutral: int  # frames of the neutral stances that took part
+    stances: int  # how often the neutral stance was taken
     frames: int
     residual: float  # root mean square, in the detections' standard deviations
     converged: bool
@@ -113,8 +123,9 @@ def fit_rig(
     """The pose of a rig on the head of the person whom its detections show, and the person's body.
 
     `rig` is the rig as built or guessed, right within `error`; `height` in metres. In the seconds
-    `neutral`, first to last, the person stands upright and looks at the horizon; None: never.
-    Raises InputError for impossible values, without detections, and as `tracker.track`.
+    `neutral`, first to last, the person stands upright and looks at the horizon; None: never. Later
+    returns to that stance are found and count as further, independent ones. Raises InputError for
+    impossible values, without detections, and as `tracker.track`.
     """
     from egocap.track.tracker import Tracker
 
@@ -127,9 +138,12 @@ def fit_rig(
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():
         raise InputError("no detection to fit a rig to")
-    stance = neutral_frames(observations.times, used, neutral)
-    frames = np.union1d(choose_frames(followed.angles, used, config.frames), stance)
-    weights = np.isin(frames, stance) / max(len(stance), 1)
+    stances = neutral_stances(observations.times, used, followed.angles, neutral)
+    chosen = choose_frames(followed.angles, used, config.frames)
+    frames = np.unique(np.concatenate([chosen, *stances]))
+    weights = np.zeros(len(frames))
+    for stance in stances:
+        weights += np.isin(frames, stance) / len(stance)
     spread = (float(np.deg2rad(error.rotation_deg)), error.position_m)
     prior = MountPrior.around(body.mean, body.covariance, *spread)
     problem = MountProblem(select_frames(observations, frames), prior, tracker, weights)
@@ -155,6 +169,26 @@ def neutral_frames(
     return inside[rows.round().astype(int)]
 
 
+def neutral_stances(
+    times: Float[Array, "T"], used: Int[Array, "T"], angles: Float[Array, "T 37"],
+    neutral: tuple[float, float] | None,
+) -> list[Int[Array, "_"]]:  # fmt: skip
+    """Frames of each neutral stance: the given one, and those to which the neck returns."""
+    first = neutral_frames(times, used, neutral)
+    if not len(first):
+        return []
+    off = angles[:, _NECK] - np.median(angles[first][:, _NECK], axis=0)
+    near = (np.abs(off).max(1) < RETURNED) & (used > 0)
+    edges = np.flatnonzero(np.diff(np.r_[False, near, False].astype(int))).reshape(-1, 2)
+    found = [first]
+    for start, end in edges:
+        held = times[end - 1] - times[start] >= LEAST_STANCE_S
+        if held and start > first[-1] and not near[first[-1] : start].all():
+            rows = np.linspace(start, end - 1, NEUTRAL_FRAMES + 2)[1:-1]
+            found.append(np.unique(rows.round().astype(int)))
+    return found
+
+
 def moved_rig(rig: Rig, shift: Float[Array, "6"]) -> Rig:
     """The rig after a rotation [rad] and translation [m] of the head frame."""
     move = rigid(rotation(shift[:3]), shift[3:])
@@ -178,6 +212,7 @@ def _finished(
         covariance=covariance + np.diag(SYSTEMATIC**2),
         prior=problem.prior.covariance[-6:, -6:],
         neutral=int(np.count_nonzero(problem.neutral)),
+        stances=int(np.rint(problem.neutral.sum())),
         frames=len(poses),
         residual=float(np.sqrt(system.squared[seen].mean() / 2.0)),
         converged=converged,

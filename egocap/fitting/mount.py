@@ -64,7 +64,7 @@ class MountPrior:
 
 @dataclass(frozen=True, eq=False)
 class MountProblem(FitProblem):
-    """A fit of body and mount. `neutral` weighs the frames of the neutral stance, sum 1 or 0."""
+    """A fit of body and mount. `neutral` weighs the frames of each neutral stance, sum 1."""
 
     neutral: Float[Array, "T"]
 

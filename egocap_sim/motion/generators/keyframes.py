@@ -80,7 +80,7 @@ class Keyframes:
         self.style, self.rng, self.pace, self.clock = style, rng, pace * style.tempo, 0.0
         self.moved = False
         self._hands = [_Track([DOWN.row]) for _ in range(2)]
-        self._gaze = _Track([np.zeros(2)])  # yaw, pitch
+        self._gaze = _Track([np.zeros(3)])  # yaw, pitch, roll
         self._trunk = _Track([np.zeros(3)])  # yaw, pitch (forward), roll
         self._pelvis = _Track([np.zeros(3)])  # forward, left, up: metres
 
@@ -92,6 +92,10 @@ class Keyframes:
     def begin_pelvis(self, forward: float, left: float, up: float) -> None:
         """Set the initial shift of the pelvis from standing, metres."""
         self._pelvis = _Track([np.array([forward, left, up])])
+
+    def begin_gaze(self, yaw: float, pitch: float, roll: float) -> None:
+        """Set the initial turn of the head, radians."""
+        self._gaze = _Track([np.array([yaw, pitch, roll])])
 
     def reach_time(self, hand: int, key: Hand) -> float:
         """Seconds of a natural move to a key."""
@@ -110,10 +114,12 @@ class Keyframes:
         """Move both hands to mirrored places; returns when the last arrives."""
         return max([self.hand(hand, key, seconds, later) for hand in (0, 1)])
 
-    def gaze(self, yaw: float, pitch: float, seconds: float = 0.5, later: float = 0.0) -> None:
+    def gaze(
+        self, yaw: float, pitch: float, seconds: float = 0.5, later: float = 0.0, roll: float = 0.0
+    ) -> None:
         """Turn the head, in radians from straight ahead (pitch: positive down)."""
         end = self.clock + later + seconds * self.pace
-        self._gaze.move(self.clock + later, end, np.array([yaw, pitch]))
+        self._gaze.move(self.clock + later, end, np.array([yaw, pitch, roll]))
 
     def trunk(self, yaw: float, pitch: float, roll: float, seconds: float) -> None:
         """Turn and bend the chest, in radians from upright."""
@@ -162,7 +168,7 @@ class Keyframes:
         c.pelvis_R = share @ c.pelvis_R
         c.chest_R = turn(yaw=yaw, pitch=pitch, roll=roll) @ c.chest_R
         look = self._gaze.at(t)
-        c.head_R = turn(yaw=look[:, 0], pitch=look[:, 1]) @ c.head_R
+        c.head_R = turn(yaw=look[:, 0], pitch=look[:, 1], roll=look[:, 2]) @ c.head_R
         c.pelvis = c.pelvis + self._pelvis.at(t)
         if not balance:
             return pose_figure(name, fps, c)

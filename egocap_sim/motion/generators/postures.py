@@ -1,8 +1,13 @@
-"""Whole-body moves on planted feet: squat, sit down and stand up, look around, stand idle."""
+"""Whole-body moves on planted feet: squat, sit down and stand up, look around, stand idle.
+
+Source of the guided moves' neutral stance: Cooke and Wei 1988, natural head position is repeated
+within 1.9 degrees before a mirror.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -29,22 +34,31 @@ def squat(t: Float[Array, "T"], rng: np.random.Generator, params: SquatParams, f
     keys = Keyframes(draw_style(rng), rng, params.pace)
     keys.wait(rng.uniform(0.3, 0.5))
 
-    def once(keys: Keyframes) -> None:
-        depth = float(np.clip(params.depth * rng.uniform(0.9, 1.05), 0.1, 1.05))
-        down, up = rng.uniform(1.1, 1.4) * keys.pace, rng.uniform(0.95, 1.2) * keys.pace
-        keys.pelvis(-0.16 * depth, 0.0, -0.36 * depth, down)
-        keys.trunk(0.0, 0.62 * depth, 0.0, down)
-        keys.gaze(0.0, 0.12, down)
-        keys.both_hands(Hand((0.50, 0.0, -0.10), 1.2), down)
-        keys.wait(down + rng.uniform(0.1, 0.4))
-        keys.pelvis(0.0, 0.0, 0.0, up)
-        keys.trunk(0.0, 0.0, 0.0, up)
-        keys.gaze(0.0, 0.0, up)
-        keys.both_hands(DOWN, up)
-        keys.wait(up)
-
-    keys.repeat(once, float(t[-1]), lambda: rng.uniform(0.3, 0.8))
+    keys.repeat(
+        lambda k: _squat_once(k, params.depth, rng), float(t[-1]), lambda: rng.uniform(0.3, 0.8)
+    )
     return keys.clip("squat", t, fps)
+
+
+def _squat_once(
+    keys: Keyframes,
+    depth: float,
+    rng: np.random.Generator,
+    gaze: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    """One squat; `gaze` is the head's yaw, pitch and roll after it."""
+    depth = float(np.clip(depth * rng.uniform(0.9, 1.05), 0.1, 1.05))
+    down, up = rng.uniform(1.1, 1.4) * keys.pace, rng.uniform(0.95, 1.2) * keys.pace
+    keys.pelvis(-0.16 * depth, 0.0, -0.36 * depth, down)
+    keys.trunk(0.0, 0.62 * depth, 0.0, down)
+    keys.gaze(0.0, 0.12, down)
+    keys.both_hands(Hand((0.50, 0.0, -0.10), 1.2), down)
+    keys.wait(down + rng.uniform(0.1, 0.4))
+    keys.pelvis(0.0, 0.0, 0.0, up)
+    keys.trunk(0.0, 0.0, 0.0, up)
+    keys.gaze(gaze[0], gaze[1], up, roll=gaze[2])
+    keys.both_hands(DOWN, up)
+    keys.wait(up)
 
 
 @dataclass(frozen=True)
@@ -131,3 +145,60 @@ class IdleParams:
 def idle(t: Float[Array, "T"], rng: np.random.Generator, params: IdleParams, fps: float) -> Clip:
     """Stand, breathe, shift weight."""
     return Keyframes(draw_style(rng), rng).clip("idle", t, fps)
+
+
+@dataclass(frozen=True)
+class GuidedParams(PaceParams):
+    """The moves that `egocap fit-rig` asks for."""
+
+    stand: Annotated[float, (0.5, 10.0)] = 2.0
+    """Seconds of the neutral stance at the beginning."""
+
+
+def guided(
+    t: Float[Array, "T"], rng: np.random.Generator, params: GuidedParams, fps: float
+) -> Clip:
+    """Nod, turn and tilt the head, raise the arms, squat; look at the horizon before and after.
+
+    The horizon is met with the error of natural head position, a new one each time.
+    """
+    keys = Keyframes(replace(draw_style(rng), gaze_down=0.0), rng, params.pace)
+    keys.moved = True  # so that moves that would end too late are left out
+    keys.begin_gaze(*_horizon(rng))
+    keys.wait(params.stand)
+    seconds = float(t[-1])
+    for moves in HEAD_MOVES:
+        turns = (*moves, _horizon(rng))
+        keys.perform([lambda k, turns=turns: _turn_head(k, turns)], seconds)
+        keys.wait(0.7)
+    keys.perform([_raise_arms], seconds)
+    keys.repeat(lambda k: _squat_once(k, 0.8, rng, _horizon(rng)), float(t[-1]), lambda: 0.6)
+    return keys.clip("guided", t, fps)
+
+
+def _turn_head(keys: Keyframes, turns: Sequence[tuple[float, float, float]]) -> None:
+    for yaw, pitch, roll in turns:
+        keys.gaze(yaw, pitch, 0.9, roll=roll)
+        keys.wait(0.95 * keys.pace)
+
+
+def _raise_arms(keys: Keyframes) -> None:
+    for hands in ARM_MOVES:
+        keys.both_hands(hands)
+        keys.wait(1.1 * keys.pace)
+
+
+def _horizon(rng: np.random.Generator) -> tuple[float, float, float]:
+    yaw, pitch, roll = NATURAL_HEAD * rng.standard_normal(3)
+    return float(yaw), float(pitch), float(roll)
+
+
+NATURAL_HEAD = np.deg2rad([1.9, 1.9, 1.0])
+"""Standard deviations of yaw, pitch and roll of a head asked to look at the horizon."""
+HEAD_MOVES = (
+    ((0.0, 0.55, 0.0), (0.0, -0.4, 0.0)),
+    ((0.9, 0.0, 0.0), (-0.9, 0.0, 0.0)),
+    ((0.0, 0.0, 0.4), (0.0, 0.0, -0.4)),
+)
+"""Yaw, pitch and roll of the head, radians: nods, turns, tilts."""
+ARM_MOVES = (Hand((0.5, 0.0, 0.0), 1.0), Hand((0.05, 0.5, 0.0), 0.6), DOWN)

@@ -22,10 +22,12 @@ from egocap_sim.motion.generators.cycling import CycleParams, cycle, fit_rider
 from egocap_sim.motion.generators.gestures import GESTURES, GestureParams, gesticulate
 from egocap_sim.motion.generators.keyframes import PaceParams
 from egocap_sim.motion.generators.postures import (
+    GuidedParams,
     IdleParams,
     LookParams,
     SitParams,
     SquatParams,
+    guided,
     idle,
     look_around,
     sit,
@@ -94,6 +96,7 @@ MOTIONS: dict[str, Motion] = {
     "squat": Motion(squat, SquatParams, "squats"),
     "sit": Motion(sit, SitParams, "sit down onto an implied seat and stand up"),
     "look_around": Motion(look_around, LookParams, "look at one thing after another"),
+    "guided": Motion(guided, GuidedParams, "the moves that fit-rig asks for, standing"),
     "idle": Motion(idle, IdleParams, "stand, breathe, shift weight"),
     "dribble": Motion(dribble, DribbleParams, "dribble a ball while walking about"),
     "cycle": Motion(cycle, CycleParams, "ride a bicycle around", mounted=fit_rider),

@@ -12,7 +12,13 @@ from egocap.errors import InputError
 from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.bundle_adjustment import linearised
 from egocap.fitting.config import FitConfig
-from egocap.fitting.fit_rig import MountError, fit_rig, moved_rig, neutral_frames
+from egocap.fitting.fit_rig import (
+    MountError,
+    fit_rig,
+    moved_rig,
+    neutral_frames,
+    neutral_stances,
+)
 from egocap.fitting.mount import (
     WEIGHTS,
     MountPrior,
@@ -155,3 +161,16 @@ def test_impossible_requests_are_refused(seen):
     with pytest.raises(InputError, match="mount error"):
         fit_rig(found, seen.rig, error=MountError(0.0, 1.0))
     assert len(neutral_frames(np.arange(90) / 30, np.ones(90, int), (0.0, 2.0))) == 12
+
+
+def test_returns_to_the_neutral_stance_are_found():
+    """Stances of a second before and after a turn of the head; a passing one does not count."""
+    fps, turn = 20.0, np.deg2rad(40.0)
+    yaw = np.concatenate([np.zeros(20), np.full(20, turn), np.zeros(20), np.full(20, -turn),
+                          np.zeros(4), np.full(20, turn)])  # fmt: skip
+    angles = np.zeros((len(yaw), DOF_COUNT))
+    angles[:, DOF_INDEX["neck_turn"]] = yaw
+    times, used = np.arange(len(yaw)) / fps, np.full(len(yaw), 30)
+    found = neutral_stances(times, used, angles, (0.0, 0.5))
+    assert [(20 * (s[0] // 20), s[-1] // 20) for s in found] == [(0, 0), (40, 2)]
+    assert len(neutral_stances(times, used, angles, None)) == 0

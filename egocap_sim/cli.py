@@ -320,7 +320,8 @@ def _as_json(summary: Summary) -> dict[str, object]:
     return {"folder": str(summary.folder), "frames": summary.frames, "rendered": summary.rendered,
             "seconds": summary.seconds, "bytes": summary.bytes, "physics": physics,
             "motions": [report.to_dict() for report in summary.motions],
-            "episodes": summary.episodes, "people": summary.people}  # fmt: skip
+            "episodes": summary.episodes, "people": summary.people,
+            "bystanders": summary.bystanders}  # fmt: skip
 
 
 def _print_summary(summary: Summary) -> None:
@@ -328,8 +329,9 @@ def _print_summary(summary: Summary) -> None:
     if not summary.rendered:
         print(f"{summary.folder}: {summary.frames} frames, {size:.0f} MB, already complete")
         return
-    print(f"{summary.folder}: {summary.frames} stereo frames of "
-          f"{summary.people} {'person' if summary.people == 1 else 'people'}, {size:.0f} MB, "
+    wearers = "1 wearer" if summary.people == 1 else f"{summary.people} wearers"
+    others = f" among {summary.bystanders} others" if summary.bystanders else ""
+    print(f"{summary.folder}: {summary.frames} stereo frames of {wearers}{others}, {size:.0f} MB, "
           f"{summary.frames_per_second:.1f} frames/s")  # fmt: skip
     if stats := summary.physics:
         print(f"physics: joints within {stats.joint_error_cm:.2f} cm of the reference (max "

@@ -38,7 +38,7 @@ class SequenceWriter:
 
     Use as a context manager: it holds the folder's lock. Raises InputError if the folder holds
     other files or another sequence, MachineError if another process is writing it. `begin` writes
-    the first files of a new sequence; preparations that may fail belong before it.
+    the first files of a new sequence. A run that fails before its first shard leaves nothing of it.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class SequenceWriter:
         truth, and `begin` turns it into an unfinished, longer one."""
         self.folder, self.manifest = folder, manifest
         self.old_truth: Truth | None = None
-        self._append, self._longer = append, False
+        self._append, self._longer, self._new = append, False, False
         self._side_files = side_files
         self._lock = FolderLock(folder)
 
@@ -69,7 +69,11 @@ class SequenceWriter:
             raise
         return self
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None = None, *_: object) -> None:
+        if kind is not None and self._new and not self.manifest.shards:
+            for path in self.folder.iterdir():  # all of this run: the folder was empty
+                if path.is_file():
+                    path.unlink()
         self._lock.release()
 
     def begin(self) -> None:
@@ -84,7 +88,7 @@ class SequenceWriter:
             write_atomically(self.folder / name, content)
         if not self._longer:
             self._replace(manifest)
-        self._longer = False
+        self._new, self._longer = not self._longer, False
 
     def pending(self) -> list[int]:
         """Indices of the shards still to be written."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -21,6 +22,7 @@ from egocap_sim.core.ground_boxes import GroundBox
 from egocap_sim.core.part_labels import FURNITURE, ROOM
 from egocap_sim.human.body.limb_distances import limb_points
 from egocap_sim.motion.generators.cycling import leg_scale
+from egocap_sim.motion.generators.postures import SEAT_TO_PELVIS, SIT_BACK_M
 from egocap_sim.motion.generators.stairs import stair_boxes
 from egocap_sim.props.performance import Performance
 
@@ -31,6 +33,8 @@ _EDGE = 0.02  # metres by which a tread overhangs its riser
 _SEATED = 0.8  # share of the standing pelvis height below which the wearer sits
 
 Rng = np.random.Generator
+
+log = logging.getLogger(__name__)
 
 
 def table(performance: Performance, rng: Rng) -> list[Mesh]:
@@ -143,14 +147,32 @@ def _front(performance: Performance, wide: float, low: float, high: float) -> fl
 def _seat(performance: Performance, kind: str) -> tuple[Float[Array, "3"], float, float]:
     """Position on the floor, yaw and height of the seat, from the frame with the lowest pelvis."""
     person, pelvis = performance.person, performance.bodies[:, 0]
+    skin = person.body_vertices[person.body_owner == INDEX["pelvis"]] - person.joints[0]
     k = int(pelvis[:, 2, 3].argmin())
     if pelvis[k, 2, 3] > _SEATED * person.joints[0, 2]:
-        raise InputError(f"the wearer does not sit on the {kind}", valid="a motion with sitting")
-    skin = person.body_vertices[person.body_owner == INDEX["pelvis"]] - person.joints[0]
+        return _seat_behind(performance, kind, float(skin[:, 2].min()))
     lowest = float(transform(pelvis[k], skin)[:, 2].min())
     forward = pelvis[k, :2, 0]
     at = pelvis[k, :2, 3] + 0.05 * forward / np.linalg.norm(forward)
     return np.array([*at, 0.0]), float(np.arctan2(forward[1], forward[0])), lowest + 0.01
+
+
+def _seat_behind(
+    performance: Performance, kind: str, lowest: float
+) -> tuple[Float[Array, "3"], float, float]:
+    """As `_seat`, of frames that end before the wearer sits down: where the motion will sit.
+
+    `lowest` is the height of the lowest skin of the pelvis above its joint.
+    """
+    if performance.motion.name != "sit":
+        raise InputError(f"the wearer does not sit on the {kind}", valid="a motion with sitting")
+    log.warning("the frames end before the wearer sits down on the %s", kind)
+    scale, pelvis = leg_scale(performance.person), performance.bodies[0, 0]
+    forward = pelvis[:2, 0] / np.linalg.norm(pelvis[:2, 0])
+    at = pelvis[:2, 3] - (SIT_BACK_M * scale - 0.05) * forward
+    yaw = float(np.arctan2(forward[1], forward[0]))
+    pelvis_m = scale * (performance.parameters.seat + SEAT_TO_PELVIS)
+    return np.array([*at, 0.0]), yaw, pelvis_m + lowest + 0.01
 
 
 def _bare_table(rng: Rng, front: float, size: tuple[float, float, float]) -> list[Mesh]:

@@ -127,8 +127,9 @@ def record_episodes(
         recording = writer.recording
     rendered, seconds = sum(len(job.frames) for job in jobs), time.perf_counter() - start
     return Summary(
-        out, recording.frames, rendered, seconds, recording.bytes, None, len(recording.episodes)
-    )
+        out, recording.frames, rendered, seconds, recording.bytes, None, len(recording.episodes),
+        bystanders=scene.others.count,
+    )  # fmt: skip
 
 
 def _clips(scene: Scene, out: Path, strict: bool) -> tuple[ClipFile, ...]:

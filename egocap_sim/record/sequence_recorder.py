@@ -47,6 +47,7 @@ class Summary:
     physics: PhysicsStats | None  # None if the recording was complete, and of episodes
     episodes: int = 0  # 0: a single sequence
     motions: tuple[ClipReport, ...] = ()  # what is wrong with the motion files
+    bystanders: int = 0  # other people in every scene
 
     @property
     def people(self) -> int:
@@ -99,11 +100,11 @@ def record_sequence(
     on_frames: Callable[[int], None] = lambda frames: None,
 ) -> Summary:
     """Make, or complete, the sequence of a world in the folder `out`; see `recorder.generate`."""
-    scene = world.scene
+    scene, others = world.scene, world.scene.others.count
     with SequenceWriter(out, _manifest(world), _side_files(world), append=append) as writer:
         on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
         if writer.manifest.complete:
-            return Summary(out, scene.frames, 0, 0.0, _size(out), None)
+            return Summary(out, scene.frames, 0, 0.0, _size(out), None, bystanders=others)
         take = world.take
         if writer.old_truth is not None:
             _check_start(world, writer.old_truth)
@@ -125,7 +126,9 @@ def record_sequence(
     rendered = sum(len(job.frames) for job in jobs)
     stats = world.trajectory.stats
     motions = tuple(world.motion.reports())
-    return Summary(out, scene.frames, rendered, seconds, _size(out), stats, motions=motions)
+    return Summary(
+        out, scene.frames, rendered, seconds, _size(out), stats, motions=motions, bystanders=others
+    )
 
 
 def _manifest(world: World) -> Manifest:

@@ -89,7 +89,8 @@ def draw_curves(folder: Path) -> Path | None:
 
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(11, 4), layout="constrained")
     for name in TERMS if losses else ():
-        left.plot(losses["views"], losses[name], label=name, linewidth=0.8)
+        few = len(losses["views"]) < 50  # a line of one point is not seen
+        left.plot(losses["views"], losses[name], label=name, linewidth=0.8, marker="." * few)
     left.set(xlabel="views", ylabel="loss", title="training")
     left.legend()
     for name in ("pck", "auc", "pck_wrist", "pck_ankle", "pck_foot") if scores else ():

@@ -32,6 +32,15 @@ log = logging.getLogger(__name__)
 
 RUN = "run.json"
 
+_FEW = 5  # held-out sequences
+_SCORES = {
+    "pck": ("visible labels within 20 px", "%"), "auc": ("mean over thresholds to 20 px", "%"),
+    "error_px": ("mean error of visible labels", "px"), "median_px": ("median error", "px"),
+    "pck_in_view": ("labels in view, occluded too, within 20 px", "%"),
+    "pck_wrist": ("wrists within 20 px", "%"), "pck_ankle": ("ankles within 20 px", "%"),
+}  # fmt: skip
+"""Scores shown, in words and with their unit."""
+
 
 def train_detector(
     request: RunConfig, training: TrainingConfig, command: Sequence[str] | None = None
@@ -77,6 +86,8 @@ def summary(request: RunConfig, outcome: Outcome) -> dict[str, Any]:
         "seconds": round(outcome.state.seconds, 1),
         "weights": str(weights_path(request.out)) if outcome.weights else None,
         "scores": None if outcome.scores is None else outcome.scores.to_dict(),
+        "start_scores": None if outcome.start_scores is None else outcome.start_scores.to_dict(),
+        "held_out": dict(zip(("sequences", "views"), outcome.held_out, strict=True)),
     }  # fmt: skip
 
 
@@ -86,10 +97,24 @@ def summary_text(request: RunConfig, outcome: Outcome) -> str:
     if not outcome.finished:
         return f"{request.out}: interrupted after {state.step} steps; continue with --resume"
     text = f"{weights_path(request.out)}: {state.step} steps, {state.views} views"
-    if outcome.scores is not None:
-        scores = outcome.scores.to_dict()
-        text += "\n" + ", ".join(f"{name} {value:.2f}" for name, value in scores.items())
-    return text
+    return text if outcome.scores is None else f"{text}\n{_scores_text(outcome)}"
+
+
+def _scores_text(outcome: Outcome) -> str:
+    """The scores by name, with their unit, beside those of the starting weights."""
+    assert outcome.scores is not None
+    sequences, views = outcome.held_out
+    lines = [f"on {views} views of {sequences} held-out sequences:"]
+    before = outcome.start_scores
+    for name, (what, unit) in _SCORES.items():
+        line = f"  {what} {getattr(outcome.scores, name):.1f} {unit}"
+        lines.append(line if before is None
+                     else f"{line} (starting weights {getattr(before, name):.1f})")  # fmt: skip
+    if sequences < _FEW:
+        lines.append(
+            f"  fewer than {_FEW} sequences: another person or place may score differently"
+        )
+    return "\n".join(lines)
 
 
 def weights_path(out: Path) -> Path:

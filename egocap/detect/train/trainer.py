@@ -48,6 +48,8 @@ class Outcome:
     state: RunState
     scores: Scores | None  # of the final weights on the held-out views
     weights: Path | None  # final.safetensors
+    start_scores: Scores | None = None  # of the starting weights on the same views
+    held_out: tuple[int, int] = (0, 0)  # sequences and views scored
 
 
 class Trainer:
@@ -74,6 +76,8 @@ class Trainer:
         self.device = _device(int(os.environ.get("LOCAL_RANK", "0")))
         torch.manual_seed(config.seed)
         self.network = build_network(network)
+        self._started = start is not None
+        self._start_scores: Scores | None = None
         if start is not None:
             self.network.load_state_dict(start)
         self.network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -105,6 +109,8 @@ class Trainer:
         if self.progress() >= 1.0:  # resumed when it was finished
             return self._finish(record)
         since_check = since_validation = self.state.seconds
+        if self._started and self.state.step == 0:
+            self._start_scores = self._validate(record)
         self.network.train()
         with Interruption() as stop:
             for batch in self._batches():
@@ -215,16 +221,17 @@ class Trainer:
     def _finish(self, record: RunLog | None) -> Outcome:
         if self.rank != 0 or record is None:
             return Outcome(True, self.state, None, None)
-        scores = None
+        scores, held_out = None, (0, 0)
         if self.validation is not None:
             indices = self._held_out()
+            held_out = len(self.validation.sequences), len(indices)
             bias = sigma_bias(predict(self.average, self.validation, indices))
             self.average.info.log_sigma_bias.add_(torch.from_numpy(bias))
             scores = score(predict(self.average, self.validation, indices))
             record.validation(self.state, scores)
         path = save_run_weights(self.folder, self.average, scores)
         record.close()
-        return Outcome(True, self.state, scores, path)
+        return Outcome(True, self.state, scores, path, self._start_scores, held_out)
 
     def _left(self) -> float:
         """Estimated remaining training time, seconds."""

@@ -19,6 +19,7 @@ from egocap_sim.motion.generators.stance import HIP_HEIGHT, draw_style
 from egocap_sim.motion.kinematics.clip import Clip
 
 SEAT_TO_PELVIS = 0.115  # metres from a seat to the pelvis joint while sitting
+SIT_BACK_M = 0.40  # that the pelvis moves back to sit down
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def sit(t: Float[Array, "T"], rng: np.random.Generator, params: SitParams, fps: 
     """Sit down, stay and stand up, repeatedly, for the times t [s]."""
     keys = Keyframes(draw_style(rng), rng, params.pace)
     keys.wait(rng.uniform(0.3, 0.6))
-    drop, back = params.seat + SEAT_TO_PELVIS - HIP_HEIGHT, -0.40
+    drop, back = params.seat + SEAT_TO_PELVIS - HIP_HEIGHT, -SIT_BACK_M
     lap = Hand((0.34, -0.01, -0.37), 1.1)
 
     def once(keys: Keyframes) -> None:

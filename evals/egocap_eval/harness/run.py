@@ -13,6 +13,7 @@ made with other settings, or from another sequence, is refused.
 
 from __future__ import annotations
 
+import logging
 import shlex
 import sys
 from collections.abc import Mapping
@@ -52,6 +53,8 @@ from egocap_eval.harness.study_sources import sources_of
 from egocap_eval.harness.suite import Suite, find_suite, load_suite, shortened
 from egocap_eval.harness.thresholds import Numbers, missed_thresholds, paper_table, summary_tables
 
+log = logging.getLogger(__name__)
+
 
 def study(
     suite: Positional[Annotated[str, arg(metavar="SUITE")]],
@@ -71,7 +74,8 @@ def study(
 
     Args:
         suite: Name of a built-in suite (quick), or a .toml file.
-        work: Folder for sequences, predictions and the report; out/SUITE by default.
+        work: Folder for sequences, predictions and the report; out/SUITE by default, and
+            out/SUITE-N with --frames N.
         motions: Folder of motion clips, for the sequences that need one.
         workers: Rendering processes.
         html: Do not write report.html and report.md.
@@ -108,6 +112,7 @@ def study(
         from egocap_eval.harness.report_page import Run, write_report
 
         write_report(work, Run(loaded, result, missed, scored, sequences, numbers))
+        log.info("report: %s", work / "report.html")
     tables = [*summary_tables(loaded, numbers), *paper_table(loaded, numbers)]
     return Outcome(result, tables, missed, config)
 

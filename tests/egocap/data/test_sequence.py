@@ -170,6 +170,20 @@ def test_a_sequence_that_was_not_begun_leaves_no_folder(tmp_path):
     assert [path.name for path in tmp_path.rglob("*")] == ["there"]
 
 
+def test_a_failed_start_leaves_a_folder_for_other_options(tmp_path):
+    def start(frames):
+        return SequenceWriter(tmp_path / "s", manifest(frames=frames), side_files())
+
+    with pytest.raises(RuntimeError), start(500) as writer:
+        writer.begin()
+        (writer.folder / "draft.npz").write_bytes(b"of this run")
+        raise RuntimeError
+    assert not (tmp_path / "s").exists()
+    with start(60) as writer:
+        writer.begin()
+    assert writer.manifest.frames == 60 and (tmp_path / "s" / "manifest.json").is_file()
+
+
 def test_a_folder_with_other_files_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("dear to me")
     with pytest.raises(InputError, match=r"thesis\.tex"):

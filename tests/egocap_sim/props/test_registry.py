@@ -168,6 +168,17 @@ def test_seat_is_under_the_sitting_wearer(stand_in):
         make_prop(ThingTable(kind="sofa"), perform(stand_in, "idle"), np.random.default_rng(0))
 
 
+def test_a_seat_waits_behind_a_wearer_who_sits_down_later(stand_in, caplog):
+    whole, start = perform(stand_in, "sit"), perform(stand_in, "sit", seconds=0.3)
+    wanted, found = (
+        next(m for m in thing.actor.meshes if m.name == "cushion").vertices
+        for p in (whole, start)
+        for thing in make_prop(ThingTable(kind="sofa"), p, np.random.default_rng(0))
+    )
+    np.testing.assert_allclose(found.mean(0), wanted.mean(0), atol=0.06)
+    assert "end before the wearer sits down on the sofa" in caplog.text
+
+
 def test_invalid_props_raise():
     with pytest.raises(InputError, match=r"unknown kind 'elephant'.*bicycle"):
         check_prop(ThingTable(kind="elephant"), "walk")

@@ -11,7 +11,13 @@ import torch
 
 from egocap.detect.network import CONFIGS
 from egocap.detect.train.checkpoint import load_checkpoint, load_run_weights
-from egocap.detect.train.config import NO_AUGMENTATION, AugmentationConfig, TrainingConfig
+from egocap.detect.train.config import (
+    NO_AUGMENTATION,
+    AugmentationConfig,
+    RunConfig,
+    TrainingConfig,
+)
+from egocap.detect.train.run import summary_text
 from egocap.detect.train.trainer import Trainer
 from egocap.errors import FileError, InputError
 from tests.egocap.detect.synthetic_store import store
@@ -34,6 +40,19 @@ def one_thread():
 def trainer(folder, config=SHORT, start=None, validation=None):
     folder.mkdir(exist_ok=True)
     return Trainer(TINY, config, store(8, 0, parts=True), validation, folder, start)
+
+
+def test_starting_weights_are_scored_on_the_same_views(tmp_path):
+    start = trainer(tmp_path / "a").network.state_dict()
+    outcome = trainer(tmp_path / "b", start=start, validation=store(6, 100)).run()
+    assert outcome.start_scores is not None and outcome.scores is not None
+    assert outcome.held_out == (2, SHORT.validation_views)
+    rows = (tmp_path / "b" / "validation.csv").read_text().splitlines()
+    assert rows[1].startswith("0,") and f"{outcome.start_scores.pck:.4f}" in rows[1]
+    text = summary_text(RunConfig(tmp_path / "b", (tmp_path,)), outcome)
+    assert f"visible labels within 20 px {outcome.scores.pck:.1f} %" in text
+    assert f"(starting weights {outcome.start_scores.pck:.1f})" in text
+    assert "fewer than 5 sequences" in text
 
 
 def test_learns_a_tiny_problem(tmp_path):

@@ -13,6 +13,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
+from egocap.body.side_colours import side_hex
 from egocap.cameras.rig import Rig
 from egocap.files import make_folder, write_atomically
 from egocap.posterior.result import Posterior
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 SHELL = 2.796
 """Radius in standard deviations of the ellipsoid that holds 95 % of a 3-D Gaussian."""
-LEFT_COLOUR, RIGHT_COLOUR, MIDDLE_COLOUR = "#c2410c", "#1d4ed8", "#374151"
 _FAN = 60
 
 
@@ -244,8 +244,7 @@ def _autocorrelation(draws: Float[Array, "W S"]) -> Float[Array, "L"]:
 
 
 def _label_colour(label: str) -> str:
-    side = label.split("_")[0]
-    return {"left": LEFT_COLOUR, "right": RIGHT_COLOUR}.get(side, MIDDLE_COLOUR)
+    return side_hex(label)
 
 
 def _limb_colour(a: int, b: int) -> str:

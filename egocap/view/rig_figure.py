@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import LABELS, LIMBS
 from egocap.body.proportions import Proportions
+from egocap.body.side_colours import side_colour
 from egocap.body.skeleton import forward
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount, Rig
@@ -184,10 +185,8 @@ def _views(rig: Rig, proportions: Proportions) -> list[tuple[str, Float[Array, "
 
 
 def _part_colour(part: str) -> Sequence[float]:
-    side = part.partition("_")[0]
-    base = {"left": (0.35, 0.75, 1.0), "right": (1.0, 0.62, 0.3)}.get(side, (0.85, 0.85, 0.85))
     dim = 0.75 if part.endswith(("forearm", "shank")) else 1.0
-    return [dim * c for c in base]
+    return [dim * c / 255.0 for c in side_colour(part, (217, 217, 217))]
 
 
 def _picture(axes: Any, image: Array, title: str, camera: Camera) -> None:

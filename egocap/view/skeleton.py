@@ -9,10 +9,10 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
+from egocap.body.side_colours import side_colour
 from egocap.cameras.rig import Rig
 from egocap.geometry import unit
 
-LEFT, RIGHT, MIDDLE = (80, 190, 255), (255, 150, 60), (235, 235, 235)  # RGB
 UNSURE = (120, 120, 120)
 SURE = 0.5
 """Confidence under which a joint is drawn grey."""
@@ -53,7 +53,7 @@ def draw_pose(
     image: UInt8[Array, "H W 3"], points: Float[Array, "18 2"], shown: Array,
     confidence: Float[Array, "18"],
 ) -> UInt8[Array, "H W 3"]:  # fmt: skip
-    """An image with limbs and joints over it: left blue, right orange, unsure ones grey."""
+    """An image with limbs and joints over it: left blue, right vermilion, unsure ones grey."""
     import cv2
 
     canvas = np.ascontiguousarray(image).copy()
@@ -105,5 +105,4 @@ def _scaled(image: UInt8[Array, "H W 3"] | None, width: int, height: int) -> UIn
 
 
 def _colour(label: int) -> tuple[int, int, int]:
-    side = LABELS[label].partition("_")[0]
-    return {"left": LEFT, "right": RIGHT}.get(side, MIDDLE)
+    return side_colour(LABELS[label])

@@ -11,12 +11,12 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
+from egocap.body.side_colours import MIDDLE, side_colour
 from egocap.data.sequence import Sequence
 from egocap.data.truth import OCCLUDED, OUT_OF_VIEW, SELF_OCCLUDED, VISIBLE
 from egocap.errors import InputError
 from egocap.files import make_folder, write_atomically
 
-_LEFT, _RIGHT, _MIDDLE = (80, 170, 255), (255, 140, 70), (250, 230, 90)  # RGB, by side of the body
 _RING = {VISIBLE: (255, 255, 255), SELF_OCCLUDED: (255, 60, 60), OCCLUDED: (200, 60, 255)}
 _HEADER = 22  # px
 
@@ -109,10 +109,9 @@ def _point(pixel: Float[Array, "2"]) -> tuple[int, int]:
 
 
 def _colour(a: int, b: int) -> tuple[int, int, int]:
-    sides = {LABELS[i].split("_")[0] for i in (a, b)}
-    if sides <= {"left"}:
-        return _LEFT
-    return _RIGHT if sides <= {"right"} else _MIDDLE
+    """Of a limb: of its side, or of the middle between the sides."""
+    first, second = side_colour(LABELS[a]), side_colour(LABELS[b])
+    return first if first == second else MIDDLE
 
 
 def _palette() -> UInt8[Array, "256 3"]:

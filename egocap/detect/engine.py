@@ -147,7 +147,7 @@ def export_onnx(weights: Weights, path: Path | BytesIO, *, folded: bool = True) 
         torch.onnx.export(
             network,
             (images,),
-            path if isinstance(path, BytesIO) else str(path),
+            path if isinstance(path, BytesIO) else str(path),  # type: ignore[arg-type]
             dynamo=False,
             opset_version=_OPSET,
             input_names=[INPUT],

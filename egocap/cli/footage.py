@@ -50,14 +50,13 @@ def import_(
         sequence: name of the data set's sequence, where it holds several.
         json: print the summary as JSON.
     """
-    from egocap.data.footage import FOOTAGE
     from egocap.footage.importing import edit_footage, import_footage
 
     if dataset is not None:
         if sources:
             raise InputError("--dataset together with sources", valid="one of them")
         return _import_dataset(dataset, sequence, rig, out, options.copy, json)
-    edits = not sources and rig is None and (out / FOOTAGE).exists()
+    edits = not sources and rig is None and options != IMPORT
     if not edits and (rig is None or not sources):
         raise InputError("no --rig or no sources", valid="sources and --rig FILE, or --dataset")
     with ExitStack() as stack:

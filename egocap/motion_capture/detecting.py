@@ -17,7 +17,7 @@ from egocap.errors import FileError
 from egocap.files import make_folder
 
 PIECE = 600  # frames
-BATCH = 4  # frames a run of the network
+BATCH = 8  # frames a run of the network
 
 
 def detect_in_pieces(

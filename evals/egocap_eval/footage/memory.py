@@ -1,7 +1,7 @@
 """Memory of motion capture against the length of the footage.
 
-A short pair of videos is played forwards and backwards into long ones of small pictures, which
-`egocap mocap` captures in processes of their own. A line through the peaks gives what a long
+A short simulated sequence is played forwards and backwards into long videos of small pictures,
+which `egocap mocap` captures in processes of their own. A line through the peaks gives what a long
 recording takes.
 """
 
@@ -18,12 +18,13 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 from tyro.conf import arg
 
-from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
-from egocap.media.source import open_source
 from egocap_eval.footage.process import run_egocap
+from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
+from egocap_eval.studies.fit_body import person_height
+from egocap_sim.scene.config import RecordTable
 
 LONG_FRAMES = 54_000  # 30 minutes at 30 Hz
 TARGET_MB = 2048.0
@@ -31,38 +32,36 @@ _HZ = 30
 
 
 def study(
-    videos: Annotated[Path, arg(metavar="DIR")],
     frames: tuple[int, ...] = (2000, 10000),
     size: tuple[int, int] = (160, 128),
-    height: float = 1.75,
     unique: int = 150,
     work: Annotated[Path, arg(metavar="DIR")] = Path("out/capture-memory"),
 ) -> Outcome:
     """Capture ever longer footage; measure the peak memory of all processes together.
 
     Args:
-        videos: Folder of an export: VIEW.mp4 of every view, rig.json.
         frames: Lengths of the footage, frames.
         size: Image width and height; decoded pictures are a small part of the memory.
-        height: Height of the person in metres.
-        unique: Frames of the videos that are played forwards and backwards.
-        work: Folder of long videos and captures; one at a time is kept.
+        unique: Frames of the sequence, which is played forwards and backwards.
+        work: Folder of the sequence, the videos and captures; one of them at a time is kept.
     """
     if len(frames) < 2 or min(frames) < 2:
         raise InputError(f"--frames {' '.join(map(str, frames))}", valid="two lengths or more")
-    rig = load_rig(videos / "rig.json")
-    short = [_pictures(videos / f"{view}.mp4", unique, size) for view in rig.views]
+    scene = builtin_scene("validation-walk", size, frames=unique, record=RecordTable(masks=False))
+    sequence = prepare_sequence(scene, work / "sequence")
+    height = str(round(person_height(sequence.folder), 2))
     rows = []
     for count in frames:
         folder = work / str(count)
         if folder.exists():
             shutil.rmtree(folder)
         folder.mkdir(parents=True)
-        for view, pictures in zip(rig.views, short, strict=True):
-            write_loop(folder / f"{view}.mp4", pictures, count)
-        spent = run_egocap(["mocap", *(str(folder / f"{view}.mp4") for view in rig.views), "--rig",
-                            str(videos / "rig.json"), "--height", str(height), "--lag", "0",
-                            "--out", str(folder / "capture")])  # fmt: skip
+        films = [folder / f"{view}.mp4" for view in sequence.rig.views]
+        for v, film in enumerate(films):
+            write_loop(film, [frame.images[v] for frame in sequence], count)
+        rig, out = sequence.folder / "rig.json", folder / "capture"
+        spent = run_egocap(["mocap", *map(str, films), "--rig", str(rig), "--out", str(out),
+                            "--height", height, "--lag", "0"])  # fmt: skip
         shutil.rmtree(folder)
         rows.append({"frames": count, "peak_mb": spent.peak_mb,
                      "cpu_ms_per_frame": 1e3 * spent.cpu_s / count})  # fmt: skip
@@ -88,14 +87,6 @@ def write_loop(path: Path, pictures: list[UInt8[Array, "h w 3"]], count: int) ->
             frame.pts, frame.time_base = i, Fraction(1, _HZ)
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
-
-
-def _pictures(path: Path, count: int, size: tuple[int, int]) -> list[UInt8[Array, "h w 3"]]:
-    import cv2
-
-    found = islice(open_source(path).frames(), count)
-    return [np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-            for _, image in found]  # fmt: skip
 
 
 def _table(result: dict[str, Any]) -> Table:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+import signal
 import sys
 from pathlib import Path
 
@@ -243,6 +244,17 @@ def films(tiny_sequence, tmp_path):
     return tuple(f"{view}.avi" for view in sequence.rig.views)
 
 
+def test_an_imported_sequence_gets_another_clock_without_its_sources(egocap, films, tiny_sequence):
+    words = ("import", *films, "--rig", tiny_sequence / "rig.json", "--out", "clip")
+    assert egocap(*words)[0] == 0
+    code, out, err = egocap("import", "--out", "clip", "--lag", 0.2, "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    assert found["views"]["right"]["timing"]["offset_s"] == pytest.approx(-0.2)
+    assert found["frames"] == 6  # the first picture of the left view has no partner
+    assert "sources and --rig FILE" in complaint(egocap("import", "--out", "nothing"))
+
+
 def test_live_by_colour_writes_a_track_and_a_film(egocap, films, tracked, tiny_sequence):
     files = ("--rig", tiny_sequence / "rig.json", "--body", tiny_sequence / "body.json")
     words = ("live", *films, *files, "--colour-only")
@@ -273,6 +285,30 @@ def test_live_of_files_tracks_every_frame_for_an_animation(egocap, films, tiny_s
     assert egocap("export", "live.npz", "--out", "live.bvh")[0] == 0
     assert "is a folder" in complaint(egocap(*words, "--out", "."))
     assert "--rig or --body" in complaint(egocap("live", *films))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("realtime", [False, True])
+def test_a_signal_ends_a_live_run_and_keeps_the_track(
+    number, realtime, egocap, films, tiny_sequence, monkeypatch
+):
+    from egocap.detect.detector import Detector
+
+    count, detect = [0], Detector.detect_images
+
+    def interrupted(self, images, time=0.0):
+        count[0] += 1
+        if count[0] == 2:
+            signal.raise_signal(number)
+        return detect(self, images, time)
+
+    monkeypatch.setattr(Detector, "detect_images", interrupted)
+    before = signal.getsignal(number)
+    words = ("--rig", tiny_sequence / "rig.json", "--body", "average:1.79", "--out", "live.npz")
+    code, out, err = egocap("live", *films, *words, *["--realtime"] * realtime, "--json")
+    assert code == (0 if realtime else 130), err  # cameras have no end of their own
+    assert json.loads(out)["poses"] == len(load_track("live.npz").times) == 2
+    assert signal.getsignal(number) == before
 
 
 def test_cameras_are_listed(egocap):

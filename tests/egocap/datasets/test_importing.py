@@ -1,6 +1,7 @@
 """Recordings as sequences: pictures by reference or copied, and a track scored against labels."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -95,5 +96,10 @@ def test_the_command(root, tmp_path, capsys, monkeypatch):
         capsys.readouterr().out
     )
     assert len(open_sequence(out)) == 6
+    monkeypatch.setattr("sys.argv", [*sys.argv, "--json"])
+    assert main() == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == {"sequence": str(out), "frames": 6, "views": ["front_left", "front_right"],
+                     "labels_off_px": pytest.approx(0.0, abs=0.05)}  # fmt: skip
     monkeypatch.setattr("sys.argv", ["egocap", "import", "--out", str(out)])
     assert main() == 2 and "sources and --rig FILE, or --dataset" in capsys.readouterr().err

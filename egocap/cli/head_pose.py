@@ -119,7 +119,7 @@ def _origin(facts: dict[str, Any]) -> str:
     if "vertical" in facts:
         found = facts["vertical"]
         floor = found["floor_std_mm"]
-        known = "not found" if floor is None else f"from {found['floor_from']}, to {floor:.2g} mm"
+        known = "not found" if floor is None else f"to {floor:.2g} mm"
         return f"up from {found['up_from']}, to {found['up_std_deg']:.2g} degrees; floor {known}"
     told = [f"{facts['method']}: {facts['poses']} poses, clock offset {facts['offset_s']:.4f} s"]
     if "residual_mm" in facts:

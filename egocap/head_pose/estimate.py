@@ -67,7 +67,7 @@ def vertical_of(sequence: Sequence, rig: Rig, config: OdometryConfig, found: Fin
     if floor is None:
         log.warning("the floor was not found: heights are relative to the first head")
         return vertical
-    return vertical.with_floor(*floor, "pictures")
+    return vertical.with_floor(floor)
 
 
 def head_trajectory(
@@ -93,7 +93,7 @@ def vertical_facts(vertical: Vertical) -> dict[str, Any]:
     """JSON-ready form."""
     std = None if vertical.floor_std is None else round(1e3 * vertical.floor_std, 2)
     return {"up_from": vertical.source, "up_std_deg": round(float(np.degrees(vertical.up_std)), 3),
-            "floor_from": vertical.floor_source, "floor_std_mm": std}  # fmt: skip
+            "floor_std_mm": std}  # fmt: skip
 
 
 def map_facts(found: Finished) -> dict[str, Any]:

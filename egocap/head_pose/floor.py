@@ -1,19 +1,24 @@
-"""The height of the floor: the level plane on which two views of it agree best.
+"""The floor: the plane on which two views of the ground agree best.
 
 Patches of the ground are warped from one view into the other as if they lay at each height; weak
-textures count together. Source: plane sweep, Collins 1996.
+textures count together for the level, and the heights of single patches about it give the tilt.
+Source: plane sweep, Collins 1996.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
+from egocap.geometry import unit
 from egocap.odometry import patch_kernel as kernel
 from egocap.odometry.surface_patches import surface_slope
 from egocap.odometry.views import Views
 
+STEEP = 0.3  # least cosine of a ray to straight down
 BELOW = 0.5, 2.3  # m of the floor below the head
 STEP = 0.02  # m
 SPACING = 3.0  # px between a patch's samples
@@ -21,67 +26,85 @@ GRID = 12  # px between patches
 CLEAR = 0.55  # m about the head's vertical, where the wearer stands
 FARTHEST = 2.5  # m on the floor from the head's vertical
 LEAST = 0.15  # mean correlation of a floor
+NEAR = 0.15  # m about the level, in which single patches are searched
+CLEAR_PEAK = 0.7, 0.08  # correlation of such a patch, and its lead over the median
+LOSS = 0.03  # m; width of the loss of the plane through the patches
+ALIKE = 10.0  # patches with the same error: neighbours, and the same place in several frames
 _FEWEST = 20  # patches
 
 Image = UInt8[Array, "H W"]
 
 
-def floor_scores(
-    views: Views, images: tuple[Image | None, ...], up_head: Float[Array, "3"],
-) -> tuple[Float[Array, "H"], Float[Array, "H"]]:  # fmt: skip
-    """Depths below the head [m] and the sum of the patches' correlations there, of one frame."""
-    depths = np.arange(*BELOW, STEP)
-    total, count = np.zeros(len(depths)), 0
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Patches of one picture at depths below the head."""
+
+    depths: Float[Array, "H"]  # m
+    scores: Float[Array, "n H"]  # correlations with the other view; -1: none
+    points: Float[Array, "n H 3"]  # head frame
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """A plane of the map: points with normal . p = height."""
+
+    normal: Float[Array, "3"]
+    normal_std: float  # rad
+    height: float  # m
+    height_std: float  # m
+
+
+def sweeps(
+    views: Views, images: tuple[Image | None, ...], up_head: Float[Array, "3"]
+) -> list[Sweep]:
+    """The sweeps of every view that has a picture beside its partner's."""
+    found = []
     for a, image in enumerate(images):
-        b = views.partners[a][0]
-        if image is None or images[b] is None:
-            continue
-        scores = _pair_scores(views, a, b, image, images[b], up_head, depths)
-        total += np.clip(scores, 0.0, 1.0).sum(0)
-        count += len(scores)
-    return depths, total / max(count, _FEWEST)
+        other = images[views.partners[a][0]]
+        if image is not None and other is not None:
+            found.append(_sweep(views, (a, views.partners[a][0]), (image, other), up_head))
+    return found
 
 
-def _pair_scores(
-    views: Views, a: int, b: int, image: Image, other: Image | None, up: Float[Array, "3"],
-    depths: Float[Array, "H"],
-) -> Float[Array, "n H"]:  # fmt: skip
-    assert other is not None
+def _sweep(
+    views: Views, pair: tuple[int, int], images: tuple[Image, Image], up: Float[Array, "3"]
+) -> Sweep:
+    (a, b), (image, other) = pair, images
+    depths = np.arange(*BELOW, STEP)
     height, width = image.shape
     columns, rows = np.arange(GRID, width - GRID, GRID), np.arange(GRID, height - GRID, GRID)
     grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
-    inside = views.lens_masks[a][grid[:, 1], grid[:, 0]] > 0
-    pixels = grid[inside].astype(float)
+    pixels = grid[views.lens_masks[a][grid[:, 1], grid[:, 0]] > 0].astype(float)
     rays, _ = views.rays(a, pixels)
-    steep = -(rays @ up)
-    pixels, rays, steep = pixels[steep > 0.3], rays[steep > 0.3], steep[steep > 0.3]
+    down = -(rays @ up) > STEEP
+    pixels, rays = pixels[down], rays[down]
     slope, _ = views.ray_derivative(a, rays)
     origin = views.centres[a]
-    reach = (depths + origin @ up) / steep[:, None]  # (n, H), metres along the ray
+    reach = -(depths + origin @ up) / (rays @ up)[:, None]  # (n, H), metres along the ray
     points = origin + reach[..., None] * rays[:, None]
     across = np.linalg.norm(points - (points @ up)[..., None] * up, axis=-1)
     where, J, seen = views.project_jacobian(b, points)
-    flat = np.tile(up, (len(rays), 1))
-    A = J @ (surface_slope(rays, slope, np.ones(len(rays)), flat)[:, None] * reach[..., None, None])
+    flat = surface_slope(rays, slope, np.ones(len(rays)), np.tile(up, (len(rays), 1)))
+    A = J @ (flat[:, None] * reach[..., None, None])
     seen = seen & (across > CLEAR) & (across < FARTHEST)
-    return kernel.correlations(image, pixels, other, where, A, seen, SPACING)
+    return Sweep(depths, kernel.correlations(image, pixels, other, where, A, seen, SPACING), points)
 
 
 def find_floor(
     views: Views, frames: list[tuple[Float[Array, "4 4"], tuple[Image | None, ...]]],
     up: Float[Array, "3"],
-) -> tuple[float, float] | None:  # fmt: skip
-    """Height of the floor along `up` in the map and its standard error [m]; None: no clear peak.
+) -> Floor | None:  # fmt: skip
+    """The floor in the map; None: no level stands out.
 
-    `frames`: T_map_head and the pictures of some frames spread over the recording.
+    `frames`: T_map_head and the pictures of some frames spread over the recording; `up` within some
+    degrees.
     """
+    found = [(T, sweeps(views, images, T[:3, :3].T @ up)) for T, images in frames]
     heads = np.array([T[:3, 3] @ up for T, _ in frames])
     levels = heads.mean() - np.arange(BELOW[0] - 0.1, BELOW[1] + 0.1, STEP)
-    scores = []
-    for head, (T, images) in zip(heads, frames, strict=True):
-        depths, found = floor_scores(views, images, T[:3, :3].T @ up)
-        scores.append(np.interp(head - levels, depths, found, left=0.0, right=0.0))
-    table = np.array(scores)
+    table = np.array([
+        _mean_score(own, head - levels) for head, (_, own) in zip(heads, found, strict=True)
+    ])  # fmt: skip
     mean = table.mean(0)
     best = int(mean.argmax())
     if not 0 < best < len(levels) - 1 or mean[best] < LEAST:
@@ -89,7 +112,58 @@ def find_floor(
     own = np.array([_peak(row, levels, best) for row in table])
     own = own[np.isfinite(own)]
     std = float(own.std() / np.sqrt(len(own))) if len(own) > 2 else STEP
-    return _peak(mean, levels, best), max(std, 1e-3)
+    level = Floor(up, np.inf, _peak(mean, levels, best), max(std, 1e-3))
+    points = [p @ T[:3, :3].T + T[:3, 3] for T, s in found
+              for p in _ground(s, T[:3, 3] @ up - level.height)]  # fmt: skip
+    return _tilted(level, np.concatenate(points)) if points else level
+
+
+def _mean_score(found: list[Sweep], depths: Float[Array, "L"]) -> Float[Array, "L"]:
+    """Mean correlation of one frame's patches at depths below the head."""
+    if not found:
+        return np.zeros(len(depths))
+    total = sum(np.clip(s.scores, 0.0, 1.0).sum(0) for s in found)
+    count = max(sum(len(s.scores) for s in found), _FEWEST)
+    return np.interp(depths, found[0].depths, total / count, left=0.0, right=0.0)
+
+
+def _ground(found: list[Sweep], depth: float) -> list[Float[Array, "m 3"]]:
+    """Points (head frame) of the patches that match clearly near a depth."""
+    points = []
+    for sweep in found:
+        near = np.flatnonzero(np.abs(sweep.depths - depth) < NEAR)
+        scores = sweep.scores[:, near]
+        at = scores.argmax(1)
+        best = scores.max(1)
+        good = (at > 0) & (at < len(near) - 1) & (best > CLEAR_PEAK[0])
+        good &= best - np.median(scores, axis=1) > CLEAR_PEAK[1]
+        rows, at = np.flatnonzero(good), at[good]
+        left, middle, right = (scores[rows, at + k] for k in (-1, 0, 1))
+        share = 0.5 * (left - right) / np.minimum(left - 2.0 * middle + right, -1e-9)
+        step = sweep.points[rows, near[at] + 1] - sweep.points[rows, near[at]]
+        points.append(sweep.points[rows, near[at]] + np.clip(share, -1, 1)[:, None] * step)
+    return points
+
+
+def _tilted(level: Floor, points: Float[Array, "n 3"]) -> Floor:
+    """The plane through the patches: robust least squares of their heights about the level."""
+    if len(points) < 4 * _FEWEST:
+        return level
+    across = np.linalg.svd(level.normal[None])[2][1:]
+    centre = np.median(points @ across.T, axis=0)
+    A = np.concatenate([points @ across.T - centre, np.ones((len(points), 1))], 1)
+    height = points @ level.normal - level.height
+    x, weight = np.zeros(3), np.ones(len(points))
+    for _ in range(15):
+        x = np.linalg.solve((A * weight[:, None]).T @ A, A.T @ (weight * height))
+        weight = 1.0 / (1.0 + ((height - A @ x) / LOSS) ** 2) ** 2
+    off = height - A @ x
+    variance = ALIKE * (weight * off**2).sum() / weight.sum()
+    covariance = variance * np.linalg.inv((A * weight[:, None]).T @ A)
+    normal = unit(level.normal - x[:2] @ across)
+    on = centre @ across + (level.height + x[2]) * level.normal
+    return Floor(normal, float(np.sqrt(np.trace(covariance[:2, :2]))), float(on @ normal),
+                 float(max(np.sqrt(covariance[2, 2]), 1e-3)))  # fmt: skip
 
 
 def _peak(scores: Float[Array, "H"], levels: Float[Array, "H"], near: int) -> float:

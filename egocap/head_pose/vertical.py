@@ -14,6 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
+from egocap.head_pose.floor import Floor
 
 TILT = np.deg2rad(25.0)  # of up against the head's mean up, at most
 THICKNESS = 0.02  # m; points within it lie on a plane
@@ -32,10 +33,9 @@ class Vertical:
 
     up: Float[Array, "3"]
     up_std: float  # rad
-    source: str  # 'planes', 'imu', 'head' or 'file'
+    source: str  # 'the floor', 'planes' or 'head'
     floor: float | None = None  # height of the floor along `up` in the map, m
     floor_std: float | None = None  # m
-    floor_source: str = "unknown"  # 'pictures', 'feet'
 
     def transform(self, T_map_head: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
         """T_world_map: z up, floor at 0, the given head above the origin and facing +x.
@@ -51,8 +51,12 @@ class Vertical:
             T[2, 3] = -self.floor
         return T
 
-    def with_floor(self, height: float, std: float, source: str) -> Vertical:
-        return replace(self, floor=height, floor_std=std, floor_source=source)
+    def with_floor(self, floor: Floor) -> Vertical:
+        """The floor's height, and its normal where that is more certain than up is without it."""
+        found = replace(self, floor=floor.height, floor_std=floor.height_std)
+        if floor.normal_std > self.up_std:
+            return replace(found, floor=float(floor.height / (floor.normal @ self.up)))
+        return replace(found, up=floor.normal, up_std=floor.normal_std, source="the floor")
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,7 @@ STUDIES = {
     "fit-body": ("studies.fit_body", "Compare fitted bone lengths with the true ones."),
     "fit-rig": ("studies.fit_rig", "Compare a rig's fitted pose on the head with the true."),
     "runtime": ("studies.runtime", "Time the detector, the solvers and the whole pipeline."),
+    "head-pose": ("studies.head_pose", "Find the head's path in the world from the pictures."),
     "sync": ("footage.synchronisation", "Estimate clocks and colours of exported camera files."),
     "captures": ("footage.captures", "Capture motion from exported camera files."),
     "capture-memory": ("footage.memory", "Measure the memory of motion capture by length."),

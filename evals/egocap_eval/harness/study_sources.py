@@ -46,6 +46,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "detector": (*DETECTOR, *GEOMETRY, *SCORES, *WORLD, *VALIDATION_FRAMES,
                  "egocap_eval/detection/detector.py"),
     "fit-rig": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/studies/fit_rig.py"),
+    "head-pose": (*GEOMETRY, *WORLD, *HARNESS, "egocap/odometry", "egocap/head_pose",
+                  "egocap_eval/studies/head_pose.py"),
     "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),
     "personalised": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/studies/personalised.py"),
     "physics": (*GEOMETRY, *WORLD, "egocap_eval/studies/physics.py"),

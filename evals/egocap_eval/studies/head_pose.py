@@ -1,0 +1,159 @@
+"""Head poses found from the pictures alone, against the truth: path, rotation, up, floor and time.
+
+Cases are validation scenes with procedural motion. Position errors are given with the first pose
+aligned (drift shows in full) and with all poses aligned by one rigid motion, never by a scale.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from tyro.conf import arg
+
+from egocap.commandline import progress
+from egocap.data.sequence import Sequence
+from egocap.errors import InputError
+from egocap.evaluation.table import Table, number
+from egocap.geometry import inverse
+from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
+from egocap.head_pose.result import HeadTrajectory
+from egocap.odometry.config import OdometryConfig
+from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
+from egocap_eval.harness.study import Outcome
+
+CASES: Mapping[str, tuple[str, int]] = {
+    "walk": ("validation-walk", 250),
+    "minute": ("validation-walk", 1800),
+    "street": ("walk", 300),
+    "stairs": ("stairs", 300),
+}
+"""Scene and frames. The street has two people walking by."""
+
+MOST_MM, MOST_DEG, MOST_DRIFT, MOST_CPU_MS = 10.0, 0.3, 0.3, 2e3 / 15.0
+"""Targets: position and rotation rms, drift in percent of the path, 15 frames/s on two cores."""
+
+
+def study(
+    work: Annotated[Path, arg(metavar="DIR")] = Path("out/head-pose"),
+    cases: tuple[str, ...] = tuple(CASES),
+    size: tuple[int, int] = (640, 512),
+    workers: int = 1,
+) -> Outcome:
+    """Find the head's path in the world from pictures, against the truth.
+
+    Args:
+        work: Folder of sequences, which are made where they are missing.
+        cases: Cases to measure.
+        size: Image width and height.
+        workers: Rendering processes.
+    """
+    if unknown := [case for case in cases if case not in CASES]:
+        raise InputError(f"unknown case '{unknown[0]}'", valid=CASES)
+    found, sequences = {}, []
+    for name in cases:
+        scene, frames = CASES[name]
+        sequence = prepare_sequence(
+            builtin_scene(scene, size, frames=frames), work / "sequences" / name, workers
+        )
+        sequences.append(sequence)
+        found[name] = measure(sequence, name)
+    missed = [f"{name}: {what}" for name, row in found.items() for what in misses(row)]
+    return Outcome({"cases": found}, [_table(found)], missed, content_hashes(sequences))
+
+
+def measure(sequence: Sequence, name: str) -> dict[str, Any]:
+    """Run the odometry on a sequence and score its poses."""
+    config, spent = OdometryConfig(), time.process_time()
+    with progress(name, len(sequence)) as advance:
+        found, reasons = by_odometry(sequence, config, sequence.rig, None, advance)
+    vertical = vertical_of(sequence, sequence.rig, config, found)
+    result = head_trajectory(found, reasons, len(sequence), vertical)
+    spent = time.process_time() - spent
+    scores = score(result, sequence.truth.T_world_head)
+    return {"frames": len(sequence), "posed": len(result.time), "gaps": len(result.gaps), **scores,
+            "cpu_ms_per_frame": 1e3 * spent / len(sequence), **result.facts}  # fmt: skip
+
+
+def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, float]:
+    """Errors of the poses that were found; up and floor in the result's own world."""
+    true, found = truth[result.frame], result.T_world_head
+    moved = (true[0] @ inverse(found[0])) @ found
+    off = np.linalg.norm(moved[:, :3, 3] - true[:, :3, 3], axis=1)
+    path = float(np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1).sum())
+    R, rest, scale = rigid_fit(found[:, :3, 3], true[:, :3, 3])
+    up = (found[:, :3, :3] @ np.swapaxes(true[:, :3, :3], 1, 2)).mean(0)[:, 2]
+    assert result.covariance is not None
+    std = float(np.sqrt(np.trace(result.covariance[-1, 3:, 3:])))
+    return {
+        "path_m": path,
+        "first_aligned_mm": _rms_mm(off),
+        "all_aligned_mm": _rms_mm(rest),
+        "worst_mm": float(1e3 * off.max()),
+        "rotation_deg": _rms_deg(moved[:, :3, :3], true[:, :3, :3]),
+        "rotation_all_aligned_deg": _rms_deg(R @ found[:, :3, :3], true[:, :3, :3]),
+        "drift_percent": 100.0 * float(off[-1]) / path,
+        "scale_error_percent": 100.0 * (scale - 1.0),
+        "up_error_deg": float(np.degrees(np.arctan2(np.hypot(up[0], up[1]), up[2]))),
+        "height_error_mm": float(1e3 * (found[:, 2, 3] - true[:, 2, 3]).mean()),
+        "end_error_in_std": float(off[-1]) / std if std > 0 else 0.0,
+    }
+
+
+def rigid_fit(
+    found: Float[Array, "N 3"], true: Float[Array, "N 3"]
+) -> tuple[Float[Array, "3 3"], Float[Array, "N"], float]:
+    """Rotation, remaining distances [m] of the best rigid motion, and the best scale beside it.
+
+    Source: Umeyama 1991.
+    """
+    a, b = found - found.mean(0), true - true.mean(0)
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    turned = a @ R.T
+    return R, np.linalg.norm(turned - b, axis=1), float((turned * b).sum() / (a**2).sum())
+
+
+def misses(row: Mapping[str, Any]) -> list[str]:
+    """Which targets a row misses, in words."""
+    limits = (("first_aligned_mm", MOST_MM, "mm"), ("rotation_deg", MOST_DEG, "degrees"),
+              ("drift_percent", MOST_DRIFT, "% drift"),
+              ("cpu_ms_per_frame", MOST_CPU_MS, "CPU ms a frame"))  # fmt: skip
+    missed = [f"{row[key]:.3g} {unit} (target {limit:.3g})"
+              for key, limit, unit in limits if row[key] > limit]  # fmt: skip
+    if row["posed"] < row["frames"]:
+        missed.append(f"{row['frames'] - row['posed']} frames without a pose")
+    return missed
+
+
+def _rms_mm(distances: Float[Array, "N"]) -> float:
+    return float(1e3 * np.sqrt((distances**2).mean()))
+
+
+def _rms_deg(a: Float[Array, "N 3 3"], b: Float[Array, "N 3 3"]) -> float:
+    cosine = (np.einsum("nij,nij->n", a, b) - 1.0) / 2.0
+    return float(np.degrees(np.sqrt((np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2).mean())))
+
+
+_COLUMNS = (
+    ("path m", "path_m", 1), ("mm, first aligned", "first_aligned_mm", 1),
+    ("mm, all aligned", "all_aligned_mm", 1), ("degrees", "rotation_deg", 3),
+    ("drift %", "drift_percent", 3), ("scale error %", "scale_error_percent", 3),
+    ("up error degrees", "up_error_deg", 2), ("height error mm", "height_error_mm", 0),
+    ("end error in std", "end_error_in_std", 1), ("CPU ms a frame", "cpu_ms_per_frame", 0),
+)  # fmt: skip
+
+
+def _table(found: Mapping[str, Mapping[str, Any]]) -> Table:
+    rows = tuple(
+        (name, f"{row['posed']} of {row['frames']}",
+         *(number(row[key], digits) for _, key, digits in _COLUMNS))
+        for name, row in found.items()
+    )  # fmt: skip
+    heads = ("case", "frames with a pose", *(head for head, *_ in _COLUMNS))
+    return Table("Head pose in the world, from the pictures alone", heads, rows)

@@ -1,0 +1,78 @@
+"""Up and the floor of a room with known planes and exact pictures."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from egocap.geometry import inverse, rigid
+from egocap.head_pose.floor import find_floor
+from egocap.head_pose.vertical import MEAN_UP_STD, Vertical, find_vertical
+from egocap.odometry.views import Views
+from tests.egocap.odometry.box_world import BoxWorld, small_rig, walk
+
+T_MAP_WORLD = rigid(Rotation.from_euler("xyz", [4.0, -7.0, 60.0], degrees=True).as_matrix(),
+                    np.array([1.0, 2.0, -3.0]))  # fmt: skip
+UP = T_MAP_WORLD[:3, 2]
+
+
+def angle(a, b):
+    return np.degrees(np.arccos(np.clip(a @ b, -1, 1)))
+
+
+def room(rng, count=400):
+    """Points on two walls, a table and loose things, in the map."""
+    u, v = rng.uniform(-2, 2, size=(2, count))
+    walls = [np.stack([u, 0 * u + 2.5, 1 + 0.5 * v], -1), np.stack([0 * u - 2, v, 1 + 0.4 * u], -1)]
+    table = np.stack([0.3 * u, 0.3 * v - 1, 0 * u + 0.75], -1)
+    loose = rng.uniform([-2, -2, 0], [2, 2.5, 2], size=(count, 3))
+    points = np.concatenate([*walls, table, loose]) + 0.003 * rng.normal(size=(4 * count, 3))
+    return points @ T_MAP_WORLD[:3, :3].T + T_MAP_WORLD[:3, 3]
+
+
+def test_up_is_what_planes_agree_on(rng):
+    found = find_vertical(room(rng), T_MAP_WORLD @ walk(30))
+    assert found.source == "planes"
+    assert angle(found.up, UP) < 3 * np.degrees(found.up_std)
+    assert angle(found.up, UP) < 1.0
+
+
+def test_without_planes_up_is_that_of_the_head(rng):
+    heads = T_MAP_WORLD @ walk(30)
+    found = find_vertical(rng.uniform(-2, 2, size=(60, 3)), heads)
+    assert found.source == "head"
+    assert found.up_std == MEAN_UP_STD
+
+
+def test_the_floor_is_found_from_pictures():
+    rig, world, poses = small_rig(), BoxWorld(contrast=15.0), walk(40)
+    frames = [(T_MAP_WORLD @ poses[i], world.pictures(rig, poses[i])) for i in (0, 13, 26, 39)]
+    tilted = Rotation.from_euler("y", 1.5, degrees=True).as_matrix() @ UP
+    found = find_floor(Views.of(rig, 320), frames, tilted)
+    assert angle(found.normal, UP) < max(3 * np.degrees(found.normal_std), 0.3)
+    assert found.normal_std < np.deg2rad(0.5)
+    for T, pose in zip((T for T, _ in frames), poses[[0, 13, 26, 39]], strict=True):
+        assert T[:3, 3] @ found.normal - found.height == pytest.approx(pose[2, 3], abs=0.01)
+
+
+def test_no_floor_is_invented():
+    rig, poses = small_rig(), walk(20)
+    blank = tuple(np.full((256, 320), 120, np.uint8) for _ in range(2))
+    noise = np.random.default_rng(1)
+    for i in range(2):
+        pictures = (
+            blank if i else tuple(noise.integers(0, 255, b.shape).astype(np.uint8) for b in blank)
+        )
+        assert (
+            find_floor(Views.of(rig, 320), [(poses[0], pictures)] * 3, UP * 0 + [0, 0, 1]) is None
+        )
+
+
+def test_the_world_has_z_up_and_the_floor_at_zero():
+    head = T_MAP_WORLD @ walk(1)[0]
+    vertical = Vertical(UP, 0.0, "planes", floor=float(T_MAP_WORLD[:3, 3] @ UP))
+    T = vertical.transform(head)
+    assert T[:3, :3] @ UP == pytest.approx([0, 0, 1])
+    moved = T @ head
+    assert moved[:3, 3] == pytest.approx([0, 0, walk(1)[0][2, 3]])
+    assert moved[1, 0] == pytest.approx(0.0, abs=1e-12)
+    assert np.allclose(T @ inverse(T), np.eye(4))

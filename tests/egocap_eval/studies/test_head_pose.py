@@ -1,0 +1,60 @@
+"""Scores of head poses with known errors."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from egocap.geometry import rigid
+from egocap.head_pose.result import HeadTrajectory
+from egocap_eval.studies.head_pose import MOST_MM, misses, score
+
+
+def truth(count=90):
+    t = np.arange(count) / 30.0
+    R = Rotation.from_euler("ZY", np.stack([0.5 * t, 0.1 * np.sin(3 * t)], -1)).as_matrix()
+    return rigid(R, np.stack([t, np.sin(t), 1.6 + 0 * t], -1))
+
+
+def found(poses):
+    covariance = np.tile(1e-4 * np.eye(6), (len(poses), 1, 1))
+    return HeadTrajectory(
+        np.arange(len(poses)), np.arange(len(poses)) / 30.0, poses, (), covariance
+    )
+
+
+def test_another_heading_and_origin_is_no_error():
+    T = rigid(Rotation.from_euler("Z", 1.0).as_matrix(), np.array([3.0, -2.0, 0.0]))
+    scores = score(found(T @ truth()), truth())
+    for key in ("first_aligned_mm", "all_aligned_mm", "rotation_deg", "drift_percent",
+                "scale_error_percent", "up_error_deg", "height_error_mm"):  # fmt: skip
+        assert scores[key] == pytest.approx(0.0, abs=1e-4), key
+
+
+def test_scale_is_an_error_and_is_told():
+    scaled = truth()
+    scaled[:, :3, 3] *= 0.98
+    scores = score(found(scaled), truth())
+    assert scores["scale_error_percent"] == pytest.approx(100 * (1 / 0.98 - 1), rel=1e-6)
+    assert scores["first_aligned_mm"] > scores["all_aligned_mm"] > 1.0
+
+
+def test_tilt_and_height_are_those_of_the_world():
+    T = rigid(Rotation.from_euler("X", 2.0, degrees=True).as_matrix(), np.array([0.0, 0.0, 0.05]))
+    scores = score(found(T @ truth()), truth())
+    assert scores["up_error_deg"] == pytest.approx(2.0, abs=1e-6)
+    up = score(found(rigid(np.eye(3), np.array([0.0, 0.0, 0.05])) @ truth()), truth())
+    assert up["height_error_mm"] == pytest.approx(50.0)
+
+
+def test_an_end_off_by_one_standard_deviation_is_one():
+    poses = truth()
+    poses[-1, 0, 3] += np.sqrt(3e-4)
+    scores = score(found(poses), truth())
+    assert scores["end_error_in_std"] == pytest.approx(1.0)
+    assert scores["drift_percent"] == pytest.approx(100 * np.sqrt(3e-4) / scores["path_m"])
+
+
+def test_missed_targets_are_named():
+    row = {"first_aligned_mm": 2 * MOST_MM, "rotation_deg": 0.0, "drift_percent": 0.0,
+           "cpu_ms_per_frame": 1.0, "frames": 5, "posed": 4}  # fmt: skip
+    assert misses(row) == ["20 mm (target 10)", "1 frames without a pose"]

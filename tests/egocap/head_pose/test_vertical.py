@@ -51,7 +51,7 @@ def test_the_floor_is_found_from_pictures():
     assert angle(found.normal, UP) < max(3 * np.degrees(found.normal_std), 0.3)
     assert found.normal_std < np.deg2rad(0.5)
     for T, pose in zip((T for T, _ in frames), poses[[0, 13, 26, 39]], strict=True):
-        assert T[:3, 3] @ found.normal - found.height == pytest.approx(pose[2, 3], abs=0.01)
+        assert T[:3, 3] @ found.normal - found.height == pytest.approx(pose[2, 3], abs=0.02)
 
 
 def test_no_floor_is_invented():

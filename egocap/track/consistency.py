@@ -205,8 +205,10 @@ def check_consistency(
     config: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
 ) -> Consistency:  # fmt: skip
     """Compare detections with a track of them, the views with each other, limbs with the body."""
+    finite = np.isfinite(found.points).all(-1) & np.isfinite(found.sigma)
+    found = replace(found, valid=found.valid & finite & np.isfinite(found.confidence))
     sure = found.valid & (found.confidence > CONFIDENT)
-    visible = np.sum(found.valid * np.where(found.valid, found.confidence, 0.0), (1, 2))
+    visible = np.sum(np.where(found.valid, found.confidence, 0.0), (1, 2))
     residual, seen = _over_time(_residuals(joints_head, found, rig, proportions, config), sure,
                                 visible, found.times)  # fmt: skip
     agreement = check_agreement(found, rig)

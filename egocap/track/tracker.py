@@ -201,7 +201,7 @@ def turned_rig(rig: Rig, estimated: Mapping[str, object]) -> Rig:
     mounts = []
     for mount, turn in zip(rig.mounts, np.deg2rad(turns), strict=True):
         T = mount.T_head_camera.copy()
-        T[:3, :3] = axis_angle(unit(turn), np.linalg.norm(turn)) @ T[:3, :3]
+        T[:3, :3] = axis_angle(unit(turn), float(np.linalg.norm(turn))) @ T[:3, :3]
         mounts.append(replace(mount, T_head_camera=T))
     return replace(rig, mounts=tuple(mounts))
 

@@ -28,6 +28,7 @@ ENOUGH = 50
 _REACH_M = (0.1, 2.5)  # from a camera to a joint of its wearer
 _PARALLAX = np.deg2rad(8.0)  # between two rays, from which their midpoint gives a distance
 _LEAST_TURN, _MOST_TURN = np.deg2rad((1.0, 60.0))
+_LEAST_SIGMA = np.deg2rad(0.05)
 _MOST_PAIRS = 1500
 
 
@@ -150,6 +151,7 @@ def _turn(pair: _Pair, sigma: float) -> float | None:
     base = pair.second - pair.first
     if len(pair.u) < ENOUGH or np.linalg.norm(base) < 1e-3:
         return None
+    sigma = max(sigma, _LEAST_SIGMA)  # exact detections state none
     step = -(-len(pair.u) // _MOST_PAIRS)
     u, v, base = pair.u[::step], pair.v[::step], unit(base)
 
@@ -170,7 +172,7 @@ def _turn(pair: _Pair, sigma: float) -> float | None:
 
 
 def _rotation(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    return axis_angle(unit(vector), np.linalg.norm(vector))
+    return axis_angle(unit(vector), float(np.linalg.norm(vector)))
 
 
 def _angle(direction: Float[Array, "n 3"], ray: Float[Array, "n 3"]) -> Float[Array, "n"]:

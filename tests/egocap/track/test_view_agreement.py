@@ -43,3 +43,9 @@ def test_nothing_is_said_of_too_little(made):
     found = made.detect("simulated:1.0")
     found.valid[:, 1] = False
     assert np.isnan(check_agreement(found, made.rig).as_given)
+
+
+def test_exact_detections_that_state_no_error_agree(made):
+    seen = check_agreement(made.detect("simulated:0"), made.rig)
+    assert seen.as_given < 1e-3 and seen.expected == 0.0 and np.isnan(seen.turned)
+    assert not seen.looks_exchanged and not seen.looks_like_another_rig

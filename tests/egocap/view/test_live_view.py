@@ -1,6 +1,8 @@
 """Films keep time and are whole or not there; a browser gets the newest picture."""
 
+import http.client
 import urllib.error
+import urllib.parse
 import urllib.request
 
 import cv2
@@ -10,7 +12,7 @@ import pytest
 from egocap.body.skeleton import forward
 from egocap.errors import InputError, MachineError
 from egocap.track.online import PoseEstimate
-from egocap.view.live_page import PictureStream
+from egocap.view.live_page import MOST_VIEWERS, PictureStream
 from egocap.view.live_view import PoseDisplay
 from egocap.view.video import VideoFile
 from tests.egocap.conftest import make_motion
@@ -63,7 +65,7 @@ def test_a_page_shows_the_newest_picture(stream):
         assert b'src="stream"' in page.read()
     stream.show(grey(10))
     stream.show(grey(170))
-    with urllib.request.urlopen(f"{stream.url}/stream", timeout=10) as answer:
+    with urllib.request.urlopen(f"{stream.url}stream", timeout=10) as answer:
         assert "multipart/x-mixed-replace" in answer.headers["Content-Type"]
         assert answer.readline().startswith(b"--")
         answer.readline()
@@ -72,11 +74,11 @@ def test_a_page_shows_the_newest_picture(stream):
         picture = cv2.imdecode(np.frombuffer(answer.read(size), np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3) and abs(picture.mean() - 170) < 3
     with pytest.raises(urllib.error.HTTPError):
-        urllib.request.urlopen(f"{stream.url}/other", timeout=10)
+        urllib.request.urlopen(f"{stream.url}other", timeout=10)
 
 
 def test_a_taken_port_is_named(stream):
-    port = int(stream.url.rpartition(":")[2])
+    port = urllib.parse.urlsplit(stream.url).port
     with pytest.raises(MachineError, match=f"port {port}"):
         PictureStream(port)
 
@@ -93,3 +95,47 @@ def test_the_watcher_hands_on_pose_and_pictures(tmp_path, stream):
     assert len(found) == 3 and found[0].shape == (360, 900 + 360, 3)
     assert found[0][:, 460:880].mean() > 40 > found[0][:, 20:440].mean()
     PoseDisplay(made.rig)(pose, [None, None])
+
+
+def _status(stream, path, **headers):
+    """Status of a request by path and headers."""
+    place = urllib.parse.urlsplit(stream.url)
+    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=10)
+    connection.request("GET", path, headers=headers)
+    return connection.getresponse().status
+
+
+def test_the_page_requires_the_token_and_the_loopback(stream):
+    own = urllib.parse.urlsplit(stream.url).path
+    assert len(own) > 20
+    assert _status(stream, own) == 200 and _status(stream, own, Host="localhost:9000") == 200
+    for path in ("/", "/stream", "/wrong/", own[:-2] + "/", f"{own}../stream", "/../../etc/passwd"):
+        assert _status(stream, path) == 404
+    for place in ("evil.example", "127.0.0.1.evil.example", ""):
+        assert _status(stream, own, Host=place) == 403
+    for origin in ("http://evil.example", "null"):
+        assert _status(stream, own, Origin=origin) == 403
+
+
+def test_two_pages_have_two_tokens(stream):
+    other = PictureStream(port=0)
+    try:
+        mine = urllib.parse.urlsplit(stream.url).path
+        assert mine != urllib.parse.urlsplit(other.url).path
+        assert _status(other, mine) == 404
+    finally:
+        other.close()
+
+
+def test_streams_are_bounded(stream):
+    path = f"{urllib.parse.urlsplit(stream.url).path}stream"
+    place = urllib.parse.urlsplit(stream.url)
+    held = []
+    for _ in range(MOST_VIEWERS):
+        connection = http.client.HTTPConnection(place.hostname, place.port, timeout=10)
+        connection.request("GET", path)
+        assert connection.getresponse().status == 200
+        held.append(connection)
+    assert _status(stream, path) == 503
+    for connection in held:
+        connection.close()

@@ -17,6 +17,7 @@ LAYERS = (
     {"egocap.schema", "egocap.commandline", "egocap.files"},
     {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards"},
     {"egocap.data"},
+    {"egocap.export"},
     {"egocap.footage", "egocap.calibration", "egocap.odometry"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose", "egocap.head_pose"},  # not each other
     {"egocap.detect.train", "egocap.image_model"},

@@ -19,27 +19,30 @@ from egocap.posterior.config import PosteriorConfig, SamplerConfig
 def export(
     track: Positional[Path],
     out: Path,
-    format: Literal["bvh", "npz"] = "bvh",
+    format: Literal["bvh", "glb", "c3d", "trc", "csv", "npz"] | None = None,
 ) -> int:
     """Write a track for other programs.
 
-    bvh opens in Blender and other animation tools: metres, y up, the skeleton from the hips. npz
-    holds plain arrays with the joints' names. Both are in the world if the track was made with
-    --head-pose, else relative to a fixed head.
+    bvh: a skeleton from the hips for Blender and other animation tools; metres, y up.
+    glb: a skinned figure with its animation (glTF 2.0); metres, y up, facing z.
+    c3d: the joints as markers; millimetres, z up, x forward.
+    trc: the joints as markers for OpenSim; millimetres, y up, x forward.
+    csv: a row a frame, joints in metres and angles in degrees; npz: plain arrays with names.
+    All are in the world if the track was made with --head-pose, else relative to a fixed head.
 
     Args:
         track: track to read, npz.
         out: file to write.
-        format: what to write.
+        format: what to write; by default the suffix of the file tells.
     """
-    from egocap.data.bvh import write_bvh
-    from egocap.data.resampling import evenly
-    from egocap.data.track import load_track, write_arrays
+    from egocap.data.track import load_track
+    from egocap.export.formats import FORMATS
 
+    name = out.suffix.removeprefix(".").lower() if format is None else format
+    if name not in FORMATS:
+        raise InputError(f"cannot tell the format of '{out.name}'", valid=FORMATS)
     found = load_track(track)
-    if format == "bvh":
-        found = evenly(found)
-    {"bvh": write_bvh, "npz": write_arrays}[format](out, found)
+    FORMATS[name](out, found)
     print(f"{out}: {len(found.times)} frames")
     return DONE
 

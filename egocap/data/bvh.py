@@ -23,7 +23,7 @@ from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.files import write_atomically
 
-_TO_FILE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+TO_FILE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes of the project (x forward, y left, z up) to those of the file (x left, y up, z forward)."""
 _CHANNELS = "Zrotation Xrotation Yrotation"
 _HEAD = "skull"  # the body above the neck joint
@@ -37,13 +37,13 @@ _LIMBS = {
 
 
 @dataclass(frozen=True, eq=False)
-class _Node:
+class BvhJoint:
     """One joint of the file, its offset and its children."""
 
     name: str
     body: str  # tracker joint with the same frame, or `_HEAD`
     offset: Float[Array, "3"]  # in the parent's frame at rest, metres
-    children: list[_Node] = field(default_factory=list)
+    children: list[BvhJoint] = field(default_factory=list)
     end: Float[Array, "3"] | None = None  # end of the bone, for the last joint of a limb
 
 
@@ -59,29 +59,29 @@ def bvh_text(track: Track) -> str:
     """Content of the file. Raises InputError for a track without skeleton or with uneven times."""
     if track.offsets is None:
         raise InputError("the track does not hold its skeleton", valid="a track of schema 2")
-    root = _hierarchy(np.asarray(track.offsets))
-    nodes = list(_walk(root))
-    world = _body_rotations(track)
-    columns = [_root_position(track)]
+    root = joint_tree(np.asarray(track.offsets))
+    nodes = list(walk_tree(root))
+    world = body_rotations(track)
+    columns = [root_position(track)]
     parent = {id(child): node for node in nodes for child in node.children}
     for node in nodes:
         R = world[node.body]
         above = parent.get(id(node))
         local = R if above is None else np.swapaxes(world[above.body], -1, -2) @ R
-        columns.append(_euler_degrees(_TO_FILE @ local @ _TO_FILE.T))
+        columns.append(_euler_degrees(TO_FILE @ local @ TO_FILE.T))
     lines = ["HIERARCHY", *_describe(root, 0, first=True), "MOTION", f"Frames: {len(track.times)}",
              f"Frame Time: {_frame_time(track):.8f}"]  # fmt: skip
     lines += [" ".join(f"{value:.6f}" for value in row) for row in np.concatenate(columns, axis=1)]
     return "\n".join(lines) + "\n"
 
 
-def _hierarchy(offsets: Float[Array, "22 3"]) -> _Node:
+def joint_tree(offsets: Float[Array, "22 3"]) -> BvhJoint:
     """Joints from the hips (the lower spine's joint) to legs, spine, arms and head."""
     at = {name: offsets[i] for name, i in POINT_INDEX.items()}
-    root = _Node("Hips", "lower_spine", np.zeros(3))
-    spine = _Node("Spine", "upper_spine", np.zeros(3))
-    neck = _Node("Neck", "neck", -at["lower_spine"])
-    neck.children.append(_Node("Head", _HEAD, -at["upper_spine"], [], at["head"] - at["neck"]))
+    root = BvhJoint("Hips", "lower_spine", np.zeros(3))
+    spine = BvhJoint("Spine", "upper_spine", np.zeros(3))
+    neck = BvhJoint("Neck", "neck", -at["lower_spine"])
+    neck.children.append(BvhJoint("Head", _HEAD, -at["upper_spine"], [], at["head"] - at["neck"]))
     for side in _SIDES:
         root.children.append(_limb(side, ("hip", "knee", "ankle"), at[f"{side}_hip"], at))
         clavicle = at[f"{side}_clavicle"] - at["lower_spine"]
@@ -93,25 +93,25 @@ def _hierarchy(offsets: Float[Array, "22 3"]) -> _Node:
 
 def _limb(
     side: str, joints: tuple[str, ...], offset: Float[Array, "3"], at: dict[str, Array]
-) -> _Node:
+) -> BvhJoint:
     name, tip = _LIMBS[joints[0]]
-    node = _Node(_SIDES[side] + name, f"{side}_{joints[0]}", offset)
+    node = BvhJoint(_SIDES[side] + name, f"{side}_{joints[0]}", offset)
     if len(joints) > 1:
         node.children.append(_limb(side, joints[1:], at[f"{side}_{joints[1]}"], at))
         return node
-    return _Node(node.name, node.body, offset, [], at[f"{side}_{tip}"])
+    return BvhJoint(node.name, node.body, offset, [], at[f"{side}_{tip}"])
 
 
-def _walk(node: _Node) -> Iterator[_Node]:
+def walk_tree(node: BvhJoint) -> Iterator[BvhJoint]:
     """A node and its descendants in file order."""
     yield node
     for child in node.children:
-        yield from _walk(child)
+        yield from walk_tree(child)
 
 
-def _describe(node: _Node, depth: int, *, first: bool = False) -> list[str]:
+def _describe(node: BvhJoint, depth: int, *, first: bool = False) -> list[str]:
     pad = "\t" * depth
-    x, y, z = _TO_FILE @ node.offset
+    x, y, z = TO_FILE @ node.offset
     channels = f"CHANNELS 6 Xposition Yposition Zposition {_CHANNELS}" if first else (
         f"CHANNELS 3 {_CHANNELS}"
     )  # fmt: skip
@@ -120,13 +120,13 @@ def _describe(node: _Node, depth: int, *, first: bool = False) -> list[str]:
     for child in node.children:
         lines += _describe(child, depth + 1)
     if node.end is not None:
-        x, y, z = _TO_FILE @ node.end
+        x, y, z = TO_FILE @ node.end
         lines += [f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET {x:.6f} {y:.6f} {z:.6f}",
                   f"{pad}\t}}"]  # fmt: skip
     return [*lines, f"{pad}}}"]
 
 
-def _body_rotations(track: Track) -> dict[str, Float[Array, "T 3 3"]]:
+def body_rotations(track: Track) -> dict[str, Float[Array, "T 3 3"]]:
     """Rotation of every body in the world if known, else in the head frame."""
     frames = joint_rotations(track.angles)  # (T, 17, 3, 3)
     T = len(track.times)
@@ -137,13 +137,14 @@ def _body_rotations(track: Track) -> dict[str, Float[Array, "T 3 3"]]:
     return rotations | {_HEAD: head}
 
 
-def _root_position(track: Track) -> Float[Array, "T 3"]:
+def root_position(track: Track) -> Float[Array, "T 3"]:
+    """Place of the hips, in the file's axes, metres."""
     assert track.offsets is not None
     hips = points(Proportions(track.offsets), track.angles)[:, POINT_INDEX["lower_spine"]]
     if track.T_world_head is not None:
         T = track.T_world_head
         hips = np.einsum("tij,tj->ti", T[:, :3, :3], hips) + T[:, :3, 3]
-    return hips @ _TO_FILE.T
+    return hips @ TO_FILE.T
 
 
 def _euler_degrees(R: Float[Array, "T 3 3"]) -> Float[Array, "T 3"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as jsons
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from tyro.conf import Positional
@@ -27,7 +27,6 @@ CONFIG, FOREIGN = OdometryConfig(), ForeignOptions()
 def head_pose(
     sequence: Positional[Path],
     out: Path,
-    method: Literal["odometry"] = "odometry",
     settings: Annotated[OdometryConfig, tyro.conf.OmitArgPrefixes] = CONFIG,
     track: Path | None = None,
     rig: Path | None = None,
@@ -35,7 +34,7 @@ def head_pose(
     foreign: Annotated[ForeignOptions, tyro.conf.OmitArgPrefixes] = FOREIGN,
     json: bool = False,
 ) -> int:
-    """Find where the head is in the world, from the pictures that are tracked.
+    """Find where the head is in the world, by stereo odometry from the pictures that are tracked.
 
     Writes what track --head-pose reads: z up, the floor at height 0, metres from the distance
     between the cameras. Frames whose pose cannot be measured are left out and listed.
@@ -43,7 +42,6 @@ def head_pose(
     Args:
         sequence: folder of a sequence.
         out: head poses to write, npz.
-        method: odometry: stereo visual odometry.
         settings: of the odometry.
         track: track of the sequence; its body masks the wearer, who is otherwise told by depth
             and motion.
@@ -61,6 +59,9 @@ def head_pose(
     cameras = opened.rig if rig is None else load_rig(rig)
     make_folder(out.parent)
     if trajectory is not None:
+        if track is not None or settings != CONFIG:
+            raise InputError("--track or settings of the odometry with --trajectory",
+                             valid="one of pictures and trajectory")  # fmt: skip
         from egocap.head_pose.foreign import foreign_trajectory
 
         result = foreign_trajectory(trajectory, foreign, cameras, opened.times)

@@ -52,6 +52,7 @@ def test_a_reference_gives_clock_and_mount(egocap, tiny_sequence, tmp_path):  # 
 @pytest.mark.parametrize(
     ("words", "says"),
     [(["--reference", "r.npz"], "without --trajectory"),
+     (["--trajectory", "t.txt", "--fewest", "30"], "one of pictures and trajectory"),
      (["--trajectory", "t.txt"], "some of the frames' times"),
      (["--trajectory", "none.txt"], "no such file"),
      (["--trajectory", "t.txt", "--format", "euroc"], "line 1"),

@@ -26,6 +26,7 @@ COMMANDS = {
         "calibrate",
         "calibrate-detector",
         "detect",
+        "doctor",
         "export",
         "live",
         "fit-body",

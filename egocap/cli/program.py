@@ -5,6 +5,7 @@ import sys
 from egocap.cli import (  # noqa: F401 (each adds its commands)
     calibrating,
     detecting,
+    doctor,
     footage,
     head_pose,
     live,

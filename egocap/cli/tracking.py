@@ -71,6 +71,7 @@ def track(
     from egocap.fitting.wearer import find_body
     from egocap.paper.tracker import make_tracker
     from egocap.track.consistency import warning_of
+    from egocap.track.tracker import Tracker
 
     opened = Sequence(sequence)
     if body is None:
@@ -79,12 +80,16 @@ def track(
     found = detections_from(opened, detections, seed, cameras)
     proportions = opened.body if body is None else find_body(body, cameras, found)
     tracker = make_tracker(cameras, proportions, solver, settings)
-    result = tracker.track(found, opened.images)
+    heads = None if head_pose is None else read_head_poses(head_pose, found.times)
+    if heads is not None and isinstance(tracker, Tracker):
+        result = tracker.track(found, opened.images, heads)
+    else:
+        result = tracker.track(found, opened.images)
     # So that no other sequence is scored with it, and scores name the body.
     origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}
     result = replace(result, config=result.config | origin)
-    if head_pose is not None:
-        result = in_world(result, read_head_poses(head_pose, result.times))
+    if heads is not None:
+        result = in_world(result, heads)
     for path in (out, save_detections):
         if path is not None:
             make_folder(path.parent)

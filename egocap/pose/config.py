@@ -8,6 +8,7 @@ from typing import Literal
 from egocap.errors import InputError
 
 SMOOTHINGS = ("interval", "gaussian", "none")
+MOTION_PRIORS = ("network", "gaussian")
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,14 @@ class TrackerConfig:
     """Weight of the distance from the rest pose, in each angle's prior deviation (Eq. 2)."""
     lambda_posture: float = 0.03
     """Weight of the learned pose prior, a Gaussian with correlations; 0: without."""
+    motion_prior: Literal["network", "gaussian"] = "network"
+    """network: small networks over time, told the head's motion where it is given; gaussian: a
+    stationary Gaussian process."""
     lambda_motion: float = 1.0
     """Weight of the learned motion prior; 0: without."""
     motion_information: float = 0.3
-    """Fraction of the detections' information given to the motion prior: errors are correlated."""
+    """Fraction of the detections' information given to the Gaussian motion prior: errors are
+    correlated."""
     lambda_smooth: float = 1.0
     """Weight of the distance from the pose predicted from the past two frames (Eq. 3)."""
     zeta: float = 0.25
@@ -101,6 +106,8 @@ class TrackerConfig:
     def __post_init__(self) -> None:
         if self.smoothing not in SMOOTHINGS:
             raise InputError(f"smoothing '{self.smoothing}'", valid=SMOOTHINGS)
+        if self.motion_prior not in MOTION_PRIORS:
+            raise InputError(f"motion prior '{self.motion_prior}'", valid=MOTION_PRIORS)
         positive = (
             "velocity_sigma", "acceleration_sigma", "robust_scale", "inlier_threshold",
             "pixel_floor", "max_iterations",

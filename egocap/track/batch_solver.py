@@ -15,12 +15,14 @@ from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
+from egocap.data.head_pose import HeadPoses
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model
 from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction, predict_motion
 from egocap.pose.observations import Observations
 from egocap.track.association import associate, needs_association
 from egocap.track.camera_alignment import Alignment, improve
+from egocap.track.motion_prediction import predict_by_network
 from egocap.track.multistart import changed_frames, merge_segments, solve_multistart
 from egocap.track.noise_estimation import apply_noise, estimate_noise, weight_as_independent
 from egocap.track.online_filter import filter_both_ways, filter_sequence
@@ -52,13 +54,15 @@ class BatchSolver:
     model: Model
     config: TrackerConfig
 
-    def solve(self, observations: Observations, stopwatch: Stopwatch) -> Solution:
-        """The motion by the smoothing of the settings."""
+    def solve(
+        self, observations: Observations, stopwatch: Stopwatch, heads: HeadPoses | None = None
+    ) -> Solution:
+        """The motion by the smoothing of the settings; `heads` inform the motion prior."""
         config, known = self.config, (observations, self.model, self.config)
         if config.smoothing == "interval":
             angles, _ = filter_both_ways(*known)
             stopwatch.lap("frames")
-            solution = self._solve_interval(angles, observations)
+            solution = self._solve_interval(angles, observations, heads)
             stopwatch.lap("smoothing")
             return solution
         angles, converged, chosen = filter_sequence(*known)
@@ -75,7 +79,9 @@ class BatchSolver:
             return interval_covariances(*known, solution.prediction)
         return causal_covariances(*known)
 
-    def _solve_interval(self, angles: Float[Array, "T 37"], observations: Observations) -> Solution:
+    def _solve_interval(
+        self, angles: Float[Array, "T 37"], observations: Observations, heads: HeadPoses | None
+    ) -> Solution:
         config, known = self.config, (self.model, self.config)
         angles, converged, chosen, changed = self._associate(angles, observations)
         estimated: dict[str, object] = {}
@@ -98,9 +104,12 @@ class BatchSolver:
             if others.any():
                 angles, converged = smooth_interval(angles, chosen, *known)
         prediction = NO_MOTION_PREDICTION
-        if config.lambda_motion > 0.0:
-            angles, converged, prediction = self._apply_motion_prior(angles, chosen)
         independent = chosen if noise is None else weight_as_independent(chosen, noise)
+        if config.lambda_motion > 0.0 and config.motion_prior == "network":
+            prediction = predict_by_network(angles, chosen, self.proportions, *known, heads)
+            angles, converged = smooth_interval(prediction.mean, chosen, *known, prediction)
+        elif config.lambda_motion > 0.0:
+            angles, converged, prediction = self._apply_motion_prior(angles, chosen)
         return Solution(angles, converged, chosen, independent, estimated, prediction)
 
     def _associate(

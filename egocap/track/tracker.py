@@ -18,6 +18,7 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, forward
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
+from egocap.data.head_pose import HeadPoses
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, unit
@@ -55,8 +56,12 @@ class Tracker:
         self._model = make_model(proportions, config)
         self._solver = BatchSolver(proportions, self._model, config)
 
-    def track(self, detections: Detections, images: Images | None = None) -> Track:
+    def track(
+        self, detections: Detections, images: Images | None = None, heads: HeadPoses | None = None
+    ) -> Track:
         """Track from detections in all views of the rig, and from images if there are any.
+
+        `heads`, the head's poses at the frames, inform the motion prior.
 
         `images` gives the RGB images of all views at a frame, for the appearance check and the
         colour term. `Track.energy` is each frame's own: detections, limits and pose prior. The time
@@ -73,9 +78,9 @@ class Tracker:
         with threadpool_limits(1, user_api="blas"):
             observations = observe(detections, self.rig, self.proportions, self.config)
             stopwatch.lap("observe")
-            estimate = self._estimate(observations, stopwatch)
+            estimate = self._estimate(observations, heads, stopwatch)
             if images is not None and self.config.checks_appearance:
-                estimate = self._check_appearance(estimate, images, stopwatch)
+                estimate = self._check_appearance(estimate, images, heads, stopwatch)
             if images is not None and self.config.colour:
                 estimate = self._refine_by_colour(estimate, images, stopwatch)
             joints = forward(self.proportions, estimate.angles)
@@ -104,15 +109,17 @@ class Tracker:
         rig = turned_rig(self.rig, estimate.solution.estimated)
         return with_consistency(track, detections, rig, self.proportions, self.config)
 
-    def _estimate(self, observations: Observations, stopwatch: Stopwatch) -> _Estimate:
-        solution = self._solver.solve(observations, stopwatch)
+    def _estimate(
+        self, observations: Observations, heads: HeadPoses | None, stopwatch: Stopwatch
+    ) -> _Estimate:
+        solution = self._solver.solve(observations, stopwatch, heads)
         covariances = self._solver.covariances(solution) if self.config.covariance else None
         stopwatch.lap("covariance")
         colour = np.zeros(len(solution.angles))
         return _Estimate(observations, solution, solution.angles, covariances, colour)
 
     def _check_appearance(
-        self, estimate: _Estimate, images: Images, stopwatch: Stopwatch
+        self, estimate: _Estimate, images: Images, heads: HeadPoses | None, stopwatch: Stopwatch
     ) -> _Estimate:
         """Remove detections that the images contradict, and solve without them.
 
@@ -136,7 +143,7 @@ class Tracker:
             if not removed:
                 break
             total += removed
-            solution = self._solver.solve(observations, stopwatch)
+            solution = self._solver.solve(observations, stopwatch, heads)
         solution.estimated["rejected"] = total
         covariances = self._solver.covariances(solution) if total else estimate.covariances
         stopwatch.lap("covariance")

@@ -125,6 +125,15 @@ def joint_covariances(
     return spread + model_error_m**2 * np.eye(3)
 
 
+def joint_deviations(
+    proportions: HasOffsets, angles: Float[Array, "T 37"],
+    covariances: Float[Array, "T 37 37"], model_error_m: float,
+) -> Float[Array, "T 18"]:  # fmt: skip
+    """Standard deviations [m] of the joints' positions along an axis, as if isotropic."""
+    found = joint_covariances(proportions, angles, covariances, model_error_m)
+    return np.sqrt(np.maximum(np.trace(found, axis1=-2, axis2=-1) / 3.0, 0.0))
+
+
 def confidences(covariances: Float[Array, "T 18 3 3"]) -> Float[Array, "T 18"]:
     """Probability that each joint lies within `CORRECT_M` of its estimate: 0 to 1.
 

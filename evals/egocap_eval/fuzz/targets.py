@@ -79,6 +79,8 @@ def _use_rig(rig: Rig) -> None:
 
 
 def _bodies(sequence: Sequence, work: Path) -> list[Target]:
+    from egocap.pose.motion_network import FILE as NETWORK
+    from egocap.pose.motion_network import load_motion_network
     from egocap.pose.motion_prior import FILE as MOTION
     from egocap.pose.motion_prior import load_motion_prior
     from egocap.pose.pose_prior import FILE as POSTURE
@@ -91,6 +93,7 @@ def _bodies(sequence: Sequence, work: Path) -> list[Target]:
         Target("gaussians.json", gaussians, GaussianBody.load),
         Target("posture.json", POSTURE, load_posture.__wrapped__),
         Target("motion_prior.npz", MOTION, load_motion_prior.__wrapped__),
+        Target("motion_network.npz", NETWORK, load_motion_network.__wrapped__),
     ]
 
 

@@ -1,0 +1,63 @@
+"""Learn the tracker's priors from clips that simulated people act out.
+
+The pose prior is the mean and covariance of the angles; the Gaussian motion prior, their
+covariances over time; the motion network learns to correct tracks from detections with errors.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from egocap.errors import InputError
+from egocap.evaluation.table import Table
+from egocap.pose import motion_network, motion_prior, pose_prior
+from egocap_eval.harness.study import Outcome
+from egocap_eval.priors.config import TrainingConfig
+from egocap_eval.priors.takes import BUILT_IN, FPS, make_takes
+
+Prior = Literal["pose", "motion", "network"]
+
+
+def study(
+    prior: Positional[Prior],
+    folder: Positional[Annotated[Path | None, arg(metavar="DIR")]] = None,
+    /,
+    write: Annotated[Path | None, arg(metavar="FILE")] = None,
+    work: Annotated[Path | None, arg(metavar="DIR")] = None,
+    draws: int = 6,
+    training: Annotated[TrainingConfig, OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
+) -> Outcome:
+    """Learn the tracker's pose prior, Gaussian motion prior or motion network from motions.
+
+    Args:
+        prior: Which prior to learn.
+        folder: Folder of .bvh and .npz clips, searched recursively; optional for those of motion,
+            which also learn from built-in motions.
+        write: File to write; by default the prior that the tracker uses.
+        work: Folder that keeps takes and tracks for the next prior.
+        draws: Tracks of every take that the network learns from.
+        training: How the network is trained.
+    """
+    if prior == "pose" and folder is None:
+        raise InputError("no folder of clips", valid="a folder for the pose prior")
+    built_in = () if prior == "pose" else BUILT_IN
+    takes = make_takes(folder, built_in=built_in, keep=work and work / "takes")
+    motions = [take.angles for take in takes]
+    if prior == "pose":
+        pose_prior.save_posture(*pose_prior.learn_posture(motions), write or pose_prior.FILE)
+    elif prior == "motion":
+        learned = motion_prior.learn_motion_prior(motions, FPS)
+        motion_prior.save_motion_prior(learned, write or motion_prior.FILE)
+    else:
+        from egocap_eval.priors.tracks import make_tracks
+        from egocap_eval.priors.training import train_network
+
+        tracks = make_tracks(takes, draws, work and work / "tracks")
+        network = train_network(tracks, training)
+        motion_network.save_motion_network(network, write or motion_network.FILE)
+    rows = [{"name": t.name, "frames": len(t.angles), "fit_mm": t.fit_mm} for t in takes]
+    cells = tuple((r["name"], str(r["frames"]), f"{r['fit_mm']:.1f}") for r in rows)
+    return Outcome({"clips": rows}, [Table("", ("clip", "frames", "mean fit error mm"), cells)])

@@ -49,7 +49,9 @@ def test_export_computes_what_torch_does(tracks):
 
 
 def test_what_is_there_is_learned(tracks):
-    config = TrainingConfig(members=1, channels=24, steps=150, batch=16, dropout=0.0, noise=0.02)
+    config = TrainingConfig(
+        members=1, channels=16, steps=120, batch=8, dropout=0.0, noise=0.02, learning_rate=0.02
+    )
     network = train_network(tracks, config)
     new = swinging(99)
     mean, _ = correct_track(new.times, new.angles, new.std, new.person, None, network)

@@ -162,7 +162,7 @@ def run_detector(
 
 def learn_errors(footage: Sequence[Footage], found: Sequence[Detections]) -> DetectorError:
     """The model of the errors of some sequences' detections."""
-    from egocap_eval.studies.learn_prior import fit_angles
+    from egocap_eval.priors.takes import fit_angles
 
     sensitivity = []
     for sequence, part in zip(footage, found, strict=True):

@@ -134,7 +134,7 @@ def over_bound(sequence: Sequence, source: str, seeds: int) -> dict[str, Any]:
         smoothed_bound,
     )
     from egocap.track.noise_estimation import autocorrelation
-    from egocap_eval.studies.learn_prior import fit_angles
+    from egocap_eval.priors.takes import fit_angles
 
     truth, rig, person = sequence.truth, sequence.rig, sequence.body
     angles, config = fit_angles(truth.joints_head, person), TrackerConfig()

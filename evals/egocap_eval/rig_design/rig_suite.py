@@ -99,8 +99,8 @@ def _keys(rig: Rig) -> Float[Array, "V 3"]:
 def load_suite(names: Sequence[str], frames: int) -> list[Motion]:
     """Simulate the motions of built-in scenes, without pictures. Raises FileError."""
     from egocap_eval.harness.footage import builtin_scene
+    from egocap_eval.priors.takes import fit_angles
     from egocap_eval.rig_design.ray_visibility import RayVisibility
-    from egocap_eval.studies.learn_prior import fit_angles
     from egocap_sim.core.bodies import INDEX
     from egocap_sim.truth.proportions import measure_proportions
     from egocap_sim.truth.truth import label_positions

@@ -10,7 +10,7 @@ from egocap.body.skeleton import forward
 from egocap.cameras.rig_files import load_rig
 from egocap.detect.synthetic import ProjectedJoints, simulate_detections
 from egocap.track.tracker import Tracker
-from egocap_eval.studies.learn_prior import FPS, fit_angles, simulated_joints
+from egocap_eval.priors.takes import FPS, act_out, fit_angles
 from egocap_sim.human.clothing.wardrobe import make_person
 from egocap_sim.motion.clips.load import load_clip
 from egocap_sim.truth.proportions import measure_proportions
@@ -30,7 +30,7 @@ def person():
 
 @cache
 def joints(clip):
-    return simulated_joints(load_clip(MOTIONS / clip), person())[:FRAMES]
+    return act_out(clip, load_clip(MOTIONS / clip), person()).joints_head[:FRAMES]
 
 
 def errors(clip, source, hidden):

@@ -128,24 +128,28 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
 def export(
     sequence: Positional[Path],
     out: Path,
-    format: Annotated[str, shown("coco|unrealego|mp4|videos")],
+    format: Annotated[str, shown("coco|unrealego|mp4|videos|head-pose|imu")],
 ) -> int:
     """Export a sequence to another format.
 
     Args:
         sequence: folder of a sequence, or a folder of sequences.
-        out: new folder, or the .mp4 file; of several sequences, the folder that holds theirs.
+        out: new folder, or the .mp4, .npz (head-pose) or .csv (imu) file; of several sequences, the
+            folder that holds theirs.
         format: coco (keypoints JSON and images), unrealego (a JSON file a frame, in cm), mp4 (a
             video with the joints drawn) or videos (a file of every camera as a camera would write
-            it, without truth; planted.json says what was changed).
+            it, without truth; planted.json says what was changed), head-pose (the true head poses,
+            for `egocap track --head-pose`) or imu (gyroscope and accelerometer in the head frame,
+            at 200 Hz, with noise and bias).
     """
     from egocap.data.dataset import find_sequences
     from egocap.data.sequence import Sequence
+    from egocap_sim.export.formats import ENDINGS
     from egocap_sim.export.formats import export as export_sequence
 
     found = find_sequences([sequence])
     opened = [Sequence(folder) for folder in found]
-    ending = ".mp4" if format == "mp4" else ""
+    ending = ENDINGS.get(format, "")
     with progress(format, sum(map(len, opened))) as advance:
         for folder, each in zip(found, opened, strict=True):
             into = out if folder == sequence else out / f"{folder.name}{ending}"

@@ -18,7 +18,7 @@ LAYERS = (
     {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards"},
     {"egocap.data"},
     {"egocap.export"},
-    {"egocap.footage", "egocap.calibration", "egocap.odometry"},
+    {"egocap.footage", "egocap.calibration", "egocap.odometry", "egocap.world"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose", "egocap.head_pose"},  # not each other
     {"egocap.detect.train", "egocap.image_model"},
     {"egocap.track", "egocap.datasets"},

@@ -58,20 +58,20 @@ def track(
         rig: rig file in place of the sequence's own rig, as fit-rig writes it.
         save_detections: also write the detections used, npz.
         head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
-            `T_world_head` (4 x 4); the track then has its joints in that world, too.
+            `T_world_head` (4 x 4), z up; the track is then in that world, too, with contacts, and
+            planted feet keep their place. Frames in a gap of the poses stay in the head frame.
         strict: exit with 3 if detections, rig and body do not fit each other; the track is written.
         json: print the summary as JSON.
     """
     from egocap.cameras.rig_files import load_rig
     from egocap.data import detections as detection_file
-    from egocap.data.head_pose import in_world, read_head_poses
+    from egocap.data.head_pose import read_head_poses
     from egocap.data.sequence import Sequence
     from egocap.data.track import save_track
     from egocap.files import make_folder
     from egocap.fitting.wearer import find_body
     from egocap.paper.tracker import make_tracker
     from egocap.track.consistency import warning_of
-    from egocap.track.tracker import Tracker
 
     opened = Sequence(sequence)
     if body is None:
@@ -79,17 +79,12 @@ def track(
     cameras = opened.rig if rig is None else load_rig(rig)
     found = detections_from(opened, detections, seed, cameras)
     proportions = opened.body if body is None else find_body(body, cameras, found)
-    tracker = make_tracker(cameras, proportions, solver, settings)
     heads = None if head_pose is None else read_head_poses(head_pose, found.times)
-    if heads is not None and isinstance(tracker, Tracker):
-        result = tracker.track(found, opened.images, heads)
-    else:
-        result = tracker.track(found, opened.images)
+    tracker = make_tracker(cameras, proportions, solver, settings)
+    result = tracker.track(found, opened.images, heads)
     # So that no other sequence is scored with it, and scores name the body.
     origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}
     result = replace(result, config=result.config | origin)
-    if heads is not None:
-        result = in_world(result, heads)
     for path in (out, save_detections):
         if path is not None:
             make_folder(path.parent)
@@ -168,6 +163,8 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
 
         shares = {name: float((result.hidden == code).mean()) for code, name in enumerate(HIDDEN)}
         summary["shares_of_joints"] = shares
+    if result.in_world is not None:
+        summary["frames_in_world"] = int(result.in_world.sum())
     if as_json:
         print(json.dumps(summary, indent=1))
         return
@@ -177,6 +174,23 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
           f"frame{views}")  # fmt: skip
     if warning := warning_of(result):
         print(f"warning: {warning}")
+    if result.in_world is not None:
+        print(_world_summary(result))
+
+
+def _world_summary(result: Track) -> str:
+    """The frames in the world, those in gaps, and how often the feet touch the ground."""
+    assert result.in_world is not None
+    there, frames = int(result.in_world.sum()), len(result.in_world)
+    text = f"in the world: {there} frames"
+    if there < frames:
+        text += f"; {frames - there} without a head pose nearby stay in the head frame"
+    if result.contacts is not None:
+        planted = (result.contacts.reshape(-1, 2, 2) >= 0.5).any(2)[result.in_world].mean(0)
+        text += (
+            f"; feet on the ground {100 * planted[0]:.0f} (left), {100 * planted[1]:.0f} % (right)"
+        )
+    return text
 
 
 def _print_body(path: Path, fit: BodyFit, sizes: dict[str, float] | None, as_json: bool) -> None:

@@ -15,7 +15,7 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.bvh import write_bvh
 from egocap.data.detections import Detections, load_detections, save_detections
-from egocap.data.head_pose import in_world, read_head_poses
+from egocap.data.head_pose import read_head_poses
 from egocap.data.resampling import evenly
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track, load_track, save_track
@@ -143,12 +143,11 @@ def _track(
 ) -> Track:  # fmt: skip
     def write(path: Path) -> None:
         advance = on_step("track", len(sequence))
-        track = track_in_windows(sequence.folder, found, body, tracker, advance)
+        given = options.head_pose
+        heads = None if given is None else read_head_poses(given, found.times)
+        track = track_in_windows(sequence.folder, found, body, tracker, advance, heads)
         config = track.config | {"sequence": sequence.manifest.config_sha256}
-        track = replace(track, config=config)
-        if options.head_pose is not None:
-            track = in_world(track, read_head_poses(options.head_pose, track.times))
-        save_track(path, track)
+        save_track(path, replace(track, config=config))
 
     settings = {"tracker": asdict(tracker), "head_pose": options.head_pose}
     return stages.run("track.npz", settings, write, load_track)

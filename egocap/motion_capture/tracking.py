@@ -19,9 +19,11 @@ from numpy import ndarray as Array
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
 from egocap.data.detections import Detections
+from egocap.data.head_pose import HeadPoses
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.detect.engine import available_cores
+from egocap.geometry import transform
 from egocap.pose.config import TrackerConfig
 from egocap.track.consistency import with_consistency
 from egocap.track.tracker import Tracker
@@ -35,10 +37,18 @@ def track_in_windows(
     body: Proportions,
     config: TrackerConfig,
     on_frames: Callable[[int], None] = lambda count: None,
+    heads: HeadPoses | None = None,
 ) -> Track:
-    """The track of a recorded sequence from its detections and images. Raises as `Tracker`."""
+    """The track of a recorded sequence from its detections and images. Raises as `Tracker`.
+
+    With `heads`, the head poses of its frames, the track is in the world, too.
+    """
     windows = split(len(found.times))
-    jobs = [(folder, found[w.start : w.stop], w.start, body, config) for w in windows]
+    jobs = [
+        (folder, found[w.start : w.stop], w.start, body, config,
+         None if heads is None else heads[w.start : w.stop])
+        for w in windows
+    ]  # fmt: skip
     if len(jobs) == 1:
         track = _track(*jobs[0])
         on_frames(len(found.times))
@@ -79,21 +89,26 @@ def join(windows: list[range], parts: list[Track], body: Proportions) -> Track:
         arrays["angles"] = np.concatenate([whole.angles[:-shared], blended, part.angles[shared:]])
         whole = replace(whole, **arrays)
     seconds = float(np.mean([part.seconds_per_frame for part in parts]))
+    joints = forward(body, whole.angles)
+    if whole.T_world_head is not None:
+        whole = replace(whole, joints_world=transform(whole.T_world_head, joints))
     return replace(
-        whole, joints_head=forward(body, whole.angles), seconds_per_frame=seconds,
+        whole, joints_head=joints, seconds_per_frame=seconds,
         config=whole.config | {"windows": [[w.start, w.stop] for w in windows]},
     )  # fmt: skip
 
 
 def _track(
-    folder: Path, found: Detections, first: int, body: Proportions, config: TrackerConfig
-) -> Track:
+    folder: Path, found: Detections, first: int, body: Proportions, config: TrackerConfig,
+    heads: HeadPoses | None,
+) -> Track:  # fmt: skip
     sequence = Sequence(folder)
     tracker = Tracker(sequence.rig, body, config)
     if not (config.colour or config.checks_appearance):
-        return tracker.track(found)
+        return tracker.track(found, heads=heads)
     rows = range(first, first + len(found.times))
-    return tracker.track(found, reduced_images(sequence, rows, config.colour_size).__getitem__)
+    images = reduced_images(sequence, rows, config.colour_size)
+    return tracker.track(found, images.__getitem__, heads)
 
 
 def reduced_images(

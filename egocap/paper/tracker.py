@@ -18,6 +18,7 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
+from egocap.data.head_pose import HeadPoses, in_world
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.image_model.colour_measure import PAPER
@@ -87,10 +88,13 @@ class PaperTracker:
         else:
             raise InputError(f"solver '{solver}'", valid=("fast", *PAPER_SOLVERS))
 
-    def track(self, detections: Detections, images: Images | None = None) -> Track:
+    def track(
+        self, detections: Detections, images: Images | None = None, heads: HeadPoses | None = None
+    ) -> Track:
         """Track from detections and images of all views.
 
-        `images` gives the RGB images of all views at a frame. `Track.energies` are those before the
+        With `heads`, the head poses of the frames, the track is moved into the world, too. `images`
+        gives the RGB images of all views at a frame. `Track.energies` are those before the
         low-pass. The time per frame is that of preparing and solving frames on numba's threads;
         `config["seconds"]` has it by stage, besides that of reading images, personalisation and
         energies. Raises InputError as `Tracker.track`, without images, and for images of another
@@ -128,7 +132,8 @@ class PaperTracker:
             offsets=np.array(self.proportions.offsets), energies=energies,
             hidden=occlusion_causes(angles, detections, self.rig, self.proportions),
         )  # fmt: skip
-        return with_consistency(track, detections, self.rig, self.proportions)
+        track = with_consistency(track, detections, self.rig, self.proportions)
+        return track if heads is None else in_world(track, heads)
 
     def _solve(
         self, solver: PaperSolver, seen: Observations, confidence: Float[Array, "T V 18"],

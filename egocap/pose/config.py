@@ -27,6 +27,13 @@ class TrackerConfig:
     appearance_check: bool = True
     """Reject detections of limbs where the images show the background (interval only). Off: Keep
     detections that the images contradict."""
+    contacts: bool = True
+    """With a head pose: estimate contacts with the ground, and keep planted feet in place on it
+    (interval only, with the covariance). Off: Only move the motion into the world."""
+    head_turn_sigma: float = 0.005
+    """Standard deviation of given head poses' rotation, radians."""
+    head_shift_sigma: float = 0.005
+    """Standard deviation of given head poses' position, metres."""
     estimate_noise: bool = True
     """Widen the detector's uncertainty to what the residuals show (interval only). Off: Use the
     detector's uncertainty as it is."""
@@ -110,7 +117,7 @@ class TrackerConfig:
             raise InputError(f"motion prior '{self.motion_prior}'", valid=MOTION_PRIORS)
         positive = (
             "velocity_sigma", "acceleration_sigma", "robust_scale", "inlier_threshold",
-            "pixel_floor", "max_iterations",
+            "pixel_floor", "max_iterations", "head_turn_sigma", "head_shift_sigma",
         )  # fmt: skip
         for field in fields(self):
             value = getattr(self, field.name)
@@ -124,6 +131,11 @@ class TrackerConfig:
             raise InputError("colour without covariance", valid="covariance, or no colour")
         if self.occluded_weight > 1.0:
             raise InputError(f"occluded_weight = {self.occluded_weight}", valid="0 to 1")
+
+    @property
+    def solves_world(self) -> bool:
+        """Whether contacts are estimated, if there are head poses."""
+        return self.contacts and self.covariance and self.smoothing == "interval"
 
     @property
     def checks_appearance(self) -> bool:

@@ -10,6 +10,9 @@ Gaussian low-pass: EgoCap 2016, section 4.4.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
@@ -25,6 +28,8 @@ from egocap.pose.observations import Observations, Rays
 WINDOW, MARGIN = 400, 40
 """Frames solved at once, and frames of context on either side."""
 BAND = 2 * DOF_COUNT
+BandedSystem: TypeAlias = tuple[float, Float[Array, "K M"], Float[Array, "M"]]
+"""Energy, Gauss-Newton matrix as LAPACK's lower band, and gradient."""
 _SETTLED = 1e-3
 """Last step of a frame, rad, below which it has converged even if its window has not."""
 
@@ -83,11 +88,22 @@ def _solve_window(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
     prediction: MotionPrediction,
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
+    def system(trial: Float[Array, "T 37"]) -> BandedSystem:
+        return interval_system(trial, observations, model, config, prediction)
+
+    return minimise(angles, system, config)
+
+
+def minimise(
+    start: Float[Array, "T N"], system: Callable[[Float[Array, "T N"]], BandedSystem],
+    config: TrackerConfig,
+) -> tuple[Float[Array, "T N"], Bool[Array, "T"]]:  # fmt: skip
+    """Damped Gauss-Newton on a banded system. Returns states and convergence of every frame."""
     from scipy.linalg import LinAlgError, solveh_banded
 
-    known = observations, model, config, prediction
-    energy, bands, gradient = interval_system(angles, *known)
-    damping, last_step = 1e-4, np.full(angles.shape, np.inf)
+    states = start
+    energy, bands, gradient = system(states)
+    damping, last_step = 1e-4, np.full(states.shape, np.inf)
     for _ in range(int(config.max_iterations)):
         damped = bands.copy(order="F")
         damped[0] *= 1.0 + damping
@@ -96,18 +112,18 @@ def _solve_window(
         except LinAlgError:
             damping = max(10.0 * damping, 1e-6)
             continue
-        step = np.clip(step, -0.5, 0.5).reshape(angles.shape)
-        trial = angles + step
-        new, new_bands, new_gradient = interval_system(trial, *known)
+        step = np.clip(step, -0.5, 0.5).reshape(states.shape)
+        trial = states + step
+        new, new_bands, new_gradient = system(trial)
         if new > energy:
             damping = max(10.0 * damping, 1e-3)
             continue
         gain, energy, last_step = energy - new, new, step
-        angles, bands, gradient = trial, new_bands, new_gradient
+        states, bands, gradient = trial, new_bands, new_gradient
         damping = max(0.1 * damping, 1e-9)
         if gain <= config.tolerance * energy:
-            return angles, np.ones(len(angles), bool)
-    return angles, np.abs(last_step).max(axis=1) < _SETTLED
+            return states, np.ones(len(states), bool)
+    return states, np.abs(last_step).max(axis=1) < _SETTLED
 
 
 @njit(cache=True)

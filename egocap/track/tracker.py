@@ -18,7 +18,7 @@ from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, forward
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
-from egocap.data.head_pose import HeadPoses
+from egocap.data.head_pose import HeadPoses, in_world
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, unit
@@ -36,6 +36,8 @@ from egocap.track.joint_occlusion import occlusion_causes
 from egocap.track.online_filter import term_energies
 from egocap.track.stopwatch import Stopwatch
 from egocap.track.uncertainty import joint_covariances
+from egocap.track.world_solver import WorldSolver
+from egocap.world.contact_network import contact_probabilities
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +63,9 @@ class Tracker:
     ) -> Track:
         """Track from detections in all views of the rig, and from images if there are any.
 
-        `heads`, the head's poses at the frames, inform the motion prior.
+        With `heads`, the head poses of the frames, the track is in the world, too, z up; contacts
+        with the ground are then estimated, and planted feet keep their place; the
+        motion prior uses them, too.
 
         `images` gives the RGB images of all views at a frame, for the appearance check and the
         colour term. `Track.energy` is each frame's own: detections, limits and pose prior. The time
@@ -81,6 +85,9 @@ class Tracker:
             estimate = self._estimate(observations, heads, stopwatch)
             if images is not None and self.config.checks_appearance:
                 estimate = self._check_appearance(estimate, images, heads, stopwatch)
+            world = None
+            if heads is not None and self.config.solves_world:
+                estimate, world = self._solve_world(estimate, heads, stopwatch)
             if images is not None and self.config.colour:
                 estimate = self._refine_by_colour(estimate, images, stopwatch)
             joints = forward(self.proportions, estimate.angles)
@@ -107,7 +114,10 @@ class Tracker:
             hidden=occlusion_causes(estimate.angles, detections, self.rig, self.proportions),
         )
         rig = turned_rig(self.rig, estimate.solution.estimated)
-        return with_consistency(track, detections, rig, self.proportions, self.config)
+        track = with_consistency(track, detections, rig, self.proportions, self.config)
+        if heads is None:
+            return track
+        return in_world(replace(track, contacts=world and world[1]), world[0] if world else heads)
 
     def _estimate(
         self, observations: Observations, heads: HeadPoses | None, stopwatch: Stopwatch
@@ -148,6 +158,30 @@ class Tracker:
         covariances = self._solver.covariances(solution) if total else estimate.covariances
         stopwatch.lap("covariance")
         return _Estimate(observations, solution, solution.angles, covariances, estimate.colour)
+
+    def _solve_world(
+        self, estimate: _Estimate, heads: HeadPoses, stopwatch: Stopwatch
+    ) -> tuple[_Estimate, tuple[HeadPoses, Float[Array, "T 4"]]]:
+        """The motion with the ground: also the head poses as corrected, and the contacts."""
+        solution = estimate.solution
+        joints = forward(self.proportions, solution.angles)
+        covariance = self._joint_covariances(estimate)
+        assert covariance is not None  # `solves_world` requires it
+        sigma = np.sqrt(np.trace(covariance, axis1=2, axis2=3) / 3.0)
+        contacts = contact_probabilities(solution.chosen.times, joints, sigma, heads)
+        solver = WorldSolver(
+            self.proportions, self._model, self.config, solution.chosen, solution.prediction, heads
+        )
+        world = solver.solve(solution.angles, contacts, solution.independent)
+        stopwatch.lap("world")
+        solution.estimated["ground"] = {
+            "footholds": len(world.ground.gains), "level_m": round(world.ground.level, 4),
+        }  # fmt: skip
+        solution = replace(solution, angles=world.angles, converged=world.converged)
+        estimate = replace(
+            estimate, solution=solution, angles=world.angles, covariances=world.covariances
+        )
+        return estimate, (HeadPoses(world.T_world_head, heads.known), contacts)
 
     def _refine_by_colour(
         self, estimate: _Estimate, images: Images, stopwatch: Stopwatch

@@ -19,7 +19,7 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model, information
 from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
 from egocap.pose.observations import Observations
-from egocap.track.smoother import BAND, MARGIN, WINDOW, interval_system
+from egocap.track.smoother import MARGIN, WINDOW, interval_system
 
 CORRECT_M = 0.05
 """Distance from the truth, metres, below which a joint counts as correct."""
@@ -42,14 +42,17 @@ def interval_covariances(
     return covariances
 
 
-def banded_inverse(bands: Float[Array, "75 N"]) -> Float[Array, "T 37 37"]:
+def banded_inverse(
+    bands: Float[Array, "K N"], size: int = DOF_COUNT
+) -> Float[Array, "T {size} {size}"]:
     """Diagonal blocks of the inverse of a matrix that couples each frame to the next two.
 
-    Two frames make a block of a block-tridiagonal matrix; an odd last one is padded.
+    A frame has `size` unknowns. Two frames make a block of a block-tridiagonal matrix; an odd last
+    one is padded.
     """
-    frames = bands.shape[1] // DOF_COUNT
+    frames = bands.shape[1] // size
     blocks = -(-frames // 2)
-    diagonal, below = _blocks(bands, blocks)
+    diagonal, below = _blocks(bands, blocks, size)
     gains, reduced = np.empty_like(diagonal), np.empty_like(diagonal)
     information = diagonal[0]
     for k in range(blocks):
@@ -60,17 +63,17 @@ def banded_inverse(bands: Float[Array, "75 N"]) -> Float[Array, "T 37 37"]:
     inverse = reduced
     for k in range(blocks - 2, -1, -1):
         inverse[k] += gains[k].T @ inverse[k + 1] @ gains[k]
-    n = DOF_COUNT
+    n = size
     pairs = np.stack([inverse[:, :n, :n], inverse[:, n:, n:]], 1).reshape(-1, n, n)
     return pairs[:frames]
 
 
 def _blocks(
-    bands: Float[Array, "75 N"], blocks: int
-) -> tuple[Float[Array, "B 74 74"], Float[Array, "B-1 74 74"]]:
+    bands: Float[Array, "K N"], blocks: int, unknowns: int
+) -> tuple[Float[Array, "B M M"], Float[Array, "B-1 M M"]]:
     """The blocks on and below the diagonal of a symmetric band."""
-    n, size = 2 * DOF_COUNT, bands.shape[1]
-    padded = np.zeros((BAND + 1, blocks * n))
+    n, size = 2 * unknowns, bands.shape[1]
+    padded = np.zeros((n + 1, blocks * n))
     padded[:, :size] = bands
     padded[0, size:] = 1.0
     at = np.arange(n)
@@ -82,7 +85,7 @@ def _blocks(
     diagonal[:, row[inside], column[inside]] = padded[(row - column)[inside],
                                                       starts + column[inside]]  # fmt: skip
     diagonal += np.swapaxes(np.tril(diagonal, -1), 1, 2)
-    near = row + n - column <= BAND
+    near = row + n - column <= n
     below[:, row[near], column[near]] = padded[(row + n - column)[near],
                                                starts[:-1] + column[near]]  # fmt: skip
     return diagonal, below

@@ -8,9 +8,13 @@ from pathlib import Path
 
 from egocap.data.sequence import Sequence
 from egocap.errors import InputError
+from egocap.files import make_folder
 
-FORMATS = ("coco", "unrealego", "mp4", "videos")
-"""Each is written by the function `write_NAME` of the module `egocap_sim.export.NAME`."""
+FORMATS = ("coco", "unrealego", "mp4", "videos", "head-pose", "imu")
+"""Each is written by the function `write_NAME` of the module `egocap_sim.export.NAME`, with a low
+line for a hyphen."""
+ENDINGS = {"mp4": ".mp4", "head-pose": ".npz", "imu": ".csv"}
+"""Of the formats that are one file; the others are folders."""
 
 
 def export(
@@ -25,8 +29,9 @@ def export(
     """
     if form not in FORMATS:
         raise InputError(f"unknown format '{form}'", valid=FORMATS)
-    module = import_module(f"egocap_sim.export.{form}")  # without the packages of the others
-    getattr(module, f"write_{form}")(sequence, out, on_frames)
+    name = form.replace("-", "_")
+    module = import_module(f"egocap_sim.export.{name}")  # without the packages of the others
+    getattr(module, f"write_{name}")(sequence, out, on_frames)
 
 
 def new_folder(out: Path) -> None:
@@ -34,3 +39,10 @@ def new_folder(out: Path) -> None:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} is not empty", valid="a new or an empty folder")
     out.mkdir(parents=True, exist_ok=True)
+
+
+def new_file(out: Path, ending: str) -> None:
+    """Create the folder of a file to write. Raises InputError for a name of another ending."""
+    if out.suffix != ending:
+        raise InputError(f"{out.name}", valid=f"a name that ends in {ending}")
+    make_folder(out.parent)

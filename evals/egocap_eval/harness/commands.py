@@ -41,6 +41,10 @@ STUDIES = {
     "augmentation": ("studies.augmentation", "Train detectors with and without augmentation."),
     "training-set": ("studies.training_set", "Train detectors on fewer people or frames."),
     "learn-prior": ("priors.study", "Learn the tracker's pose and motion priors from clips."),
+    "learn-contacts": (
+        "world.learn_contacts",
+        "Learn when heels and toes touch the ground, from clips.",
+    ),
     "motion-sets": ("sets.takes", "List the sets of motion clips; find takes that two sets share."),
     "dataset": ("studies.dataset_card", "Count a data set's people, rigs and visible joints."),
     "detector": ("detection.detector", "Score the learned detector: PCK, calibration, speed."),

@@ -61,28 +61,36 @@ def simulate_motion(
     `rig`: the name of a built-in one, or a rig as it is. Raises SceneError for an
     unknown motion, InputError for an unknown rig.
     """
-    from egocap_sim.truth.proportions import measure_proportions
-    from egocap_sim.truth.truth import truth_before_rendering
-    from egocap_sim.world.world import World
-
     table = RigTable(name=rig if isinstance(rig, str) else "egorig1", size=size)
     scene = Scene(
         name=motion, frames=frames, seed=seed, rig=table,
         motion=MotionTable(name=motion, parameters=dict(parameters or {})),
         place=PlaceTable(name="room", clear_radius=2.5),
     )  # fmt: skip
+    return simulate_scene(scene, None if isinstance(rig, str) else rig.resized(*size))
+
+
+def simulate_scene(scene: Scene, rig: Rig | None = None) -> SimulatedMotion:
+    """Simulate the motion of a scene, seen by its rig or another, without pictures.
+
+    Raises SceneError, or FileError for a motion file that cannot be read.
+    """
+    from egocap_sim.truth.proportions import measure_proportions
+    from egocap_sim.truth.truth import truth_before_rendering
+    from egocap_sim.world.world import World
+
     world = World(scene)
     person, trajectory = world.person, world.trajectory
-    made = world.rig if isinstance(rig, str) else rig.resized(*size)
+    made = rig or world.rig
     simulated = SimulatedMotion(
-        name=motion,
+        name=scene.name,
         rig=made,
         proportions=measure_proportions(person),
         truth=truth_before_rendering(person, trajectory, made),
         joint_error_cm=trajectory.stats.joint_error_cm,
         planted_foot_speed_cm_s=trajectory.stats.planted_foot_speed_cm_s,
     )
-    return with_bursts(simulated, np.random.default_rng([seed, 1]))
+    return with_bursts(simulated, np.random.default_rng([scene.seed, 1]))
 
 
 def on_rig(motion: SimulatedMotion, rig: Rig) -> SimulatedMotion:

@@ -205,4 +205,4 @@ def test_what_cannot_be_written_is_refused(sequence, tmp_path):
             export(sequence, form, tmp_path / "full")
     with pytest.raises(InputError, match=r"ends in \.mp4"):
         export(sequence, "mp4", tmp_path / "film.avi")
-    assert list(FORMATS) == ["coco", "unrealego", "mp4", "videos"]
+    assert list(FORMATS) == ["coco", "unrealego", "mp4", "videos", "head-pose", "imu"]

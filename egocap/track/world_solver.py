@@ -1,0 +1,151 @@
+"""Motion in the world: a solved motion and head poses in; both, with contacts and the ground, out.
+
+Contact probabilities come from the motion (`egocap.world.contact_network`). The interval energy is
+then minimised with the terms of `egocap.world.contact_energy`, over the angles and small
+corrections of the head poses. This is repeated while the allowed speed of a planted point shrinks
+(graduated non-convexity); before each round the ground is learned again from the feet that stand.
+
+Source: Blake & Zisserman 1987, "Visual Reconstruction".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import DOF_COUNT
+from egocap.data.head_pose import HeadPoses
+from egocap.pose.config import TrackerConfig
+from egocap.pose.kernel import Model
+from egocap.pose.motion_prior import MotionPrediction
+from egocap.pose.observations import Observations
+from egocap.track.smoother import MARGIN, WINDOW, BandedSystem, interval_system, minimise
+from egocap.track.uncertainty import banded_inverse
+from egocap.world.contact_energy import ContactTerms, contact_system, widen
+from egocap.world.foot_points import SOLE_M, STATE, FootPoints, correct
+from egocap.world.ground import Ground, footholds
+
+_ROUNDS = (0.3, 0.1, 0.03)
+"""Standard deviation of a planted point's speed in each round, m/s."""
+_HEIGHT_M, _SINK_M = 0.01, 0.004
+"""Standard deviations of a planted point's height above the ground, and of a depth below it."""
+_HEIGHT_TAIL_M = 0.05  # planted points farther than this from the ground are outliers
+_LEAST = 0.1  # contact probability below which a point is free
+_LONGEST_S = 0.2  # between frames of one contact
+_HEAD_CORRELATION_S = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class WorldSolution:
+    """The motion of all frames in the world."""
+
+    angles: Float[Array, "T 37"]
+    T_world_head: Float[Array, "T 4 4"]
+    converged: Bool[Array, "T"]
+    ground: Ground
+    covariances: Float[Array, "T 37 37"]  # of the angles, rad^2
+
+
+@dataclass(frozen=True, eq=False)
+class WorldSolver:
+    """Solves the motion of one recording in the world, from a motion in the head frame."""
+
+    proportions: Proportions
+    model: Model
+    config: TrackerConfig
+    observations: Observations
+    prediction: MotionPrediction
+    heads: HeadPoses
+
+    def solve(
+        self, angles: Float[Array, "T 37"], contacts: Float[Array, "T 4"],
+        independent: Observations,
+    ) -> WorldSolution:  # fmt: skip
+        """The motion that detections, priors, head poses and contacts agree on.
+
+        `contacts` are the contact probabilities; `independent` the observations for covariances.
+        """
+        feet = FootPoints.of(self.proportions)
+        state = np.concatenate([angles, np.zeros((len(angles), STATE - DOF_COUNT))], 1)
+        converged, terms, ground = np.ones(len(angles), bool), None, None
+        for speed in _ROUNDS:
+            ground, terms = self._terms(state, feet, contacts, speed)
+            state, converged = self._minimise(state, feet, terms)
+        assert terms is not None and ground is not None
+        covariances = self._covariances(state, feet, terms, independent)
+        poses = correct(self.heads.T_world_head, state[:, DOF_COUNT:], self.heads.known)
+        return WorldSolution(state[:, :DOF_COUNT], poses, converged, ground, covariances)
+
+    def _terms(
+        self, state: Float[Array, "T 43"], feet: FootPoints, contacts: Float[Array, "T 4"],
+        speed: float,
+    ) -> tuple[Ground, ContactTerms]:  # fmt: skip
+        """The ground, and what the contacts ask for, at a motion."""
+        points, _ = feet.in_world(state, self.heads.T_world_head)
+        known, steps = self.heads.known, np.diff(self.observations.times)
+        probable = np.where((contacts >= _LEAST) & known[:, None], contacts, 0.0)
+        slide = np.sqrt(probable[1:] * probable[:-1]) * (steps <= _LONGEST_S)[:, None]
+        ground = Ground.learn(footholds(points, probable, SOLE_M))
+        height = ground.height(points[..., :2])
+        off = points[..., 2] - SOLE_M - height
+        near = ground.known(points[..., :2]) & known[:, None]
+        planted = np.sqrt(probable / (1.0 + np.square(off / _HEIGHT_TAIL_M))) * near
+        keep = np.exp(-steps / _HEAD_CORRELATION_S)
+        sigma = np.repeat([self.config.head_turn_sigma, self.config.head_shift_sigma], 3)
+        return ground, ContactTerms(
+            self.heads.T_world_head, slide / (speed * steps[:, None]), planted / _HEIGHT_M,
+            near / _SINK_M, height, keep, sigma,
+        )  # fmt: skip
+
+    def _minimise(
+        self, state: Float[Array, "T 43"], feet: FootPoints, terms: ContactTerms
+    ) -> tuple[Float[Array, "T 43"], Bool[Array, "T"]]:
+        refined, converged = state.copy(), np.zeros(len(state), bool)
+        for kept, window in _windows(len(state)):
+            within = slice(kept.start - window.start, kept.stop - window.start)
+
+            def system(trial: Float[Array, "T 43"], window: slice = window) -> BandedSystem:
+                return self._system(trial, window, feet, terms, self.observations)
+
+            solved, done = minimise(state[window], system, self.config)
+            refined[kept], converged[kept] = solved[within], done[within]
+        return refined, converged
+
+    def _covariances(
+        self, state: Float[Array, "T 43"], feet: FootPoints, terms: ContactTerms,
+        observations: Observations,
+    ) -> Float[Array, "T 37 37"]:  # fmt: skip
+        found = np.empty((len(state), DOF_COUNT, DOF_COUNT))
+        for kept, window in _windows(len(state)):
+            within = slice(kept.start - window.start, kept.stop - window.start)
+            _, bands, _ = self._system(state[window], window, feet, terms, observations)
+            inverse = banded_inverse(bands, STATE)
+            found[kept] = inverse[within, :DOF_COUNT, :DOF_COUNT]
+        return found
+
+    def _system(
+        self, state: Float[Array, "T 43"], window: slice, feet: FootPoints, terms: ContactTerms,
+        observations: Observations,
+    ) -> BandedSystem:  # fmt: skip
+        """Energy of a window, its Gauss-Newton matrix and gradient."""
+        energy, bands, gradient = interval_system(
+            state[:, :DOF_COUNT], observations[window], self.model, self.config,
+            self.prediction[window],
+        )  # fmt: skip
+        more, wide, slope = contact_system(state, feet, terms[window])
+        slope = slope.reshape(state.shape)
+        slope[:, :DOF_COUNT] += gradient.reshape(len(state), DOF_COUNT)
+        return energy + more, np.asfortranarray(wide + widen(bands)), slope.ravel()
+
+
+def _windows(frames: int) -> list[tuple[slice, slice]]:
+    """Frames to keep, and those to solve with them."""
+    return [
+        (slice(first, min(first + WINDOW, frames)),
+         slice(max(first - MARGIN, 0), min(first + WINDOW + MARGIN, frames)))
+        for first in range(0, frames, WINDOW)
+    ]  # fmt: skip

@@ -1,0 +1,89 @@
+"""Motion, head poses and contacts solved together, on a standing person whose truth is known."""
+
+import numpy as np
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import DOF_COUNT, DOF_INDEX, forward
+from egocap.data.head_pose import HeadPoses
+from egocap.geometry import rigid, transform, unit
+from egocap.pose.config import TrackerConfig
+from egocap.pose.kernel import make_model
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION
+from egocap.pose.observations import Observations, tangent_basis
+from egocap.track.smoother import interval_system, smooth_interval
+from egocap.track.world_solver import WorldSolver
+from egocap.world.foot_points import SOLE_M, FootPoints
+
+FRAMES = 24
+PERSON, CONFIG = Proportions.from_lengths(1.75), TrackerConfig(lambda_motion=0.0)
+MODEL, FEET = make_model(PERSON, CONFIG), FootPoints.of(PERSON)
+SPREAD = 0.01  # rad
+
+
+def standing(seed=0):
+    """Noisy rays to a person at rest, its true joints, and its head poses: soles at z = 0.2."""
+    rng = np.random.default_rng(seed)
+    centres = np.array([[0.3, 0.15, 0.0], [0.3, -0.15, 0.0]])
+    joints = forward(PERSON, np.zeros(DOF_COUNT))
+    rays = np.tile(unit(joints - centres[:, None]), (FRAMES, 1, 1, 1))
+    rays = unit(rays + SPREAD * rng.normal(size=rays.shape))
+    seen = Observations(np.arange(FRAMES) / 30, centres, rays, tangent_basis(rays) / SPREAD,
+                        np.ones(rays.shape[:3]))  # fmt: skip
+    sole = FEET.in_head(np.zeros((1, DOF_COUNT)))[0][0, :, 2].mean() - SOLE_M
+    T = rigid(np.broadcast_to(np.eye(3), (FRAMES, 3, 3)),
+              np.tile([1.0, 2.0, 0.2 - sole], (FRAMES, 1)))  # fmt: skip
+    angles, _ = smooth_interval(np.zeros((FRAMES, DOF_COUNT)), seen, MODEL, CONFIG)
+    return seen, joints, T, angles
+
+
+def solved(known=None, contacts=1.0):
+    seen, joints, T, angles = standing()
+    known = np.ones(FRAMES, bool) if known is None else known
+    heads = HeadPoses(T, known)
+    solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
+    probable = np.where(known[:, None], contacts, 0.0) * np.ones((FRAMES, 4))
+    return solver.solve(angles, probable, seen), joints, T, angles
+
+
+def world_points(angles, T):
+    return transform(T, FEET.in_head(angles)[0])
+
+
+def ways(points):
+    return np.linalg.norm(np.diff(points, axis=0), axis=-1).max(1)
+
+
+def test_planted_feet_keep_their_place_and_the_body_gets_no_worse():
+    found, joints, T, angles = solved()
+    before, after = world_points(angles, T), world_points(found.angles, found.T_world_head)
+    assert ways(before).max() > 3e-3
+    assert ways(after).max() < 0.1 * ways(before).max()
+    errors = [np.linalg.norm(forward(PERSON, a) - joints, axis=-1)[:, [13, 17]].mean()
+              for a in (angles, found.angles)]  # fmt: skip
+    assert errors[1] < errors[0]
+    assert abs(found.ground.level - 0.2) < 0.01
+    assert (found.ground.height(after[..., :2]) - after[..., 2] + SOLE_M).max() < 2e-3
+
+
+def test_without_contacts_it_is_the_same_problem():
+    found, _, T, angles = solved(contacts=0.0)
+    seen = standing()[0]
+    energies = [interval_system(a, seen, MODEL, CONFIG)[0] for a in (angles, found.angles)]
+    assert energies[1] <= energies[0] + 1e-9
+    assert np.allclose(found.T_world_head, T, atol=1e-9)
+
+
+def test_a_gap_is_left_in_the_head_frame():
+    known = np.ones(FRAMES, bool)
+    known[8:14] = False
+    found, _, T, _ = solved(known)
+    assert np.array_equal(found.T_world_head[~known], T[~known])
+    points = world_points(found.angles, found.T_world_head)
+    assert ways(points)[15:].max() < 0.3 * ways(points)[8:13].max()
+
+
+def test_contacts_make_the_feet_more_certain():
+    with_contacts, without = solved()[0], solved(contacts=0.0)[0]
+    knees = [DOF_INDEX["left_knee_flexion"], DOF_INDEX["right_knee_flexion"]]
+    one, other = (s.covariances[:, knees, knees].mean() for s in (with_contacts, without))
+    assert one < other

@@ -6,7 +6,7 @@ Source: Okabe & Ito 2008, "Color universal design".
 
 from __future__ import annotations
 
-LEFT, RIGHT, MIDDLE = (86, 180, 233), (213, 94, 0), (240, 228, 66)
+LEFT, RIGHT, MIDDLE = (86, 180, 233), (213, 94, 0), (235, 235, 235)
 """RGB on pictures and dark pages."""
 INK = (75, 85, 99)
 """RGB of the middle on white pages."""

@@ -3,14 +3,14 @@
 from pathlib import Path
 
 import pytest
-import torch
-
-from egocap.detect.network import CONFIGS, build_network
-from egocap.detect.weights import save_weights
 
 
 @pytest.fixture(scope="session")
 def tiny_file(tmp_path_factory) -> Path:
+    torch = pytest.importorskip("torch")
+    from egocap.detect.network import CONFIGS, build_network
+    from egocap.detect.weights import save_weights
+
     torch.manual_seed(3)
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     save_weights(path, build_network(CONFIGS["tiny"]), {"command": "none"})

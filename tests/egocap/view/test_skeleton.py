@@ -3,7 +3,8 @@
 import numpy as np
 
 from egocap.body.labels import LABEL_INDEX
-from egocap.view.skeleton import LEFT, RIGHT, UNSURE, draw_in_space, draw_pose, side_by_side
+from egocap.body.side_colours import LEFT, RIGHT
+from egocap.view.skeleton import UNSURE, draw_in_space, draw_pose, side_by_side
 from tests.egocap.conftest import make_motion
 
 

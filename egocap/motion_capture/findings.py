@@ -134,9 +134,12 @@ def relative_size(track: Track, height: float | None) -> float:
 
 
 def best_tilt(rig: Rig, joints_head: Float[Array, "T 18 3"]) -> Tilt:
-    """The smallest tilt of all cameras about the left-right axis that shows most joints."""
+    """The smallest tilt of all cameras about the left-right axis that shows most joints.
+
+    The head, which carries the cameras, does not count.
+    """
     some = joints_head[:: max(len(joints_head) // _SPREAD, 1)]
-    shares = {tilt: float(in_pictures(_tilted(rig, tilt), some).mean()) for tilt in TILTS}
+    shares = {t: float(in_pictures(_tilted(rig, t), some)[:, 1:].mean()) for t in TILTS}
     good = [tilt for tilt in TILTS if shares[tilt] > max(shares.values()) - 0.005]
     best = min(good, key=abs)
     return Tilt(best, round(shares[0], 4), round(shares[best], 4))
@@ -200,7 +203,8 @@ def _about_geometry(found: Findings) -> list[str]:
 
 
 def _about_sight(found: Findings) -> list[str]:
-    hidden = sorted({_plain(name) for name, share in found.in_view.items() if share < SELDOM})
+    hidden = sorted({_plain(name) for name, share in found.in_view.items()
+                     if share < SELDOM and name != "head"})  # fmt: skip
     lines = []
     if found.tilt.in_view_tilted - found.tilt.in_view >= WORTH:
         way = "down" if found.tilt.degrees > 0 else "up"

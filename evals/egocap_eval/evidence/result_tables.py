@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from egocap_eval.evidence.footage_tables import captures
 from egocap_eval.evidence.image_tables import (
     SETS,
     TRACKED,
@@ -97,6 +98,7 @@ TABLES: Mapping[str, Page] = {
         baseline,
         coverage,
         ablation,
+        captures,
         simulation,
         physics,
         image_model,

@@ -49,7 +49,7 @@ class Case:
 CASES: Mapping[str, Case] = {
     "walk": Case("validation-walk", 30,
                  {"time_offset_s": 0.0123, "clock_drift_ppm": 40.0}, seed=71),
-    "gesture": Case("validation-gesture", 10,
+    "gesture": Case("validation-gesture", 25,
                     {"preset": "webcam", "drop_rate": 0.0, "subframes": 3,
                      "time_offset_s": -0.021, "clock_drift_ppm": -60.0}, seed=72),
     "clip": Case("validation-walk", 10,
@@ -58,7 +58,7 @@ CASES: Mapping[str, Case] = {
     "headset": Case("vr", 10,
                     {"preset": "consumer", "subframes": 3,
                      "time_offset_s": 0.015, "clock_drift_ppm": -30.0}, seed=74),
-    "signal": Case("validation-walk", 15,
+    "signal": Case("validation-walk", 26,
                    {"preset": "consumer", "subframes": 3,
                     "time_offset_s": -0.0133, "clock_drift_ppm": 50.0},
                    "npz/basketball_signal_3.npz", seed=700_075),

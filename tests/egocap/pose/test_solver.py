@@ -40,7 +40,7 @@ def test_minimum_is_that_of_a_general_optimiser(motion, frame):
     model, data = frame
     start = motion.angles[20] + 0.1
     solved, value, converged, _ = solve_frame(
-        model, start, NO_PREDICTION, data, CONFIG.robust_scale, 50, 1e-9
+        model, start, NO_PREDICTION, data, CONFIG.robust_scale, 100, 1e-9
     )
     readable = minimize(
         lambda p: energy.frame_energy(motion.person, p, data, CONFIG), solved, method="L-BFGS-B",

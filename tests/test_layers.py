@@ -150,8 +150,8 @@ def test_rooms_are_small_and_say_what_they_are(name):
 
 
 HANDS_TRUTH_ON = {"egocap.detect.sources"}  # to the synthetic detector alone
-WITHOUT_TRUTH = ("detect", "odometry", "head_pose", "pose", "image_model", "track", "paper",
-                 "fitting", "posterior")  # fmt: skip
+WITHOUT_TRUTH = ("detect", "odometry", "head_pose", "world", "pose", "image_model", "track",
+                 "paper", "fitting", "posterior")  # fmt: skip
 METHOD_WITHOUT_TRUTH = [
     m
     for m in MODULES

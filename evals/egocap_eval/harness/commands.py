@@ -21,6 +21,7 @@ STUDIES = {
         "studies.recorded",
         "Detect and track the recorded motions of a set, from images.",
     ),
+    "world": ("world.study", "Track in the world: drift, feet that slide or sink, contacts."),
     "accuracy": ("studies.accuracy", "Track the validation scenes from simulated detections."),
     "stress": ("studies.stress", "Track under one growing fault at a time, without rendering."),
     "stress-rendered": ("studies.stress_rendered", "Track under one growing image fault."),

@@ -9,6 +9,7 @@ from __future__ import annotations
 DETECTOR = ("egocap/detect/*.py", "egocap/detect/shipped/*.safetensors")
 GEOMETRY = ("egocap/geometry.py", "egocap/cameras", "egocap/body")
 TRACKER = (*GEOMETRY, "egocap/pose", "egocap/track")
+IN_WORLD = ("egocap/world", "egocap/data/head_pose.py")
 SCORES = ("egocap/evaluation/*.py",)
 WORLD = (*(f"egocap_sim/{room}" for room in (
     "assets", "core", "crowd", "environment", "human", "motion", "physics", "props", "render",
@@ -63,6 +64,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "sync": (*GEOMETRY, *WORLD, *HARNESS, *IMPORTED),
     "training-set": (*SMALL_DETECTORS, "egocap_eval/studies/training_set.py"),
     "visibility": (*GEOMETRY, *WORLD, "egocap_eval/studies/visibility.py"),
+    "world": (*FOOTAGE_TRACKED, *IN_WORLD, *NOISE, *MOTION_TRUTH, "egocap_eval/sets",
+              "egocap_eval/world/study.py", "egocap_eval/studies/recorded.py"),
     "benchmarks/detector.py": (*DETECTOR, "benchmarks/detector.py"),
     "benchmarks/episodes.py": (*WORLD, "egocap_sim/record", "benchmarks/episodes.py"),
     "benchmarks/generation.py": (*WORLD, "egocap_sim/record", "benchmarks/generation.py"),

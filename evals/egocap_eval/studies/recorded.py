@@ -141,9 +141,14 @@ def record(
     """Simulate and render a clip where it is missing. Raises EgocapError as `generate`."""
     scenes = scenes_of(path, seed, frames)[: 2 if fit else 1]
     footage = [prepare_sequence(scene, folder / scene.name, workers) for scene in scenes]
-    code = source_hashes(["egocap/detect"])["egocap/detect"]
-    version = f"{open_weights(detections.partition(':')[2] or None).sha256[:8]}-{code[:8]}"
+    version = detector_version(detections)
     return Recording(path.stem, footage[0], footage[-1], detections, version)
+
+
+def detector_version(detections: str) -> str:
+    """Weights and code of a learned detector, for names of files that keep detections."""
+    code = source_hashes(["egocap/detect"])["egocap/detect"]
+    return f"{open_weights(detections.partition(':')[2] or None).sha256[:8]}-{code[:8]}"
 
 
 def clip_seeds(

@@ -40,7 +40,7 @@ NOTHING = 12.0
 """Median residual from which the detections are of no body at all."""
 FEW = 4.0
 """Expected number of visible joints a frame, in all views, below which the priors decide."""
-ODD_SIZE = 0.08
+ODD_SIZE = 0.10
 """Relative deviation of the triangulated limbs from the body's that is named."""
 ODD_ATTITUDE = 0.5
 """Probability of a rig that is right on the head, below which its rotation is named."""
@@ -49,11 +49,12 @@ _RESIDUALS = (2.0, 3.0, 5.0, 8.0, 12.0, 30.0)
 _SPREADS = (0.0, 0.05, 0.055, 0.11, 0.35, 0.5)
 """Standard deviation of the joints, relative to their distance from the neck, by median residual:
 what makes confidences right on rotated and exchanged views (`egocap-eval doubt`)."""
-_LEAST_SPREAD, _UNSEEN_SPREAD, _UNKNOWN_SPREAD = 0.015, 0.07, 0.5
+_LEAST_SPREAD, _UNSEEN_SPREAD, _UNKNOWN_SPREAD = 0.01, 0.05, 0.5
 """The same of sound footage (hidden limbs and biases of the shipped detector on validation clips),
 without detections, and of a pose that nothing is known of."""
-_SIZE_NOISE, _SIZE_SPREAD, _MOST_SIZE_SPREAD = 0.04, 1.4, 0.15
+_SIZE_NOISE, _SIZE_SPREAD, _MOST_SIZE_SPREAD = 0.07, 1.8, 0.15
 """Of the logarithm of the limbs' size: error, spread relative to the rest, and its maximum."""
+_MOST_MISS = 1.6  # of rays, relative to that of the stated errors, with which limbs are measured
 _BLOCK_S = 0.5
 _FRAMES = 300  # looked at for the limbs' size
 _FAULTY = 0.1
@@ -212,7 +213,7 @@ def check_consistency(
     residual, seen = _over_time(_residuals(joints_head, found, rig, proportions, config), sure,
                                 visible, found.times)  # fmt: skip
     agreement = check_agreement(found, rig)
-    fits = not (agreement.turned > 0.0 or agreement.looks_like_another_rig)
+    fits = not (agreement.turned > 0.0 or agreement.as_given > _MOST_MISS * agreement.expected)
     size = limb_size(found, rig, proportions) if fits else float("nan")
     attitude = np.median(attitudes(joints_head), axis=0)
     unseen = _UNSEEN_SPREAD * np.clip(1.0 - seen / FEW, 0.0, 1.0)

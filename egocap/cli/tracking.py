@@ -14,6 +14,7 @@ from egocap.body.labels import LABELS
 from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED
 from egocap.detect.sources import detections_from
+from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
 from egocap.paper.config import SolverName
 from egocap.pose.config import TrackerConfig
@@ -35,6 +36,7 @@ def track(
     rig: Path | None = None,
     save_detections: Path | None = None,
     head_pose: Path | None = None,
+    mount_drift: bool = False,
     strict: bool = False,
     json: bool = False,
 ) -> int:
@@ -60,6 +62,8 @@ def track(
         head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
             `T_world_head` (4 x 4), z up; the track is then in that world, too, with contacts, and
             planted feet keep their place. Frames in a gap of the poses stay in the head frame.
+        mount_drift: follow a rig that slowly slips on the head, and say when it jumped; 10 s of
+            footage or more, twice the time; solver fast, without head_pose.
         strict: exit with 3 if detections, rig and body do not fit each other; the track is written.
         json: print the summary as JSON.
     """
@@ -80,8 +84,17 @@ def track(
     found = detections_from(opened, detections, seed, cameras)
     proportions = opened.body if body is None else find_body(body, cameras, found)
     heads = None if head_pose is None else read_head_poses(head_pose, found.times)
-    tracker = make_tracker(cameras, proportions, solver, settings)
-    result = tracker.track(found, opened.images, heads)
+    drift = None
+    if mount_drift:
+        from egocap.fitting.mount_drift import track_with_drift
+
+        if solver != "fast" or heads is not None:
+            raise InputError("mount drift with another solver or head poses",
+                             valid="--solver fast, no --head-pose")  # fmt: skip
+        result, drift = track_with_drift(found, cameras, proportions, settings, opened.images)
+    else:
+        tracker = make_tracker(cameras, proportions, solver, settings)
+        result = tracker.track(found, opened.images, heads)
     # So that no other sequence is scored with it, and scores name the body.
     origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}
     result = replace(result, config=result.config | origin)
@@ -92,6 +105,8 @@ def track(
         detection_file.save_detections(save_detections, found)
     save_track(out, result)
     _print_summary(out, result, json)
+    if drift is not None and not json:
+        print("\n".join(drift.lines()))
     return MISSED if strict and warning_of(result) else DONE
 
 
@@ -165,6 +180,8 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
         summary["shares_of_joints"] = shares
     if result.in_world is not None:
         summary["frames_in_world"] = int(result.in_world.sum())
+    if "mount_drift" in result.config:
+        summary["mount_drift"] = result.config["mount_drift"]
     if as_json:
         print(json.dumps(summary, indent=1))
         return

@@ -41,9 +41,9 @@ class Motion:
         return np.linalg.norm(track.joints_head - self.joints, axis=-1)[:, 1:]
 
 
-def make_motion(frames=90, seed=0, extent=0.35):
+def make_motion(frames=90, seed=0, extent=0.35, fps=FPS):
     rng = np.random.default_rng(seed)
-    times = np.arange(frames) / FPS
+    times = np.arange(frames) / fps
     rates = rng.uniform(0.2, 0.7, (3, 37))
     phases = rng.uniform(0, 2 * np.pi, (3, 37))
     waves = np.sin(2 * np.pi * rates * times[:, None, None] + phases).sum(1)
@@ -57,3 +57,9 @@ def make_motion(frames=90, seed=0, extent=0.35):
 @pytest.fixture(scope="session")
 def motion():
     return make_motion()
+
+
+@pytest.fixture(scope="session")
+def slow_motion():
+    """Twenty-one seconds."""
+    return make_motion(168, seed=3, fps=8.0)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from egocap.boards.board import Board
 from egocap.errors import InputError
 from egocap.files import replacing
@@ -34,7 +36,7 @@ def print_board(board: Board, path: Path) -> str:
     axes.set_axis_off()
     axes.set(xlim=(0.0, width), ylim=(height, 0.0))  # metres of paper, y down
     left, top = (width - board.size[0]) / 2, (height - _STRIP_M - board.size[1]) / 2
-    boxes = [*board.black(), left, top, 0.0, 0.0]
+    boxes = board.black() + np.array([left, top, 0.0, 0.0])
     shapes = [[(x, y), (x + w, y), (x + w, y + h), (x, y + h)] for x, y, w, h in boxes]
     # thin strokes of the fill's colour would widen the squares; without, seams may show on screen
     axes.add_collection(PolyCollection(shapes, facecolors="black", edgecolors="none"))

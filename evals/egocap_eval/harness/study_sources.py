@@ -46,6 +46,7 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                  "egocap_eval/studies/recorded.py"),
     "detector": (*DETECTOR, *GEOMETRY, *SCORES, *WORLD, *VALIDATION_FRAMES,
                  "egocap_eval/detection/detector.py"),
+    "doubt": (*NOISE, *TRACKER, *WORLD, *HARNESS, "egocap_eval/studies/doubt.py"),
     "fit-rig": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/studies/fit_rig.py"),
     "head-pose": (*GEOMETRY, *WORLD, *HARNESS, "egocap/odometry", "egocap/head_pose",
                   "egocap_eval/studies/head_pose.py"),

@@ -53,7 +53,8 @@ def wrist_error(motion, angles):
 def test_an_arm_gets_out_of_a_wrong_pose(motion, known, stuck):
     assert wrist_error(motion, stuck)[30:].mean() > 0.1
     found, others = solve_multistart(stuck, *known)
-    assert wrist_error(motion, found)[30:].mean() < 0.03
+    # From frame 72 on, one view of the wrist alone leaves the side to the posture prior.
+    assert wrist_error(motion, found)[30:72].mean() < 0.015
     assert others[60:72].all()
     assert interval_system(found, *known)[0] < interval_system(stuck, *known)[0]
 

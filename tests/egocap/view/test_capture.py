@@ -10,6 +10,7 @@ from egocap.errors import InputError, MachineError
 from egocap.pose.config import TrackerConfig
 from egocap.track.online import OnlineTracker
 from egocap.track.tracker import Tracker
+from egocap.track.uncertainty import confidences
 from egocap.view.capture import CameraSettings, Source, first_pictures, list_cameras
 from egocap.view.feeds import LiveFeed, RecordedFeed
 from egocap.view.live_run import LiveReport, follow_live
@@ -30,7 +31,9 @@ def test_frame_by_frame_is_the_causal_pass():
     live = OnlineTracker(made.rig, made.person, LIVE)
     poses = [live.step(one(found, t)) for t in range(25)]
     assert np.allclose([p.angles for p in poses], whole.angles)
-    assert np.allclose([p.confidence for p in poses], whole.confidence)
+    confidence = np.array([p.confidence for p in poses])
+    assert np.allclose(confidence, confidences(whole.covariance))
+    assert (whole.confidence <= confidence + 1e-9).all()  # lowered by what the whole track shows
     with pytest.raises(InputError, match="later"):
         live.step(one(found, 3))
     with pytest.raises(InputError, match="at once"):

@@ -183,7 +183,7 @@ def test_two_runs_are_compared(place, capsys):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"pck3d_150"', '"pck"', "no measure 'pck'.*contact_f1"),
+        ('"pck3d_150"', '"pck"', "no measure 'pck'.*mpjpe_mm"),
         ('"mo2cap2-15-pa"', '"h36m"', "no protocol 'h36m'"),
         (
             'method = "mine"',

@@ -58,6 +58,26 @@ def axis_angle(
     return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
 
 
+def exponential(turn: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """Rotation matrices of rotation vectors, rad."""
+    return axis_angle(unit(turn), np.linalg.norm(turn, axis=-1))
+
+
+def right_jacobian(turn: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """J with exponential(turn + d) = exponential(turn) exponential(J d) for small d.
+
+    Source: Sola, Deray & Atchuthan 2018, "A micro Lie theory for state estimation in robotics",
+    equation 143.
+    """
+    angle = np.linalg.norm(turn, axis=-1)[..., None, None]
+    known = angle > 1e-5
+    safe = np.where(known, angle, 1.0)
+    first = np.where(known, (1.0 - np.cos(safe)) / safe**2, 0.5)
+    second = np.where(known, (safe - np.sin(safe)) / safe**3, 1.0 / 6.0)
+    K = skew(turn)
+    return np.eye(3) - first * K + second * (K @ K)
+
+
 def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Cross-product matrices: skew(a) @ b == cross(a, b)."""
     x, y, z = np.moveaxis(np.asarray(v, float), -1, 0)

@@ -13,7 +13,7 @@ MOST_MODULES = 20
 """In one folder, its `__init__` not counted."""
 
 LAYERS = (
-    {"egocap.errors", "egocap.geometry"},
+    {"egocap.errors", "egocap.geometry", "egocap.series"},
     {"egocap.schema", "egocap.commandline", "egocap.files"},
     {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards"},
     {"egocap.data"},

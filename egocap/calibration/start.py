@@ -11,7 +11,6 @@ from egocap.calibration.lens_shape import LensShape
 from egocap.calibration.planar_pose import homography_residual, planar_pose
 from egocap.calibration.state import Corners, State
 
-LEAST_CORNERS = 6  # of a picture
 HALF_FIELDS = np.deg2rad([25, 33, 42, 52, 64, 78, 92, 108, 125, 145])  # over half the width
 _STARTS = 3  # best focal lengths that are adjusted
 EQUIDISTANT = LensShape("equidistant")

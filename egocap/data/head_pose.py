@@ -18,6 +18,7 @@ from egocap.data.track import Track
 from egocap.errors import FileError, InputError
 from egocap.files import read_npz
 from egocap.geometry import rigid, transform
+from egocap.series import interpolate
 
 _SLACK = 1.0  # allowed extrapolation, in median steps between poses
 GAP_S = 0.2
@@ -77,7 +78,7 @@ def interpolate_poses(
         return np.repeat(poses, len(times), axis=0)
     at = np.clip(times, known[0], known[-1])
     turned = Slerp(known, Rotation.from_matrix(poses[:, :3, :3]))(at).as_matrix()
-    moved = np.stack([np.interp(at, known, poses[:, i, 3]) for i in range(3)], -1)
+    moved = interpolate(at, known, poses[:, :3, 3])
     return rigid(turned, moved)
 
 

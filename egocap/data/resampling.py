@@ -14,6 +14,7 @@ from egocap.data.head_pose import interpolate_poses
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.geometry import transform
+from egocap.series import interpolate
 
 EVEN = 0.02
 """Relative difference between the longest and the shortest step of times that count as even."""
@@ -45,7 +46,7 @@ def resampled(track: Track, times: Float[Array, "N"]) -> Track:
         for name, value in vars(track).items()
         if isinstance(value, np.ndarray) and name != "offsets"
     }
-    angles = np.stack([np.interp(times, track.times, column) for column in track.angles.T], 1)
+    angles = interpolate(times, track.times, track.angles)
     arrays |= {"times": times, "angles": angles}
     if track.offsets is not None:
         arrays["joints_head"] = forward(Proportions(track.offsets), angles)

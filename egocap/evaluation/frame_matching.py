@@ -19,6 +19,7 @@ from egocap.cameras.rig import Rig
 from egocap.errors import InputError
 from egocap.evaluation.predictions import UNITS, Predictions
 from egocap.geometry import inverse, transform
+from egocap.series import runs
 
 log = logging.getLogger(__name__)
 
@@ -173,6 +174,6 @@ def _mean_error(positions: Array, valid: Array, truth: Array) -> float:
 
 def _ranges(numbers: Iterable[int]) -> str:
     """Numbers with runs as ranges, the first few."""
-    runs = np.split(found := np.asarray(numbers), np.flatnonzero(np.diff(found) != 1) + 1)
-    shown = [f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs[:5]]
-    return ", ".join(shown) + (", ..." if len(runs) > 5 else "")
+    found = list(runs(np.asarray(numbers)))
+    shown = [f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in found[:5]]
+    return ", ".join(shown) + (", ..." if len(found) > 5 else "")

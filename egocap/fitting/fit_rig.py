@@ -27,8 +27,8 @@ from egocap.fitting.bundle_adjustment import (
 )
 from egocap.fitting.config import FitConfig
 from egocap.fitting.fit_body import BodyFit, choose_frames, fit_body
-from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem, rotation
-from egocap.geometry import rigid
+from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem
+from egocap.geometry import exponential, rigid
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 
@@ -191,7 +191,7 @@ def neutral_stances(
 
 def moved_rig(rig: Rig, shift: Float[Array, "6"]) -> Rig:
     """The rig after a rotation [rad] and translation [m] of the head frame."""
-    move = rigid(rotation(shift[:3]), shift[3:])
+    move = rigid(exponential(shift[:3]), shift[3:])
     mounts = (replace(m, T_head_camera=move @ m.T_head_camera) for m in rig.mounts)
     return replace(rig, mounts=tuple(mounts))
 

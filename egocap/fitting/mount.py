@@ -27,7 +27,7 @@ from scipy.linalg import block_diag
 from egocap.body.labels import LABEL_INDEX
 from egocap.body.skeleton import DOFS
 from egocap.fitting.bundle_adjustment import FitProblem, FitSystem, Joints, joint_derivatives
-from egocap.geometry import axis_angle, skew, unit
+from egocap.geometry import exponential, right_jacobian, skew
 
 PARAMETERS = ("roll", "pitch", "yaw", "forward", "left", "up")
 """Rotation about and translation along the head's axes."""
@@ -71,7 +71,7 @@ class MountProblem(FitProblem):
     def joints(self, shared: Float[Array, "K"], poses: Float[Array, "T 37"]) -> Joints:
         """Labelled joints in the frame of the rig as given."""
         w, t = shared[-6:-3], shared[-3:]
-        R = rotation(w)
+        R = exponential(w)
         labels, by_angle, by_body = joint_derivatives(shared[:-6], poses)
         moved = (labels - t) @ R
         by_mount = np.concatenate(
@@ -101,20 +101,6 @@ class MountProblem(FitProblem):
             0.5 * (weight[:, None] * precision * at**2).sum()
             + 0.5 * (scaled[:, None] * lean**2).sum()
         )
-
-
-def rotation(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """Rotation matrix of a rotation vector."""
-    return axis_angle(unit(w), float(np.linalg.norm(w)))
-
-
-def right_jacobian(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """J_r with exp(w + dw) = exp(w) exp(J_r dw)."""
-    angle, K = float(np.linalg.norm(w)), skew(w)
-    if angle < 1e-5:
-        return np.eye(3) - 0.5 * K
-    first = (1.0 - np.cos(angle)) / angle**2
-    return np.eye(3) - first * K + (angle - np.sin(angle)) / angle**3 * K @ K
 
 
 def _lean(

@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 from egocap.cameras.rig import Rig
 from egocap.data.footage import ViewColour
 from egocap.footage.head_rotation import background
+from egocap.series import interpolate
 
 SIZE = (80, 64)  # of reduced pictures, px
 LEAST = 0.02  # of a reduced picture that all views must see
@@ -62,7 +63,7 @@ def estimate_colour(
     inside = own & (time >= first_time[known][0]) & (time <= first_time[known][-1])
     if not inside.any():
         return ViewColour()
-    wanted = np.stack([np.interp(time[inside], first_time[known], c[known]) for c in first.T], 1)
+    wanted = interpolate(time[inside], first_time[known], first[known])
     gain = np.median(wanted / colour[inside], axis=0).clip(1.0 / MOST, MOST)
     return ViewColour(gain=tuple(map(float, gain)), origin="estimated")  # pyright: ignore
 

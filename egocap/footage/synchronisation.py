@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.data.footage import ViewTiming
+from egocap.series import interpolate
 
 DRIFT_PRIOR_PPM = 60.0  # standard deviation of the difference of two crystals
 LEAST_CORRELATION = 0.5
@@ -315,7 +316,7 @@ def _on_grid(signal: ViewSignal, step: float) -> Float[Array, "n K"]:
         size = np.linalg.norm(signal.rate, axis=1, keepdims=True)
         usual = 3.0 * float(np.median(size)) + 1e-9
         soft = signal.rate / np.sqrt(1.0 + (size / usual) ** 2)
-    values = np.stack([np.interp(grid, signal.time, channel) for channel in soft.T], 1)
+    values = interpolate(grid, signal.time, soft)
     return values - values.mean(0)
 
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from egocap.errors import InputError
 from egocap.footage.synchronisation import ViewSignal, coarse_lag, refine_clock
 from egocap.geometry import rigid
+from egocap.series import interpolate
 
 LEAST_CORRELATION = 0.6
 LEAST_TURN = 0.1  # rad/s, rms; a slower head does not show its clock
@@ -95,7 +96,7 @@ def align(
     inside &= _near(reference_time, common)
     T_ref, at = T_reference_head[inside], reference_time[inside]
     R_wd = Slerp(common, Rotation.from_matrix(T_world_device[:, :3, :3]))(at).as_matrix()
-    p_wd = np.stack([np.interp(at, common, T_world_device[:, i, 3]) for i in range(3)], -1)
+    p_wd = interpolate(at, common, T_world_device[:, :3, 3])
     R_rw = _mean_rotation(T_ref[:, :3, :3] @ R_dh.T @ np.swapaxes(R_wd, 1, 2))
     for _ in range(3):  # both rotations together
         R_dh = _mean_rotation(np.swapaxes(R_wd, 1, 2) @ R_rw.T @ T_ref[:, :3, :3])
@@ -147,7 +148,7 @@ def _paired(a: ViewSignal, b: ViewSignal, offset: float) -> tuple[Array, Array]:
     if inside.sum() < 10:
         raise InputError("the trajectory and the reference hardly overlap in time",
                          valid="the same motion")  # fmt: skip
-    other = np.stack([np.interp(own[inside], b.time, b.rate[:, i]) for i in range(3)], -1)
+    other = interpolate(own[inside], b.time, b.rate[:, :3])
     return a.rate[inside], other
 
 

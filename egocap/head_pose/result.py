@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.files import write_npz
+from egocap.series import runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,7 @@ class HeadTrajectory:
 def gaps_of(count: int, known: Int[Array, "N"], reasons: dict[int, str]) -> tuple[Gap, ...]:
     """The stretches of `count` frames that are not `known`, with their most frequent reason."""
     missing = np.setdiff1d(np.arange(count), known)
-    runs = np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1) if len(missing) else []
-    return tuple(Gap(int(run[0]), int(run[-1]), _usual(run, reasons)) for run in runs)
+    return tuple(Gap(int(run[0]), int(run[-1]), _usual(run, reasons)) for run in runs(missing))
 
 
 def _usual(run: Int[Array, "n"], reasons: dict[int, str]) -> str:

@@ -18,6 +18,7 @@ from egocap.geometry import rigid
 from egocap.odometry.adjustment import Adjusted, Problem, adjust
 from egocap.odometry.ray_kernel import refine_pose, squared_residuals
 from egocap.odometry.track_map import TrackMap
+from egocap.series import interpolate
 
 LOSS = 3.0  # standard deviations
 _SAMPLED = 150  # keyframes whose covariance is computed; between them it is interpolated
@@ -119,7 +120,5 @@ def _covariances(result: Adjusted) -> Float[Array, "K 6 6"]:
 def _interpolated(
     values: Float[Array, "n 6 6"], at: Int[Array, "n"], wanted: Int[Array, "m"]
 ) -> Float[Array, "m 6 6"]:
-    flat = values.reshape(len(values), 36)
-    columns = [np.interp(wanted, at, flat[:, i]) for i in range(36)]
-    found = np.stack(columns, -1).reshape(-1, 6, 6)
+    found = interpolate(wanted, at, values)
     return 0.5 * (found + found.transpose(0, 2, 1))

@@ -32,6 +32,7 @@ from egocap.pose.motion_features import (
     head_features,
     pose_features,
 )
+from egocap.series import interpolate
 
 FILE = Path(__file__).with_name("motion_network.npz")
 STEP_S = 1.0 / 15.0
@@ -120,9 +121,9 @@ def correct_track(
         steps = np.arange(within[0], within[-1] + 0.001 * STEP_S, STEP_S)
         of_part = None if heads is None else heads[part]
         inputs = network_inputs(within, angles[part], std[part], proportions, of_part)
-        correction, found = network(resample(steps, within, inputs).astype(np.float32))
-        mean[part] = angles[part] + resample(within, steps, correction)
-        spread[part] = resample(within, steps, found)
+        correction, found = network(interpolate(steps, within, inputs).astype(np.float32))
+        mean[part] = angles[part] + interpolate(within, steps, correction)
+        spread[part] = interpolate(within, steps, found)
     return mean, spread
 
 
@@ -145,13 +146,6 @@ def network_inputs(
         head_features(times, angles, proportions, heads),
         np.tile(known[:, None], len(GROUPS)),
     ], axis=1)  # fmt: skip
-
-
-def resample(
-    at: Float[Array, "N"], times: Float[Array, "T"], values: Float[Array, "T K"]
-) -> Float[Array, "N K"]:
-    """Linear interpolation; the ends are held."""
-    return np.stack([np.interp(at, times, column) for column in values.T], -1)
 
 
 def _convolve(

@@ -27,6 +27,7 @@ from egocap.files import read_npz, write_npz
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model, information
 from egocap.pose.observations import Observations
+from egocap.series import interpolate
 
 FILE = Path(__file__).with_name("motion_prior.npz")
 STEP_S = 0.1
@@ -170,7 +171,7 @@ def _predict_stretch(
     count = max(1, round((times[-1] - times[0]) / STEP_S) + 1)
     knots = times[0] + STEP_S * np.arange(count)
     nearest = np.clip(np.round((times - times[0]) / STEP_S).astype(int), 0, count - 1)
-    at_knots = np.stack([np.interp(knots, times, column) for column in angles.T], -1)
+    at_knots = interpolate(knots, times, angles)
     knot_matrices, knot_targets = np.zeros((count, DOF_COUNT, DOF_COUNT)), np.zeros_like(at_knots)
     # A frame's information is moved to its knot along the track.
     departure = at_knots - prior.mean

@@ -22,6 +22,7 @@ from egocap.body.skeleton import DOF_COUNT, LABEL_POINTS, MOVES
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model
 from egocap.pose.observations import Observations
+from egocap.series import runs
 from egocap.track.smoother import interval_system, smooth_interval
 
 _NEAR, _FAR = (10.0, 3.0, 1.0), (30.0, 10.0, 3.0, 1.0)
@@ -83,7 +84,5 @@ def merge_segments(
 
 
 def _segments(apart: Bool[Array, "T"]) -> Iterator[slice]:
-    frames = np.flatnonzero(apart)
-    if len(frames):
-        for run in np.split(frames, np.flatnonzero(np.diff(frames) > _MAX_GAP) + 1):
-            yield slice(int(run[0]), int(run[-1]) + 1)
+    for run in runs(np.flatnonzero(apart), _MAX_GAP):
+        yield slice(int(run[0]), int(run[-1]) + 1)

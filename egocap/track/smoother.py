@@ -43,16 +43,22 @@ def smooth_interval(
     Long motions are solved in overlapping windows. `prediction` adds the motion prior's term.
     """
     refined, converged = angles.copy(), np.zeros(len(angles), bool)
-    for first in range(0, len(angles), WINDOW):
-        last = min(first + WINDOW, len(angles))
-        low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
-        window = slice(low, high)
+    for kept, window, within in windows(len(angles)):
         solved, done = _solve_window(
             angles[window], observations[window], model, config, prediction[window]
         )
-        refined[first:last] = solved[first - low : last - low]
-        converged[first:last] = done[first - low : last - low]
+        refined[kept], converged[kept] = solved[within], done[within]
     return refined, converged
+
+
+def windows(frames: int) -> list[tuple[slice, slice, slice]]:
+    """Overlapping windows: frames to keep, frames to solve with them, those kept within these."""
+    found = []
+    for first in range(0, frames, WINDOW):
+        last, low = min(first + WINDOW, frames), max(first - MARGIN, 0)
+        found.append((slice(first, last), slice(low, min(last + MARGIN, frames)),
+                      slice(first - low, last - low)))  # fmt: skip
+    return found
 
 
 def interval_system(

@@ -19,7 +19,7 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model, information
 from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
 from egocap.pose.observations import Observations
-from egocap.track.smoother import MARGIN, WINDOW, interval_system
+from egocap.track.smoother import interval_system, windows
 
 CORRECT_M = 0.05
 """Distance from the truth, metres, below which a joint counts as correct."""
@@ -31,14 +31,11 @@ def interval_covariances(
 ) -> Float[Array, "T 37 37"]:  # fmt: skip
     """Covariance [rad^2] of every frame's angles given all frames."""
     covariances = np.empty((len(angles), DOF_COUNT, DOF_COUNT))
-    for first in range(0, len(angles), WINDOW):
-        last = min(first + WINDOW, len(angles))
-        low, high = max(first - MARGIN, 0), min(last + MARGIN, len(angles))
-        window = slice(low, high)
+    for kept, window, within in windows(len(angles)):
         _, bands, _ = interval_system(
             angles[window], observations[window], model, config, prediction[window]
         )
-        covariances[first:last] = banded_inverse(bands)[first - low : last - low]
+        covariances[kept] = banded_inverse(bands)[within]
     return covariances
 
 

@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
-from egocap.geometry import axis_angle, unit
+from egocap.geometry import exponential, unit
 
 CONFIDENT = 0.6
 """Visibility probability of detections that are compared."""
@@ -156,7 +156,7 @@ def _turn(pair: _Pair, sigma: float) -> float | None:
     u, v, base = pair.u[::step], pair.v[::step], unit(base)
 
     def off(x: Float[Array, "6"]) -> Float[Array, "n"]:
-        turned, line = v @ _rotation(x[:3]).T, _rotation(x[3:]) @ base
+        turned, line = v @ exponential(x[:3]).T, exponential(x[3:]) @ base
         return np.arcsin(np.clip(np.sum(unit(np.cross(line, u)) * turned, -1), -1.0, 1.0))
 
     weak = 0.1  # holds what the rays do not determine
@@ -169,10 +169,6 @@ def _turn(pair: _Pair, sigma: float) -> float | None:
     if after > min(0.7 * before, 2.5 * sigma) or not _LEAST_TURN < angle < _MOST_TURN:
         return None
     return float(angle)
-
-
-def _rotation(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    return axis_angle(unit(vector), float(np.linalg.norm(vector)))
 
 
 def _angle(direction: Float[Array, "n 3"], ray: Float[Array, "n 3"]) -> Float[Array, "n"]:

@@ -23,7 +23,7 @@ from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model
 from egocap.pose.motion_prior import MotionPrediction
 from egocap.pose.observations import Observations
-from egocap.track.smoother import MARGIN, WINDOW, BandedSystem, interval_system, minimise
+from egocap.track.smoother import BandedSystem, interval_system, minimise, windows
 from egocap.track.uncertainty import banded_inverse
 from egocap.world.contact_energy import ContactTerms, contact_system, widen
 from egocap.world.foot_points import SOLE_M, STATE, FootPoints, correct
@@ -105,8 +105,7 @@ class WorldSolver:
         self, state: Float[Array, "T 43"], feet: FootPoints, terms: ContactTerms
     ) -> tuple[Float[Array, "T 43"], Bool[Array, "T"]]:
         refined, converged = state.copy(), np.zeros(len(state), bool)
-        for kept, window in _windows(len(state)):
-            within = slice(kept.start - window.start, kept.stop - window.start)
+        for kept, window, within in windows(len(state)):
 
             def system(trial: Float[Array, "T 43"], window: slice = window) -> BandedSystem:
                 return self._system(trial, window, feet, terms, self.observations)
@@ -120,8 +119,7 @@ class WorldSolver:
         observations: Observations,
     ) -> Float[Array, "T 37 37"]:  # fmt: skip
         found = np.empty((len(state), DOF_COUNT, DOF_COUNT))
-        for kept, window in _windows(len(state)):
-            within = slice(kept.start - window.start, kept.stop - window.start)
+        for kept, window, within in windows(len(state)):
             _, bands, _ = self._system(state[window], window, feet, terms, observations)
             inverse = banded_inverse(bands, STATE)
             found[kept] = inverse[within, :DOF_COUNT, :DOF_COUNT]
@@ -140,12 +138,3 @@ class WorldSolver:
         slope = slope.reshape(state.shape)
         slope[:, :DOF_COUNT] += gradient.reshape(len(state), DOF_COUNT)
         return energy + more, np.asfortranarray(wide + widen(bands)), slope.ravel()
-
-
-def _windows(frames: int) -> list[tuple[slice, slice]]:
-    """Frames to keep, and those to solve with them."""
-    return [
-        (slice(first, min(first + WINDOW, frames)),
-         slice(max(first - MARGIN, 0), min(first + WINDOW + MARGIN, frames)))
-        for first in range(0, frames, WINDOW)
-    ]  # fmt: skip

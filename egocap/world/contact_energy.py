@@ -20,7 +20,6 @@ from egocap.body.skeleton import DOF_COUNT
 from egocap.world.foot_points import CORRECTION, SOLE_M, STATE, FootPoints
 
 BAND = 2 * STATE
-_LONGEST_STEP_S = 0.2  # between frames of one contact
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.geometry import transform
+from egocap.series import interpolate
 
 RATE = 30.0  # Hz, at which features are sampled
 OFFSETS = np.arange(-10, 11, 2)
@@ -33,12 +34,12 @@ def contact_features(
 ) -> Float[Array, "N 2 F"]:  # fmt: skip
     """Features of left and right foot at `sample_times`; `sigma` [m] are the joints' deviations."""
     at = sample_times(times)
-    world = _resample(at, times, transform(T_world_head, joints_head))
-    head, forward = (_resample(at, times, T_world_head[:, :3, i]) for i in (3, 0))
+    world = interpolate(at, times, transform(T_world_head, joints_head))
+    head, forward = (interpolate(at, times, T_world_head[:, :3, i]) for i in (3, 0))
     heading = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
     toes = world[:, [LABEL_INDEX["left_foot"], LABEL_INDEX["right_foot"]], 2].min(1)
     floor = _around(toes).min(1)
-    deviation = np.log(np.maximum(_resample(at, times, sigma), 1e-4))
+    deviation = np.log(np.maximum(interpolate(at, times, sigma), 1e-4))
     own = _head(head, heading, floor)
     sides = []
     for side, sign in zip(_SIDES, (1.0, -1.0), strict=True):
@@ -86,14 +87,6 @@ def _level(v: Float[Array, "N 3"], heading: Float[Array, "N"]) -> Float[Array, "
     """Vectors of the world in axes that are forward, left and up for the head."""
     cos, sin = np.cos(heading), np.sin(heading)
     return np.stack([cos * v[:, 0] + sin * v[:, 1], cos * v[:, 1] - sin * v[:, 0], v[:, 2]], axis=1)
-
-
-def _resample(
-    at: Float[Array, "N"], times: Float[Array, "T"], values: Float[Array, "T *rest"]
-) -> Float[Array, "N *rest"]:
-    flat = values.reshape(len(values), -1)
-    found = np.stack([np.interp(at, times, column) for column in flat.T], 1)
-    return found.reshape(len(at), *values.shape[1:])
 
 
 def _around(values: Float[Array, "N"], mode: str = "edge") -> Float[Array, "N W"]:

@@ -10,7 +10,7 @@ monocular video", section 3.1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -22,10 +22,10 @@ from numpy import ndarray as Array
 from egocap.data.head_pose import HeadPoses
 from egocap.errors import FileError
 from egocap.files import read_npz, write_npz
+from egocap.series import interpolate, runs
 from egocap.world.contact_features import contact_features, sample_times
 
 FILE = Path(__file__).with_name("contact_network.npz")
-_ARRAYS = ("mean", "scale", "w1", "b1", "w2", "b2", "w3", "b3")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,8 @@ class ContactNetwork:
 
 def save_contact_network(network: ContactNetwork, path: Path = FILE) -> None:
     """Write a network as npz, its weights in half precision."""
-    arrays = {name: getattr(network, name) for name in _ARRAYS}
     halves = {n: a.astype(np.float16 if n.startswith("w") else np.float32)
-              for n, a in arrays.items()}  # fmt: skip
+              for n, a in vars(network).items()}  # fmt: skip
     write_npz(path, **halves)
 
 
@@ -62,13 +61,14 @@ def load_contact_network(path: Path = FILE) -> ContactNetwork:
     """Read a network. Raises FileError."""
     found = read_npz(path)
     try:
-        network = ContactNetwork(*(found[name].astype(float) for name in _ARRAYS))
+        names = [field.name for field in fields(ContactNetwork)]
+        network = ContactNetwork(*(found[name].astype(float) for name in names))
         sizes = [len(network.mean), len(network.b1), len(network.b2), 2]
         shapes = [network.w1.shape, network.w2.shape, network.w3.shape]
     except (KeyError, ValueError, TypeError):
         raise FileError(path, "not a contact network") from None
     fits = shapes == list(pairwise(sizes))
-    if not fits or not all(np.isfinite(getattr(network, name)).all() for name in _ARRAYS):
+    if not fits or not all(np.isfinite(array).all() for array in vars(network).values()):
         raise FileError(path, "not a contact network")
     return network
 
@@ -85,12 +85,12 @@ def contact_probabilities(
     network = network or load_contact_network()
     probabilities = np.zeros((len(times), 4))
     known = np.flatnonzero(heads.known)
-    for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+    for run in runs(known):
         if len(run) < 2:
             continue
         features = contact_features(times[run], joints_head[run], sigma[run],
                                     heads.T_world_head[run])  # fmt: skip
         found = network.probabilities(features).reshape(len(features), 4)
         at = sample_times(times[run])
-        probabilities[run] = np.stack([np.interp(times[run], at, c) for c in found.T], 1)
+        probabilities[run] = interpolate(times[run], at, found)
     return probabilities

@@ -16,8 +16,7 @@ from numpy import ndarray as Array
 from egocap.body.kinematics import KinematicTree, kinematic_tree, pose_skeleton
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, DOF_JOINT, MOVES, POINT_INDEX, HasOffsets
-from egocap.geometry import skew
-from egocap.world.rotation import exponential, right_jacobian
+from egocap.geometry import exponential, right_jacobian, skew
 
 POINTS = 4
 """Left heel, left toe, right heel, right toe: `egocap.data.track.CONTACTS`."""

@@ -15,6 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from egocap.series import runs
+
 WIDE_M, WIDE_SIGMA = 4.0, 0.3
 """Correlation length and standard deviation, m, of floors and slopes."""
 NARROW_M, NARROW_SIGMA = 0.15, 0.1
@@ -84,11 +86,10 @@ def footholds(
     places, weights = [], []
     for k in range(points.shape[1]):
         touching = np.flatnonzero(contact[:, k] >= 0.5)
-        for run in np.split(touching, np.flatnonzero(np.diff(touching) > 1) + 1):
-            if len(run):
-                share = contact[run, k]
-                places.append(np.average(points[run, k], axis=0, weights=share))
-                weights.append(min(1.0, float(share.sum()) / 5.0))
+        for run in runs(touching):
+            share = contact[run, k]
+            places.append(np.average(points[run, k], axis=0, weights=share))
+            weights.append(min(1.0, float(share.sum()) / 5.0))
     if not places:
         return Footholds(np.zeros((0, 3)), np.zeros(0))
     return Footholds(np.array(places) - [0.0, 0.0, sole_m], np.array(weights))

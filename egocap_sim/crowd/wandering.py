@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.series import interpolate
 from egocap_sim.motion.generators.course import Course, course_times
 
 PASS_M = 0.75  # least distance between the centres of two people
@@ -51,7 +52,7 @@ def free_courses(
 
 
 def _at(path: Array, times: Array, t: Array) -> Float[Array, "N 2"]:
-    return np.stack([np.interp(t, times - times[0], path[:, a]) for a in (0, 1)], -1)
+    return interpolate(t, times - times[0], path[:, :2])
 
 
 def _walk(

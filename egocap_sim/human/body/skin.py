@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
+from egocap.series import interpolate
 from egocap_sim.assets.mesh import Mesh
 from egocap_sim.human.body.anny_model import EYE, EYE_RADIUS, BareBody, anatomy
 from egocap_sim.human.body.anny_source import shape_data
@@ -39,7 +40,7 @@ def tone_color(tone: float) -> Float[Array, "3"]:
     lift = 1 + 0.5 * np.clip(np.arange(len(table)) / 3 - 2, 0, 1)
     table = table * np.array([0.93, 0.84, 0.78]) * lift[:, None]
     at = np.clip(tone, 0, 1) * (len(TONES) - 1)
-    return np.array([np.interp(at, np.arange(len(TONES)), table[:, c]) for c in range(3)])
+    return interpolate(at, np.arange(len(TONES)), table)
 
 
 def skin_texture(

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 from scipy.spatial import ConvexHull, KDTree
 
+from egocap.series import interpolate
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.anny_model import BareBody, anatomy
 from egocap_sim.human.body.skin_patch import make_patch
@@ -122,7 +123,7 @@ def _outline(foot: Float[Array, "N 3"], z: float, room: float) -> Float[Array, "
     closed = np.concatenate([loop, loop[:1]])
     travelled = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     at = travelled[-1] * np.arange(DIRECTIONS) / DIRECTIONS
-    return np.stack([np.interp(at, travelled, closed[:, i]) for i in range(2)], 1)
+    return interpolate(at, travelled, closed)
 
 
 def _ring_faces(count: int) -> Int[Array, "F 3"]:

@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation, Slerp
 
 from egocap.errors import InputError
+from egocap.series import interpolate
 from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.motion.clips.cleaning import to_local, with_local_rotations
 from egocap_sim.motion.kinematics import figure
@@ -82,7 +83,7 @@ def _at_rate(clip: Clip, fps: float) -> Clip:
     rotations = np.stack(
         [Slerp(keys, Rotation.from_matrix(clip.rotations[:, b]))(times).as_matrix()
          for b in range(len(BODIES))], 1)  # fmt: skip
-    pelvis = np.stack([np.interp(times, keys, clip.positions[:, 0, a]) for a in range(3)], 1)
+    pelvis = interpolate(times, keys, clip.positions[:, 0])
     return Clip(clip.name, fps, figure.positions(rotations, pelvis), rotations, canonical=True)
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from numba import njit
 from numpy import ndarray as Array
 
+from egocap.series import interpolate
 from egocap_sim.motion.kinematics.curves import minimum_jerk, slow_noise
 
 WALK_RATIO = 0.39  # metres of step a step/s
@@ -35,7 +36,7 @@ class Course:
 
     def at(self, t: Array) -> tuple[Array, Array]:
         """Positions (T, 2) and headings (T,) at times."""
-        xy = np.stack([np.interp(t, self.times, self.xy[:, a]) for a in (0, 1)], -1)
+        xy = interpolate(t, self.times, self.xy)
         return xy, np.interp(t, self.times, self.heading)
 
     def amplitude(self, t: Array | float) -> Array:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.geometry import GRAVITY, axis_angle, inverse, rigid, transform, unit
+from egocap.series import interpolate
 from egocap_sim.core.bodies import INDEX
 from egocap_sim.human.body.person import Person
 from egocap_sim.motion.generators.stance import HANG, draw_style
@@ -76,7 +77,7 @@ class Ride:
     def pose(self, t: Float[Array, "T"], scale: float = 1.0) -> Float[Array, "T 4 4"]:
         """World poses of the bicycle, leaning into the curves."""
         s = self.distance(t) % self._s[-1]
-        xy = scale * np.stack([np.interp(s, self._s, self._xy[:, k]) for k in (0, 1)], -1)
+        xy = scale * interpolate(s, self._s, self._xy)
         heading = np.interp(s, self._s, self._heading)
         return rigid(turn(yaw=heading, roll=-self.lean(t)), np.pad(xy, ((0, 0), (0, 1))))
 

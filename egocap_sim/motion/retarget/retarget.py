@@ -24,6 +24,7 @@ from egocap.geometry import (
     rigid,
     unit,
 )  # fmt: skip
+from egocap.series import interpolate
 from egocap_sim.core.bodies import BODIES, INDEX
 from egocap_sim.core.ground_boxes import GroundBox
 from egocap_sim.core.pose_sampling import slerp
@@ -176,7 +177,7 @@ def _resample(
     keys = np.arange(len(root)) / source_fps
     times = np.arange(int(keys[-1] * fps + 1e-6) + 1) / fps
     times = np.minimum(times, keys[-1])
-    positions = np.stack([np.interp(times, keys, root[:, a]) for a in range(3)], 1)
+    positions = interpolate(times, keys, root)
     place = times * source_fps
     first = np.minimum(place.astype(int), len(root) - 2)
     q = matrix_to_quaternion(turned)

@@ -32,6 +32,7 @@ from egocap.motion_capture.body import fit_wearer
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
+from egocap.series import interpolate
 from egocap_eval.footage.process import run_egocap
 from egocap_eval.footage.synchronisation import FPS, case_scene, clock_misses, clock_scores
 from egocap_eval.harness.footage import content_hashes, prepare_sequence
@@ -135,9 +136,7 @@ def joint_error_mm(
 ) -> float:
     """Mean error of the 17 joints against the truth, interpolated at times of the scene."""
     true = sequence.truth.joints_head
-    flat = true.reshape(len(true), -1).T
-    at = np.stack([np.interp(times, sequence.times, one) for one in flat], 1)
-    truth = GroundTruth(at.reshape(len(times), *true.shape[1:]), times)
+    truth = GroundTruth(interpolate(times, sequence.times, true), times)
     errors = PoseErrors.between(joints_head, truth)
     return float(1e3 * errors.joint_errors[errors.counted].mean())
 

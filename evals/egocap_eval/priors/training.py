@@ -31,8 +31,8 @@ from egocap.pose.motion_network import (
     UNIT,
     MotionNetwork,
     network_inputs,
-    resample,
 )
+from egocap.series import interpolate
 from egocap_eval.priors.config import TrainingConfig
 from egocap_eval.priors.tracks import LearningTrack, both_ways
 
@@ -103,12 +103,12 @@ def make_example(track: LearningTrack, speed: float = 1.0) -> Example:
     times = track.times * speed
     steps = np.arange(0.0, times[-1] + 1e-9, STEP_S)
     inputs = network_inputs(times, track.angles, track.std, track.person, track.heads)
-    tracked, truth = (resample(steps, times, a) for a in (track.angles, track.truth))
+    tracked, truth = (interpolate(steps, times, a) for a in (track.angles, track.truth))
     _, J = jacobian(track.person, truth)
     weight = np.sqrt(min(len(steps), _LONGEST))
     weight *= _BUILT_IN_WEIGHT if track.name.startswith("builtin") else 1.0
     return Example(
-        resample(steps, times, inputs).astype(np.float32), (truth - tracked).astype(np.float32),
+        interpolate(steps, times, inputs).astype(np.float32), (truth - tracked).astype(np.float32),
         J.reshape(len(steps), -1, DOF_COUNT).astype(np.float32), float(weight),
     )  # fmt: skip
 

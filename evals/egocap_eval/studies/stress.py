@@ -26,6 +26,7 @@ from egocap.evaluation.measures import measure
 from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.evaluation.table import Table
 from egocap.geometry import axis_angle
+from egocap.series import interpolate
 from egocap_eval.harness.cases import ScoreLog, Sweep, paired_change, run_sweep, sweep_table
 from egocap_eval.harness.motion_truth import (
     SimulatedMotion,
@@ -127,9 +128,7 @@ def with_offset(motion: SimulatedMotion, seconds: float) -> SimulatedMotion:
     """The motion whose second view shows it `seconds` later, between frames by straight lines."""
     truth = motion.truth
     later = np.clip(truth.time + seconds, None, truth.time[-1])
-    flat = truth.joints_head.reshape(len(truth.time), -1)
-    moved = np.stack([np.interp(later, truth.time, column) for column in flat.T], axis=-1)
-    pixels, _ = motion.rig.project(moved.reshape(truth.joints_head.shape))
+    pixels, _ = motion.rig.project(interpolate(later, truth.time, truth.joints_head))
     joints_2d = truth.joints_2d.copy()
     joints_2d[:, 1] = np.where(truth.in_view[:, 1, :, None], pixels[1], joints_2d[:, 1])
     return replace(motion, truth=replace(truth, joints_2d=joints_2d))

@@ -23,10 +23,8 @@ from egocap.fitting.mount import (
     WEIGHTS,
     MountPrior,
     MountProblem,
-    right_jacobian,
-    rotation,
 )
-from egocap.geometry import inverse
+from egocap.geometry import exponential, inverse, right_jacobian
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 
@@ -67,7 +65,7 @@ def test_the_right_jacobian_is_that_of_scipys_rotations():
         turned = Rotation.from_rotvec(w) * Rotation.from_rotvec(right_jacobian(w) @ dw)
         np.testing.assert_allclose(Rotation.from_rotvec(w + dw).as_matrix(), turned.as_matrix(),
                                    atol=1e-11)  # fmt: skip
-        np.testing.assert_allclose(rotation(w), Rotation.from_rotvec(w).as_matrix(), atol=1e-12)
+        np.testing.assert_allclose(exponential(w), Rotation.from_rotvec(w).as_matrix(), atol=1e-12)
 
 
 def problem_of(seen, neutral):
@@ -84,7 +82,7 @@ def test_joints_are_those_of_the_given_rig(seen):
     shared = problem.prior.mean + np.append(np.zeros(len(problem.prior.mean) - 6), -SHIFT)
     labels, _, by_shared = problem.joints(shared, seen.angles[:3])
     move = np.eye(4)
-    move[:3, :3], move[:3, 3] = rotation(-SHIFT[:3]), -SHIFT[3:]
+    move[:3, :3], move[:3, 3] = exponential(-SHIFT[:3]), -SHIFT[3:]
     there = inverse(move)
     joints = forward(seen.person, seen.angles[:3])
     np.testing.assert_allclose(labels, joints @ there[:3, :3].T + there[:3, 3], atol=1e-12)

@@ -7,10 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, SPREAD, jacobian
-from egocap.geometry import rigid
+from egocap.geometry import exponential, right_jacobian, rigid
 from egocap.world.contact_energy import ContactTerms, contact_system, widen
 from egocap.world.foot_points import SOLE_M, STATE, FootPoints, correct, with_heels
-from egocap.world.rotation import exponential, right_jacobian
 
 PERSON = Proportions.from_lengths(1.75)
 FEET = FootPoints.of(PERSON)

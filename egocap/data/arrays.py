@@ -20,6 +20,7 @@ from numpy import ndarray as Array
 
 from egocap.errors import FileError
 from egocap.files import read_npz, write_atomically, write_npz
+from egocap.schema import parsed
 
 SCHEMA = 4
 """Version of detections and tracks. 2: detections may have `modes` and `mode_weights`; tracks the
@@ -27,15 +28,19 @@ skeleton's offsets, covariance, confidence, energies by term, and the world fram
 have the cause of occlusion. 4: tracks may have contacts, and gaps in the world frame."""
 
 _FINITE = {"times", "angles", "joints_head", "offsets", "covariance", "confidence", "T_world_head",
-           "joints_world", "contacts"}  # fmt: skip
+           "joints_world", "contacts", "draws", "joints", "chain"}  # fmt: skip
 _TYPES = {
     "Float": ("f", "floating-point numbers"),
     "Bool": ("b", "booleans"),
     "UInt8": ("u", "whole numbers from 0"),
+    "UInt32": ("u", "whole numbers from 0"),
     "Int64": ("i", "whole numbers"),
     "float": ("f", "floating-point numbers"),
+    "int": ("i", "whole numbers"),
+    "bool": ("b", "booleans"),
     "str": ("U", "text"),
     "dict": ("U", "text"),
+    "tuple": ("U", "text"),
 }
 Record = TypeVar("Record")
 
@@ -57,6 +62,7 @@ def _layout(record: type) -> dict[str, _Field]:
         axes = getattr(hint, "dim_str", "").split()
         shape = tuple(int(axis) if axis.isdecimal() else axis for axis in axes)
         kind = getattr(hint, "dtype", getattr(hint, "__origin__", hint)).__name__
+        shape = (f"number of {name}",) if kind == "tuple" else shape
         layout[name] = _Field(*_TYPES[kind], shape, optional)
     return layout
 
@@ -82,7 +88,7 @@ class FrameArrays:
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a file written by `save`. FileError names a missing or misshapen array."""
-        return _checked(path, cls, read_npz(path))
+        return record_of(path, cls, read_npz(path))
 
 
 def save_record(path: str | Path, kind: str, record: Any) -> None:
@@ -110,17 +116,22 @@ def load_record(path: str | Path, kind: str, record: type[Record]) -> Record:
         )  # fmt: skip
     if unknown := [name for name in arrays if name not in _layout(record)]:
         raise FileError(path, "unknown array", key=unknown[0], valid=_layout(record))
-    return _checked(path, record, arrays)
+    return record_of(path, record, arrays)
 
 
-def _checked(path: Path, record: type[Record], arrays: dict[str, Array]) -> Record:
-    """Make a record of arrays. Raises FileError for a missing array, a wrong type or shape."""
+def record_of(path: Path, record: type[Record], arrays: dict[str, Array]) -> Record:
+    """Make a record of a file's arrays; the type of each field says what is valid.
+
+    Raises FileError for a missing array, a wrong type or shape.
+    """
     sizes: dict[str, int] = {}
     values = {}
     for name, field in _layout(record).items():
         if name in arrays:
             _check(path, name, arrays[name], field, sizes)
             values[name] = _value(path, name, arrays[name])
+            if arrays[name].dtype.kind == "U" and arrays[name].ndim:
+                values[name] = tuple(map(str, arrays[name]))
         elif not field.optional:
             raise FileError(path, "missing", key=name)
     return record(**values)
@@ -140,13 +151,7 @@ def _check(path: Path, name: str, array: Array, field: _Field, sizes: dict[str, 
 
 def _value(path: Path, name: str, array: Array) -> Any:
     if name == "config":
-        try:
-            config = json.loads(str(array))
-        except json.JSONDecodeError as error:
-            raise FileError(path, f"not valid JSON: {error.msg}", key=name) from None
-        if not isinstance(config, dict):
-            raise FileError(path, "not a JSON object", key=name)
-        return config
+        return parsed(str(array), path, key=name)
     if array.shape == ():
         return array.item()
     if array.dtype.kind == "f" and name in _FINITE and not np.isfinite(array).all():

@@ -127,6 +127,9 @@ class FootageImages:
         if entry.path not in self._sources:
             _require_same(entry)
             self._sources[entry.path] = open_source(entry.path, entry.options)
+        count = len(self._sources[entry.path].times)
+        if not 0 <= place < count:
+            raise FileError(entry.path, f"has no picture {place}", valid=f"0 to {count - 1}")
         last = self._last.get(entry.path)
         if last is None or last[0] != place:
             last = self._last[entry.path] = place, self._sources[entry.path].image(place)

@@ -129,13 +129,29 @@ class Sequence:
 
     @cached_property
     def footage(self) -> Footage | None:
-        """Files, clocks and colours of the views of footage; None for a simulated sequence."""
-        return None if self.manifest.truth else load_footage(self.folder / FOOTAGE)
+        """Files, clocks and colours of the views of footage; None for a simulated sequence.
+
+        Raises FileError, also where its views are not those of the manifest.
+        """
+        if self.manifest.truth:
+            return None
+        found = load_footage(self.folder / FOOTAGE)
+        if tuple(view.name for view in found.views) != self.manifest.views:
+            raise FileError(self.folder / FOOTAGE, "has other views than the manifest",
+                            key="views", valid=self.manifest.views)  # fmt: skip
+        return found
 
     @cached_property
     def frame_times(self) -> FrameTimes | None:
-        """Pictures of every frame of footage; None for a simulated sequence."""
-        return None if self.manifest.truth else FrameTimes.load(self.folder / TIMES)
+        """Pictures of every frame of footage; None for a simulated sequence. Raises FileError."""
+        if self.manifest.truth:
+            return None
+        found = FrameTimes.load(self.folder / TIMES)
+        wanted = self.manifest.frames, len(self.manifest.views)
+        if found.present.shape != wanted or not np.isfinite(found.time).all():
+            raise FileError(self.folder / TIMES, f"has shape {found.present.shape}", key="present",
+                            valid=f"{wanted}, and finite times")  # fmt: skip
+        return found
 
     @cached_property
     def others(self) -> OthersTruth | None:

@@ -7,19 +7,36 @@ fingerprint of what is being sampled. No pickles.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from emcee.backends import Backend
+from jaxtyping import Float, UInt32
+from numpy import ndarray as Array
 
+from egocap.data.arrays import record_of
 from egocap.errors import FileError
 from egocap.files import read_npz, write_npz
 
 KIND = "egocap-chain"
 EVERY_S = 5.0
 """Seconds between two writes of the file."""
-_NAMES = {"kind", "fingerprint", "chain", "log_prob", "accepted", "keys", "position", "gauss"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """The file's arrays: S steps of W walkers, and the random state of MT19937."""
+
+    kind: str
+    fingerprint: str
+    chain: Float[Array, "S W N"]
+    log_prob: Float[Array, "S W"]
+    accepted: Float[Array, "W"]
+    keys: UInt32[Array, "624"]
+    position: int
+    gauss: Float[Array, "2"]  # whether there is a second normal number, and that number
 
 
 class NpzBackend(Backend):
@@ -54,18 +71,18 @@ class NpzBackend(Backend):
 
     def _load(self) -> None:
         found = read_npz(self.path)
-        if set(found) != _NAMES or str(found["kind"]) != KIND:
+        if str(found.get("kind")) != KIND:
             raise FileError(self.path, "not a chain of this sampler")
-        if str(found["fingerprint"]) != self.fingerprint:
+        there = record_of(self.path, _Chain, found)
+        if not 0 <= there.position <= len(there.keys) or not np.isfinite(there.gauss).all():
+            raise FileError(self.path, "not a random state", key="position")
+        if there.fingerprint != self.fingerprint:
             raise FileError(
                 self.path, "holds the chain of another frame, or of other settings or seed",
                 valid="the same command as before, or another file",
             )  # fmt: skip
-        chain = found["chain"]
-        self.reset(*chain.shape[1:])
-        self.chain, self.log_prob = chain, found["log_prob"]
-        self.accepted, self.iteration = found["accepted"], len(chain)
-        gauss = found["gauss"]
-        self.random_state = (
-            "MT19937", found["keys"], int(found["position"]), int(gauss[0]), float(gauss[1]),
-        )  # fmt: skip
+        self.reset(*there.chain.shape[1:])
+        self.chain, self.log_prob = there.chain, there.log_prob
+        self.accepted, self.iteration = there.accepted, len(there.chain)
+        has_gauss, gauss = there.gauss
+        self.random_state = "MT19937", there.keys, there.position, int(has_gauss), float(gauss)

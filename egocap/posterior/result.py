@@ -12,9 +12,9 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
+from egocap.data.arrays import record_of
 from egocap.errors import FileError, require
 from egocap.files import read_npz, write_npz
-from egocap.schema import parsed
 
 KIND, SCHEMA = "egocap-posterior", 2
 
@@ -117,19 +117,17 @@ def load_posterior(path: str | Path) -> Posterior:
     found: dict[str, Any] = read_npz(path)
     if str(found.pop("kind", "")) != KIND:
         raise FileError(path, "not a posterior", key="kind", valid=KIND)
-    if int(found.pop("schema_version", 0)) != SCHEMA:
+    version = found.pop("schema_version", np.array(0))
+    if version.shape != () or version != SCHEMA:
         raise FileError(path, "of another version", key="schema_version", valid=str(SCHEMA))
     names = [f.name for f in fields(Posterior)]
     if set(found) != set(names):
         wrong = sorted(set(found) ^ set(names))
         raise FileError(path, f"missing or unknown arrays: {', '.join(wrong)}", valid=names)
-    for name, value in found.items():
-        if value.shape == ():
-            found[name] = value.item()
-    found["config"] = parsed(str(found["config"]), path, key="config")
-    for name in ("names", "notes"):
-        found[name] = tuple(map(str, found[name]))
-    return Posterior(**found)
+    posterior = record_of(path, Posterior, found)
+    if not 0 < len(posterior.names) == posterior.draws.shape[2] or len(posterior.flat) < 2:
+        raise FileError(path, f"{len(posterior.names)} names for draws {posterior.draws.shape}")
+    return posterior
 
 
 def to_arviz(posterior: Posterior) -> Any:

@@ -149,7 +149,7 @@ def _npz(content: bytes, rng: Random) -> bytes:
     packing = zipfile.ZIP_DEFLATED if rng.random() < 0.5 else zipfile.ZIP_STORED
     with zipfile.ZipFile(out, "w", packing) as archive:
         for name, member in members.items():
-            archive.writestr(name, member)
+            archive.writestr(zipfile.ZipInfo(name), member, packing)  # without the time of day
     return out.getvalue()
 
 

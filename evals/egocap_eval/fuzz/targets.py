@@ -24,6 +24,7 @@ from egocap.data.detections import load_detections, save_detections
 from egocap.data.head_pose import in_world, read_head_poses
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track, save_track
+from egocap_eval.fuzz import result_targets
 
 Load = Callable[[Path], Any]
 
@@ -46,6 +47,7 @@ def make_targets(sequence: Path, work: Path) -> list[Target]:
     work.mkdir(parents=True, exist_ok=True)
     made = [make(Sequence(sequence), work) for make in (
         _cameras, _bodies, _results, _predictions, _clips, _scenes, _weights, _recordings,
+        _samples,
     )]  # fmt: skip
     return [target for group in made for target in group]
 
@@ -206,6 +208,17 @@ def _recordings(sequence: Sequence, work: Path) -> list[Target]:
         *(Target(f"sequence/{name}", folder / name, _use_sequence, folder) for name in inside),
         Target("episodes.json", index, load_dataset, episodes),
     ]
+
+
+def _samples(sequence: Sequence, work: Path) -> list[Target]:
+    made = (result_targets.samples(work), result_targets.contacts(work),
+            result_targets.trajectories(work))  # fmt: skip
+    folder = result_targets.footage(sequence, work)
+    return [
+        *(Target(*parts) for group in made for parts in group),
+        *(Target(f"footage/{name}", folder / name, result_targets.use_footage, folder)
+          for name in ("footage.json", "times.npz")),
+    ]  # fmt: skip
 
 
 def _use_sequence(folder: Path) -> None:

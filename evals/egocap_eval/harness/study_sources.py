@@ -48,6 +48,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                  "egocap_eval/detection/detector.py"),
     "doubt": (*NOISE, *TRACKER, *WORLD, *HARNESS, "egocap_eval/studies/doubt.py"),
     "fit-rig": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/studies/fit_rig.py"),
+    "fuzz": (*GEOMETRY, "egocap/files.py", "egocap/schema.py", "egocap/data", "egocap/media",
+             "egocap_eval/fuzz"),
     "head-pose": (*GEOMETRY, *WORLD, *HARNESS, "egocap/odometry", "egocap/head_pose",
                   "egocap_eval/studies/head_pose.py"),
     "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),

@@ -90,3 +90,29 @@ def test_clocks_convert_both_ways():
     own = np.array([0.0, 1.0, 100.0])
     np.testing.assert_allclose(timing.to_common(own), [2.5, 3.50005, 102.505], rtol=1e-12)
     np.testing.assert_allclose(timing.to_own(timing.to_common(own)), own, atol=1e-12)
+
+
+@pytest.mark.parametrize("key, value, message", [
+    ("source", np.array([[0, 0], [1, 0], [2, 3]]), "has no picture 3"),
+    ("source", np.array([[0, 0], [1, 0], [-1, 2]]), "has no picture -1"),
+    ("present", np.ones((3, 1), bool), "key 'present': has shape"),
+    ("time", np.array([0.0, np.inf, 1.0]), "finite times"),
+])  # fmt: skip
+def test_times_that_do_not_fit_are_refused(folder, key, value, message):
+    arrays = dict(np.load(folder / "times.npz"))
+    arrays[key] = value
+    if key == "present":
+        arrays |= {name: arrays[name][:, :1] for name in ("taken", "source")}
+    np.savez(folder / "times.npz", **arrays)
+    with pytest.raises(FileError, match=message):
+        list(Sequence(folder))
+
+
+def test_views_that_are_not_the_manifests_are_refused(folder):
+    import json
+
+    data = json.loads((folder / "footage.json").read_text())
+    data["views"].pop()
+    (folder / "footage.json").write_text(json.dumps(data))
+    with pytest.raises(FileError, match="other views than the manifest"):
+        list(Sequence(folder))

@@ -172,7 +172,9 @@ class Tracker:
         solver = WorldSolver(
             self.proportions, self._model, self.config, solution.chosen, solution.prediction, heads
         )
-        world = solver.solve(solution.angles, contacts, solution.independent)
+        world = solver.solve(
+            solution.angles, contacts, solution.independent, solution.independent_prediction
+        )
         stopwatch.lap("world")
         solution.estimated["ground"] = {
             "footholds": len(world.ground.gains), "level_m": round(world.ground.level, 4),

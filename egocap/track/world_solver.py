@@ -10,7 +10,7 @@ Source: Blake & Zisserman 1987, "Visual Reconstruction".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -63,11 +63,12 @@ class WorldSolver:
 
     def solve(
         self, angles: Float[Array, "T 37"], contacts: Float[Array, "T 4"],
-        independent: Observations,
+        independent: Observations, independent_prediction: MotionPrediction,
     ) -> WorldSolution:  # fmt: skip
         """The motion that detections, priors, head poses and contacts agree on.
 
-        `contacts` are the contact probabilities; `independent` the observations for covariances.
+        `contacts` are the contact probabilities; `independent` and `independent_prediction` are the
+        observations and the prediction for covariances, with the information of independent frames.
         """
         feet = FootPoints.of(self.proportions)
         state = np.concatenate([angles, np.zeros((len(angles), STATE - DOF_COUNT))], 1)
@@ -76,7 +77,8 @@ class WorldSolver:
             ground, terms = self._terms(state, feet, contacts, speed)
             state, converged = self._minimise(state, feet, terms)
         assert terms is not None and ground is not None
-        covariances = self._covariances(state, feet, terms, independent)
+        separate = replace(self, observations=independent, prediction=independent_prediction)
+        covariances = separate._covariances(state, feet, terms)
         poses = correct(self.heads.T_world_head, state[:, DOF_COUNT:], self.heads.known)
         return WorldSolution(state[:, :DOF_COUNT], poses, converged, ground, covariances)
 
@@ -108,30 +110,28 @@ class WorldSolver:
         for kept, window, within in windows(len(state)):
 
             def system(trial: Float[Array, "T 43"], window: slice = window) -> BandedSystem:
-                return self._system(trial, window, feet, terms, self.observations)
+                return self._system(trial, window, feet, terms)
 
             solved, done = minimise(state[window], system, self.config)
             refined[kept], converged[kept] = solved[within], done[within]
         return refined, converged
 
     def _covariances(
-        self, state: Float[Array, "T 43"], feet: FootPoints, terms: ContactTerms,
-        observations: Observations,
-    ) -> Float[Array, "T 37 37"]:  # fmt: skip
+        self, state: Float[Array, "T 43"], feet: FootPoints, terms: ContactTerms
+    ) -> Float[Array, "T 37 37"]:
         found = np.empty((len(state), DOF_COUNT, DOF_COUNT))
         for kept, window, within in windows(len(state)):
-            _, bands, _ = self._system(state[window], window, feet, terms, observations)
+            _, bands, _ = self._system(state[window], window, feet, terms)
             inverse = banded_inverse(bands, STATE)
             found[kept] = inverse[within, :DOF_COUNT, :DOF_COUNT]
         return found
 
     def _system(
-        self, state: Float[Array, "T 43"], window: slice, feet: FootPoints, terms: ContactTerms,
-        observations: Observations,
-    ) -> BandedSystem:  # fmt: skip
+        self, state: Float[Array, "T 43"], window: slice, feet: FootPoints, terms: ContactTerms
+    ) -> BandedSystem:
         """Energy of a window, its Gauss-Newton matrix and gradient."""
         energy, bands, gradient = interval_system(
-            state[:, :DOF_COUNT], observations[window], self.model, self.config,
+            state[:, :DOF_COUNT], self.observations[window], self.model, self.config,
             self.prediction[window],
         )  # fmt: skip
         more, wide, slope = contact_system(state, feet, terms[window])

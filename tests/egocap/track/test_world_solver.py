@@ -8,9 +8,10 @@ from egocap.data.head_pose import HeadPoses
 from egocap.geometry import rigid, transform, unit
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import make_model
-from egocap.pose.motion_prior import NO_MOTION_PREDICTION
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
 from egocap.pose.observations import Observations, tangent_basis
 from egocap.track.smoother import interval_system, smooth_interval
+from egocap.track.uncertainty import interval_covariances
 from egocap.track.world_solver import WorldSolver
 from egocap.world.foot_points import SOLE_M, FootPoints
 
@@ -42,7 +43,7 @@ def solved(known=None, contacts=1.0):
     heads = HeadPoses(T, known)
     solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
     probable = np.where(known[:, None], contacts, 0.0) * np.ones((FRAMES, 4))
-    return solver.solve(angles, probable, seen), joints, T, angles
+    return solver.solve(angles, probable, seen, NO_MOTION_PREDICTION), joints, T, angles
 
 
 def world_points(angles, T):
@@ -87,3 +88,16 @@ def test_contacts_make_the_feet_more_certain():
     knees = [DOF_INDEX["left_knee_flexion"], DOF_INDEX["right_knee_flexion"]]
     one, other = (s.covariances[:, knees, knees].mean() for s in (with_contacts, without))
     assert one < other
+
+
+def test_covariances_take_the_prediction_of_independent_frames():
+    seen, _, T, angles = standing()
+    precision = np.tile(1e4 * np.eye(DOF_COUNT), (FRAMES, 1, 1))
+    prediction = MotionPrediction(angles, precision)
+    separate = MotionPrediction(angles, 0.04 * precision)
+    config = TrackerConfig()
+    heads = HeadPoses(T, np.ones(FRAMES, bool))
+    solver = WorldSolver(PERSON, MODEL, config, seen, prediction, heads)
+    found = solver.solve(angles, np.zeros((FRAMES, 4)), seen, separate)
+    expected = interval_covariances(found.angles, seen, MODEL, config, separate)
+    assert np.allclose(found.covariances, expected, rtol=1e-6)

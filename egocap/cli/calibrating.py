@@ -8,9 +8,11 @@ from tyro.conf import Positional
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE
+from egocap.locks import locks
 
 
 @app.command
+@locks("out", "page")
 def calibrate(
     sources: Positional[tuple[Path, ...]],
     /,

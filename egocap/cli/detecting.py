@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +15,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
 from egocap.detect.train.config import FOR_A_RIG, RunConfig, TrainingConfig
 from egocap.errors import InputError, require
+from egocap.locks import holding, locks
 
 if TYPE_CHECKING:
     from egocap.data.detections import Detections
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
 
 
 @app.command
+@locks("out")
 def detect(
     sequence: Positional[Path],
     out: Path,
@@ -61,6 +65,7 @@ def detect(
 
 
 @app.command
+@locks("out")
 def calibrate_detector(
     data: Positional[tuple[Path, ...]],
     /,
@@ -121,7 +126,10 @@ def train(
     if command is not None:
         return subprocess.call(command)
     runs.join_processes()
-    outcome = runs.train_detector(run, training)
+    with ExitStack() as stack:
+        if os.environ.get("RANK", "0") == "0":  # the first process of several holds the lock
+            stack.enter_context(holding(run.out, folder=True))
+        outcome = runs.train_detector(run, training)
     _print_run(run, outcome, json)
     return DONE if outcome.finished else INTERRUPTED
 

@@ -15,6 +15,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED, progress
 from egocap.errors import InputError
 from egocap.footage.config import ImportOptions
+from egocap.locks import locks
 from egocap.motion_capture.config import MocapOptions
 
 if TYPE_CHECKING:
@@ -111,6 +112,7 @@ def print_footage(sequence: Sequence, as_json: bool) -> None:
 
 
 @app.command
+@locks("out", folder=True)
 def mocap(
     sources: Positional[tuple[str, ...]],
     rig: Path,

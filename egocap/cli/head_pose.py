@@ -13,6 +13,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE, progress
 from egocap.errors import InputError
 from egocap.head_pose.config import ForeignOptions
+from egocap.locks import locks
 from egocap.odometry.config import OdometryConfig
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ CONFIG, FOREIGN = OdometryConfig(), ForeignOptions()
 
 
 @app.command(name="head-pose")
+@locks("out")
 def head_pose(
     sequence: Positional[Path],
     out: Path,

@@ -16,6 +16,7 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
 from egocap.errors import InputError
+from egocap.locks import locks
 from egocap.pose.config import TrackerConfig
 from egocap.view.capture import CameraSettings
 
@@ -57,6 +58,7 @@ class LiveOptions:
 
 
 @app.command
+@locks("out")
 def live(
     sources: Positional[tuple[str, ...]] = (),
     rig: Path | None = None,

@@ -15,6 +15,7 @@ from egocap.commandline import DONE, MISSED
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
+from egocap.locks import locks
 
 if TYPE_CHECKING:
     from egocap.fitting.fit_rig import RigFit
@@ -183,6 +184,7 @@ def show(options: Show) -> int:
 
 
 @app.command
+@locks("out")
 def fit_rig(
     footage: Positional[Path],
     out: Path,

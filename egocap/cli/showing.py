@@ -12,6 +12,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
+from egocap.locks import locks
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 
 
@@ -48,6 +49,7 @@ def export(
 
 
 @app.command
+@locks("out", "page", "checkpoint")
 def posterior(
     sequence: Positional[Path],
     out: Path,

@@ -16,6 +16,7 @@ from egocap.commandline import DONE, MISSED
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
+from egocap.locks import locks
 from egocap.paper.config import SolverName
 from egocap.pose.config import TrackerConfig
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 
 @app.command
+@locks("out", "save_detections")
 def track(
     sequence: Positional[Path],
     out: Path,
@@ -111,6 +113,7 @@ def track(
 
 
 @app.command
+@locks("out", "shape")
 def fit_body(
     sequence: Positional[Path],
     out: Path,

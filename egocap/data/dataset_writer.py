@@ -14,9 +14,10 @@ from pathlib import Path
 
 from egocap.data.dataset import EPISODES, Dataset, EpisodeEntry, episode_name, load_dataset
 from egocap.data.manifest import MANIFEST, load_manifest
-from egocap.data.sequence_writer import FolderLock, refuse_other_files, require_same_config
+from egocap.data.sequence_writer import refuse_other_files, require_same_config
 from egocap.errors import InputError
 from egocap.files import disk_errors, write_atomically
+from egocap.locks import OutputLock
 
 
 class DatasetWriter:
@@ -29,7 +30,7 @@ class DatasetWriter:
     def __init__(self, folder: Path, recording: Dataset, *, append: bool) -> None:
         self.folder, self.recording = folder, recording
         self._append = append
-        self._lock = FolderLock(folder)
+        self._lock = OutputLock(folder, folder=True)
 
     def __enter__(self) -> DatasetWriter:
         self._lock.take()

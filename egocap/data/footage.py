@@ -104,7 +104,12 @@ def load_footage(path: Path) -> Footage:
     """Read footage.json. Raises FileError."""
     data = read_json(path)
     refuse_newer(data, SCHEMA, path)
-    return checked(Footage, data, path)
+    found = checked(Footage, data, path)
+    for view in found.views:
+        if not 0 <= view.part.place < view.part.of:
+            raise FileError(path, f"part {view.part.place} of {view.part.of}",
+                            key=f"views.{view.name}.part", valid="e.g. 0 of 2")  # fmt: skip
+    return found
 
 
 class FootageImages:

@@ -1,20 +1,18 @@
 """Writing a sequence, crash-safe up to the shards in progress.
 
 Every file is written under a temporary name, synced and renamed, and then listed in the manifest,
-which is replaced atomically. One process owns the folder (an advisory lock on it); any number of
+which is replaced atomically. One process owns the folder (`egocap.locks`); any number of
 worker processes may write shards with `write_shard`.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import io
 import json
 import os
 import tarfile
-from collections.abc import Container, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
@@ -27,8 +25,9 @@ from egocap.data.manifest import (
     shard_name,
 )
 from egocap.data.truth import Truth
-from egocap.errors import InputError, MachineError
-from egocap.files import disk_errors, replacing, write_atomically
+from egocap.errors import InputError
+from egocap.files import replacing, write_atomically
+from egocap.locks import IN_FOLDER, OutputLock
 
 _TAR_BLOCK = 512  # bytes; the header of a USTAR member is one block
 
@@ -55,7 +54,7 @@ class SequenceWriter:
         self.old_truth: Truth | None = None
         self._append, self._longer, self._new = append, False, False
         self._side_files = side_files
-        self._lock = FolderLock(folder)
+        self._lock = OutputLock(folder, folder=True)
 
     def __enter__(self) -> SequenceWriter:
         self._lock.take()
@@ -72,7 +71,7 @@ class SequenceWriter:
     def __exit__(self, kind: type[BaseException] | None = None, *_: object) -> None:
         if kind is not None and self._new and not self.manifest.shards:
             for path in self.folder.iterdir():  # all of this run: the folder was empty
-                if path.is_file():
+                if path.is_file() and path.name != IN_FOLDER:
                     path.unlink()
         self._lock.release()
 
@@ -140,34 +139,6 @@ class SequenceWriter:
         self.manifest = manifest
 
 
-class FolderLock:
-    """An exclusive advisory lock on a folder, which is made if missing."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._lock = -1
-        self._made_folder = False
-
-    def take(self) -> None:
-        """Acquire the lock. Raises MachineError if another process holds it."""
-        with disk_errors(self.folder):
-            self._made_folder = not self.folder.exists()
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(self.folder, os.O_RDONLY)
-            try:
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                os.close(self._lock)
-                raise MachineError(f"{self.folder}: another process is writing it") from None
-
-    def release(self) -> None:
-        """Release the lock, and remove the folder if it was made here and is empty."""
-        if self._made_folder:
-            with suppress(OSError):  # not empty
-                self.folder.rmdir()
-        os.close(self._lock)
-
-
 class Configured(Protocol):
     """A manifest of a sequence or data set."""
 
@@ -192,10 +163,11 @@ def require_same_config(folder: Path, there: Configured, asked: Configured) -> N
         )
 
 
-def refuse_other_files(folder: Path, own: Container[str] = ()) -> None:
+def refuse_other_files(folder: Path, own: Iterable[str] = ()) -> None:
     """Raise InputError if the folder holds files other than `own` and temporary ones."""
     names = (path.name for path in folder.iterdir())
-    other = [name for name in names if not name.endswith(".tmp") and name not in own]
+    free = (*own, IN_FOLDER)
+    other = [name for name in names if not name.endswith(".tmp") and name not in free]
     if other:
         raise InputError(
             f"{folder} holds other files ('{other[0]}')",

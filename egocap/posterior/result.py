@@ -127,6 +127,9 @@ def load_posterior(path: str | Path) -> Posterior:
     posterior = record_of(path, Posterior, found)
     if not 0 < len(posterior.names) == posterior.draws.shape[2] or len(posterior.flat) < 2:
         raise FileError(path, f"{len(posterior.names)} names for draws {posterior.draws.shape}")
+    for name in ("effective", "tail_effective"):
+        if not np.isfinite(getattr(posterior, name)).all():
+            raise FileError(path, "holds values that are not finite", key=name)
     return posterior
 
 

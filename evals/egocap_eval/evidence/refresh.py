@@ -21,6 +21,7 @@ from egocap.commandline import DONE, MISSED, progress
 from egocap.errors import InputError, MachineError
 from egocap.evaluation.table import Table
 from egocap.files import write_atomically
+from egocap.locks import holding
 from egocap_eval.evidence.registry import ROOT, Cited, ResultEntry, chosen
 from egocap_eval.harness.result_file import git_commit
 from egocap_eval.harness.sources import source_hashes
@@ -57,7 +58,8 @@ def study(
         assert motions is not None
         work, motions = footage_folder(from_root(work)), from_root(motions)
         run = _locally if cluster is None else _on_cluster(cluster)
-        failed = run([c.entry for c in stale], work, motions)
+        with holding(work, folder=True):
+            failed = run([c.entry for c in stale], work, motions)
     rows = [{"file": c.entry.file, "minutes": round(c.minutes, 1), "why": list(c.stale)}
             for c in stale]  # fmt: skip
     left = [c.entry.file for c in stale if Cited(c.entry).stale]

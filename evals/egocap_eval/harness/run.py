@@ -18,7 +18,7 @@ import shlex
 import sys
 from collections.abc import Mapping
 from contextlib import redirect_stdout
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,6 +33,7 @@ from egocap.evaluation.predictions import load_predictions
 from egocap.evaluation.protocol import find_protocol
 from egocap.evaluation.scoring import make_report, prediction_errors
 from egocap.files import write_npz
+from egocap.locks import holding
 from egocap.schema import read_json
 from egocap_eval.harness.commands import STUDIES, main
 from egocap_eval.harness.footage import prepare_sequences
@@ -93,8 +94,32 @@ def study(
     if frames is not None:
         loaded = shortened(loaded, frames)
     work = Path("out") / loaded.name if work is None else work
-    _lock(work, loaded)
-    sequences = prepare_sequences(loaded, path.parent, work, motions, workers, cluster)
+    asked = ["egocap-eval", "run", suite, *(["--frames", str(frames)] if frames else [])]
+    with holding(work, folder=True):
+        make = _Making(work, motions, workers, cluster, again, html, shlex.join(asked))
+        return _run(loaded, path, make)
+
+
+@dataclass(frozen=True)
+class _Making:
+    """Where and how the parts of a suite are made; the options of `study`."""
+
+    work: Path
+    motions: Path | None
+    workers: int
+    cluster: str | None
+    again: bool
+    html: bool
+    command: str
+
+
+def _run(loaded: Suite, path: Path, make: _Making) -> Outcome:
+    """Run a suite of a file in its work folder."""
+    work, again = make.work, make.again
+    _require_same_suite(work, loaded)
+    sequences = prepare_sequences(
+        loaded, path.parent, work, make.motions, make.workers, make.cluster
+    )
     sources, absent = find_sources(loaded, path.parent, sequences)
     jobs = list(plan(loaded, sequences, path.parent, work, sources))
     for job in jobs:  # all of them before any long work
@@ -102,13 +127,12 @@ def study(
     run_studies(loaded, work, again)
     predict(jobs, sequences)
     scores, scored = score(loaded, jobs, sequences)
-    words = ["egocap-eval", "run", suite, *(["--frames", str(frames)] if frames else [])]
-    numbers = Numbers(scores, work / "studies", shlex.join(words))
+    numbers = Numbers(scores, work / "studies", make.command)
     missed = missed_thresholds(loaded, numbers) + missed_by_studies(loaded, work)
     config, result = _summary(loaded, jobs, sequences, absent, numbers)
     save_result(work / "scores.json", {**result, "missed": missed}, numbers.command, config=config)
     _save_errors(work / "errors.npz", scored)
-    if html:
+    if make.html:
         from egocap_eval.harness.report_page import Run, write_report
 
         write_report(work, Run(loaded, result, missed, scored, sequences, numbers))
@@ -226,7 +250,7 @@ def _refuse_code(suite: Suite, path: Path) -> None:
                 )  # fmt: skip
 
 
-def _lock(work: Path, suite: Suite) -> None:
+def _require_same_suite(work: Path, suite: Suite) -> None:
     """Write the suite into its folder; FileError for the folder of another suite."""
     path = work / "suite.json"
     if path.is_file():

@@ -108,6 +108,16 @@ def test_times_that_do_not_fit_are_refused(folder, key, value, message):
         list(Sequence(folder))
 
 
+def test_part_of_a_picture_that_is_none_is_refused(folder):
+    import json
+
+    data = json.loads((folder / "footage.json").read_text())
+    data["views"][1]["part"] = [1, 0]
+    (folder / "footage.json").write_text(json.dumps(data))
+    with pytest.raises(FileError, match="part 1 of 0"):
+        list(Sequence(folder))
+
+
 def test_views_that_are_not_the_manifests_are_refused(folder):
     import json
 

@@ -37,7 +37,7 @@ def test_chain_of_other_content_is_refused(files, name, value, message):
     ("draws", np.zeros((6, 5)), "key 'draws'"), ("draws", np.full((6, 5, 3), np.nan), "not finite"),
     ("names", np.array(["a"]), "1 names"), ("config", np.array("{"), "key 'config'"),
     ("schema_version", np.array([2, 2]), "another version"), ("steps", np.array("x"), "'steps'"),
-    ("rhat", np.zeros(4), "key 'rhat'"),
+    ("effective", np.full(3, np.nan), "not finite"), ("rhat", np.zeros(4), "key 'rhat'"),
 ])  # fmt: skip
 def test_posterior_of_other_content_is_refused(files, name, value, message):
     np.savez(files["posterior"], **dict(np.load(files["posterior"])) | {name: value})

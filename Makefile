@@ -7,7 +7,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out
 
-.PHONY: demo test test-all dist check check-evals tables release-check docs mutation setup light gl clean
+.PHONY: demo test test-all dist check check-evals tables release-check docs licences mutation setup light gl clean
 
 setup: $(VENV)/.ready gl
 light: $(VENV)/.light gl
@@ -61,6 +61,10 @@ tables: setup
 release-check: setup
 	$(BIN)/egocap-eval tables --check
 	$(BIN)/egocap-eval refresh --dry-run
+# Licences of the pinned packages, and a software bill of materials in out/bom.json.
+licences: setup
+	$(BIN)/python tools/licences.py requirements.lock $(OUT)/bom.json
+
 # Mutants of the formula modules that no test notices, with scores; an hour on two cores, resumable.
 mutation: setup
 	$(BIN)/python tools/mutation.py $(OUT)/mutation

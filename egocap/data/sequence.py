@@ -12,6 +12,7 @@ The manifest holds the byte range of every file in every shard, for random acces
 from __future__ import annotations
 
 import json
+import logging
 from base64 import b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,7 +32,10 @@ from egocap.data.footage import FOOTAGE, TIMES, Footage, FootageImages, FrameTim
 from egocap.data.manifest import MANIFEST, load_manifest
 from egocap.data.truth import OthersTruth, SensorTruth, Truth
 from egocap.errors import FileError, InputError
+from egocap.files import sha256
 from egocap.media.decoding import decode
+
+log = logging.getLogger(__name__)
 
 TRUE_RIG = "rig.true.json"  # where rig.json has a calibration error
 SENSOR = "sensor.npz"
@@ -92,8 +96,12 @@ class Sequence:
     def rig(self) -> Rig:
         """Calibrated cameras for trackers: as rendered, unless the sensor has a calibration error.
 
-        Raises FileError if the manifest has other views.
+        A file that is not the recorded one is used, with a warning. Raises FileError if the
+        manifest has other views.
         """
+        entry, path = self.manifest.files.get("rig.json"), self.folder / "rig.json"
+        if entry is not None and path.is_file() and sha256(path) != entry.sha256:
+            log.warning("%s is not the rig that was recorded: it was edited or is damaged", path)
         return self._rig("rig.json")
 
     @cached_property

@@ -126,3 +126,12 @@ def test_views_that_are_not_the_manifests_are_refused(folder):
     (folder / "footage.json").write_text(json.dumps(data))
     with pytest.raises(FileError, match="other views than the manifest"):
         list(Sequence(folder))
+
+
+def test_edited_rig_is_pointed_out(folder, caplog):
+    _ = Sequence(folder).rig
+    assert not caplog.records
+    path = folder / "rig.json"
+    path.write_text(path.read_text() + " ")
+    _ = Sequence(folder).rig
+    assert "is not the rig that was recorded" in caplog.text

@@ -1,4 +1,4 @@
-"""Commands that show results: export, posterior, view."""
+"""Commands that show results: export, posterior, view, draw-model."""
 
 from __future__ import annotations
 
@@ -130,8 +130,30 @@ def posterior(
 
 
 @app.command
-def view(
-    what: Positional[Literal["model"]],
+def view(what: Positional[tuple[Path, ...]], save: Path | None = None, images: bool = True) -> int:
+    """Look at a motion in three dimensions, over its images and as curves.
+
+    Opens the Rerun viewer (pip install 'egocap[view]'), or writes a file that `rerun FILE` and
+    rerun.io/viewer open. Left is blue, right vermilion, the truth grey; ellipsoids are two standard
+    deviations, yellow marks feet that stand.
+
+    Args:
+        what: a sequence, tracks to compare (npz), posteriors (npz), a rig file.
+        save: file to write instead of opening the viewer, .rrd.
+        images: include the images of the sequence.
+    """
+    from egocap.view.viewer import view as show
+
+    if not what:
+        raise InputError("nothing to show", valid="a sequence, tracks, posteriors or a rig file")
+    show(what, save, images)
+    if save is not None:
+        print(f"{save}: {save.stat().st_size / 1e6:.1f} MB; open it with: rerun {save}")
+    return DONE
+
+
+@app.command
+def draw_model(
     sequence: Positional[Path],
     out: Path,
     frame: int = 0,
@@ -141,11 +163,10 @@ def view(
 ) -> int:
     """Draw the image model of one frame.
 
-    model: image, rendered density, visibility of the Gaussians, colour dissimilarity and energy of
+    Image, rendered density, visibility of the Gaussians, colour dissimilarity and energy of
     every pixel. Without a track, the pose is the one nearest to a simulated sequence's truth.
 
     Args:
-        what: what to draw.
         sequence: folder of a sequence.
         out: picture to write, png.
         frame: frame of the sequence, from 0.

@@ -1,4 +1,4 @@
-"""From files to pictures: what `egocap view` runs."""
+"""From files to pictures: what `egocap draw-model` runs."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def test_a_track_of_another_skeleton(egocap, tracked, tiny_sequence, array):
     with np.load(tracked / "track.npz") as archive:
         fewer = archive[array][..., :-4, :] if array != "angles" else archive[array][:, :30]
     other = rewritten(tracked, "other.npz", **{array: fewer})
-    view = ("view", "model", tiny_sequence, "--track", other, "--out", "v.png")
+    view = ("draw-model", tiny_sequence, "--track", other, "--out", "v.png")
     for words in (("export", other, "--out", "o.bvh"), view):
         assert array in complaint(egocap(*words))
     assert not Path("o.bvh").exists() and not Path("v.png").exists()

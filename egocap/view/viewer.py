@@ -1,0 +1,104 @@
+"""The Rerun viewer on sequences, tracks, posteriors and rigs, or a file for it.
+
+Source: https://rerun.io/docs (recordings, blueprints).
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence as Items
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from egocap.cameras.rig_files import load_rig
+from egocap.data.sequence import Sequence
+from egocap.data.track import load_track
+from egocap.errors import InputError, MachineError, require
+from egocap.files import make_folder, read_npz, replacing
+from egocap.posterior.result import KIND, load_posterior
+from egocap.view.scene import Scene, Shown
+
+SUFFIX = ".rrd"
+
+
+def open_all(paths: Items[Path]) -> Shown:
+    """Read what is to be shown. Raises FileError, and InputError for two sequences or rigs."""
+    shown = Shown()
+    for path in paths:
+        if path.is_dir():
+            _only(shown.sequence, path)
+            shown.sequence = Sequence(path)
+        elif path.suffix == ".npz":
+            posterior = str(read_npz(path).get("kind")) == KIND
+            of_kind: dict[str, Any] = shown.posteriors if posterior else shown.tracks
+            name = path.stem if path.stem not in of_kind else f"{path.stem}-{len(of_kind)}"
+            of_kind[name] = load_posterior(path) if posterior else load_track(path)
+        else:
+            _only(shown.rig, path)
+            shown.rig = load_rig(path)
+    if shown.sequence is not None and shown.rig is None:
+        shown.rig = shown.sequence.rig
+    return shown
+
+
+def view(paths: Items[Path], save: Path | None = None, images: bool = True) -> None:
+    """Open the viewer on what the paths hold, or save a recording for it.
+
+    Raises FileError, InputError, and MachineError without the extra `view` or without a display.
+    """
+    require("rerun", "view")
+    import rerun as rr
+
+    if save is not None and save.suffix != SUFFIX:
+        raise InputError(f"cannot write '{save.name}'", valid=f"a name that ends in {SUFFIX}")
+    shown = open_all(paths)
+    if save is not None:
+        make_folder(save.parent)
+        with replacing(save) as part:
+            _record(rr, shown, part, images)
+        return
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / f"egocap{SUFFIX}"
+        _record(rr, shown, file, images)
+        # Without --bind the viewer accepts data from other machines.
+        done = subprocess.run([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)],
+                              check=False)  # fmt: skip
+    if done.returncode:
+        raise MachineError("the viewer did not open", remedy=f"--save FILE{SUFFIX} writes a file")
+
+
+def _record(rr: Any, shown: Shown, file: Path, images: bool) -> None:
+    recording = rr.RecordingStream("egocap")
+    recording.save(file, default_blueprint=_layout(rr, shown))
+    Scene(rr, recording, shown).log(images)
+    recording.disconnect()
+
+
+def _layout(rr: Any, shown: Shown) -> Any:
+    """Space to the left; images and curves to the right."""
+    panels = [rr.blueprint.Spatial2DView(origin=f"views/{view}", name=view)
+              for view in (shown.rig.views if shown.sequence and shown.rig else ())]  # fmt: skip
+    if shown.tracks:
+        titles = {"error": "mean error, mm", "confidence": "least confidence",
+                  "angles": "angles, degrees"}  # fmt: skip
+        truth = shown.sequence is not None and shown.sequence.manifest.truth
+        panels.append(rr.blueprint.Tabs(*(
+            rr.blueprint.TimeSeriesView(origin=f"curves/{name}", name=title)
+            for name, title in titles.items() if truth or name != "error"
+        )))  # fmt: skip
+    grid = rr.blueprint.LineGrid3D(plane=rr.components.Plane3D((0.0, 0.0, 1.0), shown.floor))
+    space = rr.blueprint.Spatial3DView(
+        origin="space", name="world" if shown.in_world else "head", line_grid=grid
+    )
+    if not panels:
+        return rr.blueprint.Blueprint(space, collapse_panels=True)
+    side = rr.blueprint.Vertical(*panels)
+    return rr.blueprint.Blueprint(rr.blueprint.Horizontal(space, side, column_shares=[3, 2]),
+                                  collapse_panels=True)  # fmt: skip
+
+
+def _only(before: object, path: Path) -> None:
+    if before is not None:
+        raise InputError(f"{path}: a second one of its kind", valid="one sequence and one rig")

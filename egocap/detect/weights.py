@@ -231,9 +231,9 @@ def _metadata(path: Path, content: bytes) -> dict[str, str]:
         raise FileError(
             path, f"truncated: {len(content)} of {8 + size + end} bytes", valid=_EXPECTED
         )
-    version = metadata.get("schema_version", "")
-    if not version.isdecimal() or int(version) > SCHEMA:
-        raise FileError(path, f"of schema {version or 'unknown'}", key="schema_version",
+    version = str(metadata.get("schema_version", ""))
+    if version not in map(str, range(1, SCHEMA + 1)):
+        raise FileError(path, f"of schema {version[:40] or 'unknown'}", key="schema_version",
                         valid=f"up to {SCHEMA}; upgrade egocap")  # fmt: skip
     return metadata
 

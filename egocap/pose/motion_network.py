@@ -162,6 +162,8 @@ def _silu(x: Float[Array, "*any"]) -> Float[Array, "*any"]:
 
 
 def _consistent(network: MotionNetwork) -> bool:
+    if network.into.ndim != 3:
+        return False
     members, channels = network.into.shape[0], network.into.shape[-1]
     expected = {
         "into": (members, INPUTS, channels), "into_bias": (members, channels),

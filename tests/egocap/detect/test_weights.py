@@ -97,6 +97,21 @@ def test_foreign_metadata_is_refused(tiny_file, tmp_path, change, says):
         open_weights(rewritten(tiny_file, tmp_path / "w.safetensors", **change))
 
 
+@pytest.mark.parametrize("version", [2, [1], None, {"a": 1}, "9" * 5000, ""])
+def test_schema_versions_of_any_type_are_refused(tiny_file, tmp_path, version):
+    """safetensors writes strings only; a damaged header may hold anything."""
+    content = tiny_file.read_bytes()
+    (size,) = struct.unpack("<Q", content[:8])
+    head = json.loads(content[8 : 8 + size])
+    head["__metadata__"]["schema_version"] = version
+    text = json.dumps(head).encode()
+    path = tmp_path / "w.safetensors"
+    path.write_bytes(struct.pack("<Q", len(text)) + text + content[8 + size :])
+    with pytest.raises(FileError, match="schema_version") as raised:
+        open_weights(path)
+    assert len(str(raised.value).replace(str(path), "")) < 300
+
+
 def test_tensors_must_fit_the_network(tiny_file, tmp_path):
     def without(state):
         return {k: v for k, v in state.items() if k != "heat.weight"}

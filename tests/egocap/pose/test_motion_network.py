@@ -109,6 +109,9 @@ def test_files(tmp_path):
     for change, message in (
         ({"out_bias": network.out_bias[:, :70]}, "angles"),
         ({"into": np.full_like(network.into, np.nan)}, "finite"),
+        ({"into": np.float32(1.0)}, "skeleton"),
+        ({"into": network.into[0]}, "for this"),
+        ({"correlation": np.zeros(3, np.float32)}, "not for"),
         ({"correlation": -network.correlation}, "positive"),
     ):
         path = tmp_path / f"{message}.npz"

@@ -20,7 +20,7 @@ from egocap.posterior.config import PosteriorConfig, SamplerConfig
 def export(
     track: Positional[Path],
     out: Path,
-    format: Literal["bvh", "glb", "c3d", "trc", "csv", "npz"] | None = None,
+    format: Literal["bvh", "glb", "c3d", "trc", "csv", "npz", "smpl"] | None = None,
 ) -> int:
     """Write a track for other programs.
 
@@ -29,6 +29,7 @@ def export(
     c3d: the joints as markers; millimetres, z up, x forward.
     trc: the joints as markers for OpenSim; millimetres, y up, x forward.
     csv: a row a frame, joints in metres and angles in degrees; npz: plain arrays with names.
+    smpl: pose parameters of SMPL-X in AMASS's layout (npz), without shape; metres, z up.
     All are in the world if the track was made with --head-pose, else relative to a fixed head.
 
     Args:

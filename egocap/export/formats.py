@@ -10,6 +10,7 @@ from egocap.data.resampling import evenly
 from egocap.data.track import Track, write_arrays
 from egocap.export.c3d import write_c3d
 from egocap.export.glb import write_glb
+from egocap.export.smpl import write_smpl
 from egocap.export.table import write_table
 from egocap.export.trc import write_trc
 
@@ -25,5 +26,6 @@ FORMATS: dict[str, Callable[[Path, Track], None]] = {
     "trc": write_trc,
     "csv": write_table,
     "npz": write_arrays,
+    "smpl": write_smpl,
 }
-"""Writers of a track; the name is also the file's suffix."""
+"""Writers of a track; the name is also the file's suffix, but for smpl, an .npz."""

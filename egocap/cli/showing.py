@@ -20,9 +20,9 @@ from egocap.posterior.config import PosteriorConfig, SamplerConfig
 def export(
     track: Positional[Path],
     out: Path,
-    format: Literal["bvh", "glb", "c3d", "trc", "csv", "npz", "smpl"] | None = None,
+    format: Literal["bvh", "glb", "c3d", "trc", "csv", "npz", "smpl", "coco"] | None = None,
 ) -> int:
-    """Write a track for other programs.
+    """Write a track, or detections, for other programs.
 
     bvh: a skeleton from the hips for Blender and other animation tools; metres, y up.
     glb: a skinned figure with its animation (glTF 2.0); metres, y up, facing z.
@@ -30,16 +30,24 @@ def export(
     trc: the joints as markers for OpenSim; millimetres, y up, x forward.
     csv: a row a frame, joints in metres and angles in degrees; npz: plain arrays with names.
     smpl: pose parameters of SMPL-X in AMASS's layout (npz), without shape; metres, z up.
-    All are in the world if the track was made with --head-pose, else relative to a fixed head.
+    coco: of detections, keypoint results (json), images numbered as by `egocap-sim export`.
+    Tracks are in the world if the track was made with --head-pose, else relative to a fixed head.
 
     Args:
-        track: track to read, npz.
+        track: track, or detections, to read, npz.
         out: file to write.
         format: what to write; by default the suffix of the file tells.
     """
+    from egocap.data.detections import load_detections
     from egocap.data.track import load_track
+    from egocap.export.coco import write_coco
     from egocap.export.formats import FORMATS
 
+    if format == "coco" or (format is None and out.suffix == ".json"):
+        found = load_detections(track)
+        write_coco(out, found)
+        print(f"{out}: {len(found.times)} frames")
+        return DONE
     name = out.suffix.removeprefix(".").lower() if format is None else format
     if name not in FORMATS:
         raise InputError(f"cannot tell the format of '{out.name}'", valid=FORMATS)

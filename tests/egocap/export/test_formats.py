@@ -1,6 +1,7 @@
 """Exported tracks as independent readers find them."""
 
 import csv
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,10 @@ from scipy.spatial.transform import Rotation
 from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOFS, LIMITS, forward
+from egocap.data.detections import Detections
 from egocap.data.track import Track
 from egocap.errors import InputError
+from egocap.export.coco import write_coco
 from egocap.export.formats import FORMATS
 from egocap.geometry import axis_angle, rigid, transform
 
@@ -196,3 +199,22 @@ def test_a_track_without_skeleton_is_refused(track, tmp_path):
     with pytest.raises(InputError, match="skeleton"):
         FORMATS["glb"](tmp_path / "t.glb", replace(track, offsets=None))
     assert not list(tmp_path.iterdir())
+
+
+def test_coco_results_number_images_as_the_sequence_does(tmp_path):
+    rng = np.random.default_rng(2)
+    valid = rng.random((4, 2, 18)) < 0.7
+    valid[1, 0] = False  # an image without detections
+    points = rng.uniform(0, 600, (4, 2, 18, 2))
+    sigma, confidence = np.full((4, 2, 18), 2.0), rng.random((4, 2, 18))
+    found = Detections(np.arange(4) / 30, points, sigma, confidence, valid, "a test")
+    write_coco(tmp_path / "d.json", found)
+    results = json.loads((tmp_path / "d.json").read_text())
+    assert [r["image_id"] for r in results] == [1, 2, 4, 5, 6, 7, 8]
+    for result in results:
+        t, v = divmod(result["image_id"] - 1, 2)
+        x, y, score = np.array(result["keypoints"]).reshape(18, 3).T
+        np.testing.assert_allclose(np.stack([x, y], -1)[valid[t, v]], points[t, v][valid[t, v]],
+                                   atol=1e-3)  # fmt: skip
+        assert ((score > 0) == valid[t, v]).all() and not x[~valid[t, v]].any()
+        assert result["score"] == pytest.approx(confidence[t, v][valid[t, v]].mean(), abs=1e-3)

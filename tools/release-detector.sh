@@ -21,6 +21,7 @@ done
 mkdir -p $shipped
 "$bin/egocap" calibrate-detector "$work/calibration" --weights "$weights" \
     --out $shipped/default.safetensors
+(cd $shipped && sha256sum default.onnx default.safetensors > SHA256SUMS)
 # Exit code 3: a target was missed, which the card says too.
 "$bin/egocap-eval" detector --validation "$work/validation" --motions "$motions" \
     --picture $results/detector.png --out $results/detector.json || [ $? = 3 ]

@@ -10,12 +10,10 @@ Source: onnx.proto (ModelProto, GraphProto, TensorProto); Protocol Buffers, "Enc
 
 from __future__ import annotations
 
-from importlib.resources import files
-
 import numpy as np
 from numpy import ndarray as Array
 
-from egocap.detect.weights import Weights, open_weights
+from egocap.detect.weights import Weights, open_weights, shipped_file, verified_content
 
 _GRAPH, _INITIALIZER = 7, 5  # field of ModelProto, and of GraphProto
 _DIMS, _DATA_TYPE, _NAME, _RAW_DATA = 1, 2, 8, 9  # fields of TensorProto
@@ -32,7 +30,7 @@ def filled_graph(weights: Weights) -> bytes:
 
     Requires `has_graph`.
     """
-    template = (files("egocap.detect") / "shipped" / "default.onnx").read_bytes()
+    template = verified_content(shipped_file().with_suffix(".onnx"))
     shapes = {name: value.shape for name, value in open_weights().stored().items()}
     tensors = weights.tensors(shapes)
     graph = b"".join(

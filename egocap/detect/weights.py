@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 KIND = "egocap-detector"
 SCHEMA = 1
 SHIPPED = "default"  # of `egocap/detect/shipped/NAME.safetensors`
+SUMS = "SHA256SUMS"  # of the shipped files, as sha256sum writes it
 _EXPECTED = "detector weights written by egocap train, *.safetensors"
 _LONGEST_HEADER = 1 << 20  # bytes
 
@@ -100,10 +101,11 @@ class Weights:
 def open_weights(path: str | Path | None = None) -> Weights:
     """Read the header of a weights file; None: the shipped weights.
 
-    Raises FileError if the file is missing, truncated, or not a weights file of this detector.
+    Raises FileError if the file is missing, truncated, or not a weights file of this detector, or
+    if the shipped weights have another checksum than the recorded one.
     """
-    path = shipped_file() if path is None else Path(path)
-    content = _content(path)
+    shipped, path = path is None, shipped_file() if path is None else Path(path)
+    content = verified_content(path) if shipped else _content(path)
     metadata = _metadata(path, content)
     config, labels = (_parsed(path, metadata, key) for key in ("config", "labels"))
     if labels != list(LABELS):
@@ -178,6 +180,19 @@ def shipped_file(name: str = SHIPPED) -> Path:
             remedy="give a file with --weights, or train one with egocap train",
         )
     return path
+
+
+def verified_content(path: Path) -> bytes:
+    """Content of a shipped file, of the SHA-256 that `SHA256SUMS` beside it states.
+
+    Raises FileError.
+    """
+    content, sums = _content(path), _content(path.with_name(SUMS)).decode(errors="replace").split()
+    expected = dict(zip(sums[1::2], sums[::2], strict=False)).get(path.name, "unknown")
+    if (found := hashlib.sha256(content).hexdigest()) != expected:
+        raise FileError(path, f"changed since its release: SHA-256 {found[:12]}",
+                        valid=f"{expected[:12]}; install egocap again")  # fmt: skip
+    return content
 
 
 def _header(

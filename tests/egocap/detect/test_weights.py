@@ -2,7 +2,9 @@
 
 import contextlib
 import json
+import shutil
 import struct
+import subprocess
 
 import numpy as np
 import pytest
@@ -14,10 +16,13 @@ from safetensors.torch import load_file, save_file
 from egocap.detect.calibration import Calibration
 from egocap.detect.canonical_view import ViewSpec
 from egocap.detect.network import CONFIGS, build_network
+from egocap.detect.onnx_graph import filled_graph
 from egocap.detect.weights import (
+    SUMS,
     load_weights,
     open_weights,
     save_weights,
+    shipped_file,
     with_calibration,
 )
 from egocap.errors import FileError, MachineError
@@ -161,6 +166,29 @@ def test_any_damage_is_a_file_error_or_harmless(tmp_path_factory, tiny_file, cut
     path.write_bytes(bytes(data[: int(cut * len(data))] if cut < 0.9 else data))
     with contextlib.suppress(FileError):
         open_weights(path).network()
+
+
+def test_shipped_files_are_compared_with_their_checksums(tmp_path, monkeypatch):
+    folder = tmp_path / "shipped"
+    shutil.copytree(shipped_file().parent, folder)
+    weights = open_weights()
+    sums = subprocess.run(["sha256sum", "--check", SUMS], cwd=folder, capture_output=True)
+    assert sums.returncode == 0 and sums.stdout.count(b": OK") == 2
+    monkeypatch.setattr("egocap.detect.weights.files", lambda _: tmp_path)
+    assert open_weights().sha256 == weights.sha256
+    for suffix, load in (".onnx", lambda: filled_graph(weights)), (".safetensors", open_weights):
+        path = folder / f"default{suffix}"
+        content = bytearray(path.read_bytes())
+        content[-1] ^= 1  # the last bit of a tensor, or of a name
+        path.write_bytes(content)
+        with pytest.raises(FileError, match=f"default{suffix}: changed since its release"):
+            load()
+        content[-1] ^= 1
+        path.write_bytes(content)
+    open_weights()
+    (folder / SUMS).unlink()
+    with pytest.raises(FileError, match=f"{SUMS}: no such file"):
+        open_weights()
 
 
 def test_unwritable_place_is_a_machine_error(tmp_path):

@@ -30,9 +30,9 @@ class TrackerConfig:
     contacts: bool = True
     """With a head pose: estimate contacts with the ground, and keep planted feet in place on it
     (interval only, with the covariance). Off: Only move the motion into the world."""
-    head_turn_sigma: float = 0.005
+    head_turn_sigma: float = 0.0025
     """Standard deviation of given head poses' rotation, radians."""
-    head_shift_sigma: float = 0.005
+    head_shift_sigma: float = 0.0025
     """Standard deviation of given head poses' position, metres."""
     estimate_noise: bool = True
     """Widen the detector's uncertainty to what the residuals show (interval only). Off: Use the

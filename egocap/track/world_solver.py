@@ -35,6 +35,7 @@ _HEIGHT_M, _SINK_M = 0.01, 0.004
 """Standard deviations of a planted point's height above the ground, and of a depth below it."""
 _HEIGHT_TAIL_M = 0.05  # planted points farther than this from the ground are outliers
 _LEAST = 0.1  # contact probability below which a point is free
+_TRAVELS = 1.5  # speed of a point, m/s, at which its contact is half as probable
 _LONGEST_S = 0.2  # between frames of one contact
 _HEAD_CORRELATION_S = 1.0
 
@@ -73,6 +74,7 @@ class WorldSolver:
         feet = FootPoints.of(self.proportions)
         state = np.concatenate([angles, np.zeros((len(angles), STATE - DOF_COUNT))], 1)
         converged, terms, ground = np.ones(len(angles), bool), None, None
+        contacts = contacts * self._plausible(state, feet)
         for speed in _ROUNDS:
             ground, terms = self._terms(state, feet, contacts, speed)
             state, converged = self._minimise(state, feet, terms)
@@ -81,6 +83,14 @@ class WorldSolver:
         covariances = separate._covariances(state, feet, terms)
         poses = correct(self.heads.T_world_head, state[:, DOF_COUNT:], self.heads.known)
         return WorldSolution(state[:, :DOF_COUNT], poses, converged, ground, covariances)
+
+    def _plausible(self, state: Float[Array, "T 43"], feet: FootPoints) -> Float[Array, "T 4"]:
+        """Factor of the contact probabilities: a point that travels does not stand."""
+        if len(state) < 2:
+            return np.ones((len(state), 4))
+        points, _ = feet.in_world(state, self.heads.T_world_head)
+        speed = np.linalg.norm(np.gradient(points, self.observations.times, axis=0), axis=-1)
+        return 1.0 / (1.0 + np.square(speed / _TRAVELS))
 
     def _terms(
         self, state: Float[Array, "T 43"], feet: FootPoints, contacts: Float[Array, "T 4"],

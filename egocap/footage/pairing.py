@@ -22,6 +22,9 @@ from egocap.footage.scan import ViewScan
 REPEATED = 0.15
 """Change of a picture, relative to what is usual, below which it repeats the one before."""
 SAME = 0.5  # grey levels: no copy changes by more, compressed again
+_DIP = 0.6  # of the changes around it: of a copy in a calm scene
+_FLOOR, _BELOW_FLOOR = 0.02, 0.75
+"""Quantile of a view's changes that noise alone makes; a copy has none and stays well below."""
 BLACK = 6.0  # mean grey level of a picture that shows nothing
 _SLACK_S = 1e-3  # by which views may begin and end apart
 _NEAR = 0.55  # of a period: half of it, and jitter
@@ -53,7 +56,8 @@ def view_frames(scans: Sequence[ViewScan], timings: Sequence[ViewTiming]) -> lis
         for w, other in enumerate(scans):
             if w != v:  # a still scene repeats in all views
                 usual = np.minimum(usual, np.interp(times[v], times[w], _smoothed(other)))
-        repeated = scan.decoded & (scan.change < np.minimum(REPEATED * usual, SAME))
+        copied = scan.change < np.minimum(REPEATED * usual, SAME)
+        repeated = scan.decoded & (copied | _noiseless(scan))
         black = scan.decoded & (scan.light < BLACK)
         usable = scan.decoded & ~repeated & ~black
         found.append(ViewFrames(times[v], usable, repeated, black, scan.period))
@@ -124,6 +128,15 @@ def _nearest(times: Float[Array, "N"], wanted: Float[Array, "T"]) -> Array:
 
 def _usual_change(scan: ViewScan) -> float:
     return float(np.median(_finite(scan))) if scan.decoded.sum() > 1 else 0.0
+
+
+def _noiseless(scan: ViewScan) -> Bool[Array, "N"]:
+    """Single pictures that change less than those around them, and less than noise makes any."""
+    if scan.decoded.sum() < 1 / _FLOOR:
+        return np.zeros(len(scan.change), bool)
+    floor = float(np.quantile(_finite(scan), _FLOOR))
+    limit = np.minimum(_DIP * _smoothed(scan), min(_BELOW_FLOOR * floor, SAME))
+    return scan.change < limit
 
 
 def _finite(scan: ViewScan) -> Float[Array, "n"]:

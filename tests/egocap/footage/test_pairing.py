@@ -1,0 +1,44 @@
+"""Repeated pictures by their changes: copies of moving and calm scenes, and distinct ones."""
+
+import numpy as np
+import pytest
+
+from egocap.data.footage import ViewTiming
+from egocap.footage.pairing import view_frames
+from egocap.footage.scan import ViewScan
+
+N, NOISE = 600, 0.9  # pictures; change by noise alone, grey levels
+
+
+def scan(change):
+    blank = np.zeros((N, 3))
+    return ViewScan(np.arange(N) / 30.0, np.ones(N, bool), change, np.full(N, 90.0), blank, blank)
+
+
+@pytest.fixture
+def changes():
+    """Motion of both views with calm stretches, above the noise."""
+    rng = np.random.default_rng(5)
+    motion = 4.0 * np.clip(np.sin(np.arange(N) / 25.0), 0.0, None)
+    return [NOISE * rng.uniform(0.9, 1.3, N) + motion * rng.uniform(0.7, 1.3, N) for _ in range(2)]
+
+
+def repeated(changes):
+    found = view_frames([scan(c) for c in changes], [ViewTiming()] * 2)
+    return [np.flatnonzero(view.repeated).tolist() for view in found]
+
+
+def test_distinct_pictures_are_not_repeated(changes):
+    assert repeated(changes) == [[], []]
+
+
+def test_copies_are_found_in_motion_and_in_a_calm_scene(changes):
+    changes[0][[40, 120, 121]] = 0.05, 0.45, 0.04  # compressed again: hardly, coarsely, hardly
+    changes[1][130] = 0.4
+    assert repeated(changes) == [[40, 120, 121], [130]]
+
+
+def test_still_and_noiseless_scenes_are_not_repeated(changes):
+    for change in changes:
+        change[200:320] *= 0.02 / change[200:320].mean()
+    assert repeated(changes) == [[], []]

@@ -26,7 +26,8 @@ from egocap.files import disk_errors
 
 IN_FOLDER = ".lock"
 _LONGEST_NOTE = 4096  # bytes
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class OutputLock:

@@ -7,7 +7,9 @@ import io
 import logging
 import os
 import re
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -35,8 +37,8 @@ def run(
     """Run one command of `app` and return the process's exit code.
 
     A command returns None (done) or an exit code. An EgocapError becomes one line on stderr and the
-    error's exit code; so do a full disk, a missing path, a closed pipe and Ctrl-C. Any other
-    exception is a bug and keeps its traceback.
+    error's exit code; so do a full disk, a missing path, a closed pipe, Ctrl-C and SIGTERM. Any
+    other exception is a bug and keeps its traceback.
 
     Args:
         app: subcommands; booleans become flags without a `--no-` twin.
@@ -50,7 +52,7 @@ def run(
     _log_to_stderr()
     box = io.StringIO()
     try:
-        with _wrong_usage_to(box):
+        with _wrong_usage_to(box), _sigterm_as_interrupt():
             code = app.cli(
                 prog=prog, description=description, args=args,
                 config=(tyro.conf.FlagCreatePairsOff,),
@@ -180,6 +182,20 @@ def _wrong_usage_to(box: io.StringIO) -> Iterator[None]:
             yield
     finally:
         sys.stderr = stderr
+
+
+@contextmanager
+def _sigterm_as_interrupt() -> Iterator[None]:
+    """Have SIGTERM raise KeyboardInterrupt, so that temporary files and locks are removed."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _without_box(text: str) -> str:

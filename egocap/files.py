@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator
@@ -53,6 +54,17 @@ def replacing(path: Path, *, keep_suffix: bool = False) -> Iterator[Path]:
         except BaseException:
             temporary.unlink(missing_ok=True)  # frees its space on a full disk
             raise
+
+
+def remove_temporary(folder: Path, name: str | None = None) -> None:
+    """Remove what killed processes have left of `replacing` files of that name, or of any.
+
+    Only for who holds the lock of the output.
+    """
+    pattern = rf"\.{re.escape(name) if name else '.+'}\.\d+\.tmp(\.\w+)?"
+    for path in folder.iterdir():
+        if re.fullmatch(pattern, path.name) and not path.is_dir():
+            path.unlink(missing_ok=True)
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:

@@ -2,7 +2,8 @@
 
 In: the path of a file or folder. While the lock is held, `.NAME.lock` beside a file, or `.lock` in
 a folder, names the process. The lock is the kernel's (flock): it ends with its process, however
-that ends, so that a stale file is taken over.
+that ends, so that a stale file is taken over. Who takes it removes the temporary files that a
+killed process has left of the output.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from egocap.errors import FileError, MachineError
-from egocap.files import disk_errors
+from egocap.files import disk_errors, remove_temporary
 
 IN_FOLDER = ".lock"
 _LONGEST_NOTE = 4096  # bytes
@@ -50,17 +51,23 @@ class OutputLock:
             self._inside.mkdir(parents=True, exist_ok=True)
         if not self._folder and self.target.is_dir():
             raise FileError(self.target, "is a folder", valid="the name of a file")
-        with disk_errors(self._file):
-            while self._number < 0:
-                self._number = self._open()
-            os.ftruncate(self._number, 0)
-            os.write(self._number, _note())
+        try:
+            with disk_errors(self._file):
+                while self._number < 0:
+                    self._number = self._open()
+                os.ftruncate(self._number, 0)
+                os.write(self._number, _note())
+                remove_temporary(self._inside, None if self._folder else self.target.name)
+        except BaseException:
+            self.release()
+            raise
 
     def release(self) -> None:
-        """Release the lock."""
-        self._file.unlink(missing_ok=True)
-        os.close(self._number)
-        self._number = -1
+        """Release the lock, if it is held."""
+        if self._number >= 0:
+            self._file.unlink(missing_ok=True)
+            os.close(self._number)
+            self._number = -1
         for folder in self._made:
             with suppress(OSError):  # not empty
                 folder.rmdir()

@@ -1,5 +1,6 @@
 """Locks of outputs: one writer at a time, who holds it, and no left-overs."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -58,6 +59,38 @@ def test_nothing_is_left_of_a_failed_run_and_results_stay(tmp_path):
     with holding(tmp_path / "a" / "out", folder=True):
         (tmp_path / "a" / "out" / "x").write_text("1")
     assert [p.name for p in tmp_path.rglob("*")] == ["a", "out", "x"]
+
+
+def test_full_disk_leaves_no_lock(tmp_path, monkeypatch):
+    def full(number, note):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", full)
+        with pytest.raises(MachineError, match="disk is full"), holding(tmp_path / "a" / "out"):
+            pass
+    assert not list(tmp_path.iterdir())
+    with holding(tmp_path / "a" / "out"):
+        pass
+
+
+def test_temporary_files_of_this_output_alone_are_removed(tmp_path):
+    stale = [".out.npz.123.tmp", ".out.npz.123.tmp.npz"]
+    others = [
+        ".out.npz.tmp",
+        ".other.npz.123.tmp",
+        "out.npz",
+        "truth.draft.tmp",
+        ".out.npz.12x.tmp",
+    ]
+    for name in stale + others:
+        (tmp_path / name).touch()
+    with holding(tmp_path / "out.npz"):
+        left = {p.name for p in tmp_path.iterdir()}
+    assert left == {*others, ".out.npz.lock"}
+    with holding(tmp_path, folder=True):
+        pass
+    assert {p.name for p in tmp_path.iterdir()} == {*others} - {".other.npz.123.tmp"}
 
 
 def test_link_in_place_of_the_lock_is_not_followed(tmp_path):

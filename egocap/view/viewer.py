@@ -70,10 +70,13 @@ def view(paths: Items[Path], save: Path | None = None, images: bool = True) -> N
 
 
 def _record(rr: Any, shown: Shown, file: Path, images: bool) -> None:
+    """Write a recording. In memory first: on a full disk rerun would wait without end."""
     recording = rr.RecordingStream("egocap")
-    recording.save(file, default_blueprint=_layout(rr, shown))
+    content = recording.memory_recording()
+    recording.send_blueprint(_layout(rr, shown))
     Scene(rr, recording, shown).log(images)
-    recording.disconnect()
+    recording.flush()
+    file.write_bytes(content.drain_as_bytes())
 
 
 def _layout(rr: Any, shown: Shown) -> Any:

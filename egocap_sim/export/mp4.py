@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from egocap.data.sequence import Sequence
 from egocap.data.truth import OUT_OF_VIEW
 from egocap.errors import InputError, MachineError
+from egocap.files import make_folder, replacing
 from egocap_sim.export.preview import overlay
 
 WIDTH = 640  # pixels of each view, at most
@@ -21,26 +21,25 @@ def write_mp4(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) -
     """Write an MPEG-4 video at the sequence's frame rate. Raises InputError for another suffix."""
     if out.suffix.lower() != ".mp4":
         raise InputError(f"cannot write '{out.name}'", valid="a name that ends in .mp4")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    temporary = out.with_name(f".{out.stem}.{os.getpid()}.tmp.mp4")
+    make_folder(out.parent)
     cameras = sequence.rig.cameras
     scale = min(1.0, WIDTH / max(c.width for c in cameras))
     # MPEG-4 requires even sides.
     sizes = [(round(c.width * scale / 2) * 2, round(c.height * scale / 2) * 2) for c in cameras]
     shape = sum(w for w, _ in sizes), max(h for _, h in sizes)
     fourcc = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(temporary), fourcc, sequence.manifest.fps, shape)
-    if not writer.isOpened():
-        raise MachineError(f"OpenCV cannot write {out}", remedy="is the folder writable?")
-    try:
+    with replacing(out, keep_suffix=True) as part:
+        writer = cv2.VideoWriter(str(part), fourcc, sequence.manifest.fps, shape)
+        if not writer.isOpened():
+            raise MachineError(f"OpenCV cannot write {out}", remedy="is the folder writable?")
         for frame in sequence:
             writer.write(_picture(sequence, frame.index, frame.images, sizes, shape))
             on_frames(1)
         writer.release()
-        temporary.rename(out)
-    finally:
-        writer.release()
-        temporary.unlink(missing_ok=True)
+        written = int(cv2.VideoCapture(str(part)).get(cv2.CAP_PROP_FRAME_COUNT))
+        if written != len(sequence):  # OpenCV does not tell
+            raise MachineError(f"{out}: {written} of {len(sequence)} frames could be written",
+                               remedy="is the disk full?")  # fmt: skip
 
 
 def _picture(

@@ -1,6 +1,7 @@
 """Exports read back by code that knows the formats, not us: json, OpenCV, closed forms."""
 
 import json
+import resource
 import shutil
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import Sequence
 from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.datasets.catalogue import open_dataset
-from egocap.errors import InputError
+from egocap.errors import InputError, MachineError
 from egocap.geometry import transform
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.export.formats import FORMATS, export
@@ -193,6 +194,18 @@ def test_the_film_has_every_frame_at_the_right_rate_and_size(sequence, tmp_path)
     left = sequence.frame(3).images[0].astype(int)
     assert np.abs(frames[3][:, :160, ::-1] - left).mean() < 20  # but for the drawn joints
     assert not list(tmp_path.glob("*.tmp*"))
+
+
+def test_a_film_that_does_not_fit_is_an_error(sequence, tmp_path):
+    """OpenCV ignores errors of writing; a limit of file size stands for a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, limits[1]))
+    try:
+        with pytest.raises(MachineError, match=r"film.mp4: .* of \d+ frames could be written"):
+            export(sequence, "mp4", tmp_path / "film.mp4")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_written_is_refused(sequence, tmp_path):

@@ -106,6 +106,7 @@ def find_checkerboard(picture: Grey, grid: tuple[int, int], attempts: Sequence[A
 def _sector_based(picture: Grey, grid: tuple[int, int]) -> Array | None:
     """The detector of Duda and Frese 2018."""
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
+    cv2.setRNGSeed(0)  # the detector draws random numbers
     found, corners = cv2.findChessboardCornersSB(picture, grid, flags=flags)
     return corners.reshape(-1, 2).astype(float) if found else None
 
@@ -147,14 +148,17 @@ def _snapped(picture: Grey, pixels: Array, grid: tuple[int, int]) -> Array:
 
 def _oriented(picture: Grey, pixels: Array, grid: tuple[int, int]) -> Float[Array, "n 2"]:
     """The corners in the board's order: not mirrored, the first square before them black."""
-    mesh = pixels.reshape(grid[1], grid[0], 2)
+    mesh = right_handed(pixels.reshape(grid[1], grid[0], 2))
+    return (mesh if first_is_black(picture, mesh) else mesh[::-1, ::-1]).reshape(-1, 2)
+
+
+def right_handed(mesh: Float[Array, "r c 2"]) -> Float[Array, "r c 2"]:
+    """The corners of a board seen from its front: not mirrored."""
     across, down = mesh[0, -1] - mesh[0, 0], mesh[-1, 0] - mesh[0, 0]
-    if across[0] * down[1] - across[1] * down[0] < 0:
-        mesh = mesh[:, ::-1]
-    return (mesh if _first_is_black(picture, mesh) else mesh[::-1, ::-1]).reshape(-1, 2)
+    return mesh[:, ::-1] if across[0] * down[1] - across[1] * down[0] < 0 else mesh
 
 
-def _first_is_black(picture: Grey, mesh: Float[Array, "r c 2"]) -> bool:
+def first_is_black(picture: Grey, mesh: Float[Array, "r c 2"]) -> bool:
     """Whether squares of the first one's colour, between four corners, are the darker ones."""
     middle = (mesh[:-1, :-1] + mesh[1:, :-1] + mesh[:-1, 1:] + mesh[1:, 1:]) / 4
     at = np.clip(np.rint(middle).astype(int), 0, np.array(picture.shape)[::-1] - 1)

@@ -30,9 +30,10 @@ from egocap.calibration.corner_search import (
     refine_boards,
     search_rectified,
 )
-from egocap.calibration.detection import Anchors, anchor_points
+from egocap.calibration.detection import NOTHING, Anchors, anchor_points
 from egocap.calibration.lens_shape import LensShape
 from egocap.calibration.model_choice import Choice, choose_shape, with_shape
+from egocap.calibration.partial_board import find_part
 from egocap.calibration.planar_pose import planar_pose
 from egocap.calibration.recording import View
 from egocap.calibration.start import start_view
@@ -114,7 +115,8 @@ def _anchor_poses(
     poses, maps = {}, rectified_maps(camera)
     for i, found in anchors.items():
         if len(found) < _FEW * len(anchor_points(board)):
-            again = search_rectified(view.pictures[i], board, maps)
+            again = NOTHING if board.markers else find_part(view.pictures[i], board, camera)
+            again = again if len(again) else search_rectified(view.pictures[i], board, maps)
             found = again if len(again) > len(found) else found
         T = anchor_pose(found, board, camera)
         if T is not None:

@@ -51,12 +51,14 @@ def test_boards_that_the_detectors_of_whole_boards_miss(shots, shot):
     assert error(found, pixels) < 0.3
 
 
-def test_a_part_placed_on_the_board_by_what_is_in_view(shots):
-    picture, pixels, _ = shots[3]
+@pytest.mark.parametrize("shot", [5, 7])
+def test_a_part_placed_on_the_board_by_what_is_in_view(shots, shot):
+    picture, pixels, _ = shots[shot]
     cut = picture.copy()
-    cut[:, : int(np.median(pixels[:, 0]))] = 0  # about half of the board
+    cut[:, : int(np.quantile(pixels[:, 0], 0.25))] = 0
     found = find_part(cut, BOARD, LENS)
-    assert not len(found) or error(found, pixels) < 0.3
+    assert len(found) >= 20
+    assert error(found, pixels) < 0.3
 
 
 def test_no_board_in_a_picture_without_one(shots):

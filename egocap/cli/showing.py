@@ -17,6 +17,7 @@ from egocap.posterior.config import PosteriorConfig, SamplerConfig
 
 
 @app.command
+@locks("out")
 def export(
     track: Positional[Path],
     out: Path,
@@ -42,16 +43,19 @@ def export(
     from egocap.data.track import load_track
     from egocap.export.coco import write_coco
     from egocap.export.formats import FORMATS
+    from egocap.files import make_folder
 
     if format == "coco" or (format is None and out.suffix == ".json"):
-        found = load_detections(track)
-        write_coco(out, found)
-        print(f"{out}: {len(found.times)} frames")
+        detections = load_detections(track)
+        make_folder(out.parent)
+        write_coco(out, detections)
+        print(f"{out}: {len(detections.times)} frames")
         return DONE
     name = out.suffix.removeprefix(".").lower() if format is None else format
     if name not in FORMATS:
         raise InputError(f"cannot tell the format of '{out.name}'", valid=FORMATS)
     found = load_track(track)
+    make_folder(out.parent)
     FORMATS[name](out, found)
     print(f"{out}: {len(found.times)} frames")
     return DONE

@@ -282,7 +282,7 @@ def test_live_of_files_tracks_every_frame_for_an_animation(egocap, films, tiny_s
     summary = json.loads(out)
     assert (summary["poses"], summary["skipped_pictures"]) == (7, 0)
     np.testing.assert_allclose(load_track("live.npz").times, np.arange(7) / 5.0, atol=1e-3)
-    assert egocap("export", "live.npz", "--out", "live.bvh")[0] == 0
+    assert egocap("export", "live.npz", "--out", "new/live.bvh")[0] == 0
     assert "is a folder" in complaint(egocap(*words, "--out", "."))
     assert "--rig or --body" in complaint(egocap("live", *films))
 

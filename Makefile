@@ -61,6 +61,7 @@ tables: setup
 release-check: setup
 	$(BIN)/egocap-eval tables --check
 	$(BIN)/egocap-eval refresh --dry-run
+
 # Licences of the pinned packages, and a software bill of materials in out/bom.json.
 licences: setup
 	$(BIN)/python tools/licences.py requirements.lock $(OUT)/bom.json

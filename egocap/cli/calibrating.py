@@ -44,7 +44,6 @@ def calibrate(
     from egocap.calibration.rig_calibration import calibrate as calibrate_rig
     from egocap.calibration.rig_output import check_rig_name, write_rig
     from egocap.cameras.rig_files import load_rig
-    from egocap.files import make_folder
 
     check_rig_name(out)
     if page is not None:
@@ -53,7 +52,6 @@ def calibrate(
     nominal = load_rig(mount) if mount else None
     found = calibrate_rig(sources, board, model=model, mount=nominal, name=out.stem,
                           on_step=log.info)  # fmt: skip
-    make_folder(out.parent)
     write_rig(out, found.rig, found.notes)
     if page is not None:
         write_page(found, page)

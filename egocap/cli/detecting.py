@@ -50,7 +50,6 @@ def detect(
     from egocap.data.detections import save_detections
     from egocap.data.sequence import open_sequence
     from egocap.detect.detector import Detector
-    from egocap.files import make_folder
 
     opened = open_sequence(sequence)
     detector = Detector(opened.rig, weights, engine, threads)  # type: ignore[arg-type]
@@ -58,7 +57,6 @@ def detect(
     with progress("detect", frames or len(opened)) as advance:
         found = detector.detect(opened, frames=frames, on_frames=advance)
     seconds = time.perf_counter() - started
-    make_folder(out.parent)
     save_detections(out, found)
     _print_detections(out, found, opened.rig.views, seconds, json)
     return DONE

@@ -55,11 +55,9 @@ def head_pose(
     """
     from egocap.cameras.rig_files import load_rig
     from egocap.data.sequence import Sequence
-    from egocap.files import make_folder
 
     opened = Sequence(sequence)
     cameras = opened.rig if rig is None else load_rig(rig)
-    make_folder(out.parent)
     if trajectory is not None:
         if track is not None or settings != CONFIG:
             raise InputError("--track or settings of the odometry with --trajectory",

@@ -235,7 +235,6 @@ def fit_rig(
     found = first_seconds(detections_from(opened, detections, seed, given), seconds)
     result = fit(found, given, height, None if no_neutral else neutral,
                  MountError(position_error, rotation_error), config)  # fmt: skip
-    make_folder(out.parent)
     write_rig(out, result.rig)
     if body is not None:
         make_folder(body.parent)

@@ -43,11 +43,9 @@ def export(
     from egocap.data.track import load_track
     from egocap.export.coco import write_coco
     from egocap.export.formats import FORMATS
-    from egocap.files import make_folder
 
     if format == "coco" or (format is None and out.suffix == ".json"):
         detections = load_detections(track)
-        make_folder(out.parent)
         write_coco(out, detections)
         print(f"{out}: {len(detections.times)} frames")
         return DONE
@@ -55,7 +53,6 @@ def export(
     if name not in FORMATS:
         raise InputError(f"cannot tell the format of '{out.name}'", valid=FORMATS)
     found = load_track(track)
-    make_folder(out.parent)
     FORMATS[name](out, found)
     print(f"{out}: {len(found.times)} frames")
     return DONE
@@ -102,7 +99,6 @@ def posterior(
 
     from egocap.commandline import progress
     from egocap.data.sequence import Sequence
-    from egocap.files import make_folder
     from egocap.fitting.wearer import find_body
     from egocap.posterior.detector_error import with_error_model
     from egocap.posterior.frame_posterior import sample_posterior
@@ -114,9 +110,6 @@ def posterior(
         found, config = with_error_model(found, config)
     if body is not None:
         opened.body = find_body(body, opened.rig, found)
-    for path in (out, page, checkpoint):
-        if path is not None:
-            make_folder(path.parent)
     if page is not None and page.suffix not in (".html", ".htm"):
         raise InputError(f"--page {page}", valid="the name of an .html file")
     with progress("sampling", sampling.most_steps, unit="steps") as advance:

@@ -74,11 +74,13 @@ def track(
     from egocap.data.head_pose import read_head_poses
     from egocap.data.sequence import Sequence
     from egocap.data.track import save_track
-    from egocap.files import make_folder
     from egocap.fitting.wearer import find_body
     from egocap.paper.tracker import make_tracker
     from egocap.track.consistency import warning_of
 
+    if mount_drift and (solver != "fast" or head_pose is not None):
+        raise InputError("mount drift with another solver or head poses",
+                         valid="--solver fast, no --head-pose")  # fmt: skip
     opened = Sequence(sequence)
     if body is None:
         _ = opened.body  # before anything takes time
@@ -90,9 +92,6 @@ def track(
     if mount_drift:
         from egocap.fitting.mount_drift import track_with_drift
 
-        if solver != "fast" or heads is not None:
-            raise InputError("mount drift with another solver or head poses",
-                             valid="--solver fast, no --head-pose")  # fmt: skip
         result, drift = track_with_drift(found, cameras, proportions, settings, opened.images)
     else:
         tracker = make_tracker(cameras, proportions, solver, settings)
@@ -100,9 +99,6 @@ def track(
     # So that no other sequence is scored with it, and scores name the body.
     origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}
     result = replace(result, config=result.config | origin)
-    for path in (out, save_detections):
-        if path is not None:
-            make_folder(path.parent)
     if save_detections is not None:
         detection_file.save_detections(save_detections, found)
     save_track(out, result)
@@ -141,16 +137,13 @@ def fit_body(
         json: print the report as JSON.
     """
     from egocap.data.sequence import Sequence
-    from egocap.files import disk_errors, make_folder
+    from egocap.files import disk_errors
     from egocap.fitting.fit_body import first_seconds
     from egocap.fitting.fit_body import fit_body as fit
 
     opened = Sequence(sequence)
     found = first_seconds(detections_from(opened, detections, seed), seconds)
     result = fit(found, opened.rig, height, config)
-    for path in (out, shape):
-        if path is not None:
-            make_folder(path.parent)
     sizes = None
     if shape is not None:
         from egocap.fitting.appearance_fit import fit_shape

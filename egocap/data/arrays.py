@@ -130,8 +130,6 @@ def record_of(path: Path, record: type[Record], arrays: dict[str, Array]) -> Rec
         if name in arrays:
             _check(path, name, arrays[name], field, sizes)
             values[name] = _value(path, name, arrays[name])
-            if arrays[name].dtype.kind == "U" and arrays[name].ndim:
-                values[name] = tuple(map(str, arrays[name]))
         elif not field.optional:
             raise FileError(path, "missing", key=name)
     return record(**values)
@@ -154,6 +152,8 @@ def _value(path: Path, name: str, array: Array) -> Any:
         return parsed(str(array), path, key=name)
     if array.shape == ():
         return array.item()
+    if array.dtype.kind == "U":
+        return tuple(map(str, array))
     if array.dtype.kind == "f" and name in _FINITE and not np.isfinite(array).all():
         raise FileError(path, "holds values that are not finite", key=name)
     return array

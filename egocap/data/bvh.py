@@ -70,7 +70,7 @@ def bvh_text(track: Track) -> str:
         local = R if above is None else np.swapaxes(world[above.body], -1, -2) @ R
         columns.append(_euler_degrees(TO_FILE @ local @ TO_FILE.T))
     lines = ["HIERARCHY", *_describe(root, 0, first=True), "MOTION", f"Frames: {len(track.times)}",
-             f"Frame Time: {_frame_time(track):.8f}"]  # fmt: skip
+             f"Frame Time: {frame_time(track):.8f}"]  # fmt: skip
     lines += [" ".join(f"{value:.6f}" for value in row) for row in np.concatenate(columns, axis=1)]
     return "\n".join(lines) + "\n"
 
@@ -155,7 +155,7 @@ def _euler_degrees(R: Float[Array, "T 3 3"]) -> Float[Array, "T 3"]:
     return np.rad2deg(np.unwrap(angles, axis=0))
 
 
-def _frame_time(track: Track) -> float:
+def frame_time(track: Track) -> float:
     """Seconds per frame. Raises InputError for uneven times."""
     if len(track.times) < 2:
         return 1.0 / 30.0

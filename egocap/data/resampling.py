@@ -41,11 +41,7 @@ def evenly(track: Track, fps: float | None = None) -> Track:
 def resampled(track: Track, times: Float[Array, "N"]) -> Track:
     """The track at other times within its own; what has no between is the nearest frame's."""
     nearest = np.rint(np.interp(times, track.times, np.arange(len(track.times)))).astype(int)
-    arrays = {
-        name: value[nearest]
-        for name, value in vars(track).items()
-        if isinstance(value, np.ndarray) and name != "offsets"
-    }
+    arrays = {name: value[nearest] for name, value in track.by_frame.items()}
     angles = interpolate(times, track.times, track.angles)
     arrays |= {"times": times, "angles": angles}
     if track.offsets is not None:

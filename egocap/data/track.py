@@ -56,6 +56,12 @@ class Track:
         return (f"Track({frames} frames, {seconds:.1f} s, {int(self.converged.sum())} converged, "
                 f"{frame} frame)")  # fmt: skip
 
+    @property
+    def by_frame(self) -> dict[str, Array]:
+        """The arrays that hold a value a frame, by name."""
+        return {name: value for name, value in vars(self).items()
+                if isinstance(value, Array) and name != "offsets"}  # fmt: skip
+
     def _repr_html_(self) -> str:
         """For notebooks: the summary and, with a covariance, each joint's median uncertainty."""
         summary = f"<p>{escape(repr(self))}</p>"

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.skeleton import POINT_INDEX
-from egocap.data.bvh import TO_FILE, body_rotations, root_position
+from egocap.data.bvh import TO_FILE, body_rotations, frame_time, root_position
 from egocap.data.resampling import evenly
 from egocap.data.track import Track
 from egocap.errors import InputError
@@ -58,12 +58,12 @@ def write_smpl(path: Path, track: Track) -> None:
         raise InputError("the track does not hold its skeleton", valid="a track of schema 2")
     track = evenly(track)
     body = smpl_pose(track)
-    step = float(np.diff(track.times).mean()) if len(track.times) > 1 else 1.0 / 30.0
+    step = frame_time(track)
     poses = np.zeros((len(body), _POSE))
     poses[:, : body.shape[1]] = body
     write_npz(
-        path, gender=np.array("neutral"), surface_model_type=np.array("smplx"),
-        mocap_frame_rate=np.array(1.0 / step), mocap_time_length=np.array(step * len(body)),
+        path, gender="neutral", surface_model_type="smplx",
+        mocap_frame_rate=1.0 / step, mocap_time_length=step * len(body),
         trans=root_position(track) @ TO_FILE, poses=poses, betas=np.zeros(16),
         root_orient=body[:, :3], pose_body=body[:, 3:], pose_hand=poses[:, 75:],
         pose_jaw=poses[:, 66:69], pose_eye=poses[:, 69:75],

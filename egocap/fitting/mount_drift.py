@@ -11,7 +11,7 @@ generalised likelihood ratio test for jumps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,7 +105,8 @@ def track_with_drift(
         moved = Tracker(moved_rig(rig, shift), proportions, config)
         own = None if images is None else (lambda t, start=start: images(t + start))
         part = moved.track(detections[start:end], own)
-        parts.append(_rows(part, window - start))
+        rows = {name: values[window - start] for name, values in part.by_frame.items()}
+        parts.append(replace(part, **rows))
     return _joined(parts, first.config | {"mount_drift": drift.to_dict()}), drift
 
 
@@ -203,22 +204,9 @@ def _walk(
     return x[: 6 * K].reshape(K, 6), std, float(((A @ x - b) ** 2).sum())
 
 
-def _rows(track: Track, rows: Int[Array, "F"]) -> Track:
-    """Some frames of a track."""
-    T, kept = len(track.times), {}
-    for field in fields(track):
-        value = getattr(track, field.name)
-        by_frame = isinstance(value, np.ndarray) and field.name != "offsets" and len(value) == T
-        kept[field.name] = value[rows] if by_frame else value
-    return replace(track, **kept)
-
-
 def _joined(parts: list[Track], config: dict[str, object]) -> Track:
     """Tracks one after another."""
-    joined: dict[str, object] = {"config": config}
-    for field in fields(Track):
-        values = [getattr(part, field.name) for part in parts]
-        if isinstance(values[0], np.ndarray) and field.name != "offsets":
-            joined[field.name] = np.concatenate(values)
+    arrays = {name: np.concatenate([part.by_frame[name] for part in parts])
+              for name in parts[0].by_frame}  # fmt: skip
     seconds = float(np.mean([part.seconds_per_frame for part in parts]))
-    return replace(parts[0], **joined, seconds_per_frame=seconds)  # type: ignore[arg-type]
+    return replace(parts[0], **arrays, config=config, seconds_per_frame=seconds)

@@ -83,8 +83,7 @@ def join(windows: list[range], parts: list[Track], body: Proportions) -> Track:
         until = len(whole.times) - shared // 2
         arrays = {
             name: np.concatenate([getattr(whole, name)[:until], values[until - window.start :]])
-            for name, values in vars(part).items()
-            if isinstance(values, np.ndarray) and name != "offsets"
+            for name, values in part.by_frame.items()
         }
         arrays["angles"] = np.concatenate([whole.angles[:-shared], blended, part.angles[shared:]])
         whole = replace(whole, **arrays)

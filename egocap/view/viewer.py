@@ -16,7 +16,7 @@ from egocap.cameras.rig_files import load_rig
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
 from egocap.errors import InputError, MachineError, require
-from egocap.files import make_folder, read_npz, replacing
+from egocap.files import make_folder, read_npz, write_atomically
 from egocap.posterior.result import KIND, load_posterior
 from egocap.view.scene import Scene, Shown
 
@@ -31,7 +31,7 @@ def open_all(paths: Items[Path]) -> Shown:
             _only(shown.sequence, path)
             shown.sequence = Sequence(path)
         elif path.suffix == ".npz":
-            posterior = str(read_npz(path).get("kind")) == KIND
+            posterior = str(read_npz(path, only=("kind",)).get("kind")) == KIND
             of_kind: dict[str, Any] = shown.posteriors if posterior else shown.tracks
             name = path.stem if path.stem not in of_kind else f"{path.stem}-{len(of_kind)}"
             of_kind[name] = load_posterior(path) if posterior else load_track(path)
@@ -56,12 +56,11 @@ def view(paths: Items[Path], save: Path | None = None, images: bool = True) -> N
     shown = open_all(paths)
     if save is not None:
         make_folder(save.parent)
-        with replacing(save) as part:
-            _record(rr, shown, part, images)
+        write_atomically(save, _recording(rr, shown, images))
         return
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"egocap{SUFFIX}"
-        _record(rr, shown, file, images)
+        file.write_bytes(_recording(rr, shown, images))
         # Without --bind the viewer accepts data from other machines.
         done = subprocess.run([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)],
                               check=False)  # fmt: skip
@@ -69,14 +68,14 @@ def view(paths: Items[Path], save: Path | None = None, images: bool = True) -> N
         raise MachineError("the viewer did not open", remedy=f"--save FILE{SUFFIX} writes a file")
 
 
-def _record(rr: Any, shown: Shown, file: Path, images: bool) -> None:
-    """Write a recording. In memory first: on a full disk rerun would wait without end."""
+def _recording(rr: Any, shown: Shown, images: bool) -> bytes:
+    """Content of a file. In memory: on a full disk rerun would wait without end."""
     recording = rr.RecordingStream("egocap")
     content = recording.memory_recording()
     recording.send_blueprint(_layout(rr, shown))
     Scene(rr, recording, shown).log(images)
     recording.flush()
-    file.write_bytes(content.drain_as_bytes())
+    return content.drain_as_bytes()
 
 
 def _layout(rr: Any, shown: Shown) -> Any:

@@ -12,7 +12,7 @@ Source: mirroring, EgoCap paper, section 4.3.1.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from math import cos, pi, radians, sin
+from math import cos, isfinite, pi, radians, sin
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from egocap.body.labels import MIRROR
 from egocap.cameras.rig import Mount
 from egocap.errors import InputError
 
+LARGEST_SIDE = 2048  # pixels
 _SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel; above, images are reduced first
 _FACE_TO_ARM_M = (0.14, 0.26)  # camera's distance in front of the skull base
 _MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
@@ -41,8 +42,13 @@ class ViewSpec:
     near_pitch_deg: float | None = None  # `pitch_deg` of cameras near the face; None: the same
 
     def __post_init__(self) -> None:
-        if not (8 <= self.width <= 4096 and 8 <= self.height <= 4096):
-            raise InputError(f"canonical view of {self.width} x {self.height}", valid="8 to 4096")
+        sides = (self.width, self.height)
+        if not all(isinstance(n, int) and 8 <= n <= LARGEST_SIDE for n in sides):
+            raise InputError(f"canonical view of {sides[0]!r:.40} x {sides[1]!r:.40}",
+                             valid=f"8 to {LARGEST_SIDE}")  # fmt: skip
+        angles = (self.pitch_deg, self.toe_in_deg, self.near_pitch_deg or 0.0)
+        if not all(isfinite(value) for value in (self.focal, *angles)):
+            raise InputError("canonical view with values that are not finite")
         if not (self.focal > 0.0 and 0.0 <= self.compression <= 1.0):
             raise InputError(
                 f"canonical view with focal {self.focal}, compression {self.compression}",

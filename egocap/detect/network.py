@@ -25,6 +25,13 @@ from egocap.errors import InputError
 VISIBLE, OCCLUDED, ABSENT = range(3)
 """Order of the first three channels of `info`; the fourth is log sigma."""
 
+STRIDES = {"pyramid": 4, "resnet101": 8}
+"""View pixels per heat-map cell of each kind of network."""
+
+MOST_LEVELS, LONGEST_NAME = 8, 80
+LIMITS = {"widths": (1, 1024), "blocks": (0, 64), "decoder": (1, 1024)}
+"""Smallest and largest number in these fields of a configuration."""
+
 _MEAN, _SCALE = 110.0, 60.0  # normalisation of pixel values
 
 
@@ -41,6 +48,7 @@ class NetworkConfig:
     decoder: tuple[int, ...] = (64, 96, 128)  # channels of the decoder at 1/4, 1/8, 1/16
 
     def __post_init__(self) -> None:
+        self._check_values()
         step = 8 if self.kind == "resnet101" else 2 ** len(self.widths)
         if self.view.width % step or self.view.height % step:
             raise InputError(
@@ -53,6 +61,23 @@ class NetworkConfig:
                 f"of blocks and {len(self.decoder)} widths of the decoder",
                 valid="as many blocks as widths, two decoder widths fewer",
             )
+
+    def _check_values(self) -> None:
+        """Raise InputError for values beyond the limits; they may come from a file."""
+        if not (isinstance(self.name, str) and len(self.name) <= LONGEST_NAME):
+            raise InputError(f"network 'name' {self.name!r:.80}",
+                             valid=f"text of at most {LONGEST_NAME} characters")  # fmt: skip
+        if self.stride != STRIDES.get(self.kind):
+            valid = ", ".join(f"{kind} of {stride}" for kind, stride in STRIDES.items())
+            raise InputError(
+                f"network 'kind' {self.kind!r:.80} of 'stride' {self.stride!r:.80}", valid=valid
+            )
+        for key, (low, high) in LIMITS.items():
+            values = getattr(self, key)
+            if not (isinstance(values, tuple) and 1 <= len(values) <= MOST_LEVELS
+                    and all(type(v) is int and low <= v <= high for v in values)):  # fmt: skip
+                raise InputError(f"network '{key}' {values!s:.80}",
+                                 valid=f"1 to {MOST_LEVELS} numbers, {low} to {high}")  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready form, read by `config_from_dict`."""
@@ -91,7 +116,7 @@ def config_from_dict(data: dict[str, Any]) -> NetworkConfig:
         }
         values["view"] = ViewSpec(**data["view"])
         return NetworkConfig(**values)
-    except (TypeError, KeyError, AttributeError) as error:
+    except (TypeError, KeyError, AttributeError, ValueError) as error:
         raise InputError(f"not a network's configuration: {error}") from None
 
 

@@ -60,13 +60,16 @@ class Weights:
         from egocap.detect.network import build_network, config_from_dict
 
         try:
-            network = build_network(config_from_dict(dict(self.config)))
+            config = config_from_dict(dict(self.config))
         except InputError as error:
             raise FileError(self.path, str(error), key="config") from None
+        with torch.device("meta"):  # allocates nothing before the tensors are known to fit
+            network = build_network(config)
         wanted = network.state_dict()
         state = self.tensors({name: tuple(tensor.shape) for name, tensor in wanted.items()})
         network.load_state_dict(
-            {name: torch.from_numpy(v).to(wanted[name].dtype) for name, v in state.items()}
+            {name: torch.from_numpy(v).to(wanted[name].dtype) for name, v in state.items()},
+            assign=True,
         )
         return network.eval()
 
@@ -123,7 +126,7 @@ def open_weights(path: str | Path | None = None) -> Weights:
             calibration=Calibration(**calibration),
             training=training,
         )
-    except (KeyError, TypeError, ValueError, InputError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, InputError) as error:
         raise FileError(path, f"damaged metadata: {error}", key="config", valid=_EXPECTED) from None
 
 

@@ -7,10 +7,12 @@ in the length unit of the author. Rotations multiply in the order of the channel
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from jaxtyping import Float
@@ -18,9 +20,14 @@ from numpy import ndarray as Array
 
 from egocap.errors import FileError
 from egocap.geometry import axis_angle
+from egocap.schema import MOST_TEXT
 
 _CHANNELS = tuple(f"{a}{kind}" for kind in ("position", "rotation") for a in "XYZ")
 LARGEST = 1e7  # values beyond it are treated as damage
+MOST_JOINTS, MOST_POSES = 1000, 1 << 22
+"""Joints of a file, and joints times frames."""
+LONGEST_LINE, MOST_LINES = 1 << 20, 1 << 22
+"""Characters of a line, and lines of a file."""
 _TOKEN = re.compile(r"[{}]|[^\s{}]+")
 
 
@@ -107,41 +114,70 @@ def pose(
 def read_bvh(path: str | Path) -> Bvh:
     """Parse a BVH file.
 
-    Raises FileError, with the line, for anything that is not a complete, finite, consistent file.
+    Raises FileError, with the line, for anything that is not a complete, finite, consistent file
+    within the limits.
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig", errors="replace")
+        if (size := path.stat().st_size) > MOST_TEXT:
+            raise FileError(path, f"has {size:,} bytes", valid=f"at most {MOST_TEXT:,}")
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            return _parse(_Lines(file, path))
     except OSError as e:
         raise FileError(path, f"cannot be read: {e.strerror or e}") from e
-    return parse_bvh(text, path)
 
 
 def parse_bvh(text: str, path: str | Path = "<text>") -> Bvh:
     """Parse the text of a BVH file; `path` is for error messages only (see `read_bvh`)."""
-    lines = text.splitlines()
-    reader = _Hierarchy(lines, path)
-    joints, columns = reader.read()
-    frame_time, count, start = _motion_header(lines, reader.line, path)
-    return Bvh(joints, frame_time, _frame_block(lines, start, count, columns, path))
+    return _parse(_Lines(io.StringIO(text, newline=None), path))
+
+
+class _Lines:
+    """The lines of a file, one by one; `number` is the 1-based number of the line last read."""
+
+    def __init__(self, file: TextIO, path: str | Path) -> None:
+        self._file, self._path, self.number = file, path, 0
+
+    def __iter__(self) -> _Lines:
+        return self
+
+    def __next__(self) -> str:
+        line = self._file.readline(LONGEST_LINE + 1)
+        if not line:
+            raise StopIteration
+        self.number += 1
+        if len(line) > LONGEST_LINE:
+            raise self.fail("a longer line", valid=f"at most {LONGEST_LINE:,} characters")
+        if self.number > MOST_LINES:
+            raise self.fail("more lines", valid=f"at most {MOST_LINES:,}")
+        return line
+
+    def fail(self, problem: str, valid: str | None = None) -> FileError:
+        """An error at the line last read."""
+        return FileError(self._path, problem, line=max(self.number, 1), valid=valid)
+
+
+def _parse(lines: _Lines) -> Bvh:
+    joints, columns = _Hierarchy(lines).read()
+    frame_time, count = _motion_header(lines)
+    if count * len(joints) > MOST_POSES:
+        raise lines.fail(f"{count:,} frames of {len(joints)} joints",
+                         valid=f"at most {MOST_POSES // len(joints):,} frames")  # fmt: skip
+    return Bvh(joints, frame_time, _frame_block(lines, count, columns))
 
 
 class _Hierarchy:
-    """Reads tokens up to MOTION; `line` is the 1-based number of the line last read."""
+    """Reads tokens up to MOTION."""
 
-    def __init__(self, lines: list[str], path: str | Path) -> None:
-        self.path, self.line = path, 0
-        self._tokens = ((n, m) for n, s in enumerate(lines, 1) for m in _TOKEN.findall(s))
-
-    def fail(self, problem: str, valid: str | None = None) -> FileError:
-        return FileError(self.path, problem, line=max(self.line, 1), valid=valid)
+    def __init__(self, lines: _Lines) -> None:
+        self.fail = lines.fail
+        self._tokens = (token for line in lines for token in _TOKEN.findall(line))
+        self._names: set[str] = set()
 
     def next(self, expecting: str) -> str:
-        try:
-            self.line, token = next(self._tokens)
-        except StopIteration:
-            raise self.fail(f"the file ends where {expecting} is expected") from None
-        return token
+        for token in self._tokens:
+            return token
+        raise self.fail(f"the file ends where {expecting} is expected")
 
     def expect(self, word: str) -> None:
         token = self.next(f"'{word}'")
@@ -150,10 +186,7 @@ class _Hierarchy:
 
     def number(self, what: str) -> float:
         token = self.next(what)
-        try:
-            value = float(token)
-        except ValueError:
-            value = math.nan
+        value = _float(token)
         if not abs(value) < LARGEST:
             raise self.fail(f"'{token[:40]}' is not a finite number of plausible size ({what})")
         return value
@@ -218,8 +251,11 @@ class _Hierarchy:
 
     def _joint(self, joints: list[dict], parent: int, column: int) -> int:
         name = self.name()
-        if any(j["name"] == name for j in joints):
+        if name in self._names:
             raise self.fail(f"two joints are called '{name}'")
+        if len(joints) == MOST_JOINTS:
+            raise self.fail("more joints", valid=f"at most {MOST_JOINTS:,}")
+        self._names.add(name)
         offset = self.offset()
         joint = {"name": name, "parent": parent, "offset": offset, "channels": ()}
         self.expect("CHANNELS")
@@ -228,67 +264,54 @@ class _Hierarchy:
         return column + len(joint["channels"])
 
 
-def _motion_header(lines: list[str], line: int, path: str | Path) -> tuple[float, int, int]:
-    """Frame time, frame count, and the index of the first line after them."""
+def _motion_header(lines: _Lines) -> tuple[float, int]:
+    """Frame time and frame count."""
     found: list[float] = []
-    for n in range(line, len(lines)):
-        if not lines[n].strip():
+    for line in lines:
+        if not line.strip():
             continue
-        key, _, value = lines[n].partition(":")
+        key, _, value = line.partition(":")
         wanted = ("frames", "frame time")[len(found)]
         if " ".join(key.lower().split()) != wanted:
-            raise FileError(path, f"no '{wanted.title()}:' after MOTION", line=n + 1)
-        try:
-            found.append(float(value))
-        except ValueError:
-            found.append(math.nan)
+            raise lines.fail(f"no '{wanted.title()}:' after MOTION")
+        found.append(_float(value))
         low, high = (1.0, LARGEST) if wanted == "frames" else (1e-5, 1.0)
         if not low <= found[-1] <= high:
-            raise FileError(
-                path,
-                f"{wanted.title()} is '{value.strip()[:40]}'",
-                line=n + 1,
-                valid=f"above 0, {low:g} to {high:g}",
-            )
+            raise lines.fail(f"{wanted.title()} is '{value.strip()[:40]}'",
+                             valid=f"above 0, {low:g} to {high:g}")  # fmt: skip
+        if found[0] != int(found[0]):
+            raise lines.fail(f"{found[0]:g} frames", valid="a whole number")
         if len(found) == 2:
-            if found[0] != int(found[0]):
-                raise FileError(path, f"{found[0]:g} frames", line=n, valid="a whole number")
-            return found[1], int(found[0]), n + 1
-    raise FileError(
-        path, "ends before 'Frames:' and 'Frame Time:' of MOTION", line=max(len(lines), 1)
-    )
+            return found[1], int(found[0])
+    raise lines.fail("ends before 'Frames:' and 'Frame Time:' of MOTION")
 
 
-def _frame_block(
-    lines: list[str], start: int, count: int, columns: int, path: str | Path
-) -> Float[Array, "T C"]:
+def _frame_block(lines: _Lines, count: int, columns: int) -> Float[Array, "T C"]:
     """The channel values; a frame may span several lines."""
-    try:
-        values = np.array(" ".join(lines[start:]).split(), dtype=np.float64)
-    except ValueError:
-        values = None
-    if values is None or not (np.abs(values) < LARGEST).all():
-        raise _bad_number(lines, start, path)
-    if values.size != count * columns:
-        raise FileError(
-            path,
-            f"{values.size} values for {count} frames of {columns} channels"
-            f" ({values.size / columns:.6g} frames)",
-            line=len(lines),
-            valid=f"{count * columns} values",
-        )
+    values, filled = np.empty(count * columns), 0
+    for line in lines:
+        words = line.split()
+        end = filled + len(words)
+        if end > values.size:
+            raise lines.fail(f"more values than {count} frames of {columns} channels",
+                             valid=f"{values.size} values")  # fmt: skip
+        try:
+            values[filled:end] = words
+        except ValueError:
+            values[filled:end] = np.nan
+        if not (np.abs(values[filled:end]) < LARGEST).all():
+            wrong = next(word for word in words if not abs(_float(word)) < LARGEST)
+            raise lines.fail(f"'{wrong[:40]}' is not a finite number of plausible size")
+        filled = end
+    if filled < values.size:
+        raise lines.fail(f"{filled} values for {count} frames of {columns} channels"
+                         f" ({filled / columns:.6g} frames)", f"{values.size} values")  # fmt: skip
     return values.reshape(count, columns)
 
 
-def _bad_number(lines: list[str], start: int, path: str | Path) -> FileError:
-    for n in range(start, len(lines)):
-        for word in lines[n].split():
-            try:
-                good = abs(float(word)) < LARGEST
-            except ValueError:
-                good = False
-            if not good:
-                return FileError(
-                    path, f"'{word[:40]}' is not a finite number of plausible size", line=n + 1
-                )
-    return FileError(path, "a frame value is not a finite number", line=start + 1)
+def _float(word: str) -> float:
+    """The number, or NaN for anything else."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan

@@ -140,7 +140,7 @@ def test_wrong_picture_is_refused(shape, kind):
 def test_impossible_views_are_refused():
     with pytest.raises(InputError, match="compression"):
         ViewSpec(compression=2.0)
-    with pytest.raises(InputError, match="8 to 4096"):
+    with pytest.raises(InputError, match="8 to 2048"):
         ViewSpec(width=0)
 
 

@@ -2,9 +2,11 @@
 
 import contextlib
 import json
+import resource
 import shutil
 import struct
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -100,6 +102,37 @@ def test_names_follow_the_content(tiny_file, tmp_path):
 def test_foreign_metadata_is_refused(tiny_file, tmp_path, change, says):
     with pytest.raises(FileError, match=says):
         open_weights(rewritten(tiny_file, tmp_path / "w.safetensors", **change))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"blocks": [0, 10**9, 1, 1]}, "'blocks' .*1 to 8 numbers, 0 to 64"),
+        ({"blocks": [0, -1, 1, 1]}, "'blocks' .*0 to 64"),
+        ({"blocks": [0, 1.5, 1, 1]}, "'blocks' .*0 to 64"),
+        ({"widths": [8, 16, 10**9, 24]}, "'widths' .*1 to 1024"),
+        ({"widths": [1024] * 4, "blocks": [64] * 4}, "valid: .* in a 'tiny' network"),
+        ({"widths": [8] * 100_000}, "'widths' .*1 to 8 numbers"),
+        ({"widths": "8"}, "'widths' '?8"),
+        ({"decoder": [16, 0]}, "'decoder' .*1 to 1024"),
+        ({"stride": 8}, "'stride' 8 .*pyramid of 4"),
+        ({"stride": float("inf")}, "config"),
+        ({"kind": "vit"}, "'kind' 'vit'.*resnet101 of 8"),
+        ({"name": "x" * 10_000}, "'name' .*80 characters"),
+        ({"view": {"width": 10**9}}, "8 to 2048"),
+        ({"view": {"width": 64.0}}, "8 to 2048"),
+        ({"view": {"pitch_deg": float("nan")}}, "not finite"),
+    ],
+)
+def test_configurations_beyond_the_limits_are_refused_at_once(tiny_file, tmp_path, change, says):
+    config = json.dumps(CONFIGS["tiny"].to_dict() | change)
+    path = rewritten(tiny_file, tmp_path / "w.safetensors", config=config)
+    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    with pytest.raises(FileError, match=says) as raised:
+        open_weights(path).network()
+    assert "\n" not in str(raised.value) and len(str(raised.value)) < 500
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
+    assert time.process_time() - began < 3.0
 
 
 @pytest.mark.parametrize("version", [2, [1], None, {"a": 1}, "9" * 5000, ""])

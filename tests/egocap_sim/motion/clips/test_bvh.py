@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -108,6 +109,37 @@ def test_defects_name_the_line(old: str, new: str, line: int, says: str) -> None
         parse_bvh(text, "my.bvh")
     assert "my.bvh" in str(e.value) and says in str(e.value)
     assert e.value.line == line
+
+
+def many_joints(count: int) -> str:
+    """A file of a root and so many joints without channels, each below the last."""
+    joints = "".join(f"JOINT j{i} {{ OFFSET 0 1 0 CHANNELS 0\n" for i in range(count))
+    return GOOD.replace("  JOINT Left", joints + "  JOINT Left").replace(
+        "MOTION", "}" * count + "MOTION"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says"),
+    [
+        (many_joints(60_000), 1005, "more joints (valid: at most 1,000)"),
+        (many_joints(900).replace("Frames: 2", "Frames: 9999999"), 921,
+         "9,999,999 frames of 903 joints (valid: at most 4,644 frames)"),
+        (GOOD + "1 " * (1 << 19) + "\n", 24, "at most 1,048,576 characters"),
+        ("\n" * (1 << 22) + GOOD, (1 << 22) + 1, "more lines (valid: at most 4,194,304)"),
+        (GOOD + "7\n", 24, "more values than 2 frames of 15 channels (valid: 30 values)"),
+    ],
+)  # fmt: skip
+def test_files_beyond_the_limits_are_refused_at_once(text: str, line: int, says: str) -> None:
+    began = time.process_time()
+    with pytest.raises(FileError) as e:
+        parse_bvh(text)
+    assert says in str(e.value) and e.value.line == line
+    assert time.process_time() - began < 3.0
+
+
+def test_a_thousand_joints_are_read() -> None:
+    assert len(parse_bvh(many_joints(997)).joints) == 1000
 
 
 def test_missing_file_and_binary_rubbish(tmp_path) -> None:

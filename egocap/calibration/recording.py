@@ -70,7 +70,7 @@ def read_recording(sources: Sequence[Path]) -> Recording:
 def read_picture(path: Path) -> UInt8[Array, "H W"]:
     """Decode a picture to grey values. Raises FileError."""
     try:
-        picture = decode(path.read_bytes(), cv2.IMREAD_GRAYSCALE)
+        picture = decode(path.read_bytes(), cv2.IMREAD_GRAYSCALE, path)
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from None
     if picture is None:

@@ -29,7 +29,7 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.data.footage import FOOTAGE, TIMES, Footage, FootageImages, FrameTimes, load_footage
-from egocap.data.manifest import MANIFEST, load_manifest
+from egocap.data.manifest import load_manifest
 from egocap.data.truth import OthersTruth, SensorTruth, Truth
 from egocap.errors import FileError, InputError
 from egocap.files import sha256
@@ -182,20 +182,20 @@ class Sequence:
                      tuple(image is not None for image in found))  # fmt: skip
 
     def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
-        """RGB images of all views at a frame; black where a view of footage has none."""
+        """RGB images of all views at a frame; black where a view has none."""
         return self._blackened(self.pictures(index))
 
     def pictures(self, index: int) -> tuple[UInt8[Array, "H W 3"] | None, ...]:
-        """RGB images of all views at a frame; None where a view of footage has none."""
+        """RGB images of all views at a frame; None where a view has none."""
         return tuple(self.picture(index, v) for v in range(len(self.manifest.views)))
 
     def mask(self, index: int, view: str) -> UInt8[Array, "H W"] | None:
         """Part labels (`core.part_labels`) of one view; None where they were not recorded."""
-        return self._plane(index, f"{view}.mask.png")
+        return self._plane(index, view, "mask", np.dtype(np.uint8))
 
     def depth(self, index: int, view: str) -> UInt16[Array, "H W"] | None:
         """Distance along the ray in millimetres (0: nothing hit); None where not recorded."""
-        return self._plane(index, f"{view}.depth.png")
+        return self._plane(index, view, "depth", np.dtype(np.uint16))
 
     def annotation(self, index: int) -> dict[str, Any]:
         """Content of the frame's KEY.json."""
@@ -210,7 +210,7 @@ class Sequence:
                 f"frame {index} of {self.folder} has no '{suffix}'",
                 valid=sorted(self.files(index)),
             ) from None
-        path = self.folder / self.manifest.shards[index // self.manifest.shard_frames].name
+        path = self.shard_path(index)
         try:
             with path.open("rb") as file:
                 file.seek(offset)
@@ -236,21 +236,31 @@ class Sequence:
         shard, row = divmod(index, self.manifest.shard_frames)
         return self.manifest.shards[shard].frames[row]
 
-    def picture(self, index: int, view: int) -> UInt8[Array, "H W 3"] | None:
-        """RGB image of one view at a frame; None where footage has none. Raises FileError."""
+    def picture(self, index: int, view: int, reduction: int = 1) -> UInt8[Array, "h w 3"] | None:
+        """RGB image of one view at a frame; None where there is none.
+
+        A JPEG in a shard is decoded at 1/`reduction` (1, 2, 4 or 8) of its size. Raises FileError
+        for a damaged image, and one of another size than the camera's.
+        """
+        image = self._picture(index, view, reduction)
+        if image is None or self.footage is None:
+            return image
+        return self.footage.views[view].colour.applied(image)
+
+    def _picture(self, index: int, view: int, reduction: int) -> Any:
         import cv2
 
         if self._referred is not None:
             self._check_frame(index)
-            image = self._referred.image(index, view)
-        elif self.frame_times is not None and not self.frame_times.present[index, view]:
+            return self._referred.image(index, view)
+        suffix = self.image_suffix(index, view)
+        if suffix is None:
             return None
-        else:
-            suffix = self.image_suffix(index, self.manifest.views[view])
-            image = self._decoded(index, suffix, cv2.IMREAD_COLOR_RGB)
-        if image is None or self.footage is None:
-            return image
-        return self.footage.views[view].colour.applied(image)
+        factor = reduction if suffix.endswith("jpg") else 1
+        # With IMREAD_COLOR_RGB these flags select the factor only, not greyscale.
+        flags = {1: 0, 2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4,
+                 8: cv2.IMREAD_REDUCED_GRAYSCALE_8}[factor]  # fmt: skip
+        return self._decoded(index, view, suffix, flags | cv2.IMREAD_COLOR_RGB, factor)
 
     @cached_property
     def _referred(self) -> FootageImages | None:
@@ -268,14 +278,16 @@ class Sequence:
             for image, camera in zip(found, self.rig.cameras, strict=True)
         )
 
-    def image_suffix(self, index: int, view: str) -> str:
-        """Suffix of the image of a view for `read`: 'left.jpg' or 'left.png'. Raises FileError."""
-        suffixes = self.files(index)
-        for suffix in (f"{view}.jpg", f"{view}.png"):
-            if suffix in suffixes:
-                return suffix
-        path = self.folder / MANIFEST
-        raise FileError(path, f"no image of view '{view}'", valid=sorted(suffixes))
+    def image_suffix(self, index: int, view: int) -> str | None:
+        """Suffix of a view's image for `read`, as 'left.jpg'; None where the view has none."""
+        if self.frame_times is not None and not self.frame_times.present[index, view]:
+            return None
+        suffixes, name = self.files(index), self.manifest.views[view]
+        return next((s for s in (f"{name}.jpg", f"{name}.png") if s in suffixes), None)
+
+    def shard_path(self, index: int) -> Path:
+        """The shard of a frame."""
+        return self.folder / self.manifest.shards[index // self.manifest.shard_frames].name
 
     def _check_frame(self, index: int) -> None:
         if not 0 <= index < self.manifest.frames:
@@ -283,18 +295,28 @@ class Sequence:
                 f"no frame {index} in {self.folder}", valid=f"0 to {self.manifest.frames - 1}"
             )
 
-    def _plane(self, index: int, suffix: str) -> Any:
+    def _plane(self, index: int, view: str, kind: str, dtype: np.dtype[Any]) -> Any:
         import cv2
 
+        suffix = f"{view}.{kind}.png"
         if suffix not in self.files(index):
             return None
-        return self._decoded(index, suffix, cv2.IMREAD_UNCHANGED)
+        v = self.manifest.views.index(view)
+        plane = self._decoded(index, v, suffix, cv2.IMREAD_UNCHANGED)
+        if plane.ndim != 2 or plane.dtype != dtype:
+            found = f"frame {index}: '{suffix}' is {plane.dtype} of shape {plane.shape}"
+            raise FileError(self.shard_path(index), found, valid=f"{dtype}, one value a pixel")
+        return plane
 
-    def _decoded(self, index: int, suffix: str, flags: int) -> Any:
-        image = decode(self.read(index, suffix), flags)
+    def _decoded(self, index: int, view: int, suffix: str, flags: int, factor: int = 1) -> Any:
+        path, camera = self.shard_path(index), self.rig.cameras[view]
+        image = decode(self.read(index, suffix), flags, path)
         if image is None:
-            shard = self.manifest.shards[index // self.manifest.shard_frames].name
-            raise FileError(self.folder / shard, f"frame {index}: '{suffix}' is damaged")
+            raise FileError(path, f"frame {index}: '{suffix}' is damaged")
+        width, height = (-(-side // factor) for side in (camera.width, camera.height))
+        if image.shape[:2] != (height, width):
+            found = f"frame {index}: '{suffix}' has {image.shape[1]} x {image.shape[0]} pixels"
+            raise FileError(path, found, valid=f"{width} x {height}, as its camera in the rig")
         return image
 
 

@@ -43,7 +43,7 @@ class Picture:
     def _decoded(self) -> Any:
         import cv2
 
-        image = decode(self.content(), cv2.IMREAD_COLOR_RGB)
+        image = decode(self.content(), cv2.IMREAD_COLOR_RGB, self.path)
         if image is None:
             raise FileError(self.path, "not an image, or damaged", key=self.member or None)
         return image

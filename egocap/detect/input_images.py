@@ -11,8 +11,7 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap.data.sequence import Sequence
-from egocap.errors import FileError, InputError
-from egocap.media.decoding import decode
+from egocap.errors import InputError
 
 ENOUGH = 640
 """Image width [px] sufficient for a canonical view; larger JPEGs are decoded at reduced size."""
@@ -44,7 +43,10 @@ def recorded_pictures(sequence: Sequence, index: int) -> tuple[UInt8[Array, "h w
 
     Raises FileError for a damaged image.
     """
-    return tuple(_recorded(sequence, index, v) for v in range(len(sequence.manifest.views)))
+    return tuple(
+        sequence.picture(index, v, _reduction(camera.width))
+        for v, camera in enumerate(sequence.rig.cameras)
+    )
 
 
 def ahead(jobs: Iterator[Any], make: Any, count: int = 2) -> Iterator[Any]:
@@ -63,27 +65,5 @@ def ahead(jobs: Iterator[Any], make: Any, count: int = 2) -> Iterator[Any]:
                 future.cancel()
 
 
-def _recorded(sequence: Sequence, index: int, view: int) -> UInt8[Array, "h w 3"] | None:
-    import cv2
-
-    if sequence.footage is not None:
-        return sequence.picture(index, view)
-    name = sequence.manifest.views[view]
-    suffixes = [f"{name}.{kind}" for kind in ("jpg", "png") if f"{name}.{kind}"
-                in sequence.files(index)]  # fmt: skip
-    if not suffixes:
-        return None
-    flags = _flags(sequence.rig.cameras[view].width) if suffixes[0].endswith("jpg") else 0
-    picture = decode(sequence.read(index, suffixes[0]), flags | cv2.IMREAD_COLOR_RGB)
-    if picture is None:
-        raise FileError(sequence.folder, f"frame {index}: '{suffixes[0]}' is damaged")
-    return as_rgb(picture)
-
-
-def _flags(width: int) -> int:
-    import cv2
-
-    smaller = ((8, cv2.IMREAD_REDUCED_GRAYSCALE_8), (4, cv2.IMREAD_REDUCED_GRAYSCALE_4),
-               (2, cv2.IMREAD_REDUCED_GRAYSCALE_2))  # fmt: skip
-    # With IMREAD_COLOR_RGB these flags select the factor only, not greyscale.
-    return next((flags for factor, flags in smaller if width // factor >= ENOUGH), 0)
+def _reduction(width: int) -> int:
+    return next((factor for factor in (8, 4, 2) if width // factor >= ENOUGH), 1)

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
 from egocap.data.sequence import Sequence
+from egocap.errors import FileError
 
 AHEAD = 4  # frames
 Grey = UInt8[Array, "h w"]
@@ -47,12 +48,10 @@ def _picture(sequence: Sequence, index: int, view: int, size: tuple[int, int]) -
     """A JPEG in a shard is decoded at a fraction of its size; colours are not corrected."""
     import cv2
 
-    times, name = sequence.frame_times, sequence.manifest.views[view]
-    if times is not None and not times.present[index, view]:
-        return None
     grey: Grey | None
-    if sequence.manifest.shards_hold_images and sequence.image_suffix(index, name).endswith("jpg"):
-        grey = _jpeg(sequence, index, name, size)
+    suffix = sequence.image_suffix(index, view)
+    if suffix is not None and suffix.endswith("jpg"):
+        grey = _jpeg(sequence, index, view, size)
     else:
         image = sequence.picture(index, view)
         grey = None if image is None else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -61,14 +60,17 @@ def _picture(sequence: Sequence, index: int, view: int, size: tuple[int, int]) -
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA))
 
 
-def _jpeg(sequence: Sequence, index: int, view: str, size: tuple[int, int]) -> Grey:
+def _jpeg(sequence: Sequence, index: int, view: int, size: tuple[int, int]) -> Grey:
     import simplejpeg
 
-    from egocap.errors import FileError
-
-    data = sequence.read(index, f"{view}.jpg")
+    suffix, camera = f"{sequence.manifest.views[view]}.jpg", sequence.rig.cameras[view]
+    data = sequence.read(index, suffix)
     try:
+        if simplejpeg.decode_jpeg_header(data)[:2] != (camera.height, camera.width):
+            raise FileError(sequence.shard_path(index), f"frame {index}: '{suffix}' has another "
+                            "size than its camera in the rig")  # fmt: skip
         image = simplejpeg.decode_jpeg(data, "GRAY", min_width=size[0], min_height=size[1])
     except ValueError:
-        raise FileError(sequence.folder, f"frame {index}: '{view}.jpg' is damaged") from None
+        path = sequence.shard_path(index)
+        raise FileError(path, f"frame {index}: '{suffix}' is damaged") from None
     return image[..., 0]

@@ -84,7 +84,7 @@ class PictureFolder:
     def _read(self, path: Path) -> UInt8[Array, "H W 3"] | None:
         import cv2
 
-        picture = decode(path.read_bytes(), cv2.IMREAD_UNCHANGED)
+        picture = decode(path.read_bytes(), cv2.IMREAD_UNCHANGED, path)
         return None if picture is None else _rgb(picture, path, self.options)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from egocap.errors import FileError, InputError
+from egocap.errors import FileError
 from egocap.media.decoding import decode
 from egocap_sim.assets.textures import SIZE
 from egocap_sim.environment.place import Place
@@ -35,11 +35,9 @@ def picture_files(folder: Path) -> list[Path]:
 def decode_picture(path: Path, valid: str) -> UInt8[Array, "H W 3"]:
     """Decode a picture (RGB). Raises FileError with the hint `valid` if it cannot be read."""
     try:
-        image = decode(path.read_bytes(), cv2.IMREAD_COLOR_RGB)
+        image = decode(path.read_bytes(), cv2.IMREAD_COLOR_RGB, path)
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from None
-    except InputError as error:
-        raise FileError(path, str(error)) from None
     if image is None:
         raise FileError(path, "is not a readable picture", valid=valid)
     return image

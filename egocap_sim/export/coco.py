@@ -44,9 +44,9 @@ def write_coco(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) 
         (out / "images" / view).mkdir(parents=True)
     for frame in range(len(sequence)):
         for v, mount in enumerate(sequence.true_rig.mounts):
-            if dropped is not None and dropped[frame, v]:
+            suffix = sequence.image_suffix(frame, v)
+            if suffix is None or (dropped is not None and dropped[frame, v]):
                 continue
-            suffix = sequence.image_suffix(frame, mount.name)
             name = f"images/{mount.name}/{frame:06d}.{suffix.rpartition('.')[2]}"
             with disk_errors(out / name):
                 (out / name).write_bytes(sequence.read(frame, suffix))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from egocap.data.truth import OUT_OF_VIEW, Truth
 from egocap.errors import EgocapError
 from egocap.files import sha256
 from egocap.geometry import inverse, transform
+from egocap.media.decoding import image_size
 from egocap_sim.verification.crosscheck import RayCheck, check_forces, check_pixels, check_rays
 
 _PIXEL_TOLERANCE = 1e-6  # px: truth and rig are both stored in full precision
@@ -112,8 +114,9 @@ def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
     elif not damaged:
         try:
             sequence = Sequence(folder)
-            yield from _image_problems(sequence)
-            if not manifest.truth:
+            wrong = list(_image_problems(sequence))
+            yield from wrong
+            if wrong or not manifest.truth:
                 return
             contradictions = list(_truth_problems(sequence))
             yield from contradictions or _crosscheck_problems(sequence)
@@ -140,13 +143,43 @@ def _shard_problems(folder: Path, shard: ShardEntry) -> Iterator[str]:
 
 
 def _image_problems(sequence: Sequence) -> Iterator[str]:
-    """Decode the first frame of every shard and compare its size with the rig's."""
+    """Compare every image's header with the rig, and decode the first frame of every shard."""
+    if not sequence.manifest.shards_hold_images:
+        return
     for shard in sequence.manifest.shards:
-        frame = sequence.frame(shard.first)
-        for mount, image in zip(sequence.rig.mounts, frame.images, strict=True):
-            expected = (mount.camera.height, mount.camera.width, 3)
-            if image.shape != expected:
-                yield f"{shard.name}: {mount.name} image is {image.shape}, the rig has {expected}"
+        found: dict[str, list[int]] = {}
+        for index in range(shard.first, shard.first + len(shard.frames)):
+            for problem in _frame_problems(sequence, index):
+                found.setdefault(problem, []).append(index)
+        for problem, frames in found.items():
+            more = f" and {len(frames) - 1} more" if len(frames) > 1 else ""
+            yield f"{shard.name}: {problem} in frame {frames[0]}{more}"
+        if not found:
+            sequence.frame(shard.first)  # raises FileError for what cannot be decoded
+            for view, plane in product(sequence.manifest.views, (sequence.mask, sequence.depth)):
+                plane(shard.first, view)
+
+
+def _frame_problems(sequence: Sequence, index: int) -> Iterator[str]:
+    """Missing files, and images of another size than their camera.
+
+    Every frame of a simulated sequence has the files of the first, which has all pictures.
+    """
+    files, views = sequence.files(index), sequence.manifest.views
+    if sequence.manifest.truth:
+        yield from (f"no '{s}'" for s in sorted(sequence.files(0).keys() - files.keys()))
+        if index == 0:
+            absent = [v for v in range(len(views)) if sequence.image_suffix(0, v) is None]
+            yield from (f"no picture of '{views[v]}'" for v in absent)
+    for name, camera in zip(views, sequence.rig.cameras, strict=True):
+        for suffix in files:
+            if suffix.startswith(f"{name}."):
+                size = image_size(sequence.read(index, suffix), sequence.shard_path(index))
+                if size is None:
+                    yield f"'{suffix}' is damaged"
+                elif size != (camera.width, camera.height):
+                    yield (f"'{suffix}' has {size[0]} x {size[1]} pixels (camera: "
+                           f"{camera.width} x {camera.height})")  # fmt: skip
 
 
 def _crosscheck_problems(sequence: Sequence) -> Iterator[str]:

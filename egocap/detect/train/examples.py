@@ -27,7 +27,6 @@ from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.errors import EgocapError, FileError
 from egocap.files import read_npz
-from egocap.media.decoding import decode
 
 log = logging.getLogger(__name__)
 
@@ -204,7 +203,10 @@ def _view(
     sequence: Sequence, index: int, v: int, view: CanonicalView, with_parts: bool
 ) -> tuple[Array, Array | None, tuple[Array, Array, Array]]:
     name = sequence.rig.views[v]
-    image = view.image(_decoded(sequence.read(index, sequence.image_suffix(index, name))))
+    picture = sequence.picture(index, v)
+    if picture is None:
+        raise FileError(sequence.folder, f"frame {index} has no picture of '{name}'")
+    image = view.image(picture)
     parts = None
     if with_parts:
         mask = sequence.mask(index, name)
@@ -228,19 +230,6 @@ def _labels(
     width = sequence.rig.mounts[sequence.rig.views.index(name)].camera.width
     scale = np.where(inside, view.magnification(points), 1.0) * (640.0 / width)
     return tuple(view.labels(a, 0) for a in (points, state, scale))  # type: ignore[return-value]
-
-
-def _decoded(data: bytes) -> UInt8[Array, "h w 3"]:
-    if data[:2] == b"\xff\xd8":
-        import simplejpeg
-
-        return simplejpeg.decode_jpeg(data)
-    import cv2
-
-    image = decode(data, cv2.IMREAD_COLOR_RGB)
-    if image is None:
-        raise ValueError("an image is damaged")
-    return image
 
 
 def _read(place: Path) -> Views:

@@ -108,8 +108,7 @@ def footage(sequence: Sequence, work: Path) -> Path:
     for v, name in enumerate(views):
         (pictures / name).mkdir(parents=True)
         for t in range(T):
-            image = sequence.read(t, sequence.image_suffix(t, name))
-            (pictures / name / f"{t}.jpg").write_bytes(image)
+            (pictures / name / f"{t}.jpg").write_bytes(sequence.read(t, f"{name}.jpg"))
         entries.append(FootageView(name=name, path=str(pictures / views[v]), bytes=1,
                                    options=PictureOptions(fps=30), sha256="0" * 64))  # fmt: skip
     time = np.arange(T) / 30.0

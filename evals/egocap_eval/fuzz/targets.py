@@ -185,7 +185,7 @@ def _weights(sequence: Sequence, work: Path) -> list[Target]:
     run.mkdir(exist_ok=True)
     training = network, network, torch.optim.AdamW(network.parameters())
     saved = save_checkpoint(run, *training, {"step": 1})
-    picture.write_bytes(sequence.read(0, sequence.image_suffix(0, sequence.manifest.views[0])))
+    picture.write_bytes(sequence.read(0, f"{sequence.manifest.views[0]}.jpg"))
     return [
         Target("weights.safetensors", weights, load_weights),
         Target("checkpoint.pt", saved, lambda f: restore_checkpoint(f, *training), run),

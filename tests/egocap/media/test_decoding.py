@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from egocap.errors import InputError
+from egocap.errors import FileError
 from egocap.media.decoding import decode
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (12, 20, 3), np.uint8)
@@ -25,18 +25,18 @@ def png(width: int, height: int) -> bytes:
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".tiff", ".ppm"])
 def test_lossless_formats_come_back(suffix):
     data = cv2.imencode(suffix, IMAGE)[1].tobytes()
-    np.testing.assert_array_equal(decode(data, cv2.IMREAD_COLOR), IMAGE)
+    np.testing.assert_array_equal(decode(data, cv2.IMREAD_COLOR, "a.png"), IMAGE)
 
 
 def test_large_images_are_refused_before_they_are_allocated():
-    for width, height in ((32_000, 32_000), (8193, 8192)):
+    for width, height in ((32_000, 32_000), (8193, 8192), (8192, 8193)):
         tracemalloc.start()
-        with pytest.raises(InputError, match="67108864 pixels"):
-            decode(png(width, height), cv2.IMREAD_COLOR)
+        with pytest.raises(FileError, match=r"a.png: .*at most 67108864"):
+            decode(png(width, height), cv2.IMREAD_COLOR, "a.png")
         assert tracemalloc.get_traced_memory()[1] < 1 << 22
         tracemalloc.stop()
 
 
 @pytest.mark.parametrize("data", [b"", b"no image", png(0, 5), cv2.imencode(".png", IMAGE)[1][:40]])
 def test_damaged_files_give_none(data):
-    assert decode(bytes(data), cv2.IMREAD_COLOR) is None
+    assert decode(bytes(data), cv2.IMREAD_COLOR, "a.png") is None

@@ -1,14 +1,23 @@
 """A sequence is clean, or every thing wrong with it is named."""
 
+import io
 import json
+import re
 import shutil
+import tarfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from egocap.data.sequence import Sequence
 from egocap.data.truth import OUT_OF_VIEW, Truth
+from egocap.detect.input_images import recorded_pictures
 from egocap.errors import FileError
+from egocap.files import sha256
+from egocap.head_pose.pictures import grey_frames
+from egocap_sim.export.preview import contact_sheet
 from egocap_sim.verification.integrity import verify
 
 
@@ -83,6 +92,69 @@ def test_a_changed_configuration_is_seen(folder):
 def test_an_index_that_points_elsewhere_is_seen(folder):
     edit_manifest(folder, lambda m: m["shards"][1]["frames"][0].update({"left.jpg": [512, 9]}))
     assert any("shard-00001.tar: its members differ" in p for p in verify(folder).problems)
+
+
+def rewrite_shard(folder: Path, name: str, content: bytes | None) -> None:
+    """Frames 2 and 3 with another file of that name, or without it; every checksum is right."""
+    path = folder / "shard-00001.tar"
+    with tarfile.open(path) as tar:
+        files = {member.name: tar.extractfile(member).read() for member in tar}
+    files = {n: content if n.endswith(name) else data for n, data in files.items()}
+    frames: list[dict] = [{}, {}]
+    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+        for member, data in files.items():
+            if data is not None:
+                info = tarfile.TarInfo(member)
+                info.size, start = len(data), tar.offset
+                tar.addfile(info, io.BytesIO(data))
+                frames[int(member[:6]) - 2][member[7:]] = [start + 512, len(data)]
+    entry = {"bytes": path.stat().st_size, "sha256": sha256(path), "frames": frames}
+    edit_manifest(folder, lambda m: m["shards"][1].update(entry))
+
+
+def image(shape, suffix=".png", dtype=np.uint8) -> bytes:
+    return cv2.imencode(suffix, np.zeros(shape, dtype))[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        (
+            "left.mask.png",
+            image((64, 80)),
+            "has 80 x 64 .*160 x 128. .* 2 and 1 more",
+        ),
+        ("left.depth.png", image((9, 160), dtype=np.uint16), "'left.depth.png' has 160 x 9"),
+        ("left.mask.png", image((128, 160), dtype=np.uint16), "is uint16 .*valid: uint8"),
+        ("right.depth.png", image((128, 160, 3)), "is uint8 .*valid: uint16, one value"),
+        ("000003.right.jpg", image((64, 80, 3), ".jpg"), "'right.jpg' has 80 x 64 .* frame 3$"),
+        ("000003.right.jpg", b"no image", "'right.jpg' is damaged in frame 3"),
+        ("000003.right.jpg", None, "no 'right.jpg' in frame 3"),
+        ("right.mask.png", None, "no 'right.mask.png' in frame 2 and 1 more"),
+        ("000003.json", None, "no 'json' in frame 3"),
+    ],
+)
+def test_pictures_labels_and_depth_of_every_frame_are_checked(folder, name, content, says):
+    rewrite_shard(folder, name, content)
+    (problem,) = verify(folder).problems
+    assert "shard-00001.tar" in problem and re.search(says, problem), problem
+
+
+@pytest.mark.parametrize("name", ["left.mask.png", "left.jpg"])
+def test_a_preview_of_pictures_of_another_size_is_refused(folder, name, tmp_path):
+    rewrite_shard(folder, name, image((64, 80, 3)[: 3 - name.count("mask")], Path(name).suffix))
+    with pytest.raises(FileError, match=r"shard-00001.tar: frame 2: .* 80 x 64 .*valid: 160 x 128"):
+        contact_sheet(Sequence(folder), rows=7, tile_width=80)
+
+
+def test_a_missing_picture_leaves_the_other_view(folder):
+    rewrite_shard(folder, "000003.right.jpg", None)
+    sequence = Sequence(folder)
+    frame = sequence.frame(3)
+    assert frame.present == (True, False) and not frame.images[1].any()
+    assert recorded_pictures(sequence, 3)[1] is None
+    (grey,) = grey_frames(sequence, sequence.rig, range(3, 4))
+    assert grey[1][0] is not None and grey[1][1] is None
 
 
 def test_truth_that_contradicts_itself_is_seen(folder):

@@ -297,15 +297,16 @@ def _chain(
     batch = angles.shape[:-1]
     positions = np.zeros((*batch, POINT_COUNT, 3))
     axes = np.zeros((*batch, DOF_COUNT, 3))
+    turns, of_joint = axis_angle(AXES, angles), np.array(DOF_JOINT)  # (..., 37, 3, 3)
     rotations: list[Float[Array, "*batch 3 3"]] = []
     for i, parent in enumerate(POINT_PARENTS):
         R = np.broadcast_to(np.eye(3), (*batch, 3, 3)) if parent < 0 else rotations[parent]
         origin = 0.0 if parent < 0 else positions[..., parent, :]
         positions[..., i, :] = origin + R @ offsets[i]
         if i < len(JOINTS):
-            for d in np.flatnonzero(np.array(DOF_JOINT) == i):
+            for d in np.flatnonzero(of_joint == i):
                 axes[..., d, :] = R @ AXES[d]
-                R = R @ axis_angle(AXES[d], angles[..., d])
+                R = R @ turns[..., d, :, :]
             rotations.append(R)
     return positions, axes, np.stack(rotations, -3)
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from egocap.view.live_run import KnowsPerson, LiveReport
     from egocap.view.live_view import PoseDisplay
 
-LIVE = TrackerConfig(smoothing="none")
+LIVE = TrackerConfig(smoothing="fixed-lag")
 CAMERAS = CameraSettings()
 
 
@@ -176,7 +176,7 @@ def _by_colour(
     return (
         tracker,
         f"colour only from '{options.start}'",
-        lambda feed, display: follow_pictures(feed, tracker.step, display),
+        lambda feed, display: follow_pictures(feed, tracker, display),
     )
 
 
@@ -231,7 +231,9 @@ def _print_live(report: LiveReport, as_json: bool) -> None:
     print(f"{summary['poses']} poses, {summary['poses_per_second']:.1f} a second, latency "
           f"{summary['latency_ms']:.0f} ms (95 %: {summary['latency_95_ms']:.0f}), "
           f"{summary['skipped_pictures']} pictures skipped, "
-          f"{summary['missing_pictures']} missing")  # fmt: skip
+          f"{summary['missing_pictures']} missing; "
+          + ", ".join(f"{stage} {summary[f'{stage}_ms']:.0f}" for stage in report.stages)
+          + " ms")  # fmt: skip
 
 
 def _print_cameras(as_json: bool) -> int:

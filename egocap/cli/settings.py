@@ -24,7 +24,7 @@ from egocap.errors import FileError, InputError
 from egocap.pose.config import TrackerConfig
 
 BASIC = (
-    "smoothing", "multistart", "appearance_check", "estimate_noise", "colour", "covariance",
+    "smoothing", "lag", "multistart", "appearance_check", "estimate_noise", "colour", "covariance",
     "synchronise", "align_cameras",
 )  # fmt: skip
 """Settings that are flags without --advanced."""

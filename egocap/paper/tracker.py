@@ -34,13 +34,13 @@ from egocap.pose.observations import Observations, observe
 from egocap.track.colour_refinement import Images, most_certain_frames
 from egocap.track.consistency import with_consistency
 from egocap.track.joint_occlusion import occlusion_causes
-from egocap.track.online import ONLINE
 from egocap.track.online_filter import filter_sequence
 from egocap.track.smoother import smooth_gaussian
 from egocap.track.stopwatch import Stopwatch
 from egocap.track.tracker import Tracker, require_increasing_times
 from egocap.track.uncertainty import causal_covariances
 
+_CAUSAL = TrackerConfig(smoothing="none")
 PERSONALISATION_FRAMES = 60
 """First frames of which the most certain one gives the person's colours."""
 
@@ -58,7 +58,8 @@ def make_tracker(
         return Tracker(rig, proportions, config)
     default = TrackerConfig()
     for name, value in asdict(config).items():
-        if name not in ("smoothing", "gaussian_sigma_frames") and value != getattr(default, name):
+        own = name in ("smoothing", "gaussian_sigma_frames") and value != "fixed-lag"
+        if not own and value != getattr(default, name):
             raise InputError(
                 f"{name} = {value} with solver '{solver}'",
                 valid="the solver 'fast', or leave it at its default",
@@ -162,10 +163,10 @@ class PaperTracker:
         self, detections: Detections, images: Images
     ) -> tuple[GaussianBody, Float[Array, "37"]]:
         """The body with colours of the most certain early frame, and the first frame's pose."""
-        observations = observe(detections, self.rig, self.proportions, ONLINE)
-        model = make_model(self.proportions, ONLINE)
-        angles, _, chosen = filter_sequence(observations[:PERSONALISATION_FRAMES], model, ONLINE)
-        covariances = causal_covariances(angles, chosen, model, ONLINE)
+        observations = observe(detections, self.rig, self.proportions, _CAUSAL)
+        model = make_model(self.proportions, _CAUSAL)
+        angles, _, chosen = filter_sequence(observations[:PERSONALISATION_FRAMES], model, _CAUSAL)
+        covariances = causal_covariances(angles, chosen, model, _CAUSAL)
         (certain,) = most_certain_frames(covariances, 1)
         body = GaussianBody.from_proportions(self.proportions)
         rays = image_rays(self.rig, 128, 128)

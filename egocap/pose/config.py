@@ -7,7 +7,8 @@ from typing import Literal
 
 from egocap.errors import InputError
 
-SMOOTHINGS = ("interval", "gaussian", "none")
+SMOOTHINGS = ("interval", "fixed-lag", "gaussian", "none")
+MOST_LAG_S = 2.0
 MOTION_PRIORS = ("network", "gaussian")
 
 
@@ -18,12 +19,15 @@ class TrackerConfig:
     In the comment of a field that is on by default, what follows "Off:" is what happens without it.
     """
 
-    smoothing: Literal["interval", "gaussian", "none"] = "interval"
-    """interval: all frames together, past and future; gaussian: low-pass over 5 frames; none: past
-    frames only."""
+    smoothing: Literal["interval", "fixed-lag", "gaussian", "none"] = "interval"
+    """interval: all frames together, past and future; fixed-lag: the last frames together, each
+    pose given those up to `lag` later; gaussian: low-pass over 5 frames; none: each frame given the
+    last."""
+    lag: float = 0.0
+    """Seconds by which poses follow their frames (fixed-lag only, 2 at most)."""
     multistart: bool = True
-    """Solve the sequence from other starts, too, and keep, per limb, the segments of lower energy
-    (interval only). Off: Solve from one start."""
+    """Solve from other starts, too, and keep, per limb, the segments of lower energy (interval), or
+    the last frames as a whole (fixed-lag). Off: Solve from one start."""
     appearance_check: bool = True
     """Reject detections of limbs where the images show the background (interval only). Off: Keep
     detections that the images contradict."""
@@ -113,6 +117,11 @@ class TrackerConfig:
     def __post_init__(self) -> None:
         if self.smoothing not in SMOOTHINGS:
             raise InputError(f"smoothing '{self.smoothing}'", valid=SMOOTHINGS)
+        if self.lag > 0.0 and self.smoothing != "fixed-lag":
+            raise InputError(f"lag {self.lag:g} s with smoothing '{self.smoothing}'",
+                             valid="smoothing 'fixed-lag', or lag 0")  # fmt: skip
+        if self.lag > MOST_LAG_S:
+            raise InputError(f"lag = {self.lag:g} s", valid=f"0 to {MOST_LAG_S:g} s")
         if self.motion_prior not in MOTION_PRIORS:
             raise InputError(f"motion prior '{self.motion_prior}'", valid=MOTION_PRIORS)
         positive = (

@@ -5,6 +5,7 @@ A detector's heat map may have several modes; `egocap.track.association` chooses
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -68,6 +69,15 @@ class Observations:
             self, times=self.times[frames], rays=np.array(self.rays[frames]),
             whiten=self.whiten[frames].copy(), weights=self.weights[frames].copy(), modes=modes,
         )  # fmt: skip
+
+
+def joined(frames: Sequence[Observations]) -> Observations:
+    """Frames of the same cameras one after another, without modes."""
+    times, rays, whiten, weights = (
+        np.concatenate([getattr(frame, name) for frame in frames])
+        for name in ("times", "rays", "whiten", "weights")
+    )
+    return Observations(times, frames[0].centres, rays, whiten, weights)
 
 
 @dataclass(frozen=True, eq=False)

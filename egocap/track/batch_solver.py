@@ -1,6 +1,7 @@
 """Batch solver: observations of a recording in, the motion of all frames out.
 
-A first motion comes from the online filter. With `interval` smoothing, association, the cameras'
+With `fixed-lag` smoothing, the last frames are solved with every new one. Else a first motion comes
+from the online filter. With `interval` smoothing, association, the cameras'
 alignment and the detector's noise are then estimated from it, the smoother runs again, and
 multi-start refinement and the motion prior follow.
 """
@@ -13,17 +14,17 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
-from egocap.body.labels import EVALUATED, LABEL_INDEX
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
 from egocap.data.head_pose import HeadPoses
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model
 from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction, predict_motion
-from egocap.pose.observations import Observations
+from egocap.pose.observations import Observations, joined
 from egocap.track.association import associate, needs_association
 from egocap.track.camera_alignment import Alignment, improve
-from egocap.track.motion_prediction import predict_by_network
+from egocap.track.fixed_lag import smooth_fixed_lag
+from egocap.track.motion_prediction import INDEPENDENT, predict_by_network, undetected
 from egocap.track.multistart import changed_frames, merge_segments, solve_multistart
 from egocap.track.noise_estimation import apply_noise, estimate_noise, weight_as_independent
 from egocap.track.online_filter import filter_both_ways, filter_sequence
@@ -33,11 +34,6 @@ from egocap.track.uncertainty import causal_covariances, interval_covariances
 
 _ALIGNMENT_STEPS = 4
 _MAX_PREDICTIONS = 3
-_INDEPENDENT = 0.04
-"""Fraction of the motion prior's information that covariances count, as its errors persist from
-frame to frame. Chosen so that regions of 50, 80 and 95 % hold on validation clips."""
-_GUESSED = [i for i in EVALUATED if i != LABEL_INDEX["neck"]]
-"""Labels that every detection of the wearer has: those of the limbs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +47,7 @@ class Solution:
     estimated: dict[str, object]  # JSON-ready
     prediction: MotionPrediction  # of the motion prior
     independent_prediction: MotionPrediction  # the same, with the information of independent frames
+    covariances: Float[Array, "T 37 37"] | None = None  # rad^2, where they come with the motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +69,10 @@ class BatchSolver:
             solution = self._solve_interval(angles, observations, heads)
             stopwatch.lap("smoothing")
             return solution
+        if config.smoothing == "fixed-lag":
+            solution = self._solve_fixed_lag(observations)
+            stopwatch.lap("smoothing")
+            return solution
         angles, converged, chosen = filter_sequence(*known)
         stopwatch.lap("frames")
         if config.smoothing == "gaussian":
@@ -83,10 +84,21 @@ class BatchSolver:
 
     def covariances(self, solution: Solution) -> Float[Array, "T 37 37"]:
         """Covariances [rad^2] of a solution's angles."""
+        if solution.covariances is not None:
+            return solution.covariances
         known = solution.angles, solution.independent, self.model, self.config
         if self.config.smoothing == "interval":
             return interval_covariances(*known, solution.independent_prediction)
         return causal_covariances(*known)
+
+    def _solve_fixed_lag(self, observations: Observations) -> Solution:
+        poses = smooth_fixed_lag(observations, self.proportions, self.model, self.config)
+        chosen = joined([pose.chosen for pose in poses])
+        return Solution(
+            np.array([pose.angles for pose in poses]), np.array([p.converged for p in poses]),
+            chosen, chosen, {}, NO_MOTION_PREDICTION, NO_MOTION_PREDICTION,
+            np.array([pose.covariance for pose in poses]),
+        )  # fmt: skip
 
     def _solve_interval(
         self, angles: Float[Array, "T 37"], observations: Observations, heads: HeadPoses | None
@@ -154,7 +166,7 @@ class BatchSolver:
         It was learned from detectors that guess hidden joints. Frames in which a joint has no
         detection at all take the Gaussian process's prediction.
         """
-        missing = ~(chosen.weights[:, :, _GUESSED] > 0.0).any(1).all(1)
+        missing = undetected(chosen)
         if missing.all():
             angles, converged, prediction = self._apply_motion_prior(angles, chosen)
         else:
@@ -166,7 +178,7 @@ class BatchSolver:
                 prediction = prediction.replaced(guide, missing)
                 start = np.where(missing[:, None], other, start)
             angles, converged = smooth_interval(start, chosen, *known, prediction)
-        separate = replace(prediction, precision=_INDEPENDENT * prediction.precision)
+        separate = replace(prediction, precision=INDEPENDENT * prediction.precision)
         return angles, converged, prediction, separate
 
     def _apply_motion_prior(

@@ -76,6 +76,10 @@ class ColourTracker:
             return self._pose(time, elapsed, None)
         return self._pose(time, elapsed, self._follow(there, elapsed))
 
+    def finish(self) -> list[PoseEstimate]:
+        """No pose is withheld."""
+        return []
+
     def learn(self, images: Sequence[UInt8[Array, "H W 3"]]) -> None:
         """Learn the person's colours from images of all views in the starting pose.
 
@@ -116,5 +120,5 @@ class ColourTracker:
             self.proportions, self._last[None], self._covariance[None], PRIORS.model_error_m
         )
         joints = forward(self.proportions, self._last)
-        return PoseEstimate(time, self._last, joints, confidences(covariance)[0],
+        return PoseEstimate(time, self._last, joints, covariance[0], confidences(covariance)[0],
                         found is not None and found.converged)  # fmt: skip

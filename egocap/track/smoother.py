@@ -155,6 +155,14 @@ def assemble(model, angles, seen, scale, stencil, density, mean, precision, band
             gradient[t * dofs + c] += g[c]
             for r in range(c, dofs):
                 bands[r - c, t * dofs + c] += H[r, c]
+    return energy + accelerations(angles, stencil, density, bands, gradient)
+
+
+@njit(cache=True)
+def accelerations(angles, stencil, density, bands, gradient):
+    """Energy of a window's accelerations; their terms are added as `assemble` does."""
+    frames, dofs = angles.shape
+    energy = 0.0
     for t in range(frames - 2):
         s0, s1, s2 = stencil[t, 0], stencil[t, 1], stencil[t, 2]
         for d in range(dofs):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -15,7 +17,7 @@ from egocap.data.detections import Detections
 from egocap.data.track import Track
 from egocap.errors import MachineError
 from egocap.track.online import OnlineTracker, PoseEstimate
-from egocap.view.feeds import Feed, Images
+from egocap.view.feeds import Feed, Images, Instant
 
 
 class KnowsPerson(Protocol):
@@ -41,6 +43,7 @@ class LiveReport:
     skews: list[float] = field(default_factory=list)  # s, between the pictures of a pose
     skipped: int = 0  # pictures that a newer one replaced
     missing: int = 0  # pictures that a pose had to do without
+    stages: dict[str, list[float]] = field(default_factory=dict)  # s, of every frame
     seconds: float = 0.0  # from the first picture to the last pose
 
     @property
@@ -62,7 +65,9 @@ class LiveReport:
         skew = float(np.median(self.skews)) if self.skews else float("nan")
         return {"poses": len(self.poses), "poses_per_second": round(self.rate, 2),
                 "skipped_pictures": self.skipped, "missing_pictures": self.missing,
-                "latency_ms": middle, "latency_95_ms": late, "skew_ms": 1e3 * skew}  # fmt: skip
+                "latency_ms": middle, "latency_95_ms": late, "skew_ms": 1e3 * skew,
+                } | {f"{stage}_ms": 1e3 * float(np.median(spent))
+                     for stage, spent in self.stages.items()}  # fmt: skip
 
     def track(self, tracker: KnowsPerson, source: str) -> Track:
         """The poses as a track. Raises MachineError when there are none."""
@@ -74,40 +79,105 @@ class LiveReport:
             times=times - times[0], angles=np.stack([p.angles for p in self.poses]),
             joints_head=np.stack([p.joints_head for p in self.poses]), energy=np.zeros(count),
             converged=np.array([p.converged for p in self.poses]),
-            detections_used=np.zeros(count), seconds_per_frame=float(np.mean(self.latencies)),
+            detections_used=np.zeros(count), seconds_per_frame=self.seconds / count,
             config={"detections": source, "live": self.summary()},
             offsets=np.array(tracker.proportions.offsets),
+            covariance=np.stack([p.covariance for p in self.poses]),
             confidence=np.stack([p.confidence for p in self.poses]),
         )  # fmt: skip
+
+
+class FollowsPictures(Protocol):
+    """What makes poses of pictures."""
+
+    def step(self, images: Images, time: float) -> PoseEstimate | None:
+        """A pose of these pictures, or of earlier ones; None where there is none yet."""
+        ...
+
+    def finish(self) -> list[PoseEstimate]:
+        """Poses of pictures that have none yet, at the end."""
+        ...
+
+
+class DetectAndTrack:
+    """Poses of pictures by a detector and an online tracker, and the time that each takes."""
+
+    def __init__(
+        self, detector: DetectsOne, tracker: OnlineTracker, stages: dict[str, list[float]]
+    ) -> None:
+        self.detector, self.tracker, self.stages = detector, tracker, stages
+
+    def step(self, images: Images, time: float) -> PoseEstimate | None:
+        """The tracker's pose; a view whose picture did not come in time is missing."""
+        with lap(self.stages, "detect"):
+            found = self.detector.detect_images(images, time)
+        with lap(self.stages, "track"):
+            return self.tracker.step(found)
+
+    def finish(self) -> list[PoseEstimate]:
+        """The poses that the tracker's lag withheld."""
+        return self.tracker.finish()
 
 
 def follow_live(
     feed: Feed, detector: DetectsOne, tracker: OnlineTracker,
     on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
 ) -> LiveReport:  # fmt: skip
-    """Track by detections until the feed ends.
-
-    A view whose picture does not come in time is missing for that frame.
-    """
-    return follow_pictures(
-        feed, lambda images, time: tracker.step(detector.detect_images(images, time)), on_pose
-    )
+    """Track by detections until the feed ends."""
+    report = LiveReport()
+    return follow_pictures(feed, DetectAndTrack(detector, tracker, report.stages), on_pose, report)
 
 
 def follow_pictures(
-    feed: Feed, pose_in: Callable[[Images, float], PoseEstimate],
+    feed: Feed, follower: FollowsPictures,
     on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
+    report: LiveReport | None = None,
 ) -> LiveReport:  # fmt: skip
-    """As `follow_live`, with whatever makes a pose of pictures and their time."""
-    report, began = LiveReport(), None
+    """As `follow_live`, with whatever makes poses of pictures. Every pose goes to `on_pose`.
+
+    A pose that follows its pictures by a lag is shown with them; so it is for the latency.
+    """
+    report = report or LiveReport()
+    waiting: deque[Instant] = deque()
+    began, came = None, time.monotonic()
     for instant in feed:
         began = instant.taken if began is None else began
-        pose = pose_in(instant.images, instant.time)
-        report.poses.append(pose)
-        report.latencies.append(time.monotonic() - instant.taken)
-        report.skews.append(instant.skew)
+        report.stages.setdefault("pictures", []).append(time.monotonic() - came)
         report.missing += sum(image is None for image in instant.images)
+        waiting.append(instant)
+        pose = follower.step(instant.images, instant.time)
+        if pose is not None:
+            shown = _at(waiting, pose.time)
+            report.latencies.append(time.monotonic() - shown.taken)
+            _give(report, pose, shown, on_pose)
         report.seconds = time.monotonic() - began
-        on_pose(pose, instant.images)
+        came = time.monotonic()
+    for pose in follower.finish():
+        _give(report, pose, _at(waiting, pose.time), on_pose)
     report.skipped = feed.skipped
     return report
+
+
+def _give(
+    report: LiveReport, pose: PoseEstimate, instant: Instant,
+    on_pose: Callable[[PoseEstimate, Images], None],
+) -> None:  # fmt: skip
+    report.poses.append(pose)
+    report.skews.append(instant.skew)
+    with lap(report.stages, "show"):
+        on_pose(pose, instant.images)
+
+
+def _at(waiting: deque[Instant], time: float) -> Instant:
+    """The instant of a time; it and earlier ones leave those that wait."""
+    while waiting[0].time < time:
+        waiting.popleft()
+    return waiting.popleft()
+
+
+@contextmanager
+def lap(stages: dict[str, list[float]], stage: str) -> Iterator[None]:
+    """Append the time of a block, seconds, to those of a stage."""
+    started = time.perf_counter()
+    yield
+    stages.setdefault(stage, []).append(time.perf_counter() - started)

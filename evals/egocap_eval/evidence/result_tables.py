@@ -41,6 +41,7 @@ def summary(results: Results) -> str:
         "offline, body known",
         "offline, body fitted",
         "live, body known",
+        "live, 0.1 s lag",
     )
     rows: list[Row] = []
     for file, name in SETS.items():
@@ -51,7 +52,10 @@ def summary(results: Results) -> str:
                 (
                     set_label(r),
                     interval(r["mean"]["detector"]["pck20_in_view"]),
-                    *(interval(r["mean"][case]["mpjpe_mm"]) for case in TRACKED),
+                    *(
+                        interval(r["mean"][case]["mpjpe_mm"]) if case in r["mean"] else "-"
+                        for case in TRACKED
+                    ),
                 )
             ],
         )
@@ -119,13 +123,14 @@ def _procedural(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
             number(errors["true"]),
             number(errors["fitted"]),
             number(errors.get(LIVE)),
+            "-",
         )
 
 
 def _recordings(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
     errors = [scores["mpjpe_mm"] for scores in result["scores"]["learned"].values()]
     label = f"validation, procedural: {len(errors)} other recordings"
-    yield label, "-", f"{min(errors):.1f} to {max(errors):.1f}", "-", "-"
+    yield label, "-", f"{min(errors):.1f} to {max(errors):.1f}", "-", "-", "-"
 
 
 def _commit(record: Mapping[str, Any] | None) -> str:

@@ -8,7 +8,7 @@ validation ones of the paper's scenes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.fit_body import BodyFit, fit_body
+from egocap.track.online import ONLINE
 from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
@@ -163,10 +164,12 @@ def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) ->
     return {key: None if e is None else round(e, 2) for key, e in errors.items()}
 
 
-def live_joints(sequence: Sequence, found: Detections) -> Float[Array, "T 18 3"]:
+def live_joints(sequence: Sequence, found: Detections, lag: float = 0.0) -> Float[Array, "T 18 3"]:
     """Joints in the head frame by the online tracker with the true proportions."""
-    tracker = egocap.OnlineTracker(sequence.rig, sequence.body)
-    return np.array([tracker.step(found[t : t + 1]).joints_head for t in range(len(found.times))])
+    tracker = egocap.OnlineTracker(sequence.rig, sequence.body, replace(ONLINE, lag=lag))
+    poses = [tracker.step(found[t : t + 1]) for t in range(len(found.times))]
+    given = [pose for pose in poses if pose is not None] + tracker.finish()
+    return np.array([pose.joints_head for pose in given])
 
 
 def _means(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:

@@ -2,8 +2,8 @@
 
 Each clip of the set is acted out by another person in another room, whose seeds are kept for the
 set, on one rig. Its middle is rendered, detected and tracked: offline with the true proportions,
-offline with proportions fitted to another clip of the same person, and live. Intervals are over
-clips.
+offline with proportions fitted to another clip of the same person, live, and live with a lag.
+Intervals are over clips.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ SIZE = (640, 512)
 FPS = 30
 CALIBRATION_FPS = 10  # the fit selects frames that differ
 RIG = "egorig1"
-FITTED = "offline, fitted body"
+FITTED, LAGGED = "offline, fitted body", "live, 0.1 s lag"
+_LAG_S = 0.1
 CODE = ("egocap", "egocap_sim", "egocap_eval/studies/recorded.py")
 POSE = ("mpjpe_mm", "visible_mm", "hidden_mm", "arms_mm", "legs_mm", "ankles_mm", "feet_mm",
         "p95_mm", "accel_error")  # fmt: skip
@@ -204,9 +205,10 @@ def fitted_scores(one: Recording) -> Scores:
     return _offline(one, one.fitted)
 
 
-def live_scores(one: Recording) -> Scores:
-    """Errors of the online tracker with the true proportions."""
-    return pose_scores(egocap.evaluate(live_joints(one.footage, one.detections), one.footage))
+def live_scores(one: Recording, lag: float = 0.0) -> Scores:
+    """Errors of the online tracker with the true proportions, the poses late by `lag` seconds."""
+    joints = live_joints(one.footage, one.detections, lag)
+    return pose_scores(egocap.evaluate(joints, one.footage))
 
 
 CASES: Mapping[str, Callable[[Recording], Scores]] = {
@@ -214,6 +216,7 @@ CASES: Mapping[str, Callable[[Recording], Scores]] = {
     "offline": offline_scores,
     FITTED: fitted_scores,
     "live": live_scores,
+    LAGGED: partial(live_scores, lag=_LAG_S),
 }
 
 

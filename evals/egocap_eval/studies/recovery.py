@@ -74,7 +74,8 @@ def by_detections(footage: Footage, detections: Detections, trial: Trial, frames
     before, after = range(start - MISLED_FRAMES, start), range(start, start + frames)
     misled = [_detections_at(detections[t : t + 1], footage, trial.angles) for t in before]
     true = [detections[t : t + 1] for t in after]
-    joints = [tracker.step(found).joints_head for found in [*misled, *true]]
+    poses = [tracker.step(found) for found in [*misled, *true]]
+    joints = [pose.joints_head for pose in poses if pose is not None]
     return _end_error(np.array(joints[MISLED_FRAMES:]), footage, start)
 
 

@@ -58,7 +58,7 @@ def test_settings_from_a_file(tmp_path, monkeypatch, capsys):
         ("speed = 2.0", "key 'speed'"),
         ('zeta = "fast"', "key 'zeta'"),
         ("colour = 1", "key 'colour'"),
-        ('smoothing = "kalman"', "'interval', 'gaussian' or 'none'"),
+        ('smoothing = "kalman"', "'interval', 'fixed-lag', 'gaussian' or 'none'"),
         ("robust_scale = 0.0", "robust_scale = 0.0"),
         ("zeta =", "not TOML"),
     ],

@@ -93,6 +93,25 @@ def test_every_pose_is_shown_with_its_pictures(tmp_path):
     assert [True, True] in [there for _, there in shown]
 
 
+def test_late_poses_are_shown_with_their_own_pictures(tmp_path):
+    made = make_motion(frames=60)
+    names = [video(tmp_path / f"{side}.avi", 12) for side in ("left", "right")]
+    tracker = OnlineTracker(
+        made.rig, made.person, TrackerConfig(smoothing="fixed-lag", lag=0.1)
+    )  # fmt: skip
+    shown = []
+    report = follow_live(
+        RecordedFeed(names), Slow(made, 0.0), tracker,
+        on_pose=lambda pose, images: shown.append((pose.time, images[0].mean())),
+    )  # fmt: skip
+    np.testing.assert_allclose([when for when, _ in shown], np.arange(12) / 30.0, atol=1e-6)
+    np.testing.assert_allclose([grey for _, grey in shown], 10.0 * np.arange(12), atol=3)
+    assert len(report.latencies) == 9 and len(report.poses) == 12
+    assert {len(spent) for spent in report.stages.values()} == {12}
+    assert list(report.stages) == ["pictures", "detect", "track", "show"]
+    assert report.summary()["track_ms"] > 0.0
+
+
 def test_the_first_pictures_are_the_beginning(tmp_path):
     names = [video(tmp_path / "a.avi", 3), video(tmp_path / "b.avi", 30)]
     assert all(picture.mean() < 5 for picture in first_pictures(names))

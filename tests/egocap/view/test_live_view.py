@@ -89,7 +89,7 @@ def test_the_watcher_hands_on_pose_and_pictures(tmp_path, stream):
         watcher = PoseDisplay(made.rig, stream, film)
         for t in range(3):
             pose = PoseEstimate(5.0 + t / 30, made.angles[t], forward(made.person, made.angles[t]),
-                            np.ones(18), True)  # fmt: skip
+                            np.zeros((18, 3, 3)), np.ones(18), True)  # fmt: skip
             watcher(pose, [None, np.full((512, 640, 3), 60, np.uint8)])
     found = frames(tmp_path / "f.mp4")
     assert len(found) == 3 and found[0].shape == (360, 900 + 360, 3)

@@ -1,0 +1,293 @@
+"""Fixed-lag smoother: detections frame by frame in, the pose of a moment ago out.
+
+The last frames are solved together, with the interval smoother's energy; the frames before them are
+a Gaussian over the first two, marginalised out one by one. Every new frame moves the window and
+takes a few Gauss-Newton steps: first with detections alone, then with the motion network's
+prediction as well. The causal filter runs beside; its poses are a second start of the window, which
+recovers limbs that the window has lost.
+
+Source: Moore 1973, "Discrete fixed-lag smoothing algorithms", Automatica 9; Sibley, Matthies &
+Sukhatme 2010, "Sliding window filter with application to planetary landing", J. Field Robotics 27.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import AGILITY, DOF_COUNT
+from egocap.pose.config import TrackerConfig
+from egocap.pose.energy import acceleration_stencil
+from egocap.pose.kernel import Model, information
+from egocap.pose.motion_network import correct_track, network_precision
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
+from egocap.pose.observations import Observations, joined
+from egocap.track.association import associate, needs_association
+from egocap.track.motion_prediction import INDEPENDENT, undetected
+from egocap.track.online_filter import OnlineFilter
+from egocap.track.smoother import BandedSystem, accelerations, interval_system, minimise
+from egocap.track.uncertainty import banded_inverse, joint_deviations
+
+WINDOW = 12
+"""Frames solved together, at least; with a long lag, those that it needs."""
+_ACCELERATION = 2.0
+"""Factor on the accelerations' deviation: the interval smoother gives detections half the weight.
+Chosen on validation clips."""
+_STEPS, _RESTART_STEPS = 2, 3  # Gauss-Newton, of a frame and of another start
+_RESTART_S = 0.1
+"""Time between attempts from the filter's poses."""
+_MIN_GAIN = 3.0
+"""Energy that these must save."""
+_KEPT_VELOCITY = 0.8  # of the motion from frame to frame, at the start of a new one
+_MEMORY_S = 1.1
+"""Time before the window that the motion network is told."""
+_PAIR = 2 * DOF_COUNT
+_ROW, _COLUMN = np.tril_indices(_PAIR)
+_UNKNOWN = np.zeros((DOF_COUNT, DOF_COUNT))
+
+
+@dataclass(frozen=True, eq=False)
+class LaggedPose:
+    """The pose of one frame, given the frames up to some later one."""
+
+    time: float  # s
+    angles: Float[Array, "37"]
+    covariance: Float[Array, "37 37"]  # rad^2
+    converged: bool
+    chosen: Observations  # T = 1: the detections as associated
+
+
+@dataclass(frozen=True, eq=False)
+class Past:
+    """What earlier frames say of the first two of a window: a Gaussian in information form.
+
+    The energy of a departure d from `mean` is d (information d / 2 + gradient).
+    """
+
+    mean: Float[Array, "2 37"]
+    information: Float[Array, "74 74"]
+    gradient: Float[Array, "74"]
+
+    def add(
+        self, angles: Float[Array, "T 37"], bands: Float[Array, "75 N"],
+        gradient: Float[Array, "N"],
+    ) -> float:  # fmt: skip
+        """Add its terms to a window's banded system; their energy."""
+        off = (angles[:2] - self.mean).ravel()
+        pull = self.information @ off
+        bands[_ROW - _COLUMN, _COLUMN] += self.information[_ROW, _COLUMN]
+        gradient[:_PAIR] += pull + self.gradient
+        return float(off @ (0.5 * pull + self.gradient))
+
+
+def marginalise(
+    past: Past | None, angles: Float[Array, "3 37"], observations: Observations, model: Model,
+    config: TrackerConfig,
+) -> Past:  # fmt: skip
+    """What `past` and the first of three frames say of the other two (Schur complement).
+
+    The terms are linearised at `angles`; `observations` are those of the three frames.
+    """
+    n = DOF_COUNT
+    bands, g = np.zeros((_PAIR + 1, 3 * n)), np.zeros(3 * n)
+    accelerations(np.ascontiguousarray(angles), acceleration_stencil(observations.times),
+                  config.acceleration_sigma * AGILITY, bands, g)  # fmt: skip
+    if past is not None:
+        past.add(angles, bands, g)
+    H = np.zeros((3 * n, 3 * n))
+    for k, diagonal in enumerate(bands):
+        at = np.arange(3 * n - k)
+        H[at + k, at] = H[at, at + k] = diagonal[: 3 * n - k]
+    own, pull = information(model, angles[0], observations.frame(0), config.robust_scale)
+    H[:n, :n] += own
+    g[:n] += pull
+    solved = np.linalg.solve(H[:n, :n], np.column_stack([H[:n, n:], g[:n]]))
+    rest = H[n:, n:] - H[n:, :n] @ solved[:, :-1]
+    return Past(angles[1:].copy(), 0.5 * (rest + rest.T), g[n:] - H[n:, :n] @ solved[:, -1])
+
+
+@dataclass(eq=False)
+class _Frame:
+    """A frame and what the last window that held it found."""
+
+    proposed: Observations
+    chosen: Observations
+    filtered: Float[Array, "37"]  # angles by the causal filter
+    angles: Float[Array, "37"]  # by detections alone
+    motion: Float[Array, "37"]  # with the motion prior
+    covariance: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # of `angles`
+    std: Float[Array, "18"] = field(default_factory=lambda: _UNKNOWN[0, :0])  # of the joints, m
+    precision: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # of the prior
+    settled: bool = False
+
+    @property
+    def time(self) -> float:
+        return float(self.chosen.times[0])
+
+    def pose(self) -> LaggedPose:
+        covariance = self.covariance
+        if self.precision.any():
+            covariance = np.linalg.inv(np.linalg.inv(covariance) + INDEPENDENT * self.precision)
+        return LaggedPose(self.time, self.motion, covariance, self.settled, self.chosen)
+
+
+class FixedLagSmoother:
+    """Solves the last frames again with every new one. Not to be shared between threads."""
+
+    def __init__(self, proportions: Proportions, model: Model, config: TrackerConfig) -> None:
+        factor = _ACCELERATION * config.acceleration_sigma
+        self.proportions, self.model = proportions, model
+        self.config = replace(config, acceleration_sigma=factor)
+        self._filter = OnlineFilter(model, config)
+        self._past: Past | None = None
+        self._before: list[_Frame] = []  # the window, as the motion network is told
+        self._window: list[_Frame] = []
+        self._given = self._tried = -np.inf
+
+    def step(self, proposed: Observations) -> LaggedPose | None:
+        """The pose of the frame nearest to the lag before the next one (T = 1).
+
+        None until there is one that was not given yet; where the frame rate falls, frames are
+        passed over.
+        """
+        self._append(proposed)
+        self._solve()
+        due, pose = self._due(), None
+        if due is not None:
+            self._given, pose = due.time, due.pose()
+        self._forget()
+        return pose
+
+    def finish(self) -> list[LaggedPose]:
+        """The poses that the lag withheld, given all frames."""
+        rest = [frame.pose() for frame in self._window if frame.time > self._given]
+        self._given = np.inf
+        return rest
+
+    def _append(self, proposed: Observations) -> None:
+        filtered, _, chosen = self._filter.step(proposed)
+        angles = filtered
+        if self._window:
+            angles, chosen = self._extrapolate(float(proposed.times[0])), proposed[:]
+            if needs_association(proposed, self.config):
+                associate(angles[None], proposed, chosen, self.model, self.config)
+        chosen = replace(chosen, modes=None)
+        self._window.append(_Frame(proposed, chosen, filtered, angles, angles))
+
+    def _extrapolate(self, time: float) -> Float[Array, "37"]:
+        """The pose at a time after the window's, from its last two."""
+        last, before = self._window[-1], self._window[-min(len(self._window), 2)]
+        step = last.time - before.time
+        if not 0.0 < time - last.time < 2.0 * step:
+            return last.angles
+        kept = _KEPT_VELOCITY * (time - last.time) / step
+        return last.angles + kept * (last.angles - before.angles)
+
+    def _solve(self) -> None:
+        """Solve the window by detections, then with the motion prior."""
+        window = self._window
+        seen = joined([frame.chosen for frame in window])
+        angles, done = self._minimised(np.array([f.angles for f in window]), seen, _STEPS)
+        if self.config.multistart and window[-1].time >= self._tried + _RESTART_S:
+            self._tried = window[-1].time
+            angles, seen = self._restarted(angles, seen)
+        covariances = banded_inverse(self._system(angles, seen)[1])
+        std = joint_deviations(self.proportions, angles, covariances, self.config.model_error_m)
+        for t, frame in enumerate(window):
+            frame.angles, frame.covariance, frame.std = angles[t], covariances[t], std[t]
+        motion = angles
+        if self.config.lambda_motion > 0.0:
+            motion, done = self._apply_motion_prior(seen)
+        for t, frame in enumerate(window):
+            frame.motion, frame.settled = motion[t], bool(done[t])
+
+    def _restarted(
+        self, angles: Float[Array, "T 37"], seen: Observations
+    ) -> tuple[Float[Array, "T 37"], Observations]:
+        """The window's angles and detections, from the filter's poses if that saves energy."""
+        start = np.array([frame.filtered for frame in self._window])
+        chosen = [replace(frame.proposed[:], modes=None) for frame in self._window]
+        for pose, frame, detected in zip(start, self._window, chosen, strict=True):
+            if needs_association(frame.proposed, self.config):
+                associate(pose[None], frame.proposed, detected, self.model, self.config)
+        others = joined(chosen)
+        other, _ = self._minimised(start, others, _RESTART_STEPS)
+        gain = self._system(angles, seen)[0] - self._system(other, others)[0]
+        if gain < _MIN_GAIN:
+            return angles, seen
+        for frame, detected in zip(self._window, chosen, strict=True):
+            frame.chosen = detected
+        return other, others
+
+    def _apply_motion_prior(
+        self, seen: Observations
+    ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
+        """The window's motion with the network's prediction, and convergence.
+
+        The network was learned from detectors that guess hidden joints: there is no prediction for
+        frames in which a joint has no detection at all.
+        """
+        told = [*self._before, *self._window]
+        mean, spread = correct_track(
+            np.array([f.time for f in told]), np.array([f.angles for f in told]),
+            np.array([f.std for f in told]), self.proportions, None,
+        )  # fmt: skip
+        here = slice(len(self._before), None)
+        precision = network_precision(spread[here])
+        precision[undetected(seen)] = 0.0
+        for frame, own in zip(self._window, precision, strict=True):
+            frame.precision = own
+        start = np.array([*(f.motion for f in self._window[:-1]), mean[-1]])
+        return self._minimised(start, seen, _STEPS, MotionPrediction(mean[here], precision))
+
+    def _minimised(
+        self, start: Float[Array, "T 37"], seen: Observations, steps: int,
+        prediction: MotionPrediction = NO_MOTION_PREDICTION,
+    ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
+        config = replace(self.config, max_iterations=steps)
+        return minimise(start, lambda angles: self._system(angles, seen, prediction), config)
+
+    def _system(
+        self, angles: Float[Array, "T 37"], seen: Observations,
+        prediction: MotionPrediction = NO_MOTION_PREDICTION,
+    ) -> BandedSystem:  # fmt: skip
+        """The interval smoother's system of the window, with what the past says."""
+        energy, bands, gradient = interval_system(angles, seen, self.model, self.config, prediction)
+        if self._past is not None:
+            energy += self._past.add(angles, bands, gradient)
+        return energy, bands, gradient
+
+    def _due(self) -> _Frame | None:
+        """The frame nearest to the lag before the newest, if it is to be given."""
+        times = np.array([frame.time for frame in self._window])
+        spacing = times[-1] - times[-2] if len(times) > 1 else 0.0
+        old = times <= times[-1] - self.config.lag + 0.5 * min(spacing, self.config.lag)
+        if not old.any() or times[old][-1] <= self._given:
+            return None
+        return self._window[int(np.flatnonzero(old)[-1])]
+
+    def _forget(self) -> None:
+        """Marginalise the frames beyond the window that were given or passed over."""
+        window = self._window
+        while len(window) > WINDOW and window[0].time <= self._given:
+            first = window[:3]
+            self._past = marginalise(
+                self._past, np.array([frame.angles for frame in first]),
+                joined([frame.chosen for frame in first]), self.model, self.config,
+            )  # fmt: skip
+            self._before.append(window.pop(0))
+        since = window[0].time - _MEMORY_S
+        self._before = [frame for frame in self._before if frame.time >= since]
+
+
+def smooth_fixed_lag(
+    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig
+) -> list[LaggedPose]:
+    """The poses of all frames of a recording, each given those up to the lag after it."""
+    smoother = FixedLagSmoother(proportions, model, config)
+    poses = [smoother.step(observations[t : t + 1]) for t in range(len(observations.times))]
+    return [pose for pose in poses if pose is not None] + smoother.finish()

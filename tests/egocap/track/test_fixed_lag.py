@@ -1,0 +1,152 @@
+"""Fixed lag: what is marginalised is not lost, the future is not used, lost limbs come back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from egocap.body.skeleton import DOF_COUNT, forward
+from egocap.errors import InputError
+from egocap.pose.config import TrackerConfig
+from egocap.pose.kernel import make_model
+from egocap.pose.observations import observe
+from egocap.track.fixed_lag import FixedLagSmoother, marginalise, smooth_fixed_lag
+from egocap.track.online import OnlineTracker
+from egocap.track.smoother import interval_system
+from egocap.track.tracker import Tracker
+from tests.egocap.conftest import make_motion
+
+CONFIG = TrackerConfig(smoothing="fixed-lag")
+
+
+def setup(motion, source, config=CONFIG, **kwargs):
+    seen = observe(motion.detect(source, **kwargs), motion.rig, motion.person, config)
+    return seen, make_model(motion.person, config)
+
+
+def track(motion, source, config=CONFIG, **kwargs):
+    seen, model = setup(motion, source, config, **kwargs)
+    return smooth_fixed_lag(seen, motion.person, model, config)
+
+
+def errors(motion, poses):
+    joints = forward(motion.person, np.array([pose.angles for pose in poses]))
+    return np.linalg.norm(joints - motion.joints, axis=-1)[:, 1:].mean(1)
+
+
+def dense(bands):
+    size = bands.shape[1]
+    H = np.zeros((size, size))
+    for k, diagonal in enumerate(bands):
+        at = np.arange(size - k)
+        H[at + k, at] = H[at, at + k] = diagonal[: size - k]
+    return H
+
+
+def test_marginalised_frames_say_the_same_as_the_frames_themselves(motion):
+    """A Gauss-Newton step of six frames, against one of three with the others marginalised."""
+    seen, model = setup(motion, "simulated:2", hidden=0.2)
+    seen, angles = seen[10:16], motion.angles[10:16] + 0.05
+    _, bands, gradient = interval_system(angles, seen, model, CONFIG)
+    whole = np.linalg.solve(dense(bands), -gradient)
+    covariance = np.linalg.inv(dense(bands))
+    past = None
+    for first in range(3):
+        three = slice(first, first + 3)
+        past = marginalise(past, angles[three], seen[three], model, CONFIG)
+    _, bands, gradient = interval_system(angles[3:], seen[3:], model, CONFIG)
+    energies = [past.add(angles[3:], bands, gradient)]
+    n = 3 * DOF_COUNT
+    np.testing.assert_allclose(np.linalg.solve(dense(bands), -gradient), whole[n:], atol=1e-8)
+    np.testing.assert_allclose(np.linalg.inv(dense(bands)), covariance[n:, n:], atol=1e-9)
+    for sign in (-1, 1):  # the energy against its gradient, which is linear away from the mean
+        moved = angles[3:] + sign * 1e-4
+        energies.append(past.add(moved, np.zeros_like(bands), np.zeros(n)))
+    slope = np.zeros(n)
+    past.add(angles[3:], np.zeros_like(bands), slope)
+    assert (energies[2] - energies[1]) / 2e-4 == pytest.approx(slope.sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.1])
+def test_a_pose_depends_on_frames_up_to_the_lag_alone(motion, lag):
+    config = replace(CONFIG, lag=lag)
+    seen, model = setup(motion, "simulated:2", config)
+    whole = smooth_fixed_lag(seen[:40], motion.person, model, config)
+    seen.weights[30:] = 0
+    cut = smooth_fixed_lag(seen[:40], motion.person, model, config)
+    late = 30 - round(30 * lag)
+    for t in range(40):
+        same = np.array_equal(whole[t].angles, cut[t].angles)
+        assert same == (t < late), t
+    assert [pose.time for pose in whole] == list(motion.times[:40])
+
+
+def test_a_lag_lowers_error_and_covariance():
+    motion = make_motion(60, seed=1)
+    found = [track(motion, "simulated:4", replace(CONFIG, lag=lag), hidden=0.3)
+             for lag in (0.0, 0.1)]  # fmt: skip
+    now, late = (errors(motion, poses)[10:].mean() for poses in found)
+    assert late < 0.95 * now < 0.03
+    sizes = [[np.trace(pose.covariance) for pose in poses[10:50]] for poses in found]
+    assert np.mean(sizes[1]) < np.mean(sizes[0])
+    for pose in found[1]:
+        assert np.linalg.eigvalsh(pose.covariance)[0] > 0.0
+
+
+def test_better_than_the_causal_filter():
+    motion = make_motion(60, seed=2)
+    found = motion.detect("simulated:3,outliers=0.05", hidden=0.3)
+    now, before = (
+        motion.errors(Tracker(motion.rig, motion.person, config).track(found))[10:].mean()
+        for config in (CONFIG, TrackerConfig(smoothing="none"))
+    )
+    assert now < 0.9 * before
+
+
+def test_recovers_within_a_third_of_a_second_after_two_seconds_without_detections():
+    motion = make_motion(120, seed=4)
+    seen, model = setup(motion, "simulated:2")
+    seen.weights[30:90] = 0
+    off = errors(motion, smooth_fixed_lag(seen, motion.person, model, CONFIG))
+    assert np.isfinite(off).all()
+    assert (off[99:] < 1.5 * np.median(off[10:30])).all()
+
+
+def test_the_online_tracker_gives_every_frame_once_and_late_by_the_lag():
+    motion = make_motion(20)
+    found = motion.detect("simulated:2")
+    config = replace(CONFIG, lag=0.1)
+    tracker = OnlineTracker(motion.rig, motion.person, config)
+    poses = [tracker.step(found[t : t + 1]) for t in range(20)]
+    assert poses[:3] == [None] * 3
+    assert [pose.time for pose in poses[3:]] == list(found.times[:17])
+    rest = tracker.finish()
+    assert [pose.time for pose in rest] == list(found.times[17:])
+    assert tracker.finish() == []
+    batch = Tracker(motion.rig, motion.person, config).track(found)
+    np.testing.assert_allclose([p.angles for p in (*poses[3:], *rest)], batch.angles, atol=1e-9)
+    np.testing.assert_allclose(
+        [p.covariance for p in (*poses[3:], *rest)], batch.covariance, atol=1e-12
+    )
+
+
+def test_frames_are_passed_over_where_the_rate_falls():
+    """From 30 to 10 frames a second with a lag of 0.1 s: the lag stays."""
+    motion = make_motion(40)
+    seen, model = setup(motion, "simulated:2")
+    smoother = FixedLagSmoother(motion.person, model, replace(CONFIG, lag=0.1))
+    chosen = [*range(15), *range(17, 40, 3)]
+    lags = []
+    for t in chosen:
+        pose = smoother.step(seen[t : t + 1])
+        if pose is not None:
+            lags.append(motion.times[t] - pose.time)
+    assert np.allclose(lags, 0.1, atol=1e-6)
+
+
+def test_wrong_lags_are_refused():
+    with pytest.raises(InputError, match="fixed-lag"):
+        TrackerConfig(lag=0.1)
+    for lag in (-0.1, 2.5, float("nan")):
+        with pytest.raises(InputError, match="lag"):
+            TrackerConfig(smoothing="fixed-lag", lag=lag)

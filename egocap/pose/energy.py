@@ -15,8 +15,11 @@ from numpy import ndarray as Array
 from egocap.body.skeleton import LIMITS, SPREAD, HasOffsets, forward
 from egocap.geometry import unit
 from egocap.pose.config import TrackerConfig
-from egocap.pose.observations import Rays
+from egocap.pose.observations import OPPOSITE, Rays
 from egocap.pose.pose_prior import Posture, load_posture
+
+FARTHEST = 1e6
+"""Residual of the direction opposite to a ray, standard deviations."""
 
 
 def angular_residual(
@@ -28,12 +31,16 @@ def angular_residual(
     """How far the direction to a joint lies from the detected ray, in standard deviations.
 
     The direction d is projected stereographically onto the plane across the ray r: its distance is
-    2 tan(angle / 2), close to the angle when small, and it keeps growing beyond 90 degrees.
+    2 tan(angle / 2), close to the angle when small, and it keeps growing beyond 90 degrees. For the
+    opposite direction, and for a joint in the camera's centre, it is FARTHEST.
     """
-    direction = unit(joints_head - centre)
+    offset = joints_head - centre
+    direction = unit(offset)
     across = np.einsum("...ij,...j->...i", whiten, direction)
     towards = 1.0 + np.sum(ray * direction, axis=-1)
-    return 2.0 * across / np.maximum(towards, 1e-6)[..., None]
+    seen = (towards > OPPOSITE) & (np.linalg.norm(offset, axis=-1) > OPPOSITE)
+    residual = 2.0 * across / np.where(seen, towards, 1.0)[..., None]
+    return np.where(seen[..., None], residual, FARTHEST)
 
 
 def robust(squared: Float[Array, "*batch"], scale: float) -> Float[Array, "*batch"]:

@@ -26,7 +26,7 @@ from egocap.body.skeleton import (
     SPREAD,
 )
 from egocap.pose.config import TrackerConfig
-from egocap.pose.observations import Rays
+from egocap.pose.observations import OPPOSITE, Rays
 from egocap.pose.pose_prior import load_posture
 
 
@@ -91,10 +91,13 @@ def detections(model, angles, seen, scale, H, g):
             found = True
             ray, W = rays[v, label], whiten[v, label]
             dx, dy, dz = X[0] - centres[v, 0], X[1] - centres[v, 1], X[2] - centres[v, 2]
-            # A joint inside the lens has no direction; the guard keeps its derivative finite.
-            distance = max(np.sqrt(dx * dx + dy * dy + dz * dz), 1e-6)
+            distance = max(np.sqrt(dx * dx + dy * dy + dz * dz), OPPOSITE)
             dx, dy, dz = dx / distance, dy / distance, dz / distance
-            towards = max(1.0 + ray[0] * dx + ray[1] * dy + ray[2] * dz, 1e-6)
+            towards = 1.0 + ray[0] * dx + ray[1] * dy + ray[2] * dz
+            # There the residual has no limit, and its loss is at the largest.
+            if towards <= OPPOSITE or distance <= OPPOSITE:
+                energy += 0.5 * weight * scale2
+                continue
             e0 = 2.0 * (W[0, 0] * dx + W[0, 1] * dy + W[0, 2] * dz) / towards
             e1 = 2.0 * (W[1, 0] * dx + W[1, 1] * dy + W[1, 2] * dz) / towards
             squared = e0 * e0 + e1 * e1

@@ -22,6 +22,9 @@ from egocap.pose.config import TrackerConfig
 
 REFERENCE_WIDTH = 640
 """Image width in pixels to which `TrackerConfig.pixel_floor` refers."""
+OPPOSITE = 1e-6
+"""1 + cos of the angle to a ray up to which a direction is opposite, and metres to the centre of a
+camera up to which a joint has no direction."""
 EVEN_SIGMA = 4.0
 """Standard deviation of every detection, pixels at that width, without `use_detector_sigma`: about
 the mean of the shipped detector's."""

@@ -20,7 +20,7 @@ from egocap.body.kinematics import pose_skeleton
 from egocap.body.labels import LABEL_INDEX, MIRROR
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model
-from egocap.pose.observations import Modes, Observations
+from egocap.pose.observations import OPPOSITE, Modes, Observations
 
 
 class Sides(NamedTuple):
@@ -86,8 +86,11 @@ def _energy(point, centre, ray, whiten, weight, scale2):
     if weight <= 0.0:
         return 0.0
     D = point - centre
-    D /= max(np.sqrt((D * D).sum()), 1e-6)
-    towards = max(1.0 + (ray * D).sum(), 1e-6)
+    distance = max(np.sqrt((D * D).sum()), OPPOSITE)
+    D /= distance
+    towards = 1.0 + (ray * D).sum()
+    if towards <= OPPOSITE or distance <= OPPOSITE:
+        return 0.5 * weight * scale2
     e0 = 2.0 * (whiten[0] * D).sum() / towards
     e1 = 2.0 * (whiten[1] * D).sum() / towards
     squared = e0 * e0 + e1 * e1

@@ -45,6 +45,23 @@ def test_detection_term(motion, frame):
     assert np.array_equal(H, np.tril(H))
 
 
+@pytest.mark.parametrize("away", [0.3, 0.0, 1e-9])
+def test_a_joint_behind_or_in_a_camera_costs_most_and_pulls_nowhere(motion, frame, away):
+    """The solver once drew joints through a lens, where the loss was 0 and its slope unbounded."""
+    model, data, pose = frame
+    joint = jacobian(motion.person, pose)[0][9]
+    ray = data.rays[0, 9]
+    weights = np.zeros_like(data.weights)
+    weights[0, 9] = 0.7
+    opposite = data._replace(centres=data.centres.copy(), weights=weights)
+    opposite.centres[0] = joint + away * ray
+    value, H, g = evaluate(lambda p, H, g: kernel.detections(model, p, opposite, 4.0, H, g), pose)
+    assert value == pytest.approx(0.5 * 0.7 * 4.0**2)
+    assert value == pytest.approx(energy.detection_energy(motion.person, pose, opposite, 4.0))
+    assert not H.any()
+    assert not g.any()
+
+
 def test_detection_matrix_is_reweighted_gauss_newton(motion, frame):
     model, data, pose = frame
     centres, rays, whiten, weights = data

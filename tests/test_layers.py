@@ -26,6 +26,7 @@ LAYERS = (
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
     {"egocap.view"},
     {"egocap.motion_capture"},
+    {"egocap.adaptation"},
     {"egocap.cli"},
     {"egocap.__main__"},
 )

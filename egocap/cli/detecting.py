@@ -1,4 +1,4 @@
-"""Commands of the detector: detect, calibrate-detector and train."""
+"""Commands of the detector: detect, calibrate-detector, train and adapt."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from tyro.conf import Positional
 
+from egocap.adaptation.config import AdaptOptions
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
 from egocap.detect.train.config import FOR_A_RIG, RunConfig, TrainingConfig
@@ -18,6 +19,7 @@ from egocap.errors import InputError, require
 from egocap.locks import holding, locks
 
 if TYPE_CHECKING:
+    from egocap.adaptation.adapt import Adaptation
     from egocap.data.detections import Detections
     from egocap.detect.train.trainer import Outcome
 
@@ -130,6 +132,54 @@ def train(
         outcome = runs.train_detector(run, training)
     _print_run(run, outcome, json)
     return DONE if outcome.finished else INTERRUPTED
+
+
+@app.command
+@locks("out", folder=True)
+def adapt(
+    footage: Positional[tuple[Path, ...]],
+    /,
+    out: Path,
+    options: Annotated[AdaptOptions, tyro.conf.OmitArgPrefixes] = AdaptOptions(),  # noqa: B008
+    json: bool = False,
+) -> int:
+    """Adapt the detector to footage of your own cameras, without annotations.
+
+    The offline tracker labels the footage, and the detector is trained on those joints of which
+    the tracker is sure. Writes detector.safetensors, for --weights of other commands, if it is
+    better on stretches that were held out. The same command goes on where an interrupted one
+    stopped.
+
+    Args:
+        footage: sequences of one wearer, or folders of mocap.
+        out: folder of the results.
+        options: what is known of the wearer, and how long to train.
+        json: print the summary as JSON.
+    """
+    from egocap.adaptation.adapt import adapt as adapted
+    from egocap.cli.footage import steps
+
+    with ExitStack() as stack:
+        result = adapted(footage, out, options, steps(stack))
+    if result is None:
+        print(f"{out}: interrupted; the same command goes on")
+        return INTERRUPTED
+    _print_adaptation(result, json)
+    return DONE
+
+
+def _print_adaptation(result: Adaptation, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(result.to_dict(), indent=1))
+        return
+    print(f"{result.images} images, {100 * result.labelled:.0f} % of the joints in view labelled, "
+          f"{100 * result.corrected:.1f} % of them elsewhere than detected")  # fmt: skip
+    print(
+        f"held-out stretches, PCK over 0 to 20 px: {result.before.mean():.1f} -> "
+        f"{result.after.mean():.1f} (gain {result.gain:+.1f} +- {result.gain_error:.1f})"
+    )
+    print(f"{result.weights}: use it with --weights" if result.kept
+          else "not better: go on with the starting weights")  # fmt: skip
 
 
 def _print_run(run: RunConfig, outcome: Outcome, as_json: bool) -> None:

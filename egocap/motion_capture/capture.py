@@ -5,37 +5,28 @@ Stages: sequence (import), detections.npz, body.json, track.npz, motion.bvh, fil
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.bvh import write_bvh
-from egocap.data.detections import Detections, load_detections, save_detections
-from egocap.data.head_pose import read_head_poses
 from egocap.data.resampling import evenly
 from egocap.data.sequence import Sequence as Recording
-from egocap.data.track import Track, load_track, save_track
-from egocap.detect.detector import Detector
+from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.files import make_folder, write_json
-from egocap.fitting.wearer import find_body
 from egocap.footage.config import ImportOptions
 from egocap.footage.importing import import_footage
 from egocap.footage.sources import Step
-from egocap.motion_capture.body import fit_wearer
+from egocap.motion_capture import steps
 from egocap.motion_capture.config import MocapOptions
-from egocap.motion_capture.detecting import detect_in_pieces
 from egocap.motion_capture.film import write_film
 from egocap.motion_capture.findings import Findings, find
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
-from egocap.motion_capture.tracking import track_in_windows
 from egocap.pose.config import TrackerConfig
-from egocap.schema import read_json
 from egocap.track.view_agreement import check_agreement
 
 FILM, PAGE = "film.mp4", "index.html"
@@ -87,7 +78,7 @@ def mocap(
     make_folder(folder)
     sequence = import_footage(sources, rig, folder / "sequence", footage, on_step)
     stages = Stages(folder)
-    found = _detections(stages, sequence, options, on_step)
+    found = steps.detections(stages, sequence, options, on_step)
     agreement = check_agreement(found, sequence.rig)
     if agreement.looks_exchanged and not options.accept_swapped:
         raise InputError(
@@ -95,62 +86,12 @@ def mocap(
             f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other order",
             valid="the files in the order of the rig, or --accept-swapped",
         )
-    body, bones = _body(stages, sequence, found, options)
-    track = _track(stages, sequence, found, body, tracker, options, on_step)
+    body, bones = steps.body(stages, sequence, found, options)
+    track = steps.track(stages, sequence, found, body, tracker, options, on_step)
     assert sequence.footage is not None
     findings = find(track, found, sequence.rig, sequence.footage, agreement, options.height)
     _results(stages, sequence, track, findings, bones, options, on_step)
     return Capture(folder, sequence, track, findings)
-
-
-def _detections(
-    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
-) -> Detections:
-    def write(path: Path) -> None:
-        detector = Detector(sequence.rig, options.weights)
-        pieces = stages.folder / f"detections-{detector.weights.sha256[:8]}"
-        advance = on_step("detect", len(sequence))
-        save_detections(path, detect_in_pieces(sequence, detector, pieces, advance))
-        shutil.rmtree(pieces)
-
-    settings = {"sequence": sequence.manifest.config_sha256, "weights": options.weights}
-    return stages.run("detections.npz", settings, write, load_detections)
-
-
-def _body(
-    stages: Stages, sequence: Recording, found: Detections, options: MocapOptions
-) -> tuple[Proportions, dict[str, Any]]:
-    """Proportions, and the report of their fit; empty where they were given."""
-    report = stages.folder / "body-report.json"
-
-    def write(path: Path) -> None:
-        if options.body is not None:
-            find_body(options.body).save(path)
-            write_json(report, {})
-            return
-        fit = fit_wearer(found, sequence.rig, options.height)
-        fit.proportions.save(path)
-        write_json(report, fit.report())
-
-    settings = {"height": options.height, "body": options.body}
-    body = stages.run("body.json", settings, write, Proportions.load)
-    return body, read_json(report)
-
-
-def _track(
-    stages: Stages, sequence: Recording, found: Detections, body: Proportions,
-    tracker: TrackerConfig, options: MocapOptions, on_step: Step,
-) -> Track:  # fmt: skip
-    def write(path: Path) -> None:
-        advance = on_step("track", len(sequence))
-        given = options.head_pose
-        heads = None if given is None else read_head_poses(given, found.times)
-        track = track_in_windows(sequence.folder, found, body, tracker, advance, heads)
-        config = track.config | {"sequence": sequence.manifest.config_sha256}
-        save_track(path, replace(track, config=config))
-
-    settings = {"tracker": asdict(tracker), "head_pose": options.head_pose}
-    return stages.run("track.npz", settings, write, load_track)
 
 
 def _results(

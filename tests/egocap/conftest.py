@@ -63,3 +63,25 @@ def motion():
 def slow_motion():
     """Twenty-one seconds."""
     return make_motion(168, seed=3, fps=8.0)
+
+
+@pytest.fixture(scope="session")
+def tiny_file(tmp_path_factory) -> Path:
+    """A tiny network with random weights, for all that does not depend on what it has learned."""
+    torch = pytest.importorskip("torch")
+    from egocap.detect.network import CONFIGS, build_network
+    from egocap.detect.weights import save_weights
+
+    torch.manual_seed(3)
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_weights(path, build_network(CONFIGS["tiny"]), {"command": "none"})
+    return path
+
+
+@pytest.fixture(scope="session")
+def empty_cache(tmp_path_factory):
+    """A cache of exported networks of the tests alone: others read the user's."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("egocap.detect.engine.cache_folder", lambda: folder)
+        yield

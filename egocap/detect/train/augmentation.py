@@ -15,7 +15,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.detect.train.config import AugmentationConfig
-from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, Example
+from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, UNKNOWN, Example
 
 WEARER = np.isin(np.arange(256), np.arange(1, 22)) | (np.arange(256) == 40)
 """Part labels of the wearer and the rig (`egocap_sim.core.part_labels`)."""
@@ -134,7 +134,7 @@ def moved(
     config: AugmentationConfig,
     rng: np.random.Generator,
 ) -> tuple[UInt8[Array, "H W 3"], Float[Array, "18 2"], UInt8[Array, "18"]]:
-    """Scale, rotate and shift about the image centre; labels that leave it become OUTSIDE."""
+    """Scale, rotate and shift about the image centre; known labels that leave it become OUTSIDE."""
     height, width = image.shape[:2]
     scale = 1.0 + rng.uniform(-config.scale, config.scale)
     angle = rng.uniform(-config.rotation_deg, config.rotation_deg)
@@ -146,7 +146,7 @@ def moved(
     image = cv2.warpAffine(image, M, (width, height), flags=cv2.INTER_LINEAR)
     points = points @ M[:, :2].T + M[:, 2]
     inside = (points >= -0.5).all(-1) & (points <= (width - 0.5, height - 0.5)).all(-1)
-    return image, points, np.where(inside, state, OUTSIDE).astype(np.uint8)
+    return image, points, np.where(inside | (state == UNKNOWN), state, OUTSIDE).astype(np.uint8)
 
 
 def occluded(
@@ -253,7 +253,7 @@ def rimmed(
     v, u = np.ogrid[:height, :width]
     ratio = np.sqrt(((u - centre[0]) / half[0]) ** 2 + ((v - centre[1]) / half[1]) ** 2)
     light = np.clip((1.0 - ratio) / rng.uniform(0.01, 0.15), 0.0, 1.0).astype(np.float32)
-    beyond = (((points - centre) / half) ** 2).sum(-1) > 1.0
+    beyond = ((((points - centre) / half) ** 2).sum(-1) > 1.0) & (state != UNKNOWN)
     return (image * light[..., None]).astype(np.uint8), np.where(beyond, OUTSIDE, state).astype(
         np.uint8
     )

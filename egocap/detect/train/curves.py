@@ -92,11 +92,13 @@ def draw_curves(folder: Path) -> Path | None:
         few = len(losses["views"]) < 50  # a line of one point is not seen
         left.plot(losses["views"], losses[name], label=name, linewidth=0.8, marker="." * few)
     left.set(xlabel="views", ylabel="loss", title="training")
-    left.legend()
+    if losses:
+        left.legend()
     for name in ("pck", "auc", "pck_wrist", "pck_ankle", "pck_foot") if scores else ():
         right.plot(scores["views"], scores[name], label=name, marker=".")
     right.set(xlabel="views", ylabel="%", title="held out", ylim=(0, 100))
-    right.legend()
+    if scores:
+        right.legend()
     path = folder / "curves.png"
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=90, format="png")

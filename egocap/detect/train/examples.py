@@ -30,8 +30,9 @@ from egocap.files import read_npz
 
 log = logging.getLogger(__name__)
 
-SEEN, HIDDEN, OUTSIDE = range(3)
-"""States of a label in a canonical view: visible, in view but occluded, outside the view."""
+SEEN, HIDDEN, OUTSIDE, UNKNOWN = range(4)
+"""States of a label in a canonical view: visible, in view but occluded, outside the view, and not
+labelled, which training and scores leave out."""
 
 _FORMAT = 1  # of the store
 
@@ -42,7 +43,7 @@ class Example:
 
     image: UInt8[Array, "H W 3"]
     points: Float[Array, "18 2"]  # pixels
-    state: UInt8[Array, "18"]  # SEEN, HIDDEN, OUTSIDE
+    state: UInt8[Array, "18"]  # SEEN, HIDDEN, OUTSIDE, UNKNOWN
     parts: UInt8[Array, "H W"] | None = None
 
 
@@ -52,8 +53,8 @@ class Views:
 
     images: UInt8[Array, "N H W 3"]
     parts: UInt8[Array, "N H W"] | None  # `egocap_sim.core.part_labels`; None: not recorded
-    points: Float[Array, "N 18 2"]  # canonical pixels; meaningless where OUTSIDE
-    state: UInt8[Array, "N 18"]  # SEEN, HIDDEN, OUTSIDE
+    points: Float[Array, "N 18 2"]  # canonical pixels; meaningless where OUTSIDE or UNKNOWN
+    state: UInt8[Array, "N 18"]  # SEEN, HIDDEN, OUTSIDE, UNKNOWN
     magnification: Float[Array, "N 18"]  # pixels at image width 640 per canonical pixel
     skipped: int = 0  # views whose shard was damaged
 

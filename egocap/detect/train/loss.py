@@ -12,7 +12,7 @@ from torch.nn import functional as F
 from egocap.body.labels import LABELS
 from egocap.detect.heatmaps import soft_points, targets
 from egocap.detect.train.config import LossConfig
-from egocap.detect.train.examples import OUTSIDE, SEEN
+from egocap.detect.train.examples import OUTSIDE, SEEN, UNKNOWN
 
 _EXTREMITIES = ("wrist", "hand", "knee", "ankle", "foot")
 _FAR_PX = 48.0  # largest error in the likelihood of sigma
@@ -46,7 +46,7 @@ def losses(
     stride: int,
     config: LossConfig,
 ) -> Losses:
-    """Losses of a batch; OUTSIDE labels contribute to visibility only."""
+    """Losses of a batch; OUTSIDE labels contribute to visibility only, UNKNOWN ones to nothing."""
     weight = label_weights(state, config)
     total = weight.sum().clamp(min=1.0)
     sigma = torch.where(state == SEEN, config.seen_cells, config.hidden_cells)
@@ -60,7 +60,9 @@ def losses(
     return Losses(
         heat=(weight * (cross - own)).sum() / total,
         place=(near * place).sum() / total,
-        visibility=F.cross_entropy(info[..., :3].flatten(0, 1), state.flatten()),
+        visibility=F.cross_entropy(
+            info[..., :3].flatten(0, 1), state.flatten(), ignore_index=UNKNOWN
+        ),
         spread=spread_loss(info[..., 3], (decoded - points).detach(), state),
     )
 
@@ -71,15 +73,15 @@ def spread_loss(
     """Mean negative log likelihood of errors [px] of labels in view under isotropic Gaussians."""
     squared = off.square().sum(-1).clamp(max=_FAR_PX**2)
     nll = 2.0 * log_sigma + 0.5 * squared * torch.exp(-2.0 * log_sigma)
-    inside = (state != OUTSIDE).float()
+    inside = (state < OUTSIDE).float()
     return (inside * nll).sum() / inside.sum().clamp(min=1.0)
 
 
 def label_weights(state: Int64[Tensor, "B 18"], config: LossConfig) -> Float[Tensor, "B 18"]:
-    """Weight of every label's position: 0 outside the view, reduced if occluded."""
+    """Weight of every label's position: 0 if outside the view or unknown, reduced if occluded."""
     by_label = torch.tensor(
         [config.extremities if n.split("_")[-1] in _EXTREMITIES else 1.0 for n in LABELS],
         device=state.device,
     )
-    by_state = torch.tensor([1.0, config.hidden, 0.0], device=state.device)
+    by_state = torch.tensor([1.0, config.hidden, 0.0, 0.0], device=state.device)
     return by_state[state] * by_label

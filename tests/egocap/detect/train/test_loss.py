@@ -7,7 +7,7 @@ import torch
 from egocap.body.labels import LABELS
 from egocap.detect.heatmaps import targets
 from egocap.detect.train.config import LossConfig
-from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN
+from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, UNKNOWN
 from egocap.detect.train.loss import label_weights, losses, spread_loss
 
 CONFIG = LossConfig()
@@ -69,3 +69,14 @@ def test_weights_by_label_and_state():
     assert weight[0] == 1.0 and weight[1] == CONFIG.hidden and (weight[2::3] == 0).all()
     foot = LABELS.index("left_foot")
     assert label_weights(torch.full((1, 18), SEEN), CONFIG)[0, foot] == CONFIG.extremities
+
+
+def test_unknown_labels_count_for_nothing(labelled):
+    points, state = labelled
+    state = torch.where(torch.arange(18) % 3 == 0, UNKNOWN, state)
+    heat, info = (a.requires_grad_() for a in perfect(points, state.clamp(max=OUTSIDE)))
+    found = losses(heat + 0.1 * torch.randn_like(heat), info, points + 1.0, state, 4, CONFIG)
+    found.total(CONFIG).backward()
+    unknown = state == UNKNOWN
+    assert not heat.grad[unknown].any() and not info.grad[unknown].any()
+    assert heat.grad[state == SEEN].any() and info.grad[state == SEEN].any()

@@ -1,0 +1,180 @@
+"""Adaptation of the detector to footage of one rig, room and wearer, without annotations.
+
+The offline tracker labels the footage (`egocap.adaptation.labels`), and the detector is trained on
+those labels under augmentation. Stretches that were held out decide whether the result is kept.
+
+Source: the idea of training a network by what a stronger, slower method finds in its footage:
+Simon et al. 2017, "Hand keypoint detection in single images using multiview bootstrapping".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from egocap.adaptation.config import AdaptOptions
+from egocap.adaptation.footage import Recording, labelled_views, track_footage
+from egocap.data.sequence_writer import digest
+from egocap.detect.detector import Detector
+from egocap.detect.train.config import LossConfig, TrainingConfig
+from egocap.detect.train.examples import HIDDEN, ViewStore
+from egocap.detect.weights import Weights, open_weights, save_weights
+from egocap.errors import InputError, require
+from egocap.files import make_folder, write_json
+from egocap.footage.sources import Step
+
+if TYPE_CHECKING:
+    from egocap.detect.network import DetectorNetwork
+
+WEIGHTS, REPORT = "detector.safetensors", "adapt.json"
+_PCK_PX = 20.0  # at an image width of 640
+
+
+@dataclass(frozen=True, eq=False)
+class Adaptation:
+    """Result of `adapt`. Scores are percentages on the tracker's labels of held-out stretches."""
+
+    kept: bool  # better than the starting weights
+    weights: Path | None  # file of the adapted weights, where they are kept
+    before: Float[Array, "S"]  # score of the starting weights in each held-out stretch
+    after: Float[Array, "S"]  # of the adapted ones
+    labelled: float  # share of joints in view that have a label
+    corrected: float  # share of the labels that the detector had elsewhere
+    images: int  # to train on
+    steps: int
+
+    @property
+    def gain(self) -> float:
+        """Mean gain of the held-out stretches."""
+        return float(np.mean(self.after - self.before))
+
+    @property
+    def gain_error(self) -> float:
+        """Standard error of `gain`."""
+        difference = self.after - self.before
+        return float(np.std(difference, ddof=1) / np.sqrt(len(difference)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready summary."""
+        return {
+            "kept": self.kept, "weights": None if self.weights is None else str(self.weights),
+            "auc_before": float(self.before.mean()), "auc_after": float(self.after.mean()),
+            "gain": self.gain, "gain_standard_error": self.gain_error,
+            "stretches": len(self.before), "labelled": self.labelled,
+            "corrected": self.corrected, "images": self.images, "steps": self.steps,
+        }  # fmt: skip
+
+
+def adapt(
+    footage: Sequence[str | Path],
+    out: str | Path,
+    options: AdaptOptions = AdaptOptions(),  # noqa: B008 (frozen)
+    on_step: Step = lambda name, total: lambda count: None,
+) -> Adaptation | None:
+    """Adapt detector weights to footage; None where the training was interrupted.
+
+    The same call goes on where an interrupted one stopped.
+
+    Args:
+        footage: folders of sequences of one wearer, or folders of `mocap`. Truth is not read.
+        out: folder of the results: detector.safetensors, if they are better, and adapt.json.
+        options: what is known of the wearer, and how long to train.
+        on_step: called at the beginning of every step.
+
+    Raises:
+        FileError: a sequence or the weights are missing or damaged.
+        InputError: footage shorter than 10 s, or without a joint of which the tracker is sure.
+        MachineError: torch is missing.
+    """
+    require("torch", "train")
+    if not footage:
+        raise InputError("no footage", valid="folders of sequences, or of egocap mocap")
+    folder = Path(out)
+    make_folder(folder)
+    weights = open_weights(options.weights)
+    recordings = [
+        track_footage(Path(source), folder / f"footage-{number}", options, on_step)
+        for number, source in enumerate(footage)
+    ]
+    detectors = [Detector(recording.sequence.rig, weights) for recording in recordings]
+    kept, held_out = labelled_views(recordings, detectors, options.views, on_step)
+    network, steps = _train(kept, weights, folder, options, recordings)
+    if network is None:
+        return None
+    result = _judged(network, weights, kept, held_out, recordings, folder, steps)
+    (folder / WEIGHTS).unlink(missing_ok=True)
+    if result.kept:
+        account = {"adapted_from": {"name": weights.name, "sha256": weights.sha256},
+                   "options": asdict(options) | {"weights": None, "body": None},
+                   "steps": steps}  # fmt: skip
+        save_weights(folder / WEIGHTS, network, account, weights.calibration)
+    write_json(folder / REPORT, result.to_dict())
+    return result
+
+
+def _train(
+    kept: ViewStore, weights: Weights, folder: Path, options: AdaptOptions,
+    recordings: list[Recording],
+) -> tuple[DetectorNetwork | None, int]:  # fmt: skip
+    """The averaged network and its steps; None where interrupted.
+
+    Standard deviations and visibility are not trained: the labels are the tracker's sure ones, on
+    which a network would learn too much confidence.
+    """
+    from egocap.detect.network import config_from_dict
+    from egocap.detect.train.trainer import Trainer
+
+    training = TrainingConfig(
+        minutes=options.minutes, steps=options.steps, batch=min(32, max(2, len(kept))),
+        learning_rate=options.learning_rate, warm_up=0.1, average=0.99, seed=options.seed,
+        checkpoint_minutes=1.0, loss=LossConfig(visibility=0.0, spread=0.0),
+    )  # fmt: skip
+    known = [r.sequence.manifest.config_sha256 for r in recordings]
+    what = {"training": asdict(training), "weights": weights.sha256, "footage": known,
+            "views": options.views}  # fmt: skip
+    run = folder / f"run-{digest(what)[:8]}"
+    make_folder(run)
+    network = weights.network()
+    trainer = Trainer(
+        config_from_dict(dict(weights.config)), training, kept, None, run, network.state_dict()
+    )
+    trainer.resume()
+    outcome = trainer.run()
+    return (trainer.average if outcome.finished else None), outcome.state.step
+
+
+def _judged(
+    network: DetectorNetwork, weights: Weights, kept: ViewStore, held_out: ViewStore,
+    recordings: list[Recording], folder: Path, steps: int,
+) -> Adaptation:  # fmt: skip
+    """Scores of both networks. A gain above its standard error is kept."""
+    before, after = (_scores(n, held_out) for n in (weights.network(), network))
+    gain = after - before
+    better = bool(gain.mean() > np.std(gain, ddof=1) / np.sqrt(len(gain)))
+    known = np.concatenate([r.labels.known.ravel() for r in recordings])
+    corrected = np.concatenate([r.labels.corrected.ravel() for r in recordings])
+    in_view = np.concatenate([r.labels.in_view.ravel() for r in recordings])
+    return Adaptation(
+        better, folder / WEIGHTS if better else None, before, after,
+        float(known.sum() / max(in_view.sum(), 1)), float(corrected.sum() / max(known.sum(), 1)),
+        len(kept), steps,
+    )  # fmt: skip
+
+
+def _scores(network: DetectorNetwork, held_out: ViewStore) -> Float[Array, "S"]:
+    """Mean PCK over thresholds from 0 to 20 px of the labels in view, in each stretch, %."""
+    from egocap.detect.train.validation import predict
+
+    found = []
+    for views in held_out.sequences:
+        one = predict(network, ViewStore((views,)), np.arange(len(views)))
+        error = np.linalg.norm(one.off, axis=-1) * one.magnification
+        within = np.clip(1.0 - error[one.state <= HIDDEN] / _PCK_PX, 0.0, 1.0)
+        found.append(100.0 * float(within.mean()))
+    return np.array(found)

@@ -1,0 +1,79 @@
+"""Stages of a run that make numbers: detections, the wearer's proportions and the track."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from egocap.body.proportions import Proportions
+from egocap.data.detections import Detections, load_detections, save_detections
+from egocap.data.head_pose import read_head_poses
+from egocap.data.sequence import Sequence as Recording
+from egocap.data.track import Track, load_track, save_track
+from egocap.detect.detector import Detector
+from egocap.files import write_json
+from egocap.fitting.wearer import find_body
+from egocap.footage.sources import Step
+from egocap.motion_capture.body import fit_wearer
+from egocap.motion_capture.config import MocapOptions
+from egocap.motion_capture.detecting import detect_in_pieces
+from egocap.motion_capture.stages import Stages
+from egocap.motion_capture.tracking import track_in_windows
+from egocap.pose.config import TrackerConfig
+from egocap.schema import read_json
+
+
+def detections(
+    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
+) -> Detections:
+    """Detections in all frames: detections.npz."""
+
+    def write(path: Path) -> None:
+        detector = Detector(sequence.rig, options.weights)
+        pieces = stages.folder / f"detections-{detector.weights.sha256[:8]}"
+        advance = on_step("detect", len(sequence))
+        save_detections(path, detect_in_pieces(sequence, detector, pieces, advance))
+        shutil.rmtree(pieces)
+
+    settings = {"sequence": sequence.manifest.config_sha256, "weights": options.weights}
+    return stages.run("detections.npz", settings, write, load_detections)
+
+
+def body(
+    stages: Stages, sequence: Recording, found: Detections, options: MocapOptions
+) -> tuple[Proportions, dict[str, Any]]:
+    """Proportions (body.json), and the report of their fit; empty where they were given."""
+    report = stages.folder / "body-report.json"
+
+    def write(path: Path) -> None:
+        if options.body is not None:
+            find_body(options.body).save(path)
+            write_json(report, {})
+            return
+        fit = fit_wearer(found, sequence.rig, options.height)
+        fit.proportions.save(path)
+        write_json(report, fit.report())
+
+    settings = {"height": options.height, "body": options.body}
+    body = stages.run("body.json", settings, write, Proportions.load)
+    return body, read_json(report)
+
+
+def track(
+    stages: Stages, sequence: Recording, found: Detections, body: Proportions,
+    tracker: TrackerConfig, options: MocapOptions, on_step: Step,
+) -> Track:  # fmt: skip
+    """The offline track: track.npz. Raises as `Tracker.track`."""
+
+    def write(path: Path) -> None:
+        advance = on_step("track", len(sequence))
+        given = options.head_pose
+        heads = None if given is None else read_head_poses(given, found.times)
+        track = track_in_windows(sequence.folder, found, body, tracker, advance, heads)
+        config = track.config | {"sequence": sequence.manifest.config_sha256}
+        save_track(path, replace(track, config=config))
+
+    settings = {"tracker": asdict(tracker), "head_pose": options.head_pose}
+    return stages.run("track.npz", settings, write, load_track)

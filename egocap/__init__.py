@@ -28,6 +28,7 @@ _MODULES = {
     "Track": "data.track",
     "Tracker": "track.tracker",
     "TrackerConfig": "pose.config",
+    "adapt": "adaptation.adapt",
     "calibrate": "calibration.rig_calibration",
     "evaluate": "evaluation.scoring",
     "evaluate_recording": "datasets.scoring",

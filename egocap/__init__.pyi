@@ -1,3 +1,4 @@
+from egocap.adaptation.adapt import adapt as adapt
 from egocap.body.proportions import Proportions as Proportions
 from egocap.calibration.rig_calibration import calibrate as calibrate
 from egocap.cameras.camera import Camera as Camera

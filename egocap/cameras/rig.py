@@ -18,6 +18,7 @@ from egocap.files import write_json
 from egocap.geometry import LEFT, UP, axis_angle, inverse
 
 SCHEMA = 1  # of rig.json
+FARTHEST_M = 1e4  # of a camera from the head, also in a file whose unit is millimetres
 
 # Columns: the camera's x (right), y (down) and z (forward) in the head frame.
 R_HEAD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -42,6 +43,9 @@ class Mount:
         T = np.array(self.T_head_camera, float)
         if T.shape != (4, 4) or not np.isfinite(T).all():
             raise InputError(f"T_head_camera of '{self.name}' is not 4x4 and finite")
+        if abs(T[:3, 3]).max() > FARTHEST_M:
+            raise InputError(f"T_head_camera of '{self.name}': the camera is too far away",
+                             valid=f"at most {FARTHEST_M:g} m along each axis")  # fmt: skip
         R = T[:3, :3]
         if (
             abs(R @ R.T - np.eye(3)).max() > 1e-6

@@ -6,18 +6,27 @@ hidden names and rename them when they are complete.
 
 from __future__ import annotations
 
-import hashlib
 import json
+import logging
 import os
+import re
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from egocap.data.dataset import EPISODES, Dataset, EpisodeEntry, episode_name, load_dataset
 from egocap.data.manifest import MANIFEST, load_manifest
-from egocap.data.sequence_writer import refuse_other_files, require_same_config
-from egocap.errors import InputError
-from egocap.files import disk_errors, write_atomically
+from egocap.data.sequence_writer import (
+    file_is_intact,
+    refuse_other_files,
+    require_same_config,
+    shard_is_intact,
+)
+from egocap.errors import FileError, InputError
+from egocap.files import disk_errors, sha256, write_atomically
 from egocap.locks import OutputLock
+
+log = logging.getLogger(__name__)
 
 
 class DatasetWriter:
@@ -77,19 +86,22 @@ class DatasetWriter:
                 shutil.rmtree(leftover, ignore_errors=True)  # a worker may still write
             else:
                 leftover.unlink(missing_ok=True)
-        known = {entry.index: entry for entry in there.episodes}
-        for folder in self.folder.glob("episode-*"):
-            index = int(folder.name.removeprefix("episode-"))
-            entry = episode_entry(folder, index)  # possibly renamed but not yet listed
-            if entry is None or known.get(index, entry) != entry:
-                known.pop(index, None)
-            else:
-                known[index] = entry
-        present = [e for e in known.values() if (self.folder / e.name / MANIFEST).exists()]
-        episodes = sorted(present, key=lambda e: e.index)
         self.recording = asked.model_copy(
-            update={"frames": sum(parts), "parts": parts, "episodes": episodes}
+            update={"frames": sum(parts), "parts": parts, "episodes": self._intact(there)}
         )
+
+    def _intact(self, there: Dataset) -> list[EpisodeEntry]:
+        """Undamaged episodes, also those that were renamed but not yet listed."""
+        known = {entry.index: entry for entry in there.episodes}
+        folders = {int(name[1]): path for path in self.folder.iterdir()
+                   if (name := re.fullmatch(r"episode-(\d{5,})", path.name))}  # fmt: skip
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # checksums are computed in parallel
+            entries = dict(zip(folders, pool.map(episode_entry, folders.values(), folders),
+                               strict=True))  # fmt: skip
+        intact = {i: e for i, e in entries.items() if e is not None and known.get(i, e) == e}
+        for index in sorted(folders.keys() - intact.keys()):
+            log.warning("%s is incomplete or damaged; it is made again", folders[index])
+        return [intact[index] for index in sorted(intact)]
 
     def _replace(self, recording: Dataset) -> None:
         text = json.dumps(recording.model_dump(mode="json"), separators=(",", ":"))
@@ -98,25 +110,23 @@ class DatasetWriter:
 
 
 def episode_entry(folder: Path, index: int) -> EpisodeEntry | None:
-    """Entry of an episode's folder; None unless every file has its recorded size."""
-    if not (folder / MANIFEST).exists():
+    """Entry of an episode's folder; None unless every file has its recorded checksum."""
+    try:
+        manifest = load_manifest(folder)
+    except FileError:
         return None
-    manifest = load_manifest(folder)
-    sizes = {shard.name: shard.bytes for shard in manifest.shards}
-    sizes |= {name: file.bytes for name, file in manifest.files.items()}
-    whole = manifest.complete and all(
-        (folder / name).exists() and (folder / name).stat().st_size == size
-        for name, size in sizes.items()
+    whole = all(shard_is_intact(folder, shard) for shard in manifest.shards) and all(
+        file_is_intact(folder / name, file) for name, file in manifest.files.items()
     )
-    if not whole:
+    if not (whole and manifest.complete):
         return None
     return EpisodeEntry(
         name=episode_name(index),
         index=index,
         frames=manifest.frames,
         seed=manifest.seed,
-        bytes=sum(sizes.values()),
-        sha256=hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest(),
+        bytes=sum(part.bytes for part in (*manifest.shards, *manifest.files.values())),
+        sha256=sha256(folder / MANIFEST),
     )
 
 

@@ -59,8 +59,11 @@ def train_detector(
     )
     if request.resume and trainer.resume():
         log.info("resuming from step %d", trainer.state.step)
+    finished = trainer.progress() >= 1.0 and weights_path(request.out).exists()
     outcome = trainer.run()
-    if outcome.weights is not None:
+    if finished:
+        log.info("finished before; its weights stay as they are")
+    elif outcome.weights is not None:
         words = ["egocap", *sys.argv[1:]] if command is None else command
         account = _account(request, training, kept, outcome)
         account["command"] = shlex.join(map(_without_folder, words))

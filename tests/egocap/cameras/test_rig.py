@@ -141,6 +141,7 @@ def test_json_round_trip_is_exact(rig: Rig, tmp_path: Path) -> None:
         (lambda d: d["mounts"][1].update(name="left"), "own name"),
         (lambda d: d["mounts"][1]["T_head_camera"].pop(), "mounts.1.T_head_camera"),
         (lambda d: d["mounts"][1]["T_head_camera"][0].__setitem__(0, 2.0), "rigid transform"),
+        (lambda d: d["mounts"][1]["T_head_camera"][2].__setitem__(3, 1e308), "at most 10000 m"),
         (lambda d: d["mounts"][0]["camera"].update(width=-1), "mounts.0.camera.width"),
     ],
 )

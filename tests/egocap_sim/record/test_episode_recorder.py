@@ -87,6 +87,24 @@ def test_what_is_lost_or_damaged_is_made_again(recording, tmp_path):
     assert files(out) == files(recording)
 
 
+def test_flipped_bytes_and_foreign_names_are_found(recording, tmp_path, caplog):
+    out = tmp_path / "r"
+    shutil.copytree(recording, out)
+    shard = out / "episode-00000" / "shard-00000.tar"
+    data = bytearray(shard.read_bytes())
+    data[len(data) // 2] ^= 1
+    shard.write_bytes(data)
+    manifest = out / "episode-00001" / "manifest.json"
+    manifest.write_bytes(manifest.read_bytes()[:-9])
+    (out / "episode-00000.zip").touch()
+    for name in ("episode-00000 (copy)", "episode-", "episode-one", "episode-1"):
+        (out / name).mkdir()
+    summary = generate(scene(), out, workers=1)
+    assert summary.rendered == sum(len(job.frames) for job in plan_episodes(scene(), [7])[:2])
+    assert sum("made again" in r.getMessage() for r in caplog.records) == 2
+    assert {k: v for k, v in files(out).items() if k != "episode-00000.zip"} == files(recording)
+
+
 def test_more_frames_need_append_and_leave_the_others(recording, tmp_path):
     out = tmp_path / "r"
     shutil.copytree(recording, out)

@@ -30,6 +30,11 @@ def test_command_trains_and_writes_weights(tiny_sequence, tmp_path, monkeypatch,
     assert weights.config["name"] == "tiny" and weights.training["views"] == 14
     assert load_weights(summary["weights"]).config.name == "tiny"
 
+    written = (out / "detector.safetensors").read_bytes()
+    assert egocap(*words, "--held-out", 0, "--resume", monkeypatch=monkeypatch) == 0
+    assert "2 steps" in capsys.readouterr().out
+    assert (out / "detector.safetensors").read_bytes() == written
+
     assert egocap(*words, monkeypatch=monkeypatch) == 2
     assert "holds a run already" in capsys.readouterr().err
     words[words.index("--batch") + 1] = 3

@@ -2,8 +2,8 @@
 
 Each clip of the set is acted out by another person in another room, whose seeds are kept for the
 set, on one rig. Its middle is rendered, detected and tracked: offline with the true proportions,
-offline with proportions fitted to another clip of the same person, live, and live with a lag.
-Intervals are over clips.
+offline with proportions fitted to another clip of the same person, live, live with a lag, and
+live after a darkness. Intervals are over clips.
 """
 
 from __future__ import annotations
@@ -36,15 +36,21 @@ from egocap_eval.harness.study import Outcome
 from egocap_eval.sets.motion_sets import motion_sets, split_clips
 from egocap_eval.sets.test_log import log_look
 from egocap_eval.studies.personalised import CALIBRATION_S, calibration_scene, live_joints
+from egocap_eval.studies.recovery import after_darkness
 from egocap_sim.scene.config import Scene
 
 SIZE = (640, 512)
 FPS = 30
 CALIBRATION_FPS = 10  # the fit selects frames that differ
 RIG = "egorig1"
-FITTED, LAGGED = "offline, fitted body", "live, 0.1 s lag"
+FITTED, LAGGED, DARK = "offline, fitted body", "live, 0.1 s lag", "live, after 2 s of darkness"
 _LAG_S = 0.1
-CODE = ("egocap", "egocap_sim", "egocap_eval/studies/recorded.py")
+RATIOS = {"live": 1.6, LAGGED: 1.3}
+"""Maximum error of the online tracker relative to the offline one's."""
+RECOVERY_S = 0.3
+"""Maximum time of recovery from darkness, in every clip."""
+CODE = ("egocap", "egocap_sim", "egocap_eval/studies/recorded.py",
+        "egocap_eval/studies/recovery.py")  # fmt: skip
 POSE = ("mpjpe_mm", "visible_mm", "hidden_mm", "arms_mm", "legs_mm", "ankles_mm", "feet_mm",
         "p95_mm", "accel_error")  # fmt: skip
 
@@ -133,7 +139,7 @@ def study(
         "clips": {path.name: file_hash(path) for path in seeds},
         "sequences": {n: r.footage.manifest.config_sha256 for n, r in recordings.items()},
     }
-    return Outcome(result, tables(result), config=config)
+    return Outcome(result, tables(result), missed(result), config=config)
 
 
 def record(
@@ -217,6 +223,7 @@ CASES: Mapping[str, Callable[[Recording], Scores]] = {
     FITTED: fitted_scores,
     "live": live_scores,
     LAGGED: partial(live_scores, lag=_LAG_S),
+    DARK: lambda one: after_darkness(one.footage, one.detections),
 }
 
 
@@ -243,26 +250,52 @@ def means(rows: Sequence[Scores]) -> dict[str, dict[str, float] | None]:
     return found
 
 
+def missed(result: Mapping[str, Any]) -> list[str]:
+    """Targets of the online tracker that are not met, in words."""
+    mean, words = result["mean"], []
+    offline = mean["offline"].get("mpjpe_mm")
+    for case, most in RATIOS.items():
+        if offline and mean[case]["mpjpe_mm"]["mean"] > most * offline["mean"]:
+            ratio = mean[case]["mpjpe_mm"]["mean"] / offline["mean"]
+            words.append(f"{case}: {ratio:.2f} times the offline error, not {most:g}")
+    for row in result["rows"]:
+        spent = row[DARK]["recovery_s"]
+        if spent is not None and spent > RECOVERY_S:
+            words.append(f"{row['clip']}: recovered {spent:.2f} s after darkness, "
+                         f"not {RECOVERY_S:g}")  # fmt: skip
+    return words
+
+
 def tables(result: Mapping[str, Any]) -> list[Table]:
     """A table of the detector and one of each way to track, a row a clip."""
     detector = ("pck20_visible", "auc20_visible", "pck20_in_view", "auc20_in_view",
                 "wrist_in_view", "knee_in_view", "ankle_in_view", "foot_in_view")  # fmt: skip
     made = [_table(result, "detector", detector)]
-    made += [_table(result, case, POSE) for case in result["mean"] if case != "detector"]
+    made += [_table(result, case, measures_of(case)) for case in result["mean"]
+             if case != "detector"]  # fmt: skip
     if result["left_out"]:
         made.append(Table("Left out", ("clip", "reason"), tuple(result["left_out"].items())))
     return made
 
 
+def measures_of(case: str) -> Sequence[str]:
+    """The measures of a way to track."""
+    return ("recovery_s", "after_mm", "usual_mm", "dark_mm") if case == DARK else POSE
+
+
 def _table(result: Mapping[str, Any], case: str, measures: Sequence[str]) -> Table:
-    rows = [(row["clip"], str(row["frames"]), *(number(row[case][m]) for m in measures))
+    digits = {m: 2 if m.endswith("_s") else 1 for m in measures}
+    rows = [(row["clip"], str(row["frames"]), *(number(row[case][m], digits[m]) for m in measures))
             for row in result["rows"]]  # fmt: skip
     summary = result["mean"][case]
     rows.append(
-        ("mean", "", *(number(s["mean"]) if s else "-" for s in map(summary.get, measures)))
-    )
-    rows.append(("95 % interval", "", *(f"{s['low']:.1f} to {s['high']:.1f}" if s else "-"
-                                        for s in map(summary.get, measures))))  # fmt: skip
+        ("mean", "", *(number(s["mean"], digits[m]) if (s := summary.get(m)) else "-"
+                       for m in measures))
+    )  # fmt: skip
+    rows.append(("95 % interval", "", *(
+        f"{s['low']:.{digits[m]}f} to {s['high']:.{digits[m]}f}" if (s := summary.get(m)) else "-"
+        for m in measures
+    )))  # fmt: skip
     header = ("clip", "frames", *(m.replace("_", " ") for m in measures))
     return Table(f"{case}, {result['set']} set", header, tuple(rows))
 

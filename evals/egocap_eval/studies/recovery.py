@@ -1,8 +1,8 @@
-"""Measure recovery from a tracking failure, with detections or with colours alone.
+"""Measure recovery: from a wrong pose, with detections or colours alone, and after darkness.
 
 Every trial starts in a wrong pose at a frame of a sequence and has one second to recover. The
 tracker with detections is misled for a few frames by detections of the wrong pose; the colour-only
-tracker starts in the wrong pose.
+tracker starts in the wrong pose. In the dark there are no detections for two seconds.
 Source: EgoCap paper, section 5.5 ("disabling the detection term removes the ability to recover").
 """
 
@@ -32,6 +32,10 @@ MISLED_FRAMES, SCORED_FRAMES = 3, 5
 """Frames of wrong detections before a trial; last frames of a trial, which are scored."""
 COLOUR_SIZE, COLOUR_WEIGHT = 64, 0.03
 PALETTE_FRAMES = 5
+DARK_S, LIT_S = 2.0, 0.4
+"""Seconds without detections, and after them, to the end of a recording."""
+USUAL_FACTOR = 1.5
+"""Recovered: the error is below this many times the one without the darkness."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +118,38 @@ class ColourFollower:
         fps = self._footage.manifest.fps
         found = track_colours(self._solver, seen, start, fps)
         return forward(self._footage.body, np.array([s.angles for s in found]))
+
+
+def after_darkness(footage: Footage, detections: Detections) -> dict[str, float | None]:
+    """Seconds until the online tracker has recovered from `DARK_S` without detections.
+
+    From the first frame with detections to the first one from which on the error stays below
+    `USUAL_FACTOR` times that of the same tracker without the darkness: its mean over these frames,
+    or the frame's own where that is more; `LIT_S` if it never does. Also both mean errors there and
+    the last one in the dark, mm. All are None for recordings that are too short.
+    """
+    times = detections.times
+    lit = times > times[-1] - LIT_S
+    dark = ~lit & (times > times[-1] - LIT_S - DARK_S)
+    if not (~lit & ~dark).any():
+        return dict.fromkeys(("recovery_s", "after_mm", "usual_mm", "dark_mm"))
+    blind = replace(detections, valid=detections.valid & ~dark[:, None, None])
+    usual, found = (_live_errors(footage, given) for given in (detections, blind))
+    limit = USUAL_FACTOR * np.maximum(usual[lit], usual[lit].mean())
+    off = np.flatnonzero(found[lit] > limit)
+    back = 0 if len(off) == 0 else int(off[-1]) + 1
+    spent = np.append(times[lit] - times[lit][0], LIT_S)[back]
+    return {"recovery_s": float(spent), "after_mm": float(found[lit].mean()),
+            "usual_mm": float(usual[lit].mean()), "dark_mm": float(found[dark][-1])}  # fmt: skip
+
+
+def _live_errors(footage: Footage, detections: Detections) -> Float[Array, "T"]:
+    """Mean error of every frame by the online tracker, mm."""
+    tracker = egocap.OnlineTracker(footage.rig, footage.body)
+    poses = [tracker.step(detections[t : t + 1]) for t in range(len(detections.times))]
+    joints = np.array([pose.joints_head for pose in poses if pose is not None])
+    true = footage.truth.joints_head[: len(joints)]
+    return np.array([_error_mm(*pair) for pair in zip(joints, true, strict=True)])
 
 
 def _detections_at(found: Detections, footage: Footage, angles: Float[Array, "37"]) -> Detections:

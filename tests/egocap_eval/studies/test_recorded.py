@@ -11,9 +11,13 @@ from egocap.evaluation.scoring import evaluate_pose
 from egocap_eval.sets.motion_sets import motion_sets
 from egocap_eval.studies.recorded import (
     CASES,
+    DARK,
+    LAGGED,
     POSE,
     clip_seeds,
     means,
+    measures_of,
+    missed,
     pose_scores,
     scenes_of,
     study,
@@ -82,9 +86,20 @@ def test_means_are_over_clips_with_their_interval():
     row = {"clip": "x", "frames": 5, "detector": dict.fromkeys(
         [f"{m}_{k}" for m in ("pck20", "auc20", "wrist", "knee", "ankle", "foot")
          for k in ("visible", "in_view")], 90.0)}  # fmt: skip
-    row |= {case: dict.fromkeys(POSE, 20.0) for case in CASES if case != "detector"}
+    row |= {case: dict.fromkeys(measures_of(case), 20.0) for case in CASES if case != "detector"}
     result = {"set": "validation", "rows": [row], "left_out": {"y": "why"},
               "mean": {case: means([row[case]]) for case in CASES}}  # fmt: skip
     made = tables(result)
     assert len(made) == len(CASES) + 1 and made[-1].rows == (("y", "why"),)
     assert made[0].rows[0][2] == "90.0"
+
+
+def test_targets_of_the_online_tracker_are_named_where_they_are_missed():
+    def result(lagged, spent):
+        errors = {"offline": 20.0, "live": 31.0, LAGGED: lagged}
+        rows = [{"clip": "x", DARK: {"recovery_s": spent}}]
+        return {"rows": rows, "mean": {c: {"mpjpe_mm": {"mean": e}} for c, e in errors.items()}}
+
+    assert missed(result(25.0, 0.3)) == missed(result(25.0, None)) == []
+    found = missed(result(27.0, 0.4))
+    assert "1.35 times" in found[0] and "x: recovered 0.40 s" in found[1]

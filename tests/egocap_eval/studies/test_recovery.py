@@ -1,6 +1,7 @@
 """Recovery: wrong poses are wrong, and detections bring the tracker back."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,14 +13,17 @@ from egocap.errors import InputError
 from egocap.pose.inverse_kinematics import nearest_angles
 from egocap_eval.studies.recovery import (
     FOUND_MM,
+    LIT_S,
     LOST_MM,
     MISLED_FRAMES,
     WORST_MM,
     ColourFollower,
+    after_darkness,
     by_colours,
     by_detections,
     draw_trials,
 )
+from tests.egocap.conftest import make_motion
 
 FRAMES = 4
 
@@ -64,3 +68,15 @@ def test_colours_alone_follow_from_a_given_pose(footage, trials):
     angles = np.array([nearest_angles(footage.body, joints) for joints in truth])
     error = by_colours(footage, ColourFollower(footage, angles), trials[0], 2)
     assert np.isfinite(error)
+
+
+def test_recovery_from_darkness_is_timed():
+    made = make_motion(90, seed=5)
+    truth = SimpleNamespace(joints_head=made.joints)
+    footage = SimpleNamespace(rig=made.rig, body=made.person, truth=truth)
+    found = made.detect("simulated:2")
+    score = after_darkness(footage, found)
+    assert 0.0 <= score["recovery_s"] <= 0.3
+    assert score["usual_mm"] <= score["after_mm"] < score["dark_mm"]
+    assert set(after_darkness(footage, found[:70]).values()) == {None}
+    assert LIT_S > 0.3

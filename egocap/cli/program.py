@@ -12,6 +12,7 @@ from egocap.cli import (  # noqa: F401 (each adds its commands)
     rigs,
     showing,
     tracking,
+    weights,
 )
 from egocap.cli.registry import app
 from egocap.cli.settings import registry

@@ -13,7 +13,14 @@ from numpy import ndarray as Array
 from pydantic import Field
 
 from egocap.body.labels import LABELS, other_side, without_side
-from egocap.body.skeleton import LABEL_POINTS, POINT_COUNT, POINT_INDEX, POINT_PARENTS, POINTS
+from egocap.body.skeleton import (
+    LABEL_POINTS,
+    POINT_COUNT,
+    POINT_INDEX,
+    POINT_PARENTS,
+    POINTS,
+    rest_points,
+)
 from egocap.errors import FileError, InputError
 from egocap.files import write_json
 from egocap.schema import Number, Strict, checked, read_json, refuse_newer
@@ -86,10 +93,7 @@ class Proportions:
     @property
     def rest_points(self) -> Float[Array, "22 3"]:
         """All `skeleton.POINTS` of the rest pose in the head frame, metres."""
-        where = np.zeros((POINT_COUNT, 3))
-        for i, parent in enumerate(POINT_PARENTS):
-            where[i] = self.offsets[i] + (where[parent] if parent >= 0 else 0.0)
-        return where
+        return rest_points(self)
 
     @property
     def mirrored(self) -> Proportions:

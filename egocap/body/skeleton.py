@@ -21,6 +21,7 @@ Source: EgoCap 2016, sections 4.1 and 4.2.1; Murray, Li & Sastry 1994, ch. 3.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -205,6 +206,9 @@ DOF_INDEX: dict[str, int] = {name: i for i, name in enumerate(DOFS)}
 DOF_JOINT: tuple[int, ...] = tuple(i for i, j in enumerate(JOINTS) for _ in j.dofs)
 """Index of the joint each angle belongs to."""
 
+_DOFS_OF: tuple[Sequence[int], ...] = tuple(
+    [d for d, joint in enumerate(DOF_JOINT) if joint == i] for i in range(len(JOINTS))
+)
 AXES: Float[Array, "37 3"] = unit(np.array([d.axis for j in JOINTS for d in j.dofs], float))
 LIMITS: Float[Array, "37 2"] = np.deg2rad(
     [(d.lower_deg, d.upper_deg) for j in JOINTS for d in j.dofs]
@@ -267,6 +271,14 @@ def points(
     return _chain(proportions.offsets, angles)[0]
 
 
+def rest_points(proportions: HasOffsets) -> Float[Array, "22 3"]:
+    """Positions of all `POINTS` in the rest pose, head frame, metres."""
+    where = np.zeros((POINT_COUNT, 3))
+    for i, parent in enumerate(POINT_PARENTS):
+        where[i] = proportions.offsets[i] + (where[parent] if parent >= 0 else 0.0)
+    return where
+
+
 def jacobian(
     proportions: HasOffsets, angles: Float[Array, "*batch 37"]
 ) -> tuple[Float[Array, "*batch 18 3"], Float[Array, "*batch 18 3 37"]]:
@@ -297,14 +309,14 @@ def _chain(
     batch = angles.shape[:-1]
     positions = np.zeros((*batch, POINT_COUNT, 3))
     axes = np.zeros((*batch, DOF_COUNT, 3))
-    turns, of_joint = axis_angle(AXES, angles), np.array(DOF_JOINT)  # (..., 37, 3, 3)
+    turns = axis_angle(AXES, angles)  # (..., 37, 3, 3)
     rotations: list[Float[Array, "*batch 3 3"]] = []
     for i, parent in enumerate(POINT_PARENTS):
         R = np.broadcast_to(np.eye(3), (*batch, 3, 3)) if parent < 0 else rotations[parent]
         origin = 0.0 if parent < 0 else positions[..., parent, :]
         positions[..., i, :] = origin + R @ offsets[i]
         if i < len(JOINTS):
-            for d in np.flatnonzero(of_joint == i):
+            for d in _DOFS_OF[i]:
                 axes[..., d, :] = R @ AXES[d]
                 R = R @ turns[..., d, :, :]
             rotations.append(R)

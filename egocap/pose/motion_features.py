@@ -12,7 +12,14 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX
-from egocap.body.skeleton import DOF_COUNT, SPREAD, HasOffsets, forward
+from egocap.body.skeleton import (
+    DOF_COUNT,
+    LABEL_POINTS,
+    SPREAD,
+    HasOffsets,
+    forward,
+    rest_points,
+)
 from egocap.data.head_pose import HeadPoses
 from egocap.geometry import transform
 
@@ -28,7 +35,7 @@ _FLOOR_QUANTILE, _FOOT_M = 0.1, -0.014
 
 def stature(proportions: HasOffsets) -> float:
     """Height of the head label above the ankles at rest, metres."""
-    rest = forward(proportions, np.zeros(DOF_COUNT))
+    rest = rest_points(proportions)[list(LABEL_POINTS)]
     ankles = [LABEL_INDEX["left_ankle"], LABEL_INDEX["right_ankle"]]
     return float(rest[LABEL_INDEX["head"], 2] - rest[ankles, 2].mean())
 

@@ -114,26 +114,34 @@ def observe(
     centres = np.array([m.T_head_camera[:3, 3] for m in rig.mounts])
     usable = detections.valid & np.isfinite(detections.sigma) & np.isfinite(detections.confidence)
     caster = _Caster(detections, usable, rig, proportions, config)
-    first = caster.cast(detections.points)
-    modes = None
+    places, cost = detections.points[:, None], None
     if config.use_modes and detections.modes is not None and detections.mode_weights is not None:
-        modes = _cast_modes(caster, detections.modes, detections.mode_weights)
-    return Observations(np.asarray(detections.times, float), centres, *first, modes)
+        others, cost = _other_modes(detections.modes, detections.mode_weights)
+        places = np.concatenate([places, others], axis=1)
+    rays, whiten, weights = caster.cast(places)
+    times = np.asarray(detections.times, float)
+    modes = None
+    if cost is not None and cost.shape[1]:
+        modes = Modes(
+            *map(np.ascontiguousarray, (rays[:, 1:], whiten[:, 1:], weights[:, 1:])), cost
+        )
+    first = (np.ascontiguousarray(array[:, 0]) for array in (rays, whiten, weights))
+    return Observations(times, centres, *first, modes)
 
 
-def _cast_modes(
-    caster: _Caster, places: Float[Array, "T V 18 K 2"], shares: Float[Array, "T V 18 K"]
-) -> Modes | None:
-    """The modes after the first; their cost is the log ratio of its weight to theirs."""
+def _other_modes(
+    places: Float[Array, "T V 18 K 2"], shares: Float[Array, "T V 18 K"]
+) -> tuple[Float[Array, "T M V 18 2"], Float[Array, "T M V 18"]]:
+    """Pixels of the modes after the first, nan where missing, and their cost.
+
+    The cost is the log ratio of the first one's weight to theirs.
+    """
     there = (shares > 0.0) & (shares[..., :1] > 0.0)
     most = [k for k in range(1, places.shape[3]) if there[..., k].any()]
-    if not most:
-        return None
-    cast = [caster.cast(np.where(there[..., k, None], places[..., k, :], np.nan)) for k in most]
     safe = np.where(there, shares, 1.0)
-    cost = [np.maximum(np.log(safe[..., 0] / safe[..., k]), 0.0) for k in most]
-    rays, whiten, weights = (np.stack(parts, 1) for parts in zip(*cast, strict=True))
-    return Modes(rays, whiten, weights, np.stack(cost, 1))
+    cost = np.maximum(np.log(safe[..., :1] / safe[..., most]), 0.0)
+    pixels = np.where(there[..., most, None], places[..., most, :], np.nan)
+    return np.moveaxis(pixels, 3, 1), np.ascontiguousarray(np.moveaxis(cost, 3, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,41 +155,41 @@ class _Caster:
     config: TrackerConfig
 
     def cast(
-        self, points: Float[Array, "T V 18 2"]
-    ) -> tuple[Float[Array, "T V 18 3"], Float[Array, "T V 18 2 3"], Float[Array, "T V 18"]]:
+        self, points: Float[Array, "T M V 18 2"]
+    ) -> tuple[Float[Array, "T M V 18 3"], Float[Array, "T M V 18 2 3"], Float[Array, "T M V 18"]]:
         """Rays, whiteners and weights of pixels; missing where these are not finite."""
         found, config = self.detections, self.config
-        rays, whiten = np.zeros((*points.shape[:3], 3)), np.zeros((*points.shape[:3], 2, 3))
-        usable = self.usable & np.isfinite(points).all(-1)
+        rays, whiten = np.zeros((*points.shape[:4], 3)), np.zeros((*points.shape[:4], 2, 3))
+        usable = self.usable[:, None] & np.isfinite(points).all(-1)
         for v, mount in enumerate(self.rig.mounts):
             camera, R = mount.camera, mount.T_head_camera[:3, :3]
-            pixels = np.where(usable[:, v, :, None], points[:, v], camera.centre)
+            pixels = np.where(usable[:, :, v, :, None], points[:, :, v], camera.centre)
             ray, seen = camera.ray(pixels)
             _, J, _ = camera.project_jacobian(ray)
             floor = config.pixel_floor * camera.width / REFERENCE_WIDTH
             even = EVEN_SIGMA * camera.width / REFERENCE_WIDTH
             stated = (
-                found.sigma[:, v]
+                found.sigma[:, None, v]
                 if config.use_detector_sigma
-                else np.full_like(found.sigma[:, v], even)
+                else np.full_like(found.sigma[:, None, v], even)
             )
-            sigma = np.where(usable[:, v], np.maximum(stated, floor), floor)
+            sigma = np.where(usable[:, :, v], np.maximum(stated, floor), floor)
             centre = mount.T_head_camera[:3, 3]
             distance = np.linalg.norm(self.proportions.rest_joints - centre, axis=-1)
             model = config.model_error_m / np.maximum(distance, 0.05)
-            whiten[:, v] = _whitener(ray, J, sigma, model) @ R.T
-            rays[:, v] = ray @ R.T
-            usable[:, v] &= seen
+            whiten[:, :, v] = _whitener(ray, J, sigma, model) @ R.T
+            rays[:, :, v] = ray @ R.T
+            usable[:, :, v] &= seen
         trust = config.occluded_weight + (1.0 - config.occluded_weight) * found.confidence
-        return rays, whiten, np.where(usable, config.lambda_detection * trust, 0.0)
+        return rays, whiten, np.where(usable, config.lambda_detection * trust[:, None], 0.0)
 
 
 def _whitener(
-    ray: Float[Array, "T 18 3"],
-    J: Float[Array, "T 18 2 3"],
-    sigma: Float[Array, "T 18"],
+    ray: Float[Array, "T M 18 3"],
+    J: Float[Array, "T M 18 2 3"],
+    sigma: Float[Array, "T M 18"],
     model: Float[Array, "18"],
-) -> Float[Array, "T 18 2 3"]:
+) -> Float[Array, "T M 18 2 3"]:
     """Maps W with |W d| the distance of a direction d from the ray in standard deviations."""
     tangent = tangent_basis(ray)
     to_angle = np.linalg.inv(J @ np.swapaxes(tangent, -1, -2)) * sigma[..., None, None]

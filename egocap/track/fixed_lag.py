@@ -13,6 +13,7 @@ Sukhatme 2010, "Sliding window filter with application to planetary landing", J.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -32,7 +33,7 @@ from egocap.track.online_filter import OnlineFilter
 from egocap.track.smoother import BandedSystem, accelerations, interval_system, minimise
 from egocap.track.uncertainty import banded_inverse, joint_deviations
 
-WINDOW = 12
+WINDOW = 6
 """Frames solved together, at least; with a long lag, those that it needs."""
 _ACCELERATION = 2.0
 """Factor on the accelerations' deviation: the interval smoother gives detections half the weight.
@@ -43,10 +44,13 @@ _RESTART_S = 0.1
 _MIN_GAIN = 3.0
 """Energy that these must save."""
 _KEPT_VELOCITY = 0.8  # of the motion from frame to frame, at the start of a new one
-_MEMORY_S = 1.1
+_MEMORY_S = 0.8
 """Time before the window that the motion network is told."""
 _PAIR = 2 * DOF_COUNT
-_ROW, _COLUMN = np.tril_indices(_PAIR)
+_ROW = np.add.outer(np.arange(_PAIR + 1), np.arange(3 * DOF_COUNT))
+"""Row in the matrix of every element of a lower band of three frames."""
+_THREE, _TWO = (np.nonzero(_ROW[:, :size] < size) for size in (3 * DOF_COUNT, _PAIR))
+"""Elements of a lower band of three and of two frames."""
 _UNKNOWN = np.zeros((DOF_COUNT, DOF_COUNT))
 
 
@@ -72,6 +76,12 @@ class Past:
     information: Float[Array, "74 74"]
     gradient: Float[Array, "74"]
 
+    @cached_property
+    def _bands(self) -> Float[Array, "75 74"]:
+        found = np.zeros((_PAIR + 1, _PAIR), order="F")
+        found[_TWO] = self.information[_ROW[_TWO], _TWO[1]]
+        return found
+
     def add(
         self, angles: Float[Array, "T 37"], bands: Float[Array, "75 N"],
         gradient: Float[Array, "N"],
@@ -79,7 +89,7 @@ class Past:
         """Add its terms to a window's banded system; their energy."""
         off = (angles[:2] - self.mean).ravel()
         pull = self.information @ off
-        bands[_ROW - _COLUMN, _COLUMN] += self.information[_ROW, _COLUMN]
+        bands[:, :_PAIR] += self._bands
         gradient[:_PAIR] += pull + self.gradient
         return float(off @ (0.5 * pull + self.gradient))
 
@@ -99,9 +109,8 @@ def marginalise(
     if past is not None:
         past.add(angles, bands, g)
     H = np.zeros((3 * n, 3 * n))
-    for k, diagonal in enumerate(bands):
-        at = np.arange(3 * n - k)
-        H[at + k, at] = H[at, at + k] = diagonal[: 3 * n - k]
+    row, column = _ROW[_THREE], _THREE[1]
+    H[row, column] = H[column, row] = bands[_THREE]
     own, pull = information(model, angles[0], observations.frame(0), config.robust_scale)
     H[:n, :n] += own
     g[:n] += pull

@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,10 +22,14 @@ from egocap.body.labels import EVALUATED
 from egocap.commandline import progress
 from egocap.data.sequence import Sequence as Footage
 from egocap.data.sequence import open_sequence
+from egocap.detect.input_images import ahead, recorded_pictures
 from egocap.detect.sources import detections_from
 from egocap.errors import EgocapError, InputError
 from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
+from egocap.track.online import ONLINE
+from egocap.view.feeds import Instant
+from egocap.view.live_run import follow_live
 from egocap_eval.detection.detector_speed import measure_speed
 from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
@@ -98,7 +102,8 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
     blind = replace(stochastic, lambda_detection=0.0)  # what section 5.2 times
     solvers: Mapping[str, tuple[Callable[[], Track], int]] = {
         "fast": (ours(TrackerConfig()), repeats),
-        "fast, live": (ours(TrackerConfig(smoothing="none")), repeats),
+        "fast, live": (ours(ONLINE), repeats),
+        "fast, causal filter": (ours(TrackerConfig(smoothing="none")), repeats),
         "fast, with colour": (ours(TrackerConfig(colour=True)), 1),
         "reference": (papers(reference), 1),
         "stochastic": (papers(stochastic), 1),
@@ -199,26 +204,39 @@ def _batch(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
     return {"frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent}
 
 
-def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
-    from egocap.detect.input_images import recorded_pictures
+@dataclass(frozen=True)
+class _Recorded:
+    """The first frames of a recording as fast as they are tracked, for a live run."""
 
+    footage: Footage
+    frames: int
+    skipped: int = 0
+
+    def __iter__(self) -> Iterator[Instant]:
+        return ahead(iter(range(self.frames)), self._at, 1)
+
+    def _at(self, t: int) -> Instant:
+        taken = time.monotonic()
+        pictures = recorded_pictures(self.footage, t)
+        return Instant(float(self.footage.times[t]), pictures, taken, 0.0)
+
+
+def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
+    """Rate, latency and stages of a live run; pictures are decoded ahead, as cameras' are.
+
+    The stage "decode" is the time that the run waits for pictures.
+    """
     tracker = egocap.OnlineTracker(footage.rig, footage.body)
-    spent: dict[str, float] = {}
-    latencies = []
-    for t in range(frames):
-        started = time.perf_counter()
-        with _lap(spent, "decode", frames):
-            pictures = recorded_pictures(footage, t)
-        with _lap(spent, "detect", frames):
-            found = detector.detect_images(pictures, float(footage.times[t]))
-        with _lap(spent, "track", frames):
-            tracker.step(found)
-        latencies.append(1e3 * (time.perf_counter() - started))
+    report = follow_live(_Recorded(footage, frames), detector, tracker)
+    stages = {"pictures": "decode", "detect": "detect", "track": "track"}
+    median, late = report.latency_ms
     return {
-        "frames_per_second": 1e3 / sum(spent.values()), "stages_ms": spent,
-        "latency_ms": {"median": float(np.median(latencies)),
-                       "p95": float(np.percentile(latencies, 95))},
-    }  # fmt: skip
+        "frames_per_second": report.rate,
+        "stages_ms": {
+            name: 1e3 * float(np.mean(report.stages[stage])) for stage, name in stages.items()
+        },
+        "latency_ms": {"median": median, "p95": late},
+    }
 
 
 @contextmanager

@@ -99,7 +99,7 @@ def scenes(
             "name": f"adapt-{seed}-{name}", "seed": seed, "fps": FPS,
             "frames": round(length * FPS), "place": place,
             "motion": type(base.motion)(name="sequence", parameters={"parts": parts}),
-            "sensor": SensorTable(preset=preset),
+            "sensor": SensorTable.model_validate({"preset": preset}),
         }))  # fmt: skip
     return found[0], found[1], found[2]
 

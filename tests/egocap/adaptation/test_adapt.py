@@ -6,13 +6,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import egocap
 from egocap.adaptation import adapt as module
 from egocap.adaptation.adapt import adapt
 from egocap.adaptation.config import AdaptOptions
-from egocap.adaptation.footage import FEWEST, GAP_S, Recording, stretches
-from egocap.adaptation.labels import Labels
+from egocap.adaptation.footage import FEWEST, GAP_S, Recording, stretches, track_footage
+from egocap.adaptation.labels import Labels, tracked_labels
 from egocap.cli import main
+from egocap.data.detections import save_detections
 from egocap.data.sequence import open_sequence
+from egocap.data.track import save_track
 from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN
 from egocap.detect.weights import open_weights
@@ -94,3 +97,23 @@ def test_short_footage_and_contradictory_options_are_refused(tmp_path):
         adapt([], tmp_path)
     with pytest.raises(InputError, match="--height and --body"):
         AdaptOptions(height=1.7, body="average:1.7")
+
+
+def test_a_folder_of_mocap_is_not_tracked_again(tiny_sequence, tmp_path, monkeypatch):
+    sequence = open_sequence(tiny_sequence)
+    found = egocap.synthetic_detections(sequence)
+    track = egocap.Tracker(sequence.rig, sequence.body).track(found)
+    (tmp_path / "sequence").symlink_to(tiny_sequence)
+    save_detections(tmp_path / "detections.npz", found)
+    save_track(tmp_path / "track.npz", track)
+    monkeypatch.setattr("egocap.adaptation.footage.steps", None)
+    recording = track_footage(tmp_path, tmp_path / "work", AdaptOptions(), lambda *_: None)
+    assert np.array_equal(recording.labels.state, tracked_labels(track, found, sequence.rig).state)
+    assert not (tmp_path / "work").exists()
+
+
+def test_a_sequence_is_detected_and_tracked(tiny_sequence, tmp_path, empty_cache, tiny_file):
+    options = AdaptOptions(weights=tiny_file, body="average:1.75")
+    recording = track_footage(tiny_sequence, tmp_path, options, lambda *_: lambda _: None)
+    assert recording.labels.state.shape == (7, 2, 18)
+    assert {"detections.npz", "track.npz"} <= {path.name for path in tmp_path.iterdir()}

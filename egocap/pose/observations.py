@@ -119,14 +119,16 @@ def observe(
         others, cost = _other_modes(detections.modes, detections.mode_weights)
         places = np.concatenate([places, others], axis=1)
     rays, whiten, weights = caster.cast(places)
-    times = np.asarray(detections.times, float)
     modes = None
     if cost is not None and cost.shape[1]:
-        modes = Modes(
-            *map(np.ascontiguousarray, (rays[:, 1:], whiten[:, 1:], weights[:, 1:])), cost
-        )
-    first = (np.ascontiguousarray(array[:, 0]) for array in (rays, whiten, weights))
-    return Observations(times, centres, *first, modes)
+        modes = Modes(*_contiguous(rays[:, 1:], whiten[:, 1:], weights[:, 1:]), cost)
+    first = _contiguous(rays[:, 0], whiten[:, 0], weights[:, 0])
+    return Observations(np.asarray(detections.times, float), centres, *first, modes)
+
+
+def _contiguous(rays: Array, whiten: Array, weights: Array) -> tuple[Array, Array, Array]:
+    """The same arrays as the kernels need them laid out."""
+    return np.ascontiguousarray(rays), np.ascontiguousarray(whiten), np.ascontiguousarray(weights)
 
 
 def _other_modes(

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import AGILITY, DOF_COUNT
+from egocap.body.skeleton import AGILITY, DOF_COUNT, SPREAD
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
 from egocap.pose.kernel import Model, information
@@ -46,17 +46,24 @@ _MIN_GAIN = 3.0
 _KEPT_VELOCITY = 0.8  # of the motion from frame to frame, at the start of a new one
 _MEMORY_S = 0.8
 """Time before the window that the motion network is told."""
+_HELD = 1.0
+"""Standard deviation of poses in the dark about the filter's, in each angle's prior deviation."""
 _PAIR = 2 * DOF_COUNT
 _ROW = np.add.outer(np.arange(_PAIR + 1), np.arange(3 * DOF_COUNT))
 """Row in the matrix of every element of a lower band of three frames."""
 _THREE, _TWO = (np.nonzero(_ROW[:, :size] < size) for size in (3 * DOF_COUNT, _PAIR))
 """Elements of a lower band of three and of two frames."""
 _UNKNOWN = np.zeros((DOF_COUNT, DOF_COUNT))
+_HOLD = np.diag((_HELD * SPREAD) ** -2.0)
 
 
 @dataclass(frozen=True, eq=False)
 class LaggedPose:
-    """The pose of one frame, given the frames up to some later one."""
+    """The pose of one frame, given the frames up to some later one.
+
+    The covariance is that given the frames up to this one: a detector's errors persist from frame
+    to frame, so that a lag's frames add little to what is known.
+    """
 
     time: float  # s
     angles: Float[Array, "37"]
@@ -128,9 +135,9 @@ class _Frame:
     filtered: Float[Array, "37"]  # angles by the causal filter
     angles: Float[Array, "37"]  # by detections alone
     motion: Float[Array, "37"]  # with the motion prior
-    covariance: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # of `angles`
+    covariance: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # when newest
     std: Float[Array, "18"] = field(default_factory=lambda: _UNKNOWN[0, :0])  # of the joints, m
-    precision: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # of the prior
+    precision: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # the prior's, too
     settled: bool = False
 
     @property
@@ -200,22 +207,24 @@ class FixedLagSmoother:
         """Solve the window by detections, then with the motion prior."""
         window = self._window
         seen = joined([frame.chosen for frame in window])
-        angles, done = self._minimised(np.array([f.angles for f in window]), seen, _STEPS)
+        held = self._held(seen)
+        angles, done = self._minimised(np.array([f.angles for f in window]), seen, _STEPS, held)
         if self.config.multistart and window[-1].time >= self._tried + _RESTART_S:
             self._tried = window[-1].time
-            angles, seen = self._restarted(angles, seen)
-        covariances = banded_inverse(self._system(angles, seen)[1])
+            angles, seen = self._restarted(angles, seen, held)
+        covariances = banded_inverse(self._system(angles, seen, held)[1])
         std = joint_deviations(self.proportions, angles, covariances, self.config.model_error_m)
         for t, frame in enumerate(window):
-            frame.angles, frame.covariance, frame.std = angles[t], covariances[t], std[t]
+            frame.angles, frame.std = angles[t], std[t]
+        window[-1].covariance = covariances[-1]
         motion = angles
         if self.config.lambda_motion > 0.0:
-            motion, done = self._apply_motion_prior(seen)
+            motion, done = self._apply_motion_prior(seen, held)
         for t, frame in enumerate(window):
             frame.motion, frame.settled = motion[t], bool(done[t])
 
     def _restarted(
-        self, angles: Float[Array, "T 37"], seen: Observations
+        self, angles: Float[Array, "T 37"], seen: Observations, held: MotionPrediction
     ) -> tuple[Float[Array, "T 37"], Observations]:
         """The window's angles and detections, from the filter's poses if that saves energy."""
         start = np.array([frame.filtered for frame in self._window])
@@ -224,16 +233,24 @@ class FixedLagSmoother:
             if needs_association(frame.proposed, self.config):
                 associate(pose[None], frame.proposed, detected, self.model, self.config)
         others = joined(chosen)
-        other, _ = self._minimised(start, others, _RESTART_STEPS)
-        gain = self._system(angles, seen)[0] - self._system(other, others)[0]
+        other, _ = self._minimised(start, others, _RESTART_STEPS, held)
+        gain = self._system(angles, seen, held)[0] - self._system(other, others, held)[0]
         if gain < _MIN_GAIN:
             return angles, seen
         for frame, detected in zip(self._window, chosen, strict=True):
             frame.chosen = detected
         return other, others
 
+    def _held(self, seen: Observations) -> MotionPrediction:
+        """In the dark, frames without any detection, the filter's pose, which comes to rest."""
+        dark = ~np.any(seen.weights > 0.0, axis=(1, 2))
+        if not dark.any():
+            return NO_MOTION_PREDICTION
+        mean = np.array([frame.filtered for frame in self._window])
+        return MotionPrediction(mean, dark[:, None, None] * _HOLD)
+
     def _apply_motion_prior(
-        self, seen: Observations
+        self, seen: Observations, held: MotionPrediction
     ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
         """The window's motion with the network's prediction, and convergence.
 
@@ -247,9 +264,10 @@ class FixedLagSmoother:
         )  # fmt: skip
         here = slice(len(self._before), None)
         precision = network_precision(spread[here])
-        precision[undetected(seen)] = 0.0
-        for frame, own in zip(self._window, precision, strict=True):
-            frame.precision = own
+        missing = undetected(seen)
+        precision[missing] = held.precision[missing] if len(held.mean) else 0.0
+        mean[here][missing] = held.mean[missing] if len(held.mean) else mean[here][missing]
+        self._window[-1].precision = precision[-1]
         start = np.array([*(f.motion for f in self._window[:-1]), mean[-1]])
         return self._minimised(start, seen, _STEPS, MotionPrediction(mean[here], precision))
 

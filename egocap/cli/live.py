@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from egocap.cameras.rig import Rig
     from egocap.view.feeds import Feed
     from egocap.view.live_run import KnowsPerson, LiveReport
+    from egocap.view.live_scene import LiveViewer
     from egocap.view.live_view import PoseDisplay
 
 LIVE = TrackerConfig(smoothing="fixed-lag")
@@ -53,6 +54,9 @@ class LiveOptions:
     """Show the views, the pose and a 3-D view on a web page served on this machine."""
     port: int = 8642
     """Port of that page; 0 picks a free one."""
+    viewer: Literal["window", "browser"] | None = None
+    """Show the same in the Rerun viewer (extra view), with a time line: in a window of its own, or
+    for a browser on this machine."""
     record: Path | None = None
     """Video of the same to write, mp4."""
 
@@ -209,7 +213,19 @@ def _open_display(stack: ExitStack, rig: Rig, options: LiveOptions) -> PoseDispl
         stream = PictureStream(options.port)
         stack.callback(stream.close)
         print(f"see {stream.url}", file=sys.stderr, flush=True)
-    return PoseDisplay(rig, stream, video)
+    return PoseDisplay(rig, stream, video, _open_viewer(stack, rig, options))
+
+
+def _open_viewer(stack: ExitStack, rig: Rig, options: LiveOptions) -> LiveViewer | None:
+    if options.viewer is None:
+        return None
+    from egocap.view.live_scene import LiveViewer
+
+    viewer = LiveViewer(rig, options.viewer)
+    stack.callback(viewer.close)
+    if viewer.url is not None:
+        print(f"see {viewer.url}", file=sys.stderr, flush=True)
+    return viewer
 
 
 def _start_pose(start: str) -> Float[Array, "37"]:

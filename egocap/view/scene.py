@@ -7,11 +7,12 @@ deviations. Cameras are drawn as the cone of their field of view, up to 80 degre
 
 from __future__ import annotations
 
+from collections.abc import Sequence as Items
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
@@ -72,6 +73,7 @@ class Scene:
 
     def __init__(self, rr: Any, recording: Any, shown: Shown) -> None:
         self.rr, self.out, self.shown = rr, recording, shown
+        self._known: set[tuple[str, type]] = set()  # what does not change with time
 
     def log(self, images: bool) -> None:
         shown = self.shown
@@ -90,8 +92,24 @@ class Scene:
             if shown.sequence is None and not shown.tracks and not shown.posteriors:
                 self._wearer()
 
+    def start(self, rig: Rig) -> None:
+        """Begin a live run: what does not change with time."""
+        self._static("space", self.rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._rig(rig)
+
+    def show(self, name: str, track: Track, images: Items[UInt8[Array, "H W 3"] | None]) -> None:
+        """One frame of a live run: a track of one frame, and the pictures of the views."""
+        rig = self.shown.rig
+        assert rig is not None and len(track.times) == 1
+        for view, camera, image in zip(rig.views, rig.cameras, images, strict=True):
+            if image is not None:
+                self._pictures(view, track.times, [_jpeg(image, camera.height)])
+        self._track(name, track)
+
     def _static(self, path: str, what: Any) -> None:
-        self.out.log(path, what, static=True)
+        if (path, type(what)) not in self._known:
+            self._known.add((path, type(what)))
+            self.out.log(path, what, static=True)
 
     def _columns(self, path: str, times: Float[Array, "T"], columns: Any) -> None:
         self.rr.send_columns(path, [self.rr.TimeColumn("time", duration=times)], columns,
@@ -134,21 +152,17 @@ class Scene:
             self._pose(f"views/{view}/{name}", times, shown, colour)
 
     def _images(self, sequence: Sequence) -> None:
-        import cv2
-
-        times = np.asarray(sequence.times)
-        for v, name in enumerate(sequence.rig.views):
-            scale = _image_scale(sequence.rig.cameras[v].height)
+        for v, camera in enumerate(sequence.rig.cameras):
             found, at = [], []
-            for i, time in enumerate(times):
+            for i, time in enumerate(sequence.times):
                 if (image := sequence.picture(i, v)) is not None:
-                    small = cv2.resize(
-                        image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA
-                    )
-                    found.append(cv2.imencode(".jpg", small[..., ::-1], _JPEG)[1].tobytes())
+                    found.append(_jpeg(image, camera.height))
                     at.append(time)
-            self._static(f"views/{name}", self.rr.EncodedImage.from_fields(media_type="image/jpeg"))
-            self._columns(f"views/{name}", np.array(at), self.rr.EncodedImage.columns(blob=found))
+            self._pictures(sequence.rig.views[v], np.array(at), found)
+
+    def _pictures(self, view: str, times: Float[Array, "T"], jpegs: list[bytes]) -> None:
+        self._static(f"views/{view}", self.rr.EncodedImage.from_fields(media_type="image/jpeg"))
+        self._columns(f"views/{view}", times, self.rr.EncodedImage.columns(blob=jpegs))
 
     def _truth(self, sequence: Sequence) -> None:
         truth = sequence.truth
@@ -269,6 +283,17 @@ class Scene:
 
 def _standing() -> Float[Array, "18 3"]:
     return forward(Proportions.from_lengths(1.75), start_poses()[0])
+
+
+def _jpeg(image: UInt8[Array, "H W 3"], height: int) -> bytes:
+    """A picture of a camera of that height, reduced."""
+    import cv2
+
+    scale = _image_scale(height) * height / image.shape[0]
+    if scale != 1.0:
+        how = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR  # which is ten times as fast
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=how)
+    return cv2.imencode(".jpg", image[..., ::-1], _JPEG)[1].tobytes()
 
 
 def _image_scale(height: int) -> float:

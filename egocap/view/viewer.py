@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Mapping
 from collections.abc import Sequence as Items
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +22,8 @@ from egocap.posterior.result import KIND, load_posterior
 from egocap.view.scene import Scene, Shown
 
 SUFFIX = ".rrd"
+CURVES = {"error": "mean error, mm", "confidence": "least confidence", "angles": "angles, degrees"}
+"""Curves of a track, by the names of `Scene`, and their titles."""
 
 
 def open_all(paths: Items[Path]) -> Shown:
@@ -72,23 +75,23 @@ def _recording(rr: Any, shown: Shown, images: bool) -> bytes:
     """Content of a file. In memory: on a full disk rerun would wait without end."""
     recording = rr.RecordingStream("egocap")
     content = recording.memory_recording()
-    recording.send_blueprint(_layout(rr, shown))
+    views = shown.rig.views if shown.sequence and shown.rig else ()
+    curves = dict(CURVES) if shown.tracks else {}
+    if shown.sequence is None or not shown.sequence.manifest.truth:
+        curves.pop("error", None)
+    recording.send_blueprint(layout(rr, shown, views, curves))
     Scene(rr, recording, shown).log(images)
     recording.flush()
     return content.drain_as_bytes()
 
 
-def _layout(rr: Any, shown: Shown) -> Any:
-    """Space to the left; images and curves to the right."""
-    panels = [rr.blueprint.Spatial2DView(origin=f"views/{view}", name=view)
-              for view in (shown.rig.views if shown.sequence and shown.rig else ())]  # fmt: skip
-    if shown.tracks:
-        titles = {"error": "mean error, mm", "confidence": "least confidence",
-                  "angles": "angles, degrees"}  # fmt: skip
-        truth = shown.sequence is not None and shown.sequence.manifest.truth
+def layout(rr: Any, shown: Shown, views: Items[str], curves: Mapping[str, str]) -> Any:
+    """Space to the left; images of the views, and curves by name and title, to the right."""
+    panels = [rr.blueprint.Spatial2DView(origin=f"views/{view}", name=view) for view in views]
+    if curves:
         panels.append(rr.blueprint.Tabs(*(
             rr.blueprint.TimeSeriesView(origin=f"curves/{name}", name=title)
-            for name, title in titles.items() if truth or name != "error"
+            for name, title in curves.items()
         )))  # fmt: skip
     grid = rr.blueprint.LineGrid3D(plane=rr.components.Plane3D((0.0, 0.0, 1.0), shown.floor))
     space = rr.blueprint.Spatial3DView(

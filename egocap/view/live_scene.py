@@ -85,7 +85,7 @@ class LiveViewer(LiveScene):
         super().__init__(rr, recording, rig)
 
     def close(self) -> None:
-        """Send what is left. A window stays open; a server ends, and its pages keep what they have."""
+        """Send what is left. A window stays open; a server ends, its pages keep what they have."""
         super().close()
         self._out.disconnect()
         if self.url is not None:

@@ -8,7 +8,7 @@ validation ones of the paper's scenes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.fit_body import BodyFit, fit_body
-from egocap.track.online import ONLINE
+from egocap.pose.config import TrackerConfig
 from egocap_eval.harness.cases import Scores, mean, run_cases
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
@@ -166,7 +166,9 @@ def errors_with(body: str, sequence: Sequence, fit: BodyFit, detections: str) ->
 
 def live_joints(sequence: Sequence, found: Detections, lag: float = 0.0) -> Float[Array, "T 18 3"]:
     """Joints in the head frame by the online tracker with the true proportions."""
-    tracker = egocap.OnlineTracker(sequence.rig, sequence.body, replace(ONLINE, lag=lag))
+    tracker = egocap.OnlineTracker(
+        sequence.rig, sequence.body, TrackerConfig(smoothing="fixed-lag", lag=lag)
+    )
     poses = [tracker.step(found[t : t + 1]) for t in range(len(found.times))]
     given = [pose for pose in poses if pose is not None] + tracker.finish()
     return np.array([pose.joints_head for pose in given])

@@ -27,9 +27,6 @@ from egocap.detect.sources import detections_from
 from egocap.errors import EgocapError, InputError
 from egocap.evaluation.table import Table, number
 from egocap.pose.config import TrackerConfig
-from egocap.track.online import ONLINE
-from egocap.view.feeds import Instant
-from egocap.view.live_run import follow_live
 from egocap_eval.detection.detector_speed import measure_speed
 from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
@@ -37,6 +34,7 @@ from egocap_eval.harness.study import Outcome
 if TYPE_CHECKING:
     from egocap.data.track import Track
     from egocap.detect.detector import Detector
+    from egocap.view.feeds import Instant
 
 SCENE, SOURCE = "validation-walk", "simulated:2.0"
 ENGINES = ("openvino", "onnxruntime", "cuda")
@@ -102,7 +100,7 @@ def time_solvers(footage: Footage, frames: int, few: int, repeats: int) -> dict[
     blind = replace(stochastic, lambda_detection=0.0)  # what section 5.2 times
     solvers: Mapping[str, tuple[Callable[[], Track], int]] = {
         "fast": (ours(TrackerConfig()), repeats),
-        "fast, live": (ours(ONLINE), repeats),
+        "fast, live": (ours(TrackerConfig(smoothing="fixed-lag")), repeats),
         "fast, causal filter": (ours(TrackerConfig(smoothing="none")), repeats),
         "fast, with colour": (ours(TrackerConfig(colour=True)), 1),
         "reference": (papers(reference), 1),
@@ -216,6 +214,8 @@ class _Recorded:
         return ahead(iter(range(self.frames)), self._at, 1)
 
     def _at(self, t: int) -> Instant:
+        from egocap.view.feeds import Instant
+
         taken = time.monotonic()
         pictures = recorded_pictures(self.footage, t)
         return Instant(float(self.footage.times[t]), pictures, taken, 0.0)
@@ -226,6 +226,8 @@ def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
 
     The stage "decode" is the time that the run waits for pictures.
     """
+    from egocap.view.live_run import follow_live
+
     tracker = egocap.OnlineTracker(footage.rig, footage.body)
     report = follow_live(_Recorded(footage, frames), detector, tracker)
     stages = {"pictures": "decode", "detect": "detect", "track": "track"}

@@ -6,10 +6,8 @@ The angles of two windows are blended over their overlap.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +25,7 @@ from egocap.geometry import transform
 from egocap.pose.config import TrackerConfig
 from egocap.track.consistency import with_consistency
 from egocap.track.tracker import Tracker
+from egocap.workers import WorkerPool
 
 WINDOW, OVERLAP = 900, 60  # frames
 
@@ -55,7 +54,7 @@ def track_in_windows(
         return track
     parts = []
     workers = min(available_cores(), len(jobs))
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with WorkerPool(workers) as pool:
         for window, part in zip(windows, pool.map(_track, *zip(*jobs, strict=True)), strict=True):
             parts.append(part)
             on_frames(window.stop - max(window.start, 0) - (OVERLAP if window.start else 0))

@@ -11,7 +11,7 @@ import os
 import shutil
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait as wait_for
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from egocap.errors import MachineError
+from egocap.workers import WorkerPool
 from egocap_sim.record.jobs import E, Enter, Entry, Job, Task
 
 _THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -69,25 +70,17 @@ class ProcessPool:
         """Do the jobs in `left` until a worker dies; remove each finished one."""
         workers = max(1, min(self.workers, len(left)))
         threads = max(1, (os.cpu_count() or 1) // workers)
-        with _environment(dict.fromkeys(_THREADS, str(threads))):  # read as a worker starts
-            pool = ProcessPoolExecutor(
-                workers,
-                mp_context=mp.get_context("spawn"),
-                initializer=_begin_worker,
-                initargs=(threads, frames, task, out),
-            )
-            try:
-                waiting: dict[Future[Any], int] = {
-                    pool.submit(_do, job): index for index, job in left.items()
-                }
-                while waiting:
-                    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                    for future in done:
-                        index = waiting.pop(future)
-                        enter(future.result())
-                        del left[index]
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+        with (
+            _environment(dict.fromkeys(_THREADS, str(threads))),  # read as a worker starts
+            WorkerPool(workers, _begin_worker, threads, frames, task, out) as pool,
+        ):
+            waiting = {pool.submit(_do, job): index for index, job in left.items()}
+            while waiting:
+                done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in done:
+                    index = waiting.pop(future)
+                    enter(future.result())
+                    del left[index]
 
 
 def count_frames(frames: Iterable[T]) -> Iterator[T]:

@@ -12,10 +12,8 @@ import signal
 import time
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +23,7 @@ from tyro.conf import arg
 from egocap.commandline import progress
 from egocap.errors import EgocapError, InputError
 from egocap.evaluation.table import Table
+from egocap.workers import WorkerPool
 from egocap_eval.fuzz.mutations import mutated
 from egocap_eval.fuzz.targets import Target, make_targets
 from egocap_eval.harness.study import Outcome
@@ -68,7 +67,7 @@ def study(
             for start in range(0, each, BATCH)]  # fmt: skip
     found: dict[str, list[Any]] = {name: [] for name in names}
     with (
-        ProcessPoolExecutor(2, get_context("spawn")) as pool,
+        WorkerPool(2) as pool,
         progress("fuzz", each * len(names), unit="cases") as advance,
     ):
         for name, start, count in jobs:

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +19,7 @@ from egocap.commandline import progress
 from egocap.errors import FileError
 from egocap.evaluation.table import Table
 from egocap.files import disk_errors
+from egocap.workers import WorkerPool
 from egocap_eval.harness.intervals import format_interval, mean_and_interval
 from egocap_eval.harness.result_file import config_hash, git_commit
 
@@ -123,7 +122,7 @@ def map_in_processes(
     if workers < 2:
         yield from map(function, jobs)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with WorkerPool(workers) as pool:
         yield from pool.map(function, jobs)
 
 

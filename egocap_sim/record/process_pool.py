@@ -74,7 +74,9 @@ class ProcessPool:
             _environment(dict.fromkeys(_THREADS, str(threads))),  # read as a worker starts
             WorkerPool(workers, _begin_worker, threads, frames, task, out) as pool,
         ):
-            waiting = {pool.submit(_do, job): index for index, job in left.items()}
+            waiting: dict[Future[Any], int] = {
+                pool.submit(_do, job): index for index, job in left.items()
+            }
             while waiting:
                 done, _ = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:

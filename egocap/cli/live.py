@@ -156,10 +156,11 @@ def _by_detections(
 ) -> tuple[KnowsPerson, str, Follow]:  # fmt: skip
     from egocap.detect.detector import Detector
     from egocap.track.online import OnlineTracker
-    from egocap.view.live_run import follow_live
+    from egocap.view.live_run import follow_live, warm_up
 
     tracker = OnlineTracker(rig, person, config)
     detector = Detector(rig, options.weights)
+    warm_up(detector, tracker)
     return (
         tracker,
         detector.source,

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +18,9 @@ from egocap.data.track import Track
 from egocap.errors import MachineError
 from egocap.track.online import OnlineTracker, PoseEstimate
 from egocap.view.feeds import Feed, Images, Instant
+
+_WARM_UP_FRAMES = 10
+"""More than the tracker solves together."""
 
 
 class KnowsPerson(Protocol):
@@ -117,6 +120,19 @@ class DetectAndTrack:
     def finish(self) -> list[PoseEstimate]:
         """The poses that the tracker's lag withheld."""
         return self.tracker.finish()
+
+
+def warm_up(detector: DetectsOne, tracker: OnlineTracker) -> None:
+    """Detect and track once in black pictures, so that kernels are compiled or loaded.
+
+    Otherwise a machine's first live run stops for seconds after its first pictures. The tracker
+    itself is left as it is.
+    """
+    black = [np.zeros((c.height, c.width, 3), np.uint8) for c in tracker.rig.cameras]
+    found = detector.detect_images(black, 0.0)
+    trial = OnlineTracker(tracker.rig, tracker.proportions, tracker.config)
+    for time_s in np.arange(1, _WARM_UP_FRAMES + 1) / 30.0:
+        trial.step(replace(found, times=np.array([time_s])))
 
 
 def follow_live(

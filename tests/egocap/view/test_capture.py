@@ -13,7 +13,7 @@ from egocap.track.tracker import Tracker
 from egocap.track.uncertainty import confidences
 from egocap.view.capture import CameraSettings, Source, first_pictures, list_cameras
 from egocap.view.feeds import LiveFeed, RecordedFeed
-from egocap.view.live_run import LiveReport, follow_live
+from egocap.view.live_run import LiveReport, follow_live, warm_up
 from tests.egocap.conftest import make_motion
 
 LIVE = TrackerConfig(smoothing="none")
@@ -91,6 +91,19 @@ def test_every_pose_is_shown_with_its_pictures(tmp_path):
     )  # fmt: skip
     assert [pose for pose, _ in shown] == report.poses
     assert [True, True] in [there for _, there in shown]
+
+
+def test_a_warm_up_leaves_the_tracker_as_it_is():
+    made = make_motion(frames=4)
+    config = TrackerConfig(smoothing="fixed-lag")
+    tracker, fresh = (OnlineTracker(made.rig, made.person, config) for _ in range(2))
+    detector = Slow(made, 0.0)
+    warm_up(detector, tracker)
+    assert detector.calls == [[True, True]]
+    found = made.detect("simulated:2")
+    for t in range(4):
+        one_frame = found[t : t + 1]
+        assert np.array_equal(tracker.step(one_frame).angles, fresh.step(one_frame).angles)
 
 
 def test_late_poses_are_shown_with_their_own_pictures(tmp_path):

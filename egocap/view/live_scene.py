@@ -8,11 +8,14 @@ Source: https://rerun.io/docs (recordings, gRPC).
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, Literal
 from urllib.parse import quote
 
@@ -31,6 +34,7 @@ Where = Literal["window", "browser"]
 HOST = "127.0.0.1"
 MEMORY = "1GB"
 """Of pictures and poses that the viewer keeps."""
+_REMEDY = "--viewer browser needs no display; --view is a page without this viewer"
 _PATIENCE_S = 30.0
 """For the viewer to start."""
 
@@ -72,6 +76,8 @@ class LiveViewer(LiveScene):
         require("rerun", "view")
         import rerun as rr
 
+        if where == "window" and not _has_display():
+            raise MachineError("no display for a window", remedy=_REMEDY)
         port, page = _free_ports()
         address = f"rerun+http://{HOST}:{port}/proxy"
         self.url = f"http://{HOST}:{page}/?url={quote(address)}" if where == "browser" else None
@@ -84,13 +90,32 @@ class LiveViewer(LiveScene):
         recording.connect_grpc(address)
         super().__init__(rr, recording, rig)
 
+    def show(
+        self, pose: PoseEstimate, images: Sequence[UInt8[Array, "H W 3"] | None], time: float
+    ) -> None:
+        """Add a pose and its pictures, unless the viewer was closed."""
+        if self._process.poll() is None:
+            super().show(pose, images, time)
+
     def close(self) -> None:
         """Send what is left. A window stays open; a server ends, its pages keep what they have."""
-        super().close()
-        self._out.disconnect()
-        if self.url is not None:
-            self._process.terminate()
-            self._process.wait()
+        if self._process.poll() is None:
+            with suppress(RuntimeError):  # it was closed this moment
+                super().close()
+                self._out.disconnect()
+            if self.url is not None:
+                _end(self._process)
+
+
+def _has_display() -> bool:
+    shown = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return shown or not sys.platform.startswith("linux")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the viewer, which its start-up script runs as a process of its own."""
+    os.killpg(process.pid, signal.SIGTERM)
+    process.wait()
 
 
 def _command(port: int, page: int, where: Where) -> list[str]:
@@ -113,15 +138,14 @@ def _free_ports() -> tuple[int, int]:
 
 def _wait(process: subprocess.Popen[bytes], port: int) -> None:
     """Return when the viewer listens. Raises MachineError if it ended or takes too long."""
-    remedy = "--viewer browser needs no display; --view is a page without this viewer"
     end = time.monotonic() + _PATIENCE_S
     while time.monotonic() < end:
         if process.poll() is not None:
-            raise MachineError("the viewer did not open", remedy=remedy)
+            raise MachineError("the viewer did not open", remedy=_REMEDY)
         with socket.socket() as tried:
             tried.settimeout(0.2)
             if tried.connect_ex((HOST, port)) == 0:
                 return
         time.sleep(0.05)
-    process.terminate()
-    raise MachineError("the viewer did not answer", remedy=remedy)
+    _end(process)
+    raise MachineError("the viewer did not answer", remedy=_REMEDY)

@@ -1,5 +1,8 @@
 """The viewer of a live run is sent the poses with their pictures, read back by Rerun's reader."""
 
+import os
+import signal
+import urllib.error
 import urllib.request
 
 import numpy as np
@@ -85,12 +88,26 @@ def test_a_browser_gets_the_viewer_from_this_machine_alone(poses):
     finally:
         viewer.close()
     assert viewer._process.poll() is not None
+    with pytest.raises(urllib.error.URLError):  # the server itself, too, not its script alone
+        urllib.request.urlopen(viewer.url.partition("?")[0], timeout=10)
+
+
+def test_a_closed_viewer_does_not_end_the_run(poses):
+    viewer = LiveViewer(make_motion(frames=2).rig, "browser")
+    os.killpg(viewer._process.pid, signal.SIGKILL)
+    viewer._process.wait()
+    viewer.show(poses[0], [None, None], 0.0)
+    viewer.close()
 
 
 def test_a_viewer_that_does_not_open_is_named(monkeypatch):
     def fails(port, page, where):
         return [live_scene.sys.executable, "-c", "raise SystemExit(1)"]
 
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(MachineError, match="no display"):
+        LiveViewer(make_motion(frames=2).rig, "window")
     monkeypatch.setattr(live_scene, "_command", fails)
     with pytest.raises(MachineError, match=r"did not open.*--viewer browser"):
-        LiveViewer(make_motion(frames=2).rig, "window")
+        LiveViewer(make_motion(frames=2).rig, "browser")

@@ -62,7 +62,11 @@ def _flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     ]  # fmt: skip
 
     def make(config: Path | None, advanced: bool, **changed: Any) -> TrackerConfig:
-        return replace(default, **changed)  # both options were read above
+        made = replace(default, **changed)  # both options were read above
+        if made.smoothing == "fixed-lag" and made.motion_prior != "network":
+            raise InputError(f"motion prior '{made.motion_prior}' with smoothing 'fixed-lag'",
+                             valid="network")  # fmt: skip
+        return made
 
     return StructConstructorSpec(instantiate=make, fields=(*_SOURCES, *specs))
 

@@ -43,6 +43,15 @@ def test_advanced_settings_need_advanced(monkeypatch, capsys):
     assert code == 2 and "zeta" not in said
 
 
+def test_settings_that_exclude_each_other_are_named(monkeypatch, capsys):
+    words = ("track", "none", "--out", "t.npz", "--advanced")
+    code, said = show(monkeypatch, capsys, *words, "--lag", "0.1")
+    assert code == 2 and "fixed-lag" in said
+    gaussian = ("--smoothing", "fixed-lag", "--motion-prior", "gaussian")
+    code, said = show(monkeypatch, capsys, *words, *gaussian)
+    assert code == 2 and "motion prior 'gaussian'" in said
+
+
 def test_settings_from_a_file(tmp_path, monkeypatch, capsys):
     path = tmp_path / "settings.toml"
     path.write_text('smoothing = "none"\nzeta = 1\nmultistart = false\n')

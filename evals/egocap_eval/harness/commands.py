@@ -37,6 +37,7 @@ STUDIES = {
     "physics": ("studies.physics", "Retarget and simulate every motion clip of a folder."),
     "visibility": ("studies.visibility", "Measure the visibility of each joint by field of view."),
     "crash-recovery": ("studies.crash_recovery", "Kill a generation repeatedly and verify it."),
+    "faults": ("fuzz.faults", "Kill and disturb every long command, and run it again."),
     "adapt": ("studies.adaptation", "Adapt the detector to another camera without annotations."),
     "doubt": ("studies.doubt", "Track from wrong views, rigs, bodies or detections."),
     "fuzz": ("fuzz.study", "Feed mutated files to every reader."),

@@ -1,0 +1,313 @@
+"""Faults of every long command: killed at random moments, ended, a full disk, two writers.
+
+Each command runs in an empty folder on tiny inputs. It is killed (SIGKILL) again and again at
+seeded moments and run once more to its end; then stopped by SIGTERM, run with a closed stdout, with
+a disk that fills at each write, into a folder that cannot be written, and twice at once. After each
+fault no process of it may be left and every file under a final name must be whole; the same command
+must then end well, with the files of an undisturbed run and no others.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from tyro.conf import arg
+
+from egocap.errors import EgocapError, InputError, MachineError
+from egocap.evaluation.table import Table
+from egocap.files import read_npz
+from egocap.schema import read_json, read_toml
+from egocap_eval.harness.footage import builtin_scene, prepare_sequence
+from egocap_eval.harness.study import Outcome
+
+COMMANDS = {
+    "detect": "egocap detect {in}/sequence --out o/d.npz",
+    "track": "egocap track {in}/sequence --detections simulated:2 --out o/t.npz "
+    "--save-detections o/d.npz",
+    "fit-body": "egocap fit-body {in}/sequence --detections simulated:2 --out o/body.json",
+    "fit-rig": "egocap fit-rig {in}/sequence --detections simulated:1 --out o/rig.toml "
+    "--iterations 2",
+    "head-pose": "egocap head-pose {in}/sequence --out o/h.npz",
+    "import": "egocap import {films} --rig {in}/films/rig.json --out o/clip --copy",
+    "mocap": "egocap mocap {films} --rig {in}/films/rig.json --out o/capture --height 1.75",
+    "calibrate": "egocap calibrate {in}/boards/left {in}/boards/right --out o/rig.toml "
+    "--board charuco:5x7:0.0325:0.024 --model equidistant --page o/page.html",
+    "posterior": "egocap posterior {in}/sequence --frame 2 --detections simulated:2 --walkers 4 "
+    "--most-steps 20 --out o/p.npz --checkpoint o/c.npz",
+    "train": "egocap train {in}/sequence --out o/run --config tiny --steps 3 --batch 2 "
+    "--held-out 0 --resume",
+    "export": "egocap export {in}/t.npz --out o/motion.glb",
+    "suite": "egocap_eval run {in}/suite.toml --work o/suite",
+}
+"""Each writes into o; run again, it continues or begins anew."""
+
+_SUITE = """name = "tiny"
+[[sequences]]
+name = "walk"
+scene = "validation-walk"
+size = [96, 80]
+frames = 4
+[[methods]]
+name = "noisy"
+detections = "simulated:2.0"
+"""
+_FULL = """
+import errno, os, sys
+from importlib import import_module
+left, sync = [int(sys.argv.pop(1))], os.fsync
+def fsync(file):
+    left[0] -= 1
+    if left[0] < 0:
+        raise OSError(errno.ENOSPC, "No space left on device")
+    sync(file)
+os.fsync = fsync
+package = sys.argv.pop(1)
+sys.exit(import_module(f"{package}.__main__").main())
+"""
+_MOST_S, _ENDED_S = 180.0, 10.0  # of one run; from a signal to the end of its processes
+_CLOSED = (0, 1)  # exit codes with a closed stdout
+_INTERRUPTED = (0, 130, -signal.SIGINT, -signal.SIGTERM)  # after SIGTERM, early or late
+
+
+@dataclass
+class Trial:
+    """One command in its folder, and what it did wrong."""
+
+    name: str
+    words: list[str]
+    folder: Path
+    files: set[str] = field(default_factory=set)  # of an undisturbed run
+    seconds: float = 0.0  # of it
+    faults: dict[str, int] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+    def start(self, words: list[str] | None = None) -> subprocess.Popen[str]:
+        """Start the command in a session of its own, by which its processes are found."""
+        words = words or [sys.executable, "-m", *self.words]
+        return subprocess.Popen(
+            words, cwd=self.folder, text=True, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+
+    def clear(self) -> None:
+        """Empty the folder."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        (self.folder / "o").mkdir(parents=True)
+
+    def check(self, fault: str, said: str = "", codes: tuple[int, ...] = (), code: int = 0) -> None:
+        """Count a fault; note a traceback, another exit code, processes left, broken files."""
+        self.faults[fault] = self.faults.get(fault, 0) + 1
+        if "Traceback" in said:
+            self.problems.append(f"{self.name}, {fault}: {said.strip().splitlines()[-1][:120]}")
+        if codes and code not in codes:
+            self.problems.append(f"{self.name}, {fault}: exit code {code}, {said.strip()[-120:]}")
+        self.problems += [f"{self.name}, {fault}: {broken}" for broken in broken_files(self.folder)]
+
+    def finish(self, fault: str) -> None:
+        """Run to the end: exit code 0 and the files of an undisturbed run."""
+        run = self.start()
+        _, said = run.communicate(timeout=_MOST_S)
+        self.check(fault, said, (0,), run.returncode)
+        self.faults[fault] -= 1
+        if (found := names(self.folder)) != self.files:
+            odd = ", ".join(sorted(found ^ self.files)[:3])
+            self.problems.append(f"{self.name}, after {fault}: other files than undisturbed: {odd}")
+
+
+def study(
+    work: Annotated[Path, arg(metavar="DIR")] = Path("out/faults"),
+    only: tuple[str, ...] = (),
+    kills: int = 20,
+    seed: int = 0,
+) -> Outcome:
+    """Kill and disturb every long command; each must leave whole files and end well when run again.
+
+    Args:
+        work: Folder of the inputs, which are made where missing, and of the outputs.
+        only: Commands to test; default: all.
+        kills: Number of SIGKILLs for each command.
+        seed: Seed of the moments.
+    """
+    if unknown := sorted(set(only) - COMMANDS.keys()):
+        raise InputError(f"no command '{unknown[0]}'", valid=COMMANDS)
+    if kills < 0:
+        raise InputError(f"--kills {kills}", valid="0 or more")
+    inputs = make_inputs((work / "inputs").absolute(), only or tuple(COMMANDS))
+    trials = []
+    for number, name in enumerate(COMMANDS):
+        if name not in only and only:
+            continue
+        text = COMMANDS[name].replace("{films}", "{in}/films/left.mp4 {in}/films/right.mp4")
+        words = text.replace("{in}", str(inputs)).split()
+        trial = Trial(name, words, (work / name).absolute())
+        disturb(trial, kills, np.random.default_rng([seed, number]))
+        trials.append(trial)
+    missed = [problem for trial in trials for problem in trial.problems]
+    result = {t.name: {"faults": t.faults, "problems": len(t.problems)} for t in trials}
+    kinds = list(dict.fromkeys(kind for t in trials for kind in t.faults))
+    rows = tuple((t.name, *(str(t.faults.get(k, 0)) for k in kinds), str(len(t.problems)))
+                 for t in trials)  # fmt: skip
+    table = Table("Faults of commands", ("command", *kinds, "problems"), rows)
+    return Outcome({"commands": result}, [table], missed)
+
+
+def disturb(trial: Trial, kills: int, rng: np.random.Generator) -> None:
+    """Run one command under all faults. Raises MachineError if it fails undisturbed."""
+    trial.clear()
+    began, run = time.monotonic(), trial.start()
+    _, said = run.communicate(timeout=_MOST_S)
+    if run.returncode:
+        raise MachineError(f"{trial.name} fails undisturbed: {said.strip()[-200:]}")
+    trial.seconds, trial.files = time.monotonic() - began, names(trial.folder)
+    trial.clear()
+    for moment in rng.uniform(0.0, 1.1 * trial.seconds, kills):
+        _interrupt(trial, "kill", signal.SIGKILL, float(moment), ())
+    trial.finish("kill")
+    for fault in (_terminate, _closed_stdout, _full_disk, _read_only, _two_writers):
+        trial.clear()
+        fault(trial, rng)
+
+
+def _interrupt(trial: Trial, fault: str, number: int, moment: float, codes: tuple[int, ...]) -> str:
+    """Start, send a signal to the first process after `moment` s, and wait for all of them."""
+    run = trial.start()
+    with suppress(subprocess.TimeoutExpired):
+        run.wait(moment)
+    ended = run.poll() is not None
+    with suppress(ProcessLookupError):
+        os.kill(run.pid, number)
+    _, said = run.communicate(timeout=_MOST_S)
+    for pid in _left(run.pid):
+        trial.problems.append(f"{trial.name}, {fault}: process {pid} is left")
+        os.kill(pid, signal.SIGKILL)
+    trial.check(fault, said, (0,) if ended else codes, run.returncode)
+    return said
+
+
+def _terminate(trial: Trial, rng: np.random.Generator) -> None:
+    moment = float(rng.uniform(0.3, 0.9)) * trial.seconds
+    _interrupt(trial, "SIGTERM", signal.SIGTERM, moment, _INTERRUPTED)
+    left = [n for n in names(trial.folder) if n.endswith(".tmp") or n.endswith("lock")]
+    trial.problems += [f"{trial.name}, SIGTERM: {name} is left" for name in left]
+    trial.finish("SIGTERM")
+
+
+def _closed_stdout(trial: Trial, _: np.random.Generator) -> None:
+    run = trial.start()
+    assert run.stdout is not None
+    run.stdout.close()
+    run.stdout = None
+    said = run.communicate(timeout=_MOST_S)[1]
+    trial.check("closed stdout", said, _CLOSED, run.returncode)
+    trial.finish("closed stdout")
+
+
+def _full_disk(trial: Trial, _: np.random.Generator) -> None:
+    """The disk is full from each write on, until the command no longer notices."""
+    for number in range(4):
+        run = trial.start([sys.executable, "-c", _FULL, str(number), *trial.words])
+        said = run.communicate(timeout=_MOST_S)[1]
+        trial.check("full disk", said, (0, 1), run.returncode)
+        if run.returncode == 0:
+            break
+        if "disk is full" not in said and "No space left" not in said:
+            trial.problems.append(f"{trial.name}, full disk: says {said.strip()[-120:]}")
+    trial.finish("full disk")
+
+
+def _read_only(trial: Trial, _: np.random.Generator) -> None:
+    """The output lies in /sys, where not even root makes a file."""
+    words = [w.replace("o/", "/sys/", 1) if w.startswith("o/") else w for w in trial.words]
+    run = trial.start([sys.executable, "-m", *words])
+    said = run.communicate(timeout=_MOST_S)[1]
+    trial.check("read-only folder", said, (1, 2), run.returncode)
+
+
+def _two_writers(trial: Trial, rng: np.random.Generator) -> None:
+    """A second process either is refused in one line or comes after the first."""
+    first = trial.start()
+    time.sleep(float(rng.uniform(0.2, 0.8)) * trial.seconds)
+    second = trial.start()
+    ends = [(run.communicate(timeout=_MOST_S)[1], run.returncode) for run in (first, second)]
+    for said, code in ends:
+        trial.check("two writers", said, (0, 1), code)
+    if all(code for _, code in ends):
+        trial.problems.append(f"{trial.name}, two writers: neither ended well")
+    trial.finish("two writers")
+
+
+def _left(session: int) -> list[int]:
+    """Processes of a session that have not ended after some seconds, but for zombies."""
+    until = time.monotonic() + _ENDED_S
+    while (found := list(_members(session))) and time.monotonic() < until:
+        time.sleep(0.2)
+    return found
+
+
+def _members(session: int) -> Iterator[int]:
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, IndexError, ValueError):
+            state, _, _, sid = stat.read_text().rpartition(")")[2].split()[:4]
+            if int(sid) == session and state != "Z":
+                yield int(stat.parent.name)
+
+
+def names(folder: Path) -> set[str]:
+    """Relative paths of the files; those of a cache by their folder, since it is named by hash."""
+    found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    return {str(Path(*p.parts[:3]) if "views" in p.parts else p) for p in found}
+
+
+def broken_files(folder: Path) -> Iterator[str]:
+    """Files under final names that cannot be read."""
+    readers: dict[str, Callable[[Path], Any]] = {
+        ".npz": read_npz, ".json": read_json, ".toml": read_toml,
+        ".safetensors": partial(_starts, b""), ".glb": partial(_starts, b"glTF"),
+        ".html": partial(_starts, b"<"), ".tar": partial(_starts, b""),
+    }  # fmt: skip
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") or part.endswith((".tmp", ".part"))
+                     for part in path.relative_to(folder).parts)  # fmt: skip
+        if path.suffix in readers and path.is_file() and not hidden:
+            try:
+                readers[path.suffix](path)
+            except EgocapError as error:
+                yield f"a broken file: {error!s:.160}"
+
+
+def _starts(magic: bytes, path: Path) -> None:
+    content = path.read_bytes()
+    if not content.startswith(magic) or not content:
+        raise InputError(f"{path} begins with {content[:8]!r}")
+
+
+def make_inputs(folder: Path, commands: tuple[str, ...]) -> Path:
+    """The inputs of these commands, where they are missing."""
+    scene = builtin_scene("validation-walk", (160, 128), frames=12)
+    prepare_sequence(scene, folder / "sequence")
+    (folder / "suite.toml").write_text(_SUITE)
+    makers = {
+        "films": f"egocap_sim export {folder}/sequence --format videos --out {folder}/films",
+        "boards": f"egocap_sim calibration-board --out {folder}/boards --count 14 --size 640 512",
+        "t.npz": f"egocap track {folder}/sequence --detections simulated:2 --out {folder}/t.npz",
+    }
+    needed = {"films": {"import", "mocap"}, "boards": {"calibrate"}, "t.npz": {"export"}}
+    for name, command in makers.items():
+        if needed[name] & set(commands) and not (folder / name).exists():
+            made = subprocess.run([sys.executable, "-m", *command.split()], check=False,
+                                  capture_output=True, text=True)  # fmt: skip
+            if made.returncode:
+                raise MachineError(f"{command}: {made.stderr.strip()[-200:]}")
+    return folder

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.body.skeleton import DOF_COUNT, forward
+from egocap.body.labels import LABEL_INDEX
+from egocap.body.skeleton import DOF_COUNT, DOF_INDEX, forward
 from egocap.errors import InputError
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import make_model
-from egocap.pose.observations import observe
+from egocap.pose.motion_prior import NO_MOTION_PREDICTION
+from egocap.pose.observations import joined, observe
 from egocap.track.fixed_lag import FixedLagSmoother, marginalise, smooth_fixed_lag
 from egocap.track.online import OnlineTracker
 from egocap.track.smoother import interval_system
@@ -111,6 +113,37 @@ def test_recovers_within_a_third_of_a_second_after_two_seconds_without_detection
     held = np.array([pose.angles for pose in poses])[60:90]
     assert np.isfinite(off).all() and np.ptp(held, axis=0).max() < 0.1  # at rest in the dark
     assert (off[99:] < 1.5 * np.median(off[10:30])).all()
+
+
+def test_a_lost_window_starts_again_from_the_filter_and_a_good_one_stays():
+    motion = make_motion(20, seed=6)
+    seen, model = setup(motion, "simulated:2")
+    smoother = FixedLagSmoother(motion.person, model, CONFIG)
+    for t in range(20):
+        smoother.step(seen[t : t + 1])
+    window = joined([frame.chosen for frame in smoother._window])
+    good = np.array([frame.angles for frame in smoother._window])
+    kept, _ = smoother._restarted(good, window, NO_MOTION_PREDICTION)
+    assert kept is good
+    lost = good + np.where(np.arange(DOF_COUNT) == DOF_INDEX["left_shoulder_raise"], 1.5, 0.0)
+    found, _ = smoother._restarted(lost, window, NO_MOTION_PREDICTION)
+    joints = forward(motion.person, np.stack([found, lost, motion.angles[-len(found) :]]))
+    off = np.linalg.norm(joints[:2] - joints[2], axis=-1)[..., LABEL_INDEX["left_hand"]].mean(1)
+    assert off[0] < 0.02 < 0.1 < off[1]
+
+
+def test_a_new_frame_starts_where_the_motion_leads():
+    motion = make_motion(20, seed=7)
+    seen, model = setup(motion, "simulated:0")
+    smoother = FixedLagSmoother(motion.person, model, CONFIG)
+    for t in range(19):
+        smoother.step(seen[t : t + 1])
+    last = smoother._window[-1].angles
+    ahead = smoother._extrapolate(motion.times[19])
+    joints = forward(motion.person, np.stack([ahead, last, motion.angles[19]]))
+    off = np.linalg.norm(joints[:2] - joints[2], axis=-1).mean(1)
+    assert off[0] < 0.6 * off[1]
+    assert smoother._extrapolate(motion.times[19] + 1.0) is last  # after a gap
 
 
 def test_the_online_tracker_gives_every_frame_once_and_late_by_the_lag():

@@ -177,7 +177,8 @@ def _prepare(request: RunConfig, training: TrainingConfig, network: NetworkConfi
             )
         return
     make_folder(request.out)
-    write_json(path, what)
+    if os.environ.get("RANK", "0") == "0":  # the others hold no lock of the folder
+        write_json(path, what)
 
 
 def _start(request: RunConfig, network: NetworkConfig) -> dict[str, torch.Tensor] | None:

@@ -34,7 +34,7 @@ def run_egocap(words: Sequence[str]) -> Spent:
     )
     peak, ended, status = 0.0, 0, 0
     while not ended:
-        peak = max(peak, sum(_pss_mb(pid) for pid in _family(process.pid)))
+        peak = max(peak, sum(pss_mb(pid) for pid in family(process.pid)))
         time.sleep(_INTERVAL_S)
         ended, status, usage = os.wait4(process.pid, os.WNOHANG)
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -47,7 +47,7 @@ def run_egocap(words: Sequence[str]) -> Spent:
     return Spent(time.perf_counter() - started, cpu, peak)
 
 
-def _family(pid: int) -> list[int]:
+def family(pid: int) -> list[int]:
     """A process and its descendants."""
     found, new = [], [pid]
     while new:
@@ -58,7 +58,7 @@ def _family(pid: int) -> list[int]:
     return found
 
 
-def _pss_mb(pid: int) -> float:
+def pss_mb(pid: int) -> float:
     """Memory of a process, shared pages divided among those that share them; 0 once it ended."""
     with suppress(OSError):
         for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():

@@ -34,6 +34,7 @@ STUDIES = {
     "sync": ("footage.synchronisation", "Estimate clocks and colours of exported camera files."),
     "captures": ("footage.captures", "Capture motion from exported camera files."),
     "capture-memory": ("footage.memory", "Measure the memory of motion capture by length."),
+    "soak": ("footage.soak", "Run live and generation for long: memory, open files, latency."),
     "physics": ("studies.physics", "Retarget and simulate every motion clip of a folder."),
     "visibility": ("studies.visibility", "Measure the visibility of each joint by field of view."),
     "crash-recovery": ("studies.crash_recovery", "Kill a generation repeatedly and verify it."),

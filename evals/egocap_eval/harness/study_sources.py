@@ -68,6 +68,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "run": (*FOOTAGE_TRACKED, "egocap_eval/suites", "egocap_eval/harness/predict.py",
             "egocap_eval/harness/run.py"),
     "runtime": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/runtime.py"),
+    "soak": (*FOOTAGE_TRACKED, *WORLD, "egocap/view", "egocap/cli/live.py",
+             "egocap_eval/footage/soak.py"),
     "stress": (*NOISE, *TRACKER, *SCORES, *WORLD, *MOTION_TRUTH, "egocap_eval/studies/stress.py"),
     "stress-rendered": (*FOOTAGE_TRACKED, "egocap_eval/studies/stress_rendered.py"),
     "sync": (*GEOMETRY, *WORLD, *HARNESS, *IMPORTED),

@@ -84,6 +84,19 @@ def test_a_killed_run_is_completed_by_the_same_command(folder, tmp_path, tiny_sc
     assert verify(tmp_path / "killed").clean
 
 
+@pytest.mark.parametrize("name", ["truth.draft.tmp", "rig.json", ".truth.npz.1.tmp"])
+def test_links_in_the_folder_are_not_followed(tmp_path, tiny_scene, name):
+    victim, out = tmp_path / "victim", tmp_path / "out"
+    victim.write_text("kept")
+    out.mkdir()
+    (out / name).symlink_to(victim)
+    scene = tiny_scene.model_copy(update={"frames": 2, "rig": tiny_scene.rig.model_copy(
+        update={"size": (80, 64)})})  # fmt: skip
+    generate(scene, out, workers=1)
+    assert victim.read_text() == "kept" and verify(out).clean
+    assert not any(path.is_symlink() for path in out.iterdir())
+
+
 def test_truth_is_physically_and_geometrically_sane(folder):
     sequence = Sequence(folder)
     truth = sequence.truth

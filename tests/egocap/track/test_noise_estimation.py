@@ -71,11 +71,11 @@ def test_memory_is_found(long_motion):
     )
 
 
-def test_correlation_reduces_covariances_fully_and_smoothing_by_half(long_motion):
+def test_correlation_reduces_covariances_fully_and_smoothing_in_part(long_motion):
     noise, seen = measured(long_motion, "simulated:2,correlation=0.3")
     assert noise.independent_fraction < 0.2
     smoothed = apply_noise(seen, noise)
-    assert np.allclose(smoothed.weights, np.sqrt(noise.independent_fraction) * seen.weights)
+    assert np.allclose(smoothed.weights, noise.independent_fraction**0.25 * seen.weights)
     assert np.allclose(
         weight_as_independent(smoothed, noise).weights, noise.independent_fraction * seen.weights
     )

@@ -58,7 +58,7 @@ def test_pictures_of_another_aspect_than_the_rig(egocap, tracked, tiny_sequence,
     Path("seq/rig.json").write_text(json.dumps(rig.to_dict()))
     words = ("track", "seq", "--detections", tracked / "det.npz", "--out", "t.npz", *solver)
     line = complaint(egocap(*words))
-    assert "a picture of 160 x 128" in line and "160 x 96" in line
+    assert "has 160 x 128 pixels" in line and "160 x 96" in line
     assert not Path("t.npz").exists()
 
 

@@ -7,6 +7,9 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= out
 
+# Demo and tests start many processes: the bytecode of what they import is kept.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-all dist check check-evals tables release-check docs licences mutation setup light gl clean
 
 setup: $(VENV)/.ready gl

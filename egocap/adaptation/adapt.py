@@ -33,15 +33,13 @@ if TYPE_CHECKING:
     from egocap.detect.network import DetectorNetwork
 
 WEIGHTS, REPORT = "detector.safetensors", "adapt.json"
-_PCK_PX = 20.0  # at an image width of 640
 
 
 @dataclass(frozen=True, eq=False)
 class Adaptation:
     """Result of `adapt`. Scores are percentages on the tracker's labels of held-out stretches."""
 
-    kept: bool  # better than the starting weights
-    weights: Path | None  # file of the adapted weights, where they are kept
+    folder: Path
     before: Float[Array, "S"]  # score of the starting weights in each held-out stretch
     after: Float[Array, "S"]  # of the adapted ones
     labelled: float  # share of joints in view that have a label
@@ -59,6 +57,16 @@ class Adaptation:
         """Standard error of `gain`."""
         difference = self.after - self.before
         return float(np.std(difference, ddof=1) / np.sqrt(len(difference)))
+
+    @property
+    def kept(self) -> bool:
+        """Whether the gain is above its standard error."""
+        return self.gain > self.gain_error
+
+    @property
+    def weights(self) -> Path | None:
+        """File of the adapted weights, where they are kept."""
+        return self.folder / WEIGHTS if self.kept else None
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready summary."""
@@ -104,10 +112,18 @@ def adapt(
     ]
     detectors = [Detector(recording.sequence.rig, weights) for recording in recordings]
     kept, held_out = labelled_views(recordings, detectors, options.views, on_step)
-    network, steps = _train(kept, weights, folder, options, recordings)
+    start = weights.network()
+    network, steps = _train(start, kept, weights, folder, options, recordings)
     if network is None:
         return None
-    result = _judged(network, weights, kept, held_out, recordings, folder, steps)
+    known, corrected, in_view = (
+        sum(int(getattr(r.labels, name).sum()) for r in recordings)
+        for name in ("known", "corrected", "in_view")
+    )
+    result = Adaptation(
+        folder, _scores(start, held_out), _scores(network, held_out),
+        known / max(in_view, 1), corrected / max(known, 1), len(kept), steps,
+    )  # fmt: skip
     (folder / WEIGHTS).unlink(missing_ok=True)
     if result.kept:
         account = {"adapted_from": {"name": weights.name, "sha256": weights.sha256},
@@ -119,15 +135,14 @@ def adapt(
 
 
 def _train(
-    kept: ViewStore, weights: Weights, folder: Path, options: AdaptOptions,
-    recordings: list[Recording],
+    start: DetectorNetwork, kept: ViewStore, weights: Weights, folder: Path,
+    options: AdaptOptions, recordings: list[Recording],
 ) -> tuple[DetectorNetwork | None, int]:  # fmt: skip
     """The averaged network and its steps; None where interrupted.
 
     Standard deviations and visibility are not trained: the labels are the tracker's sure ones, on
     which a network would learn too much confidence.
     """
-    from egocap.detect.network import config_from_dict
     from egocap.detect.train.trainer import Trainer
 
     training = TrainingConfig(
@@ -140,41 +155,20 @@ def _train(
             "views": options.views}  # fmt: skip
     run = folder / f"run-{digest(what)[:8]}"
     make_folder(run)
-    network = weights.network()
-    trainer = Trainer(
-        config_from_dict(dict(weights.config)), training, kept, None, run, network.state_dict()
-    )
+    trainer = Trainer(start.config, training, kept, None, run, start.state_dict())
     trainer.resume()
     outcome = trainer.run()
     return (trainer.average if outcome.finished else None), outcome.state.step
 
 
-def _judged(
-    network: DetectorNetwork, weights: Weights, kept: ViewStore, held_out: ViewStore,
-    recordings: list[Recording], folder: Path, steps: int,
-) -> Adaptation:  # fmt: skip
-    """Scores of both networks. A gain above its standard error is kept."""
-    before, after = (_scores(n, held_out) for n in (weights.network(), network))
-    gain = after - before
-    better = bool(gain.mean() > np.std(gain, ddof=1) / np.sqrt(len(gain)))
-    known = np.concatenate([r.labels.known.ravel() for r in recordings])
-    corrected = np.concatenate([r.labels.corrected.ravel() for r in recordings])
-    in_view = np.concatenate([r.labels.in_view.ravel() for r in recordings])
-    return Adaptation(
-        better, folder / WEIGHTS if better else None, before, after,
-        float(known.sum() / max(in_view.sum(), 1)), float(corrected.sum() / max(known.sum(), 1)),
-        len(kept), steps,
-    )  # fmt: skip
-
-
 def _scores(network: DetectorNetwork, held_out: ViewStore) -> Float[Array, "S"]:
     """Mean PCK over thresholds from 0 to 20 px of the labels in view, in each stretch, %."""
-    from egocap.detect.train.validation import predict
+    from egocap.detect.train.validation import PCK_PX, predict
 
     found = []
     for views in held_out.sequences:
         one = predict(network, ViewStore((views,)), np.arange(len(views)))
         error = np.linalg.norm(one.off, axis=-1) * one.magnification
-        within = np.clip(1.0 - error[one.state <= HIDDEN] / _PCK_PX, 0.0, 1.0)
+        within = np.clip(1.0 - error[one.state <= HIDDEN] / PCK_PX, 0.0, 1.0)
         found.append(100.0 * float(within.mean()))
     return np.array(found)

@@ -20,7 +20,7 @@ from egocap.data.track import Track, load_track
 from egocap.detect.canonical_view import CanonicalView
 from egocap.detect.detector import Detector
 from egocap.detect.input_images import recorded_pictures
-from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, Views, ViewStore
+from egocap.detect.train.examples import HIDDEN, Views, ViewStore, canonical_labels
 from egocap.errors import InputError
 from egocap.files import make_folder
 from egocap.footage.sources import Step
@@ -124,7 +124,7 @@ def _views(recording: Recording, rows: range, detector: Detector) -> Views:
         found, slots = detector.canonical([recorded_pictures(sequence, i)])
         for image, v in zip(found, slots[:, 1], strict=True):
             width = sequence.rig.cameras[v].width
-            label = _label(labels.points[i, v], labels.state[i, v], canonical[v], width)
+            label = canonical_labels(labels.points[i, v], labels.state[i, v], canonical[v], width)
             if (label[1] <= HIDDEN).any():
                 images.append(image)
                 columns.append(label)
@@ -134,15 +134,3 @@ def _views(recording: Recording, rows: range, detector: Detector) -> Views:
                      np.zeros((0, 18)))  # fmt: skip
     points, state, scale = (np.stack(c) for c in zip(*columns, strict=True))
     return Views(np.stack(images), None, points, state.astype(np.uint8), scale)
-
-
-def _label(
-    pixels: Float[Array, "18 2"], state: Array, view: CanonicalView, width: int
-) -> tuple[Array, Array, Array]:
-    """Canonical points, states and magnification in the network's order."""
-    points, inside = view.to_view(pixels)
-    state = np.where(inside | (state > HIDDEN), state, OUTSIDE)
-    placed = (state == SEEN) | (state == HIDDEN)
-    points = np.where(placed[:, None], points, 0.0)
-    scale = np.where(placed, view.magnification(points), 1.0) * (640.0 / width)
-    return tuple(view.labels(a, 0) for a in (points, state, scale))  # type: ignore[return-value]

@@ -224,12 +224,27 @@ def _labels(
     annotation = sequence.annotation(index)
     pixels = np.array(annotation["joints_2d"][name], float)
     seen = np.array(annotation["visibility"][name])
-    points, inside = view.to_view(pixels)
-    inside &= seen != OUT_OF_VIEW
-    state = np.where(inside, np.where(seen == VISIBLE, SEEN, HIDDEN), OUTSIDE)
-    points = np.where(inside[:, None], points, 0.0)
+    state = np.where(seen == VISIBLE, SEEN, np.where(seen == OUT_OF_VIEW, OUTSIDE, HIDDEN))
     width = sequence.rig.mounts[sequence.rig.views.index(name)].camera.width
-    scale = np.where(inside, view.magnification(points), 1.0) * (640.0 / width)
+    return canonical_labels(pixels, state, view, width)
+
+
+def canonical_labels(
+    pixels: Float[Array, "18 2"], state: Array, view: CanonicalView, width: int
+) -> tuple[Array, Array, Array]:
+    """Canonical points, states and magnification in the network's order, of one image's labels.
+
+    Args:
+        pixels: in the image.
+        state: SEEN, HIDDEN, OUTSIDE or UNKNOWN.
+        view: of the camera.
+        width: of the image.
+    """
+    points, inside = view.to_view(pixels)
+    state = np.where(inside | (state > HIDDEN), state, OUTSIDE)
+    placed = state <= HIDDEN
+    points = np.where(placed[:, None], points, 0.0)
+    scale = np.where(placed, view.magnification(points), 1.0) * (640.0 / width)
     return tuple(view.labels(a, 0) for a in (points, state, scale))  # type: ignore[return-value]
 
 

@@ -31,6 +31,14 @@ def track(motion, source, config=CONFIG, **kwargs):
     return smooth_fixed_lag(seen, motion.person, model, config)
 
 
+def smoother_after(motion, source, frames):
+    seen, model = setup(motion, source)
+    smoother = FixedLagSmoother(motion.person, model, CONFIG)
+    for t in range(frames):
+        smoother.step(seen[t : t + 1])
+    return smoother
+
+
 def errors(motion, poses):
     joints = forward(motion.person, np.array([pose.angles for pose in poses]))
     return np.linalg.norm(joints - motion.joints, axis=-1)[:, 1:].mean(1)
@@ -117,10 +125,7 @@ def test_recovers_within_a_third_of_a_second_after_two_seconds_without_detection
 
 def test_a_lost_window_starts_again_from_the_filter_and_a_good_one_stays():
     motion = make_motion(20, seed=6)
-    seen, model = setup(motion, "simulated:2")
-    smoother = FixedLagSmoother(motion.person, model, CONFIG)
-    for t in range(20):
-        smoother.step(seen[t : t + 1])
+    smoother = smoother_after(motion, "simulated:2", 20)
     window = joined([frame.chosen for frame in smoother._window])
     good = np.array([frame.angles for frame in smoother._window])
     kept, _ = smoother._restarted(good, window, NO_MOTION_PREDICTION)
@@ -134,10 +139,7 @@ def test_a_lost_window_starts_again_from_the_filter_and_a_good_one_stays():
 
 def test_a_new_frame_starts_where_the_motion_leads():
     motion = make_motion(20, seed=7)
-    seen, model = setup(motion, "simulated:0")
-    smoother = FixedLagSmoother(motion.person, model, CONFIG)
-    for t in range(19):
-        smoother.step(seen[t : t + 1])
+    smoother = smoother_after(motion, "simulated:0", 19)
     last = smoother._window[-1].angles
     ahead = smoother._extrapolate(motion.times[19])
     joints = forward(motion.person, np.stack([ahead, last, motion.angles[19]]))

@@ -29,7 +29,7 @@ def generate(
     scenes: Positional[tuple[str, ...]],
     out: Path,
     overrides: Annotated[Overrides, tyro.conf.OmitArgPrefixes] = UNCHANGED,
-    workers: int = 2,
+    workers: int | None = None,
     cluster: Annotated[str | None, shown("ADDRESS")] = None,
     append: bool = False,
     strict: bool = False,
@@ -43,7 +43,8 @@ def generate(
         scenes: names of built-in scenes, or scene files.
         out: folder of the sequence; of several scenes, the folder that holds theirs.
         overrides: changes of the scenes.
-        workers: number of rendering processes.
+        workers: number of rendering processes; 0: this one. By default this one for at most 100
+            frames, else 2.
         cluster: render on the workers of this Dask scheduler, e.g. tcp://host:8786.
         append: extend a finished sequence of fewer frames up to --frames.
         strict: stop at a motion file that is suspect (check-motion), and at one in --motions that
@@ -56,8 +57,8 @@ def generate(
 
     if not scenes:
         raise InputError("no scene given", valid="names or files of scenes")
-    if workers < 1:
-        raise InputError(f"{workers} workers", valid="1 or more")
+    if workers is not None and workers < 0:
+        raise InputError(f"{workers} workers", valid="0 or more")
     files = [find_file("scene", name) for name in scenes]
     loaded = [override_scene(load_scene(file), overrides) for file in files]
     names = [scene.name for scene in loaded]
@@ -300,7 +301,7 @@ def _generate(
     scene: Scene,
     file: Path,
     folder: Path,
-    workers: int,
+    workers: int | None,
     cluster: str | None,
     append: bool,
     strict: bool,

@@ -17,12 +17,14 @@ from egocap_sim.world.world import World, build_world
 
 log = logging.getLogger(__name__)
 
+_SHORT = 100  # frames; starting two workers takes as long as they save on 100 to 200
+
 
 def generate(
     scene: Scene,
     out: Path,
     *,
-    workers: int = 1,
+    workers: int | None = None,
     cluster: str | None = None,
     append: bool = False,
     strict: bool = False,
@@ -33,7 +35,8 @@ def generate(
     Args:
         scene: scene to simulate.
         out: folder of the sequence; it is created, or holds an unfinished run of the same scene.
-        workers: processes that render; 0: this one.
+        workers: processes that render; 0: this one. None: 0 for a sequence so short that starting
+            others takes longer than they save, else 2.
         cluster: address of a Dask scheduler whose workers render instead.
         append: extend a finished sequence of fewer frames.
         strict: raise for a motion file of [episodes] that cannot be read, instead of skipping it,
@@ -44,7 +47,7 @@ def generate(
     Raises SceneError, InputError or FileError for a bad scene, motion or output folder, before
     anything is written; MachineError when GL is missing, the disk is full or workers keep dying.
     """
-    world, executor = build_world(scene), _executor(workers, cluster)
+    world, executor = build_world(scene), _executor(scene, workers, cluster)
     if scene.episodes is None:
         _report_motions(world, strict)
         return record_sequence(world, out, executor, append=append, on_frames=on_frames)
@@ -66,8 +69,10 @@ def _report_motions(world: World, strict: bool) -> None:
                     report.name, finding)  # fmt: skip
 
 
-def _executor(workers: int, cluster: str | None) -> Executor:
+def _executor(scene: Scene, workers: int | None, cluster: str | None) -> Executor:
     if cluster is None:
+        if workers is None:
+            workers = 0 if scene.episodes is None and scene.frames <= _SHORT else 2
         return ProcessPool(workers) if workers else InProcess()
     from egocap_sim.record.cluster import DaskCluster
 

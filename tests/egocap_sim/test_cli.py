@@ -139,7 +139,7 @@ def test_what_the_command_line_asks_for_wins():
         ("--samples 3", "0, 2, 4 or 8"),
         ("--image-format gif", "'jpg' or 'png'"),
         ("--start -1", r"'motion\.start_s'"),
-        ("--workers 0", "0 workers"),
+        ("--workers -1", "-1 workers"),
     ],
 )
 def test_impossible_options_leave_nothing_behind(sim, words, says):

@@ -34,7 +34,7 @@ def scene(**changes) -> Scene:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("extras") / "one"
-    generate(scene(), folder, workers=1)
+    generate(scene(), folder, workers=0)
     return folder
 
 

@@ -81,7 +81,7 @@ def test_what_is_lost_or_damaged_is_made_again(recording, tmp_path):
     (out / ".episode-00002.1.tmp").mkdir()
     assert any("episode-00000" in p for p in verify(out).problems)
     added: list[int] = []
-    summary = generate(scene(), out, workers=1, on_frames=added.append)
+    summary = generate(scene(), out, workers=0, on_frames=added.append)
     first = len(plan_episodes(scene(), [7])[0].frames)
     assert summary.rendered == first and added == [7 - first, first]
     assert files(out) == files(recording)
@@ -99,7 +99,7 @@ def test_flipped_bytes_and_foreign_names_are_found(recording, tmp_path, caplog):
     (out / "episode-00000.zip").touch()
     for name in ("episode-00000 (copy)", "episode-", "episode-one", "episode-1"):
         (out / name).mkdir()
-    summary = generate(scene(), out, workers=1)
+    summary = generate(scene(), out, workers=0)
     assert summary.rendered == sum(len(job.frames) for job in plan_episodes(scene(), [7])[:2])
     assert sum("made again" in r.getMessage() for r in caplog.records) == 2
     assert {k: v for k, v in files(out).items() if k != "episode-00000.zip"} == files(recording)

@@ -144,7 +144,8 @@ def _turn(pair: _Pair, sigma: float) -> float | None:
     """Rotation [rad] between two views, or of both in place, that makes their rays meet.
 
     Of the second view's rays, and of the line between the cameras: what the epipolar constraint
-    determines. None where no rotation below 60 degrees explains the misses.
+    determines. None where the misses are as small as the detector states (`sigma`, radians), or no
+    rotation below 60 degrees explains them.
     """
     from scipy.optimize import least_squares
 
@@ -159,13 +160,16 @@ def _turn(pair: _Pair, sigma: float) -> float | None:
         turned, line = v @ exponential(x[:3]).T, exponential(x[3:]) @ base
         return np.arcsin(np.clip(np.sum(unit(np.cross(line, u)) * turned, -1), -1.0, 1.0))
 
+    before = float(np.median(np.abs(off(np.zeros(6)))))
+    if before < sigma:  # the median of errors as large as stated is 0.95 sigma: nothing to explain
+        return None
     weak = 0.1  # holds what the rays do not determine
     x = np.zeros(6)
     for scale in (np.deg2rad(10.0), 2.0 * sigma):  # a wide basin first
         x = least_squares(lambda x, scale: np.append(off(x) / scale, weak * x), x, loss="cauchy",
                           args=(scale,)).x  # fmt: skip
     angle = max(np.linalg.norm(x[:3]), np.linalg.norm(x[3:]))
-    before, after = (float(np.median(np.abs(off(at)))) for at in (np.zeros(6), x))
+    after = float(np.median(np.abs(off(x))))
     if after > min(0.7 * before, 2.5 * sigma) or not _LEAST_TURN < angle < _MOST_TURN:
         return None
     return float(angle)

@@ -39,6 +39,18 @@ def test_another_rig_is_told(made):
     assert seen.looks_like_another_rig and not seen.looks_exchanged
 
 
+def test_a_turn_is_estimated_where_the_rays_miss_by_more_than_the_stated_errors(made):
+    right = made.rig.mounts[1]
+    T = right.T_head_camera.copy()
+    T[:3, :3] = axis_angle(np.array([0.0, 0.0, 1.0]), np.deg2rad(5)) @ T[:3, :3]
+    other = replace(made.rig, mounts=(made.rig.mounts[0], replace(right, T_head_camera=T)))
+    found = made.detect("simulated:1.0")
+    assert 3.0 < check_agreement(found, other).turned < 7.0
+    unsure = replace(found, sigma=np.full_like(found.sigma, 12.0))
+    seen = check_agreement(unsure, other)
+    assert seen.as_given < seen.expected and np.isnan(seen.turned)
+
+
 def test_nothing_is_said_of_too_little(made):
     found = made.detect("simulated:1.0")
     found.valid[:, 1] = False

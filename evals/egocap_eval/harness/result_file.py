@@ -25,6 +25,7 @@ PACKAGES = (
     "egocap", "numpy", "scipy", "torch", "mujoco", "PyOpenGL", "numba",
     "opencv-contrib-python-headless", "onnxruntime", "openvino",
 )  # fmt: skip
+_VECTORS = ("avx2", "avx512f", "avx_vnni", "avx512_vnni", "avx512_bf16", "amx_bf16", "asimd")
 OUTPUTS = (":(top,exclude)evals/results", ":(top,exclude)evals/test_log.jsonl")
 """What studies write: changes there do not change what the code does."""
 
@@ -103,6 +104,7 @@ def provenance() -> dict[str, Any]:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {
             "cpu": cpu_model(),
+            "vectors": _vectors(),
             "cores": os.cpu_count(),
             "memory_gb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1),
             "system": f"{platform.system()} {platform.machine()}",
@@ -141,12 +143,23 @@ def code_stamp(command: str) -> dict[str, Any]:
 
 def cpu_model() -> str:
     """Name of the processor."""
+    return _cpu_info("model name") or platform.processor() or platform.machine()
+
+
+def _vectors() -> list[str]:
+    """Vector instructions of the processor on which the speed of a network depends."""
+    known = _cpu_info("flags").split() + _cpu_info("Features").split()  # the latter on ARM
+    return [name for name in _VECTORS if name in known]
+
+
+def _cpu_info(key: str) -> str:
+    """The first value of a key in Linux's list of processors; empty where there is none."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, "") or platform.processor() or platform.machine()
+        return ""
+    pairs = (line.partition(":") for line in lines)
+    return next((value.strip() for name, _, value in pairs if name.strip() == key), "")
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -18,6 +18,7 @@ def test_record_says_how_when_and_where(tmp_path):
     assert record["versions"]["python"] == platform.python_version()
     assert {"numpy", "egocap"} <= record["versions"].keys()
     assert record["machine"]["cpu"] and record["machine"]["cores"] >= 1
+    assert isinstance(record["machine"]["vectors"], list)
     assert load_result(path) == record
     assert [p.name for p in path.parent.iterdir()] == ["result.json"]
 

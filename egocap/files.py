@@ -27,8 +27,11 @@ from egocap.errors import FileError, MachineError
 MOST_ARRAYS = 1000
 """In one npz archive."""
 
-ALWAYS_UNPACKED, MOST_RATIO = 1 << 29, 32
+ALWAYS_UNPACKED, MOST_RATIO = 1 << 28, 32
 """An npz archive may unpack to the first, in bytes, or to this multiple of its own size."""
+
+LARGEST = 1e12
+"""Magnitude of numbers in results: squares of larger ones overflow further on."""
 
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0,
             (2, 0): np.lib.format.read_array_header_2_0}  # fmt: skip
@@ -145,6 +148,11 @@ def read_npz(path: Path, only: Collection[str] | None = None) -> dict[str, Array
             TypeError, TokenError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
         detail = f": {error!s:.200}" if str(error) else ""
         raise FileError(path, f"not a whole npz archive of plain arrays{detail}") from None
+
+
+def usable(values: Array) -> Array:
+    """Where numbers are finite and no larger than LARGEST."""
+    return np.abs(values) <= LARGEST  # False for NaN
 
 
 def _members(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 LIVE = TrackerConfig(smoothing="fixed-lag")
 CAMERAS = CameraSettings()
+_LAST_PORT = 65_535
 
 
 @dataclass(frozen=True)
@@ -123,9 +124,13 @@ Follow = Callable[["Feed", "PoseDisplay"], "LiveReport"]
 
 
 def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: TrackerConfig) -> None:
-    """Raise InputError for options that exclude each other."""
+    """Raise InputError for impossible options, and for those that exclude each other."""
     if len(sources) != views:
         raise InputError(f"{len(sources)} sources", valid=f"{views}, one per view")
+    if not run.seconds > 0.0:
+        raise InputError(f"--seconds {run.seconds:g}", valid="above 0")
+    if not 0 <= run.port <= _LAST_PORT:
+        raise InputError(f"--port {run.port}", valid=f"0 to {_LAST_PORT}")
     if run.colour_only and (run.weights is not None or settings != LIVE):
         raise InputError("--colour-only uses neither --weights nor tracker settings")
     if not run.colour_only and run.start != "rest":

@@ -15,6 +15,9 @@ from egocap.errors import InputError
 from egocap.locks import locks
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 
+MOST_DRAWS = 2_000_000
+"""Of a chain of the posterior, which is kept in memory."""
+
 
 @app.command
 @locks("out")
@@ -104,6 +107,9 @@ def posterior(
     from egocap.posterior.frame_posterior import sample_posterior
     from egocap.posterior.result import save_posterior
 
+    if sampling.walkers * sampling.most_steps > MOST_DRAWS:
+        raise InputError(f"{sampling.walkers} walkers of {sampling.most_steps} steps",
+                         valid=f"{MOST_DRAWS:,} draws or fewer")  # fmt: skip
     opened = Sequence(sequence)
     found = detections_from(opened, detections, 0)
     if not stated_errors:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from egocap.errors import FileError
-from egocap.files import read_npz, write_atomically, write_npz
+from egocap.files import LARGEST, read_npz, usable, write_atomically, write_npz
 from egocap.schema import parsed
 
 SCHEMA = 4
@@ -154,6 +154,7 @@ def _value(path: Path, name: str, array: Array) -> Any:
         return array.item()
     if array.dtype.kind == "U":
         return tuple(map(str, array))
-    if array.dtype.kind == "f" and name in _FINITE and not np.isfinite(array).all():
-        raise FileError(path, "holds values that are not finite", key=name)
+    if array.dtype.kind == "f" and name in _FINITE and not usable(array).all():
+        raise FileError(path, "holds values that are not finite, or too large", key=name,
+                        valid=f"up to {LARGEST:g}")  # fmt: skip
     return array

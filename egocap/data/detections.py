@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 
 from egocap.data.arrays import load_record, save_record
 from egocap.errors import FileError
+from egocap.files import usable
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +62,10 @@ def load_detections(path: str | Path) -> Detections:
         raise FileError(path, "has one of 'modes' and 'mode_weights'", valid="both or none")
     modes, weights = found.candidates
     total = np.where(np.isfinite(weights) & (weights >= 0.0), weights, np.inf).sum(-1)
-    placed = (np.isfinite(modes).all(-1) | ~(weights > 0.0)).all(-1)
+    placed = (usable(modes).all(-1) | ~(weights > 0.0)).all(-1)
     for name, good, valid in (
-        ("points", np.isfinite(found.points).all(-1), "finite pixels"),
-        ("sigma", np.isfinite(found.sigma) & (found.sigma >= 0.0), "finite pixels, 0 or more"),
+        ("points", usable(found.points).all(-1), "finite pixels"),
+        ("sigma", usable(found.sigma) & (found.sigma >= 0.0), "finite pixels, 0 or more"),
         ("confidence", (found.confidence >= 0.0) & (found.confidence <= 1.0), "0 to 1"),
         ("modes", placed, "finite pixels where the weight is not 0"),
         ("mode_weights", total <= 1.0 + 1e-6, "0 or more, adding up to 1 at most"),

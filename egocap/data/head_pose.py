@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from egocap.data.track import Track
 from egocap.errors import FileError, InputError
-from egocap.files import read_npz
+from egocap.files import read_npz, usable
 from egocap.geometry import rigid, transform
 from egocap.series import interpolate
 
@@ -43,8 +43,8 @@ def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N
     for name in ("time", "T_world_head"):
         if name not in found:
             raise FileError(path, "missing", key=name)
-        if found[name].dtype.kind != "f" or not np.isfinite(found[name]).all():
-            raise FileError(path, "not finite numbers", key=name)
+        if found[name].dtype.kind != "f" or not usable(found[name]).all():
+            raise FileError(path, "not finite numbers, or too large", key=name)
     times, poses = found["time"], found["T_world_head"]
     if times.ndim != 1 or len(times) < 1 or (np.diff(times) <= 0).any():
         raise FileError(path, "does not increase", key="time", valid="seconds, increasing")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isfinite
 
+from egocap.errors import InputError
 from egocap.media.pictures import PictureOptions
 
 
@@ -38,3 +40,11 @@ class ImportOptions:
     gains: tuple[float, ...] = ()
     """Factors on red, green and blue of each further view that bring its colours to the first's,
     instead of an estimate."""
+
+    def __post_init__(self) -> None:
+        for name in ("lag", "drift", "gains"):
+            if not all(map(isfinite, getattr(self, name))):
+                raise InputError(f"--{name} with a value that is not finite")
+        for name, time in (("start", self.range.start), ("end", self.range.end)):
+            if time is not None and not isfinite(time):
+                raise InputError(f"--{name} {time:g}", valid="seconds")

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.errors import FileError
+from egocap.errors import FileError, InputError
 from egocap.media.decoding import decode
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
@@ -36,6 +36,12 @@ class PictureOptions:
     """Significant bits of 16-bit pictures."""
     bayer: Bayer | None = None
     """Colours of the first two rows of raw mosaics."""
+
+    def __post_init__(self) -> None:
+        if self.fps is not None and not 0.0 < self.fps < math.inf:
+            raise InputError(f"--fps {self.fps:g}", valid="above 0")
+        if not 8 <= self.bits <= 16:
+            raise InputError(f"--bits {self.bits}", valid="8 to 16")
 
 
 class PictureFolder:

@@ -17,6 +17,7 @@ from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.files import make_folder, write_json
+from egocap.fitting.wearer import average_body, find_body
 from egocap.footage.config import ImportOptions
 from egocap.footage.importing import import_footage
 from egocap.footage.sources import Step
@@ -74,6 +75,7 @@ def mocap(
     """
     if options.body is not None and options.height is not None:
         raise InputError("--height and --body", valid="one of them")
+    _ = find_body(options.body) if options.body else average_body(options.height)  # or refuse now
     folder = Path(out)
     make_folder(folder)
     sequence = import_footage(sources, rig, folder / "sequence", footage, on_step)

@@ -41,11 +41,12 @@ def test_a_track_of_another_skeleton(egocap, tracked, tiny_sequence, array):
     assert not Path("o.bvh").exists() and not Path("v.png").exists()
 
 
+@pytest.mark.parametrize("value", [np.nan, 1e300])
 @pytest.mark.parametrize("array", ["angles", "joints_head", "confidence", "times"])
-def test_a_track_with_a_value_that_is_no_number(egocap, tracked, array):
+def test_a_track_with_a_value_that_is_no_number(egocap, tracked, array, value):
     with np.load(tracked / "track.npz") as archive:
         values = archive[array].copy()
-    values.flat[-1] = np.nan
+    values.flat[-1] = value
     other = rewritten(tracked, "nan.npz", **{array: values})
     line = complaint(egocap("export", other, "--out", "o.npz", "--format", "npz"))
     assert f"key '{array}'" in line and "not finite" in line
@@ -122,3 +123,23 @@ def test_one_black_camera_with_the_solvers_of_the_paper(tiny_sequence, tracked):
     assert np.isfinite(made.joints_head).all()
     with pytest.raises(InputError, match="1 images"):
         PaperTracker(sequence.rig, sequence.body, "stochastic").track(found, lambda t: (black,))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("posterior SEQ --frame 1 --walkers 1000000000 --out p.npz", "2,000,000 draws"),
+        ("live a.mp4 b.mp4 --rig SEQ/rig.json --body average:1.7 --seconds nan", "--seconds nan"),
+        ("live a.mp4 b.mp4 --rig SEQ/rig.json --body average:1.7 --port 99999", "0 to 65535"),
+        ("import a b --rig SEQ/rig.json --out clip --fps 0", "--fps 0"),
+        ("import a b --rig SEQ/rig.json --out clip --bits 40", "--bits 40"),
+        ("import a b --rig SEQ/rig.json --out clip --gains nan 1 1", "--gains"),
+        ("import a b --rig SEQ/rig.json --out clip --start nan", "--start nan"),
+        ("mocap a b --rig SEQ/rig.json --out clip --height -3", "a height of -3"),
+        ("mocap a b --rig SEQ/rig.json --out clip --body none.json", "none.json"),
+    ],
+)
+def test_impossible_numbers_on_the_command_line(egocap, tiny_sequence, words, said):
+    line = complaint(egocap(*words.replace("SEQ", str(tiny_sequence)).split()))
+    assert said in line
+    assert not Path("clip").exists()

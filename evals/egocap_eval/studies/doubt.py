@@ -28,7 +28,7 @@ from egocap_eval.harness.motion_truth import SimulatedMotion, draw_detections, s
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.stress import with_baseline
 
-MOTIONS = (("walk", 400921), ("gestures", 400922), ("dribble", 400923), ("juggle", 400926))
+MOTIONS = (("walk", 512311), ("gestures", 512312), ("dribble", 512313), ("juggle", 512316))
 """Motions, and the seeds of their people; others than those that the relation was fitted to."""
 MOST_OFF = 0.10
 """Difference of stated confidence and frequency that is accepted."""

@@ -73,6 +73,7 @@ def test_frames_outside_the_known_poses_are_a_gap():
     [({"time": None}, "time"), ({"time": np.zeros(5)}, "increase"),
      ({"T_world_head": np.zeros((5, 4, 4))}, "rigid"), ({"T_world_head": np.eye(4)}, "shape"),
      ({"T_world_head": np.full((5, 4, 4), np.nan)}, "finite"),
+     ({"T_world_head": np.full((5, 4, 4), 1e200)}, "too large"),
      ({"time": np.arange(5)}, "numbers")],
 )  # fmt: skip
 def test_bad_files_name_the_array(tmp_path, changes, says):

@@ -165,6 +165,7 @@ def test_files_from_before_modes_are_read(tmp_path):
     [
         (lambda modes, weights: {"modes": None}, "both or none"),
         (lambda modes, weights: {"modes": np.full_like(modes, np.nan)}, "'modes'.*finite pixels"),
+        (lambda modes, weights: {"modes": np.full_like(modes, 1e200)}, "'modes'.*finite pixels"),
         (lambda modes, weights: {"mode_weights": 2 * weights}, "'mode_weights'.*adding up to 1"),
         (lambda modes, weights: {"mode_weights": weights - 0.5}, "'mode_weights'.*0 or more"),
         (lambda modes, weights: {"modes": modes[..., :1, :]}, r"mode_weights.*\(4, 2, 18, 1\)"),

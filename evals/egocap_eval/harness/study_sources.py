@@ -38,8 +38,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "augmentation": (*SMALL_DETECTORS, "egocap_eval/studies/augmentation.py"),
     "calibrate": (*GEOMETRY, "egocap/boards", "egocap/calibration", "egocap_sim/boards",
                   "egocap_eval/calibration"),
-    "calibration": (*DETECTOR, *GEOMETRY, "egocap/pose", "egocap/posterior", *WORLD,
-                    "egocap_eval/posterior"),
+    "calibration": (*DETECTOR, *GEOMETRY, "egocap/pose", "egocap/posterior/*.py", *WORLD,
+                    "egocap_eval/posterior"),  # without the error model, which it writes
     "crash-recovery": (*WORLD, "egocap_sim/record", "egocap/data",
                        "egocap_eval/studies/crash_recovery.py"),
     "dataset": (*WORLD, "egocap_eval/studies/dataset_card.py"),

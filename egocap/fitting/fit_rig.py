@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from egocap.body.skeleton import DOFS
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
@@ -27,7 +26,7 @@ from egocap.fitting.bundle_adjustment import (
 )
 from egocap.fitting.config import FitConfig
 from egocap.fitting.fit_body import BodyFit, choose_frames, fit_body
-from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem
+from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem, stance
 from egocap.geometry import exponential, rigid
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
@@ -35,7 +34,9 @@ from egocap.pose.observations import observe
 NEUTRAL_FRAMES = 12
 """Frames of each neutral stance that take part."""
 RETURNED = np.deg2rad(9.0)
-"""Largest angle of the neck from the first neutral stance at which it counts as taken again."""
+"""Largest angle of head to body from the first neutral stance at which it counts as taken again."""
+UPRIGHT = 0.93
+"""Least height of the mass above the feet, as a part of that in the first neutral stance."""
 LEAST_STANCE_S = 0.5
 """Seconds that a stance is held."""
 SYSTEMATIC = np.repeat([np.deg2rad(0.5), 0.002], 3)
@@ -52,9 +53,6 @@ MOVES = (
     "4 s: two squats, looking ahead (body)",
 )
 """What to do before the cameras, and what it determines."""
-
-
-_NECK = [i for i, name in enumerate(DOFS) if "neck" in name]
 
 
 class MountError(NamedTuple):
@@ -138,12 +136,12 @@ def fit_rig(
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():
         raise InputError("no detection to fit a rig to")
-    stances = neutral_stances(observations.times, used, followed.angles, neutral)
+    stances = neutral_stances(observations.times, used, followed.joints_head, neutral)
     chosen = choose_frames(followed.angles, used, config.frames)
     frames = np.unique(np.concatenate([chosen, *stances]))
     weights = np.zeros(len(frames))
-    for stance in stances:
-        weights += np.isin(frames, stance) / len(stance)
+    for taken in stances:
+        weights += np.isin(frames, taken) / len(taken)
     spread = (float(np.deg2rad(error.rotation_deg)), error.position_m)
     prior = MountPrior.around(body.mean, body.covariance, *spread)
     problem = MountProblem(select_frames(observations, frames), prior, tracker, weights)
@@ -170,15 +168,20 @@ def neutral_frames(
 
 
 def neutral_stances(
-    times: Float[Array, "T"], used: Int[Array, "T"], angles: Float[Array, "T 37"],
+    times: Float[Array, "T"], used: Int[Array, "T"], joints: Float[Array, "T 18 3"],
     neutral: tuple[float, float] | None,
 ) -> list[Int[Array, "_"]]:  # fmt: skip
-    """Frames of each neutral stance: the given one, and those to which the neck returns."""
+    """Frames of each neutral stance: the given one, and those to which head and body return.
+
+    Told by the tracked `joints` in the head frame: how head and spine share a turn is badly known.
+    """
     first = neutral_frames(times, used, neutral)
     if not len(first):
         return []
-    off = angles[:, _NECK] - np.median(angles[first][:, _NECK], axis=0)
-    near = (np.abs(off).max(1) < RETURNED) & (used > 0)
+    tangents, height = stance(joints)
+    off = np.abs(tangents - np.median(tangents[first], axis=0)).max(1)
+    upright = height > UPRIGHT * np.median(height[first])
+    near = (off < np.tan(RETURNED)) & upright & (used > 0)
     edges = np.flatnonzero(np.diff(np.r_[False, near, False].astype(int))).reshape(-1, 2)
     found = [first]
     for start, end in edges:

@@ -8,7 +8,8 @@ x' = R^T (x - t), with dx' = [x']_x J_r(w) dw - R^T dt.
 The neck turns about the origin of the head frame in all three angles. So a rotation of the rig and
 the opposite angles of the neck in every frame leave every joint where it is in the images: only
 priors on the pose determine R. The neutral stance is one that a wearer can be asked for: upright,
-looking at the horizon, body and limbs near the rest pose, and the centre of mass above the support.
+looking at the horizon straight ahead, body and limbs near the rest pose, the centre of mass above
+the support, and shoulders, hips and ankles square to the gaze.
 
 Source: Sola et al. 2018, "A micro Lie theory", equation 143 (J_r). Cooke & Wei 1988 (the head's
 natural position is repeated within 2 degrees). Winter 1995, "Human balance and posture control",
@@ -34,14 +35,16 @@ PARAMETERS = ("roll", "pitch", "yaw", "forward", "left", "up")
 NEUTRAL_DEG = {"neck": 3.0, "upper_spine": 3.0, "lower_spine": 5.0, "clavicle": 6.0, "hip": 6.0,
                "knee": 6.0, "ankle": 6.0}  # fmt: skip
 """Standard deviation of a joint's angles in the neutral stance. The arms are free."""
-BALANCE_DEG = 2.0
-"""Of the line from the support to the centre of mass against the head's vertical."""
+ATTITUDE_DEG = np.array([2.0, 2.0, 2.5])
+"""Standard deviations, in the neutral stance, of the tangents of `stance`."""
 SUPPORT = 0.35
 """Place of the centre of pressure between ankle and ball of the foot."""
 _MASSES = {"head": 0.081, "shoulder": 0.2765, "elbow": 0.044, "wrist": 0.028, "hip": 0.3485,
            "knee": 0.1465, "ankle": 0.061, "foot": 0.0145}  # fmt: skip
 """Share of the body's mass at a kind of joint, both sides: half of each segment's at either end;
 the trunk's at shoulders and hips."""
+_PAIRS = ("shoulder", "hip", "ankle")
+"""Joints whose lines from right to left are square to the gaze."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,34 +93,44 @@ class MountProblem(FitProblem):
         own, precision = np.arange(len(DOFS)), NEUTRAL_PRECISION
         system.g_pose[stands] += weight[:, None] * precision * at
         system.pose[np.flatnonzero(stands)[:, None], own, own] += weight[:, None] * precision
-        lean, by_angle, by_body = _lean(shared[:-6], at)
-        scaled = weight / np.deg2rad(BALANCE_DEG) ** 2
-        system.g_pose[stands] += np.einsum("t,tid,ti->td", scaled, by_angle, lean)
-        system.pose[stands] += np.einsum("t,tid,tie->tde", scaled, by_angle, by_angle)
-        system.cross[stands, :, :-6] += np.einsum("t,tid,tik->tdk", scaled, by_angle, by_body)
-        system.body[:-6, :-6] += np.einsum("t,tik,tim->km", scaled, by_body, by_body)
-        system.g_body[:-6] += np.einsum("t,tik,ti->k", scaled, by_body, lean)
+        off, by_angle, by_body = attitude(shared[:-6], at)
+        scaled = weight[:, None] / np.deg2rad(ATTITUDE_DEG) ** 2
+        system.g_pose[stands] += np.einsum("ti,tid,ti->td", scaled, by_angle, off)
+        system.pose[stands] += np.einsum("ti,tid,tie->tde", scaled, by_angle, by_angle)
+        system.cross[stands, :, :-6] += np.einsum("ti,tid,tik->tdk", scaled, by_angle, by_body)
+        system.body[:-6, :-6] += np.einsum("ti,tik,tim->km", scaled, by_body, by_body)
+        system.g_body[:-6] += np.einsum("ti,tik,ti->k", scaled, by_body, off)
         return float(
-            0.5 * (weight[:, None] * precision * at**2).sum()
-            + 0.5 * (scaled[:, None] * lean**2).sum()
+            0.5 * (weight[:, None] * precision * at**2).sum() + 0.5 * (scaled * off**2).sum()
         )
 
 
-def _lean(
+def stance(joints: Float[Array, "T 18 3"]) -> tuple[Float[Array, "T 3"], Float[Array, "T"]]:
+    """How the body stands to the head, and the height of its mass above its support [m].
+
+    Tangents of its lean forward and to the left against the head's vertical, and of its turn
+    against the gaze.
+    """
+    line, across = (np.einsum("l,tli->ti", weights, joints) for weights in (WEIGHTS, ACROSS))
+    tangents = np.concatenate([line[:, :2] / line[:, 2:], across[:, :1] / across[:, 1:2]], 1)
+    return tangents, line[:, 2]
+
+
+def attitude(
     components: Float[Array, "K"], poses: Float[Array, "T 37"]
-) -> tuple[Float[Array, "T 2"], Float[Array, "T 2 37"], Float[Array, "T 2 K"]]:
-    """Tangents of the body's lean, forward and left, against the head's vertical."""
-    labels, by_angle, by_body = joint_derivatives(components, poses)
-    line, angles, body = (
-        np.einsum("l,tl...->t...", WEIGHTS, values) for values in (labels, by_angle, by_body)
-    )
-    height = line[:, 2:]
-    lean = line[:, :2] / height
+) -> tuple[Float[Array, "T 3"], Float[Array, "T 3 37"], Float[Array, "T 3 K"]]:
+    """Lean and turn of `stance`, and their derivatives by angles and components."""
+    joints, *derivatives = joint_derivatives(components, poses)
+    off, _ = stance(joints)
+    lengths = np.stack([(WEIGHTS @ joints)[:, 2]] * 2 + [(ACROSS @ joints)[:, 1]], 1)
 
     def slope(by: Array) -> Array:
-        return (by[:, :2] - lean[..., None] * by[:, 2:]) / height[..., None]
+        line, across = (np.einsum("l,tlid->tid", weights, by) for weights in (WEIGHTS, ACROSS))
+        rise = np.concatenate([line[:, :2], across[:, :1]], 1)
+        run = np.stack([line[:, 2], line[:, 2], across[:, 1]], 1)
+        return (rise - off[..., None] * run) / lengths[..., None]
 
-    return lean, slope(angles), slope(body)
+    return off, *map(slope, derivatives)
 
 
 def _weights() -> Float[Array, "18"]:
@@ -134,6 +147,14 @@ def _weights() -> Float[Array, "18"]:
     return weights
 
 
+def _across() -> Float[Array, "18"]:
+    """Sum of the lines of `_PAIRS` from right to left, as weights of the labels."""
+    weights = np.zeros(len(LABEL_INDEX))
+    for kind in _PAIRS:
+        weights[LABEL_INDEX[f"left_{kind}"]], weights[LABEL_INDEX[f"right_{kind}"]] = 1.0, -1.0
+    return weights
+
+
 def _neutral_precision() -> Float[Array, "37"]:
     spreads = [
         next((deg for kind, deg in NEUTRAL_DEG.items() if kind in name), np.inf) for name in DOFS
@@ -142,4 +163,5 @@ def _neutral_precision() -> Float[Array, "37"]:
 
 
 WEIGHTS: Float[Array, "18"] = _weights()
+ACROSS: Float[Array, "18"] = _across()
 NEUTRAL_PRECISION: Float[Array, "37"] = _neutral_precision()

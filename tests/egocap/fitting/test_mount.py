@@ -23,6 +23,7 @@ from egocap.fitting.mount import (
     WEIGHTS,
     MountPrior,
     MountProblem,
+    stance,
 )
 from egocap.geometry import exponential, inverse, right_jacobian
 from egocap.pose.config import TrackerConfig
@@ -161,14 +162,48 @@ def test_impossible_requests_are_refused(seen):
     assert len(neutral_frames(np.arange(90) / 30, np.ones(90, int), (0.0, 2.0))) == 12
 
 
+def standing(**degrees):
+    """Frames of a second of the rest pose, then of each set of angles, with rest between."""
+    angles = np.zeros((20 + 40 * len(degrees), DOF_COUNT))
+    for k, values in enumerate(degrees.values()):
+        for dof, value in values.items():
+            angles[20 + 40 * k : 40 + 40 * k, DOF_INDEX[dof]] = np.deg2rad(value)
+    return angles
+
+
+def stances_of(angles, neutral=(0.0, 0.5)):
+    person = to_proportions(BodyPrior.for_height(1.75).mean)
+    times, used = np.arange(len(angles)) / 20.0, np.full(len(angles), 30)
+    return neutral_stances(times, used, forward(person, angles), neutral)
+
+
 def test_returns_to_the_neutral_stance_are_found():
     """Stances of a second before and after a turn of the head; a passing one does not count."""
-    fps, turn = 20.0, np.deg2rad(40.0)
-    yaw = np.concatenate([np.zeros(20), np.full(20, turn), np.zeros(20), np.full(20, -turn),
-                          np.zeros(4), np.full(20, turn)])  # fmt: skip
-    angles = np.zeros((len(yaw), DOF_COUNT))
-    angles[:, DOF_INDEX["neck_turn"]] = yaw
-    times, used = np.arange(len(yaw)) / fps, np.full(len(yaw), 30)
-    found = neutral_stances(times, used, angles, (0.0, 0.5))
-    assert [(20 * (s[0] // 20), s[-1] // 20) for s in found] == [(0, 0), (40, 2)]
-    assert len(neutral_stances(times, used, angles, None)) == 0
+    angles = standing(left={"neck_turn": 40.0}, right={"neck_turn": -40.0})
+    angles = np.delete(angles, np.arange(84, 100), axis=0)
+    assert [(20 * (s[0] // 20), s[-1] // 20) for s in stances_of(angles)] == [(0, 0), (40, 2)]
+    assert len(stances_of(angles, None)) == 0
+
+
+def test_a_stance_is_told_by_head_and_body_whatever_the_neck_takes_of_it():
+    """Neck and spine against each other: a stance; a turn of the spine or a squat: none."""
+    shared = {"neck_lean": 15.0, "upper_spine_lean": -15.0}
+    squat = {f"{side}_{joint}_flexion": 60.0 for side in ("left", "right")
+             for joint in ("hip", "knee", "ankle")}  # fmt: skip
+    for name, moved, count in (
+        ("turn", {"upper_spine_turn": 20.0}, 2), ("squat", squat, 2), ("shared", shared, 1),
+    ):  # fmt: skip
+        found = stances_of(standing(**{name: moved}))
+        assert len(found) == count, name
+        assert not any(((s >= 20) & (s < 40)).any() for s in found), name
+
+
+def test_head_and_body_stand_to_each_other_as_they_are_turned():
+    person = to_proportions(BodyPrior.for_height(1.75).mean)
+    rest, _ = stance(forward(person, np.zeros((1, DOF_COUNT))))
+    for axis, (row, sign) in enumerate([(1, -1.0), (0, 1.0), (2, -1.0)]):
+        turn = Rotation.from_rotvec(0.1 * np.eye(3)[axis]).as_matrix()
+        joints = forward(person, np.zeros((1, DOF_COUNT))) @ turn.T
+        moved, _ = stance(joints)
+        off = (np.arctan(moved) - np.arctan(rest))[0]
+        assert off[row] == pytest.approx(0.1 * sign, abs=0.005), axis

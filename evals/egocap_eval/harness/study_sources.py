@@ -19,6 +19,9 @@ MOTION_TRUTH = ("egocap_eval/harness/motion_truth.py",)
 HARNESS = ("egocap_eval/harness/footage.py",)
 TRAINING = (*DETECTOR, "egocap/detect/train")
 IMAGE_MODEL = ("egocap/image_model",)
+FITTED = tuple(f"egocap/fitting/{module}.py" for module in (
+    "appearance_fit", "body_prior", "bundle_adjustment", "config", "fit_body",
+    "wearer"))  # fmt: skip
 PAPER = (*IMAGE_MODEL, "egocap/paper")
 FOOTAGE_TRACKED = (*DETECTOR, *TRACKER, *SCORES, *WORLD, *HARNESS)
 SMALL_DETECTORS = (*TRAINING, *WORLD, "egocap_eval/studies/small_detectors.py")
@@ -26,14 +29,14 @@ VALIDATION_FRAMES = ("egocap_eval/detection/validation_frames.py",)
 
 IMPORTED = ("egocap/data", "egocap/footage", "egocap/media", "egocap_sim/export",
             "egocap_eval/footage/synchronisation.py")  # fmt: skip
-CAPTURED = (*FOOTAGE_TRACKED, *IMPORTED, "egocap/fitting", "egocap/motion_capture")
+CAPTURED = (*FOOTAGE_TRACKED, *IMPORTED, *FITTED, "egocap/motion_capture")
 
 STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "ablation": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/ablation.py",
                  "egocap_eval/studies/recovery.py", "egocap_eval/studies/recorded.py",
                  "egocap_eval/sets"),
     "accuracy": (*NOISE, *TRACKER, *SCORES, *WORLD, "egocap_eval/studies/accuracy.py"),
-    "adapt": (*FOOTAGE_TRACKED, "egocap/adaptation", "egocap/detect/train", "egocap/fitting",
+    "adapt": (*FOOTAGE_TRACKED, "egocap/adaptation", "egocap/detect/train", *FITTED,
               "egocap/motion_capture", "egocap_eval/studies/adaptation.py"),
     "augmentation": (*SMALL_DETECTORS, "egocap_eval/studies/augmentation.py"),
     "calibrate": (*GEOMETRY, "egocap/boards", "egocap/calibration", "egocap_sim/boards",
@@ -58,10 +61,10 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "head-pose": (*GEOMETRY, *WORLD, *HARNESS, "egocap/odometry", "egocap/head_pose",
                   "egocap_eval/studies/head_pose.py"),
     "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),
-    "personalised": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/studies/personalised.py"),
+    "personalised": (*FOOTAGE_TRACKED, *FITTED, "egocap_eval/studies/personalised.py"),
     "physics": (*GEOMETRY, *WORLD, "egocap_eval/studies/physics.py"),
     "posterior": (*FOOTAGE_TRACKED, "egocap/posterior", "egocap_eval/posterior"),
-    "recorded": (*FOOTAGE_TRACKED, "egocap/fitting", "egocap_eval/sets",
+    "recorded": (*FOOTAGE_TRACKED, *FITTED, "egocap_eval/sets",
                  "egocap_eval/studies/recorded.py", "egocap_eval/studies/personalised.py",
                  "egocap_eval/studies/recovery.py"),
     "rig": (*NOISE, *TRACKER, *WORLD, *MOTION_TRUTH, "egocap/posterior", "egocap_eval/rig_design"),

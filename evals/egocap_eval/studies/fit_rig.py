@@ -1,7 +1,8 @@
 """Accuracy of a rig's pose on the head: fitted from a rig file that is off by a planted amount.
 
 Errors of the pose, their ratio to the stated standard deviations, and the tracked error with the
-fitted rig beside that with the true rig, the body fitted in both.
+fitted rig beside that with the true rig, the body fitted in both. A neutral stance is met with an
+error of its own, which no detection shows: `stance_deg` is the mean of the true ones.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.sequence import Sequence
+from egocap.data.truth import Truth
 from egocap.detect.sources import detections_from
 from egocap.evaluation.table import Table, number
 from egocap.fitting.fit_body import first_seconds, fit_body
-from egocap.fitting.fit_rig import RigFit, fit_rig, moved_rig
+from egocap.fitting.fit_rig import RigFit, fit_rig, moved_rig, neutral_stances
 from egocap.fitting.mount import PARAMETERS
 from egocap.geometry import inverse, unit
 from egocap_eval.harness.study import Outcome
@@ -83,7 +85,22 @@ def compare(
         "fitted": track_error(fit.rig, fit.body.proportions, observed, joints),
         "given": track_error(given, known.proportions, observed, joints),
     }
-    return pose_errors(fit, truth) | {"tracked_mm": tracked}
+    stances = {"stance_deg": stance_error(sequence.truth, len(observed.times))}
+    return pose_errors(fit, truth) | stances | {"tracked_mm": tracked}
+
+
+def stance_error(truth: Truth, count: int) -> float:
+    """Angle [deg] of the head's mean attitude in the true neutral stances to level and ahead.
+
+    A person who stands straight faces the world's x axis. Of the first `count` frames.
+    """
+    from scipy.spatial.transform import Rotation
+
+    seen = np.ones(count, int)
+    stances = neutral_stances(truth.time[:count], seen, truth.joints_head[:count], (0.0, 0.5))
+    turns = Rotation.from_matrix(truth.T_world_head[:count, :3, :3]).as_rotvec()
+    mean = np.mean([turns[frames].mean(0) for frames in stances], axis=0)
+    return round(float(np.rad2deg(np.linalg.norm(mean))), 2)
 
 
 def track_error(
@@ -124,6 +141,7 @@ def summary(found: dict[str, dict[str, Any]]) -> dict[str, float]:
     return {
         "position_mm": round(float(np.mean([r["position_mm"] for r in rows])), 2),
         "rotation_deg": round(float(np.mean([r["rotation_deg"] for r in rows])), 2),
+        "stance_deg": round(float(np.mean([r["stance_deg"] for r in rows])), 2),
         "tracked_above_known_mm": round(float(np.mean(above)), 1),
         "normalised_error": round(float(np.sqrt(squared)), 2),
     }
@@ -139,9 +157,18 @@ def missed(means: dict[str, float]) -> list[str]:
 
 def table(found: dict[str, dict[str, Any]]) -> Table:
     """One line a sequence."""
-    header = ("sequence", "position mm", "rotation deg", "known mm", "fitted mm", "given mm")
+    header = (
+        "sequence",
+        "position mm",
+        "rotation deg",
+        "stance deg",
+        "known mm",
+        "fitted mm",
+        "given mm",
+    )
     rows = tuple(
         (name, number(r["position_mm"]), number(r["rotation_deg"]),
+         number(r["stance_deg"]),
          *(number(r["tracked_mm"][which]) for which in ("known", "fitted", "given")))
         for name, r in found.items()
     )  # fmt: skip

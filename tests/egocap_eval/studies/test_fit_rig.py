@@ -5,9 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from egocap.body.skeleton import DOF_COUNT, DOF_INDEX, forward
 from egocap.cameras.rig_files import parse_rig
+from egocap.fitting.body_prior import BodyPrior, to_proportions
 from egocap.fitting.fit_rig import moved_rig
-from egocap_eval.studies.fit_rig import missed, planted, pose_errors, summary, table
+from egocap.geometry import exponential, rigid
+from egocap_eval.studies.fit_rig import missed, planted, pose_errors, stance_error, summary, table
 
 RIG = parse_rig(
     {"name": "r", "lens": {"model": "equidistant", "width": 640, "height": 512, "fov": 180},
@@ -32,10 +35,24 @@ def test_an_error_is_that_of_the_head_frame():
 
 
 def test_means_and_targets():
-    row = {"position_mm": 4.0, "rotation_deg": 1.5, "mahalanobis_squared": 6.0,
+    row = {"position_mm": 4.0, "rotation_deg": 1.5, "stance_deg": 1.2,
+           "mahalanobis_squared": 6.0,
            "tracked_mm": {"known": 10.0, "fitted": 12.0, "given": 50.0}}  # fmt: skip
     means = summary({"a": row, "b": row | {"mahalanobis_squared": 18.0}})
     assert means["normalised_error"] == pytest.approx(2.0**0.5, abs=0.01)
     assert means["tracked_above_known_mm"] == 2.0
     assert missed(means) == ["rotation_deg 1.5, not 1"]
     assert "a" in table({"a": row}).text()
+
+
+def test_the_error_of_the_stance_is_the_mean_attitude_of_the_head():
+    """Half the stances look 4 degrees to the left, the others straight ahead: 2."""
+    standing, turned = np.zeros((2, DOF_COUNT))
+    turned[DOF_INDEX["neck_turn"]] = np.deg2rad(50.0)
+    angles = np.repeat([standing, turned, standing], 20, axis=0)
+    heads = np.tile(np.eye(4), (60, 1, 1))
+    heads[40:] = rigid(exponential(np.deg2rad([0.0, 0.0, 4.0])), np.zeros(3))
+    person = to_proportions(BodyPrior.for_height(1.75).mean)
+    truth = SimpleNamespace(time=np.arange(60) / 20.0, joints_head=forward(person, angles),
+                            T_world_head=heads)  # fmt: skip
+    assert stance_error(truth, 60) == pytest.approx(2.0, abs=0.01)

@@ -16,15 +16,9 @@ from egocap.footage.config import ImportOptions
 from egocap.footage.pairing import REPEATED
 from egocap.footage.photometry import estimate_colour
 from egocap.footage.scan import ViewScan
-from egocap.footage.synchronisation import (
-    ViewSignal,
-    ViewSignals,
-    estimate_clock,
-    light_signal,
-    rotation_signal,
-    sound_signal,
-)
-from egocap.media.sound import loudness
+from egocap.footage.signals import ViewSignals, light_signal, rotation_signal, sound_signal
+from egocap.footage.synchronisation import estimate_clock
+from egocap.media.sound import read_sound
 
 log = logging.getLogger(__name__)
 
@@ -90,15 +84,11 @@ def _check_count(name: str, values: Sequence[float], views: int, each: int = 1) 
 
 def _signals(scan: ViewScan, path: str) -> ViewSignals:
     fresh = _fresh(scan)
+    heard = None if Path(path).is_dir() else read_sound(path)
     return ViewSignals(
         rotation_signal(scan.time, scan.turn, fresh), light_signal(scan.time, scan.light, fresh),
-        _sound(Path(path)),
+        None if heard is None else sound_signal(*heard.loudness()), heard,
     )  # fmt: skip
-
-
-def _sound(path: Path) -> ViewSignal | None:
-    heard = None if path.is_dir() else loudness(path)
-    return None if heard is None else sound_signal(*heard)
 
 
 def _fresh(scan: ViewScan) -> Bool[Array, "N"]:

@@ -46,7 +46,7 @@ def relative_motion(
     return min((Motion(*_refined(r1, r2, *s, noise)) for s in starts), key=lambda m: m.cost)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _refined(r1, r2, R, t, noise):
     """Gauss-Newton over rotation and direction, with a loss that narrows: R, t, cost."""
     for i in range(_ROUNDS):
@@ -61,7 +61,7 @@ def _refined(r1, r2, R, t, noise):
     return R, t, np.sum(squared / (1.0 + squared))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _normal_equations(r1, r2, R, t, across, width):
     """H (5, 5) and g (5,) of a step in rotation and direction."""
     H, g, J = 1e-7 * np.eye(5), np.zeros(5), np.empty(5)
@@ -85,7 +85,7 @@ def _normal_equations(r1, r2, R, t, across, width):
     return H, g
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _orthogonal(t):
     """Two unit vectors orthogonal to t and to each other."""
     other = np.zeros(3)
@@ -95,7 +95,7 @@ def _orthogonal(t):
     return first, np.cross(t, first)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _robust_rotation(r1, r2, noise):
     """Rotation alone, by iteratively re-weighted orthogonal Procrustes."""
     weight, R = np.ones(len(r1)), np.eye(3)
@@ -113,7 +113,7 @@ def _direction(normal: Float[Array, "n 3"]) -> Float[Array, "3"]:
     return np.ascontiguousarray(np.linalg.eigh(normal.T @ normal)[1][:, 0])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rotation(vector):
     """Rotation by a vector (Rodrigues' formula)."""
     angle = np.sqrt(np.sum(vector * vector))

@@ -21,7 +21,8 @@ from egocap.footage.scan import ViewScan
 
 REPEATED = 0.15
 """Change of a picture, relative to what is usual, below which it repeats the one before."""
-SAME = 0.5  # grey levels: no copy changes by more, compressed again
+SAME = 0.5  # grey levels: a copy changes by no more, compressed again
+COARSE = 0.8  # grey levels: nor does one that is compressed coarsely
 _DIP = 0.6  # of the changes around it: of a copy in a calm scene
 _FLOOR, _BELOW_FLOOR = 0.02, 0.75
 """Quantile of a view's changes that noise alone makes; a copy has none and stays well below."""
@@ -135,7 +136,7 @@ def _noiseless(scan: ViewScan) -> Bool[Array, "N"]:
     if scan.decoded.sum() < 1 / _FLOOR:
         return np.zeros(len(scan.change), bool)
     floor = float(np.quantile(_finite(scan), _FLOOR))
-    limit = np.minimum(_DIP * _smoothed(scan), min(_BELOW_FLOOR * floor, SAME))
+    limit = np.minimum(_DIP * _smoothed(scan), min(_BELOW_FLOOR * floor, COARSE))
     return scan.change < limit
 
 

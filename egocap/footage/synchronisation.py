@@ -14,10 +14,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.data.footage import ViewTiming
+from egocap.footage.signals import ViewSignal, ViewSignals
+from egocap.footage.sound_delays import residual_drift
+from egocap.media.sound import Soundtrack
 from egocap.series import interpolate
 
 DRIFT_PRIOR_PPM = 60.0  # standard deviation of the difference of two crystals
@@ -31,20 +34,9 @@ SOUND_STD_S = 0.003  # by which the sound of two cameras of one kind lies apart 
 SOUND_FAR_S = 0.1  # from the pictures: not the same sound
 _SMOOTH = 1.0  # standard deviation of the smoothing, frames
 _BLOCK_S = 1.0
-_SOUND_SMOOTH = 1.0  # standard deviation of the smoothing of sound's power, samples
-_LOUD = 2.0  # times the usual amplitude: where sound counts
 _ONSET_S = 1e-4  # by which the beginnings of sounds differ between microphones
 _ROUNDS = 12
 _FLOOR_S = 3e-4  # standard deviation of what the model leaves out: rolling shutter, exposure
-
-
-@dataclass(frozen=True, eq=False)
-class ViewSignal:
-    """What one view saw over its own clock; every sample is a mean rate between two pictures."""
-
-    time: Float[Array, "N"]  # s, own clock, middle of the interval
-    rate: Float[Array, "N K"]
-    events: bool = False  # whether single large samples are the signal, not errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,64 +49,6 @@ class ClockEstimate:
     problem: str = ""  # why the clock could not be estimated
 
 
-def rotation_signal(
-    time: Float[Array, "N"], turn: Float[Array, "N 3"], fresh: Bool[Array, "N"]
-) -> ViewSignal:
-    """Angular rates from the rotations since the picture before [rad].
-
-    Pictures that are not `fresh` (damaged, or repeating the one before) are merged with the next;
-    intervals longer than three periods are left out.
-    """
-    places = np.flatnonzero(fresh)
-    known = np.asarray(np.isfinite(turn).all(1))
-    total = np.cumsum(np.where(known[:, None], turn, 0.0), 0)[places]
-    return _rates(time[places], total, np.cumsum(~known)[places])
-
-
-def light_signal(
-    time: Float[Array, "N"], light: Float[Array, "N"], fresh: Bool[Array, "N"]
-) -> ViewSignal:
-    """Rate of change of the logarithm of the mean grey level, less its running median."""
-    from scipy.ndimage import median_filter
-
-    places = np.flatnonzero(fresh)
-    level = np.log(np.maximum(light[places], 1.0))
-    slow = median_filter(level, size=2 * max(1, len(level) // 40) + 31, mode="nearest")
-    found = _rates(time[places], (level - slow)[:, None], np.zeros(len(places)))
-    return replace(found, events=True)
-
-
-def sound_signal(time: Float[Array, "N"], amplitude: Float[Array, "N"]) -> ViewSignal:
-    """Rate of change of the logarithm of the amplitude, above the usual noise."""
-    from scipy.ndimage import gaussian_filter1d
-
-    amplitude = np.sqrt(gaussian_filter1d(amplitude**2, _SOUND_SMOOTH, mode="nearest"))
-    usual, loud = np.quantile(amplitude, [0.5, 0.995])  # free of the microphone's gain
-    level = np.log1p(amplitude / max(_LOUD * usual, loud / _LOUD, 1e-9))
-    return replace(_rates(time, level[:, None], np.zeros(len(time))), events=True)
-
-
-def _rates(
-    time: Float[Array, "n"], total: Float[Array, "n K"], unknown: Float[Array, "n"]
-) -> ViewSignal:
-    """Differences over the steps in time, where nothing in between is unknown."""
-    if len(time) < 2:
-        return ViewSignal(np.zeros(0), np.zeros((0, total.shape[1])))
-    step = np.diff(time)
-    good = (step > 0) & (step < 3.5 * np.median(step)) & (np.diff(unknown) == 0)
-    rate = np.diff(total, axis=0)[good] / step[good, None]
-    return ViewSignal(0.5 * (time[1:] + time[:-1])[good], rate)
-
-
-@dataclass(frozen=True, eq=False)
-class ViewSignals:
-    """All that one view shows of its clock."""
-
-    rotation: ViewSignal
-    light: ViewSignal
-    sound: ViewSignal | None = None
-
-
 def estimate_clock(first: ViewSignals, other: ViewSignals) -> ClockEstimate:
     """Clock of the other view, with the first's as the common one.
 
@@ -123,7 +57,7 @@ def estimate_clock(first: ViewSignals, other: ViewSignals) -> ClockEstimate:
     """
     found = {"rotation": _estimate(first.rotation, other.rotation, "rotation")}
     if first.sound is not None and other.sound is not None:
-        found["sound"] = _from_sound(first.sound, other.sound)
+        found["sound"] = _from_sound(first, other)
     turned = found["rotation"]
     if not turned.problem:
         return _with_drift(turned, found.get("sound", turned), float(other.rotation.time.mean()))
@@ -137,18 +71,35 @@ def estimate_clock(first: ViewSignals, other: ViewSignals) -> ClockEstimate:
                          "none", problem)  # fmt: skip
 
 
-def _from_sound(a: ViewSignal, b: ViewSignal) -> ClockEstimate:
-    """As `_estimate`; sound and pictures of a file may lie apart."""
+def _from_sound(first: ViewSignals, other: ViewSignals) -> ClockEstimate:
+    """As `_estimate`, with the drift of the waveforms; sound and pictures may lie apart."""
+    a, b = first.sound, other.sound
+    assert a is not None and b is not None
     found = _estimate(a, b, "sound")
     if found.problem:
         return found
-    assert found.timing.offset_std_s is not None
-    assert found.timing.drift_std_ppm is not None
-    drift_std = np.hypot(found.timing.drift_std_ppm, 1e6 * _ONSET_S * 12**0.5 / _duration(b))
-    return replace(found, timing=found.timing.model_copy(update={
-        "offset_std_s": float(np.hypot(found.timing.offset_std_s, SOUND_STD_S)),
-        "drift_std_ppm": float(drift_std),
+    timing = found.timing
+    assert timing.offset_std_s is not None and timing.drift_std_ppm is not None
+    drift, std = timing.drift_ppm, 1e6 * _ONSET_S * 12**0.5 / _duration(b)
+    std = float(np.hypot(timing.drift_std_ppm, std))
+    finer = _waveform_drift(first.waveform, other.waveform, timing)
+    if finer is not None and finer[1] < std:
+        drift, std = drift + finer[0], finer[1]
+    return replace(found, timing=timing.model_copy(update={
+        "offset_s": timing.offset_s + 1e-6 * float(b.time.mean()) * (timing.drift_ppm - drift),
+        "offset_std_s": float(np.hypot(timing.offset_std_s, SOUND_STD_S)),
+        "drift_ppm": drift, "drift_std_ppm": std,
     }))  # fmt: skip
+
+
+def _waveform_drift(
+    a: Soundtrack | None, b: Soundtrack | None, timing: ViewTiming
+) -> tuple[float, float] | None:
+    """Drift beyond that of a clock, and its standard deviation [ppm]."""
+    if a is None or b is None:
+        return None
+    found = residual_drift(a, b, timing.offset_s, 1e-6 * timing.drift_ppm)
+    return None if found is None else (1e6 * found[0], 1e6 * found[1])
 
 
 def _with_drift(turned: ClockEstimate, heard: ClockEstimate, middle: float) -> ClockEstimate:

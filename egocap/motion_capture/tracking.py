@@ -27,7 +27,7 @@ from egocap.track.consistency import with_consistency
 from egocap.track.tracker import Tracker
 from egocap.workers import WorkerPool
 
-WINDOW, OVERLAP = 900, 60  # frames
+WINDOW, OVERLAP = 480, 60  # frames
 
 
 def track_in_windows(
@@ -63,10 +63,11 @@ def track_in_windows(
 
 
 def split(frames: int) -> list[range]:
-    """Windows that overlap; none is much shorter than the others."""
+    """Windows that overlap; none is much shorter than the others, and one or an even number."""
     if frames <= WINDOW + OVERLAP:
         return [range(frames)]
     count = -(-(frames - OVERLAP) // (WINDOW - OVERLAP))
+    count += count % 2  # two cores end together
     starts = np.linspace(0, frames - OVERLAP, count + 1).round().astype(int)
     return [range(int(a), int(b) + OVERLAP) for a, b in pairwise(starts)]
 

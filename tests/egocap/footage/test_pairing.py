@@ -38,6 +38,14 @@ def test_copies_are_found_in_motion_and_in_a_calm_scene(changes):
     assert repeated(changes) == [[40, 120, 121], [130]]
 
 
+def test_a_coarsely_compressed_copy_is_found_below_the_noise_alone(changes):
+    for v, change in enumerate(changes):
+        change *= 1.6
+        change[120] = 0.64
+        change[300 + v] *= 0.62  # a distinct picture in a dip
+    assert repeated(changes) == [[120], [120]]
+
+
 def test_still_and_noiseless_scenes_are_not_repeated(changes):
     for change in changes:
         change[200:320] *= 0.02 / change[200:320].mean()

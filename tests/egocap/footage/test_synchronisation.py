@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from egocap.footage.synchronisation import (
+from egocap.footage.signals import (
     ViewSignal,
     ViewSignals,
-    coarse_lag,
-    estimate_clock,
     light_signal,
-    refine_clock,
     rotation_signal,
     sound_signal,
 )
+from egocap.footage.synchronisation import coarse_lag, estimate_clock, refine_clock
 
 FPS = 29.97
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from egocap.errors import FileError
-from egocap.media.sound import loudness
+from egocap.media.sound import read_sound
 
 RATE = 48_000
 
@@ -29,7 +29,8 @@ def recorded(path, samples, start=0.0, codec="pcm_s16le"):
 def test_amplitude_and_time_of_a_clap(tmp_path):
     time = np.arange(2 * RATE) / RATE
     noise = np.random.default_rng(0).normal(0.0, 0.25, len(time)).clip(-1, 1)
-    times, amplitude = loudness(recorded(tmp_path / "a.mkv", noise * ((time > 1) & (time < 1.1))))
+    heard = read_sound(recorded(tmp_path / "a.mkv", noise * ((time > 1) & (time < 1.1))))
+    times, amplitude = heard.loudness()
     loud = amplitude > 0.1
     assert times[loud][0] == pytest.approx(1.0, abs=0.003)
     assert times[loud][-1] == pytest.approx(1.1, abs=0.003)
@@ -45,7 +46,19 @@ def test_files_without_sound_and_no_files(tmp_path):
         frame = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
         container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
-    assert loudness(tmp_path / "silent.mp4") is None
+    assert read_sound(tmp_path / "silent.mp4") is None
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(FileError, match="sound cannot be read"):
-        loudness(tmp_path / "text.mp4")
+        read_sound(tmp_path / "text.mp4")
+
+
+def test_blocks_follow_one_another_although_their_times_are_rounded(tmp_path):
+    """Matroska states times to a millisecond; gaps are kept."""
+    tone = 0.5 * np.sin(2 * np.pi * 440 * np.arange(RATE) / RATE)
+    heard = read_sound(recorded(tmp_path / "a.mkv", tone, start=0.25))
+    assert heard.start == pytest.approx(0.25, abs=1e-3)
+    inner = heard.samples[2000:14000] / 32767
+    own = np.arange(len(inner)) / 16_000
+    waves = np.stack([np.sin(2 * np.pi * 440 * own), np.cos(2 * np.pi * 440 * own)], 1)
+    left = inner - waves @ np.linalg.lstsq(waves, inner, rcond=None)[0]
+    assert np.abs(left).max() < 2e-3

@@ -35,7 +35,9 @@ def find_clocks(
         return _given(options, len(scans))
     if options.side_by_side:
         return [ViewTiming(note="the views share a file") for _ in scans]
-    first, *others = (_signals(s, view.path) for s, view in zip(scans, views, strict=True))
+    first, *others = (
+        view_signals(s, Path(view.path)) for s, view in zip(scans, views, strict=True)
+    )
     found = [ViewTiming()]
     for view, other in zip(views[1:], others, strict=True):
         estimate = estimate_clock(first, other)
@@ -82,9 +84,10 @@ def _check_count(name: str, values: Sequence[float], views: int, each: int = 1) 
                          valid=f"{each * (views - 1)}, {what} after the first")  # fmt: skip
 
 
-def _signals(scan: ViewScan, path: str) -> ViewSignals:
+def view_signals(scan: ViewScan, heard_in: Path | None) -> ViewSignals:
+    """What a view shows of its clock; `heard_in` is its file, None to leave its sound out."""
     fresh = _fresh(scan)
-    heard = None if Path(path).is_dir() else read_sound(path)
+    heard = None if heard_in is None or heard_in.is_dir() else read_sound(heard_in)
     return ViewSignals(
         rotation_signal(scan.time, scan.turn, fresh), light_signal(scan.time, scan.light, fresh),
         None if heard is None else sound_signal(*heard.loudness()), heard,

@@ -218,7 +218,7 @@ def _about_sight(found: Findings) -> list[str]:
         lines.append(f"Hardly ever in a picture: {', '.join(hidden)}. No tilt of the cameras "
                      "shows more; lenses with a wider field of view would.")  # fmt: skip
     unseen = sorted({_plain(name) for name, share in found.seen.items()
-                     if share < SELDOM <= found.in_view[name]})  # fmt: skip
+                     if share < SELDOM <= found.in_view[name] and name != "head"})  # fmt: skip
     if unseen:
         lines.append(f"In the pictures but seldom recognised: {', '.join(unseen)}. More light, a "
                      "shorter exposure or clothes unlike the background help.")  # fmt: skip

@@ -34,7 +34,7 @@ def _by_bend(adjusted: Adjusted, corners: Corners, board: Board) -> Float[Array,
     by = np.zeros((len(corners), 2, 3))
     for seen in by_view(state, corners, board.points):
         _, by_point, _ = state.shapes[seen.view].project(seen.points, state.lenses[seen.view])
-        normals = state.T_rig_board[corners.instant[seen.at], :3, 2]
+        normals = state.boards(seen.view, corners.instant[seen.at])[:, :3, 2]
         along = normals @ state.T_view_rig[seen.view, :3, :3].T
         by_height = np.einsum("nij,nj->ni", by_point, along)
         by[seen.at] = by_height[:, :, None] * basis[seen.at, None, :]

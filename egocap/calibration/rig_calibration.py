@@ -18,6 +18,7 @@ from egocap.calibration.lens_shape import lens_shapes
 from egocap.calibration.mount import place_on_head
 from egocap.calibration.recording import Recording, View, read_recording
 from egocap.calibration.state import Corners, State, by_view, joined
+from egocap.calibration.stereo import fixed_boards as fixed_board_poses
 from egocap.calibration.stereo import same_way_round, start_poses
 from egocap.calibration.view_calibration import (
     ViewCalibration,
@@ -67,7 +68,8 @@ class Calibration:
 
     def lag_deviations(self) -> Float[Array, "V-1"]:
         """Standard deviation of each view's lag but the first's, seconds."""
-        return np.sqrt(np.diag(self.adjusted.covariance)[self.adjusted.state.lag_column :])
+        state = self.adjusted.state
+        return np.sqrt(np.diag(self.adjusted.covariance)[state.lag_column : state.own_column])
 
 
 def calibrate(
@@ -77,6 +79,7 @@ def calibrate(
     model: str | None = None,
     mount: Rig | None = None,
     name: str = "calibrated",
+    fixed_boards: bool = False,
     on_step: Step = lambda what: None,
 ) -> Calibration:
     """Calibrate the cameras of a rig from pictures of a board.
@@ -88,6 +91,7 @@ def calibrate(
         model: lens model of all cameras; by default each one's is chosen by its held-out error.
         mount: a rig with the same views, on which the cameras' place on the head is taken from.
         name: of the rig.
+        fixed_boards: each camera saw a board of its own, which stood still while the rig moved.
         on_step: called with a few words before each step.
 
     Raises InputError or FileError for pictures that do not determine the rig, with what to record
@@ -97,7 +101,7 @@ def calibrate(
     on_step("reading the pictures")
     return calibrate_recording(
         read_recording([Path(s) for s in sources]), board,
-        model=model, mount=mount, name=name, on_step=on_step,
+        model=model, mount=mount, name=name, fixed_boards=fixed_boards, on_step=on_step,
     )  # fmt: skip
 
 
@@ -108,6 +112,7 @@ def calibrate_recording(
     model: str | None = None,
     mount: Rig | None = None,
     name: str = "calibrated",
+    fixed_boards: bool = False,
     on_step: Step = lambda what: None,
 ) -> Calibration:
     """`calibrate` for pictures in memory."""
@@ -119,7 +124,7 @@ def calibrate_recording(
     adjusted, corners = views[0].adjusted, views[0].corners
     if len(views) > 1:
         on_step("all cameras together")
-        adjusted, corners = _together(views, board)
+        adjusted, corners = _together(views, board, fixed_boards)
     cameras = [_camera(adjusted.state, corners, v, view.view, board)
                for v, view in enumerate(views)]  # fmt: skip
     rig = _rig(adjusted.state, cameras, [v.view.name for v in views], mount, name)
@@ -127,42 +132,53 @@ def calibrate_recording(
     return Calibration(rig, board, recording, tuple(views), adjusted, corners, notes)
 
 
-def _together(views: Sequence[ViewCalibration], board: Board) -> tuple[Adjusted, Corners]:
+def _together(
+    views: Sequence[ViewCalibration], board: Board, fixed: bool
+) -> tuple[Adjusted, Corners]:
     """Adjust all views; boards that one view missed are searched where the others place them."""
-    T_view_rig = start_poses(views, board)
-    views = same_way_round(views, T_view_rig, board)
-    state = _joint_state(views, T_view_rig)
+    if fixed:
+        T_view_rig, own = fixed_board_poses(views, board)
+    else:
+        T_view_rig, own = start_poses(views, board), None
+        views = same_way_round(views, T_view_rig, board)
+    state = _joint_state(views, T_view_rig, own)
     corners = joined([v.corners for v in views])
     adjusted, corners = without_outliers(state, corners, board.points)
     more = [corners]
     for v, view in enumerate(views):
         camera = start_camera(_alone(adjusted.state, v), view.view.size)
         known = set(map(int, corners.instant[corners.view == v]))
-        poses = {i: adjusted.state.T_view_rig[v] @ adjusted.state.T_rig_board[i]
-                 for i in set(map(int, corners.instant)) - known}  # fmt: skip
+        missed = np.array(sorted(set(map(int, corners.instant)) - known), int)
+        T = adjusted.state.T_view_rig[v] @ adjusted.state.boards(v, missed)
+        poses = dict(zip(missed.tolist(), T, strict=True))
         more.append(refine_boards(view.view.pictures, poses, board, camera, v))
     if sum(map(len, more[1:])) == 0:
         return adjusted, corners
     return without_outliers(adjusted.state, joined(more), board.points)
 
 
-def _joint_state(views: Sequence[ViewCalibration], T_view_rig: Float[Array, "V 4 4"]) -> State:
+def _joint_state(
+    views: Sequence[ViewCalibration], T_view_rig: Float[Array, "V 4 4"],
+    own: Float[Array, "V 4 4"] | None,
+) -> State:  # fmt: skip
     """Lenses of all views, and each board's pose by the view that saw most of it."""
     first = views[0].adjusted.state.T_rig_board
     boards, most = np.tile(np.eye(4), (len(first), 1, 1)), np.zeros(len(first), int)
     for v, view in enumerate(views):
         count = np.bincount(view.corners.instant, minlength=len(first))
         better = count > most
-        boards[better] = inverse(T_view_rig[v]) @ view.adjusted.state.T_rig_board[better]
+        seen = inverse(T_view_rig[v]) @ view.adjusted.state.T_rig_board[better]
+        boards[better] = seen if own is None else seen @ inverse(own[v])
         most = np.maximum(most, count)
     states = [view.adjusted.state for view in views]
     return State(tuple(s.shapes[0] for s in states), tuple(s.lenses[0] for s in states),
-                 T_view_rig, boards)  # fmt: skip
+                 T_view_rig, boards, T_board_own=own)  # fmt: skip
 
 
 def _alone(state: State, view: int) -> State:
     return replace(state, shapes=state.shapes[view : view + 1],
-                   lenses=state.lenses[view : view + 1], T_view_rig=np.eye(4)[None])  # fmt: skip
+                   lenses=state.lenses[view : view + 1], T_view_rig=np.eye(4)[None],
+                   T_board_own=None)  # fmt: skip
 
 
 def _camera(state: State, corners: Corners, view: int, seen: View, board: Board) -> Camera:

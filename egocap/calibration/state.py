@@ -1,7 +1,8 @@
 """The unknowns of a calibration, the corners that determine them, and the derivatives.
 
 Unknowns common to all pictures: each view's lens; T_view_rig of each view but the first, whose
-frame is the rig's; optionally the lag of each view but the first. Unknowns of each instant:
+frame is the rig's; optionally the lag of each view but the first, or the place of the board of its
+own that each view but the first sees. Unknowns of each instant:
 T_rig_board; optionally the board's motion during the readout of a picture.
 """
 
@@ -76,6 +77,7 @@ class State:
     timing: Timing = GLOBAL
     lag: Float[Array, "V"] | None = None  # seconds; of the first view 0
     motion: Float[Array, "I 6"] | None = None  # over the readout: rotation [rad], translation [m]
+    T_board_own: Float[Array, "V 4 4"] | None = None  # boards of their own, fixed to the first one
 
     @property
     def lens_columns(self) -> Int[Array, "V+1"]:
@@ -90,8 +92,13 @@ class State:
     @property
     def common(self) -> int:
         """Number of common unknowns."""
-        lags = len(self.lenses) - 1 if self.lag is not None else 0
-        return self.lag_column + lags
+        owned = 6 * (len(self.lenses) - 1) if self.T_board_own is not None else 0
+        return self.own_column + owned
+
+    @property
+    def own_column(self) -> int:
+        """First common column of the boards that views have of their own."""
+        return self.lag_column + (len(self.lenses) - 1 if self.lag is not None else 0)
 
     @property
     def each(self) -> int:
@@ -106,10 +113,19 @@ class State:
         cameras = self.T_view_rig.copy()
         cameras[1:] = moved_pose(cameras[1:], common[first[-1] : self.lag_column].reshape(-1, 6))
         boards = moved_pose(self.T_rig_board, each[:, :6])
-        lag = None if self.lag is None else self.lag + np.r_[0.0, common[self.lag_column :]]
+        lags = np.r_[0.0, common[self.lag_column : self.own_column]]
+        lag = None if self.lag is None else self.lag + lags
         motion = None if self.motion is None else self.motion + each[:, 6:]
+        own = None if self.T_board_own is None else self.T_board_own.copy()
+        if own is not None:
+            own[1:] = moved_pose(own[1:], common[self.own_column :].reshape(-1, 6))
         return replace(self, lenses=lenses, T_view_rig=cameras, T_rig_board=boards, lag=lag,
-                       motion=motion)  # fmt: skip
+                       motion=motion, T_board_own=own)  # fmt: skip
+
+    def boards(self, view: int, instants: Int[Array, "n"]) -> Float[Array, "n 4 4"]:
+        """T_rig_board of the board that a view sees."""
+        first = self.T_rig_board[instants]
+        return first if self.T_board_own is None else first @ self.T_board_own[view]
 
 
 class Seen(NamedTuple):
@@ -124,13 +140,14 @@ class Seen(NamedTuple):
 
 def by_view(state: State, corners: Corners, points: Float[Array, "K 3"]) -> Iterator[Seen]:
     """The corners of each view at the values of `state`."""
-    T = state.T_rig_board[corners.instant]
-    arms = np.einsum("nij,nj->ni", T[:, :3, :3], points[corners.corner])
     for v in range(len(state.lenses)):
         at = np.flatnonzero(corners.view == v)
         if not len(at):
             continue
-        instant, arm, origin = corners.instant[at], arms[at], T[at, :3, 3]
+        instant = corners.instant[at]
+        T, origin = state.boards(v, instant), state.T_rig_board[instant, :3, 3]
+        arm = np.einsum("nij,nj->ni", T[:, :3, :3], points[corners.corner[at]])
+        arm += T[:, :3, 3] - origin
         rows = _rows(state, v, corners.pixels[at, 1])
         if (moved := _displacement(state, v, instant, rows)) is not None:
             arm = Rotation.from_rotvec(moved[:, :3]).apply(arm)
@@ -172,6 +189,11 @@ def jacobian(
                 velocity = state.timing.velocity[corners.instant[at]]
                 by_lag = np.einsum("nij,nj->ni", by_board, velocity)
                 common[at, :, state.lag_column + v - 1] = by_lag
+            if state.T_board_own is not None:
+                first = state.own_column + 6 * (v - 1)
+                turned = points[corners.corner[at]] @ state.T_board_own[v, :3, :3].T
+                R = T_view[:3, :3] @ state.T_rig_board[corners.instant[at], :3, :3]
+                common[at, :, first : first + 6] = _by_pose(by_point @ R, turned)
     return common, each
 
 

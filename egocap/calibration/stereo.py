@@ -1,4 +1,12 @@
-"""Starting values of the cameras' poses on the rig, from boards that two of them saw together."""
+"""Starting values of the cameras' poses on the rig, from boards that two of them saw together.
+
+Or from boards that stand still, one before each camera, while the rig moves: hand-eye calibration
+for robot and world. With A_i and B_i the poses of the first and of another camera's board,
+X A_i W = B_i for the camera's pose X and the board's place W, so that relative motions turn about
+axes that X maps to each other.
+
+Source: Shah 2013, "Solving the robot-world/hand-eye calibration problem"; Park and Martin 1994.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +27,9 @@ LEAST_SHARED = 3  # boards that two views saw together
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 _APART = np.deg2rad(10.0)  # between two estimates that agree, or that many per _APART_M
 _APART_M = 0.05
+_TURNED = np.deg2rad(3.0)  # rms of relative rotations about the second axis
+_CLEAR = np.deg2rad(150.0)  # a rotation near half a turn has no sign
+_STANDS_M = 0.03  # median change of a fixed board's place that lenses known roughly explain
 
 
 def start_poses(views: Sequence[ViewCalibration], board: Board) -> Float[Array, "V 4 4"]:
@@ -37,7 +48,8 @@ def start_poses(views: Sequence[ViewCalibration], board: Board) -> Float[Array, 
             raise InputError(
                 f"{names}: only {shared} boards are seen together with another camera",
                 valid=f"pictures taken at the same instant, with the same name, {LEAST_SHARED} or "
-                "more of them with the board in both cameras (a larger board reaches farther)",
+                "more of them with the board in both cameras (a larger board reaches farther); or "
+                "--fixed-boards, a board fixed before each camera while the rig moves",
             )
         T_view_rig[new] = T @ T_view_rig[placed]
     return np.array([T_view_rig[v] for v in range(len(views))])
@@ -58,6 +70,56 @@ def shared_pose(
     agree = found[apart[best] < 1.0]
     R = Rotation.from_matrix(agree[:, :3, :3]).mean().as_matrix()
     return rigid(R, np.median(agree[:, :3, 3], axis=0)), len(agree)
+
+
+def fixed_boards(
+    views: Sequence[ViewCalibration], board: Board
+) -> tuple[Float[Array, "V 4 4"], Float[Array, "V 4 4"]]:
+    """T_view_rig of every view, and where its board stands: T_board_own, in the first one's frame.
+
+    Raises InputError for a board that looks the same after half a turn, and for motions that do not
+    determine the poses.
+    """
+    if board.symmetric:
+        raise InputError(f"{board} fixed in the room looks the same after half a turn",
+                         valid="a ChArUco board or an AprilGrid")  # fmt: skip
+    found = [(np.eye(4), np.eye(4)), *(hand_eye(views[0], view) for view in views[1:])]
+    cameras, boards = (np.array(each) for each in zip(*found, strict=True))
+    return cameras, boards
+
+
+def hand_eye(
+    first: ViewCalibration, second: ViewCalibration
+) -> tuple[Float[Array, "4 4"], Float[Array, "4 4"]]:
+    """T_second_first and T_board_own from the poses of two boards that stand still."""
+    shared = sorted(first.poses.keys() & second.poses.keys())
+    name = second.view.name
+    if len(shared) < LEAST_SHARED:
+        raise InputError(f"{name}: it and {first.view.name} see their boards at only {len(shared)} "
+                         "instants", valid="20 or more pictures taken at the same instant, with "
+                         "the same name, each camera before its own board")  # fmt: skip
+    A, B = (np.array([view.poses[i] for i in shared]) for view in (first, second))
+    i, j = np.triu_indices(len(shared), 1)
+    of_A, of_B = A[j] @ inverse(A[i]), B[j] @ inverse(B[i])
+    axes = [Rotation.from_matrix(T[:, :3, :3]).as_rotvec() for T in (of_A, of_B)]
+    if np.linalg.svd(axes[0])[1][1] < _TURNED * np.sqrt(len(i)):
+        raise InputError(f"{name}: the rig hardly turned between the pictures", valid="pictures "
+                         "with the rig tilted, turned and rolled by 20 degrees or more, about "
+                         "more than one axis")  # fmt: skip
+    clear = np.linalg.norm(axes, axis=2).max(0) < _CLEAR
+    R = Rotation.align_vectors(axes[1], axes[0], clear)[0].as_matrix()
+    system = (np.eye(3) - of_B[:, :3, :3]).reshape(-1, 3)
+    shift = (of_B[:, :3, 3] - of_A[:, :3, 3] @ R.T).ravel()
+    X = rigid(R, np.linalg.lstsq(system, shift, rcond=None)[0])
+    places = inverse(A) @ inverse(X) @ B
+    W = rigid(Rotation.from_matrix(places[:, :3, :3]).mean().as_matrix(),
+              np.median(places[:, :3, 3], axis=0))  # fmt: skip
+    off = float(np.median(np.linalg.norm(places[:, :3, 3] - W[:3, 3], axis=1)))
+    if off > _STANDS_M:
+        raise InputError(f"{name}: its board moved by {100 * off:.0f} cm against that of "
+                         f"{first.view.name}", valid="boards that stand still, and pictures of "
+                         "the same instants")  # fmt: skip
+    return X, W
 
 
 def same_way_round(

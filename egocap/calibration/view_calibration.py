@@ -73,7 +73,7 @@ def calibrate_view(
     refuse_other_layout(view, board, anchors)
     least = 8 if board.markers else LEAST_REFINED
     first = anchor_corners(anchors, 0, least)
-    refuse_few_boards(view, first)
+    refuse_few_boards(view, board, first)
     started = start_view(first, anchor_points(board), view.size)
     poses = _anchor_poses(view, board, anchors, start_camera(started.state, view.size))
     adjusted, corners = _refined(view, board, started, poses, instants)
@@ -132,7 +132,7 @@ def _refined(
     lens = started.state
     for _ in range(_ROUNDS):
         corners = refine_boards(view.pictures, poses, board, camera, 0)
-        refuse_few_boards(view, corners)
+        refuse_few_boards(view, board, corners)
         state = _state(lens, camera, corners, board, poses, instants)
         adjusted, corners = without_outliers(state, corners, board.points)
         lens = adjusted.state

@@ -21,6 +21,7 @@ def calibrate(
     model: str | None = None,
     mount: Path | None = None,
     page: Path | None = None,
+    fixed_boards: bool = False,
     json: bool = False,
 ) -> int:
     """Calibrate the cameras of a rig from pictures or videos of a printed board.
@@ -36,6 +37,8 @@ def calibrate(
         model: equidistant, kannala_brandt or ocam; by default chosen by the held-out error.
         mount: rig file with the same views; the calibrated cameras are placed on the head like its.
         page: HTML report to write.
+        fixed_boards: each camera saw a board of its own, fixed in the room, while the rig was
+            moved; for cameras that never see one board together.
         json: print the parameters and their standard deviations as JSON.
     """
     import logging
@@ -51,7 +54,7 @@ def calibrate(
     log = logging.getLogger(__name__)
     nominal = load_rig(mount) if mount else None
     found = calibrate_rig(sources, board, model=model, mount=nominal, name=out.stem,
-                          on_step=log.info)  # fmt: skip
+                          fixed_boards=fixed_boards, on_step=log.info)  # fmt: skip
     write_rig(out, found.rig, found.notes)
     if page is not None:
         write_page(found, page)

@@ -118,7 +118,8 @@ def _of_poses(calibration: Calibration) -> list[str]:
         _, shift = calibration.pose_deviations(v)
         if np.linalg.norm(shift) > 0.001:
             found.append(f"{name}: its position is uncertain by {1000 * np.linalg.norm(shift):.1f} "
-                         "mm: show more boards to both cameras at once")  # fmt: skip
+                         "mm: show more boards to both cameras at once, or turn the rig more "
+                         "before fixed ones")  # fmt: skip
     return found
 
 
@@ -131,7 +132,7 @@ def _tilts(calibration: Calibration, v: int) -> Float[Array, "n"]:
     """Angle between each board's normal and the line of sight to its middle, radians."""
     state = calibration.adjusted.state
     seen = np.unique(calibration.corners.instant[calibration.corners.view == v])
-    T = state.T_view_rig[v] @ state.T_rig_board[seen]
+    T = state.T_view_rig[v] @ state.boards(v, seen)
     middle = np.append(calibration.board.points.mean(0), 1.0)
     sight = (T @ middle)[:, :3]
     cosine = (sight * T[:, :3, 2]).sum(1) / np.linalg.norm(sight, axis=1)

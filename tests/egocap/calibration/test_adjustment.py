@@ -1,15 +1,18 @@
 """The adjustment on ideal corners with known noise, and against OpenCV on the same corners."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from egocap.calibration.adjustment import adjust
 from egocap.calibration.lens_shape import LensShape, lens_shapes
 from egocap.calibration.model_choice import choose_shape, with_shape
 from egocap.calibration.planar_pose import planar_pose
 from egocap.calibration.start import start_view
-from egocap.calibration.state import GLOBAL, Corners, State, Timing, jacobian, residuals_of
+from egocap.calibration.state import GLOBAL, Corners, State, Timing, jacobian, joined, residuals_of
 from egocap.geometry import inverse, transform, unit
 
 KANNALA = LensShape("kannala_brandt")
@@ -130,3 +133,55 @@ def test_outliers_do_not_move_the_lens(fitted, corners, board):
     wrong = Corners(own.instant, own.view, own.corner, pixels, own.whitening)
     found = adjust(fitted.state, wrong, board.points)
     assert np.abs(found.state.lenses[0][:4] - fitted.state.lenses[0][:4]).max() < 0.6
+
+
+@pytest.fixture(scope="module")
+def before_own_boards(fitted, rig, boards, board):
+    """Two cameras that turn back to back, each before a fixed board, and their noisy corners."""
+    rng, parts = np.random.default_rng(9), []
+    truth = inverse(rig.T_head_camera[1]) @ rig.T_head_camera[0]
+    own = inverse(boards[0]) @ inverse(truth) @ boards[5]
+    state = replace(stereo_state(fitted, rig, boards), T_board_own=np.array([np.eye(4), own]))
+    for v, mount in enumerate(rig.mounts):
+        T = state.T_view_rig[v] if v == 0 else truth
+        for i in range(len(boards)):
+            points = transform(T @ state.boards(v, np.array([i]))[0], board.points)
+            pixels, valid = mount.camera.project(points)
+            at = np.flatnonzero(valid)
+            if len(at) >= 6:
+                seen = pixels[at] + 0.1 * rng.standard_normal((len(at), 2))
+                parts.append(Corners(np.full(len(at), i), np.full(len(at), v), at, seen,
+                                     np.tile(np.eye(2), (len(at), 1, 1))))  # fmt: skip
+    return state, joined(parts), truth, own
+
+
+def test_derivatives_by_the_boards_of_their_own(before_own_boards, board):
+    state, corners, _, _ = before_own_boards
+    common, each = jacobian(state, corners, board.points)
+    assert state.common == state.own_column + 6 == common.shape[2]
+    still = np.zeros((len(state.T_rig_board), 6))
+    for k in range(state.lag_column - 6, state.common):
+        step = 1e-6 * np.eye(state.common)[k]
+        ahead, behind = (residuals_of(state.moved(s * step, still), corners, board.points)
+                         for s in (1, -1))  # fmt: skip
+        assert np.allclose(common[:, :, k], (behind - ahead) / 2e-6, rtol=1e-4, atol=2e-3), k
+    for k in range(6):
+        step = np.zeros_like(still)
+        step[:, k] = 1e-6
+        nothing = np.zeros(state.common)
+        ahead, behind = (residuals_of(state.moved(nothing, s * step), corners, board.points)
+                         for s in (1, -1))  # fmt: skip
+        assert np.allclose(each[:, :, k], (behind - ahead) / 2e-6, rtol=1e-4, atol=2e-3), k
+
+
+def test_stereo_pose_from_boards_of_their_own(before_own_boards, board):
+    """Within four of the stated standard deviations, which are below a millimetre."""
+    state, corners, truth, own = before_own_boards
+    found = adjust(state, corners, board.points)
+    first = int(found.state.lens_columns[-1])
+    std = np.sqrt(np.diag(found.covariance))[first:]
+    assert found.converged and std[3:6].max() < 1e-3
+    for T, true, spread in ((found.state.T_view_rig[1], truth, std[:6]),
+                            (found.state.T_board_own[1], own, std[6:])):  # fmt: skip
+        turn = Rotation.from_matrix(T[:3, :3] @ true[:3, :3].T).as_rotvec()
+        assert (np.abs(np.r_[turn, T[:3, 3] - true[:3, 3]]) < 4.0 * spread).all()

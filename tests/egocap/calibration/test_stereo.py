@@ -12,10 +12,10 @@ from egocap.calibration.lens_shape import LensShape
 from egocap.calibration.model_choice import Choice
 from egocap.calibration.recording import View
 from egocap.calibration.state import Corners, State
-from egocap.calibration.stereo import half_turn, same_way_round, start_poses
+from egocap.calibration.stereo import fixed_boards, half_turn, same_way_round, start_poses
 from egocap.calibration.view_calibration import ViewCalibration
 from egocap.errors import InputError
-from egocap.geometry import axis_angle, rigid, transform
+from egocap.geometry import axis_angle, rigid, transform, unit
 
 T_RIGHT_LEFT = rigid(axis_angle(np.array([0.0, 1.0, 0.0]), 0.3), [-0.3, 0.02, 0.01])
 
@@ -72,3 +72,35 @@ def calibrated(board, boards, T_view, turned):
     adjusted = Adjusted(state, none, 1.0, np.zeros((0, 0)), True)
     view = View("left", (10, 10), {}, Path("left"))
     return ViewCalibration(view, 0, Choice(LensShape("equidistant"), {}), adjusted, corners)
+
+
+OWN = rigid(axis_angle(unit(np.array([0.3, 1.0, 0.2])), 2.5), [0.4, -0.1, 1.9])
+"""The right camera's board in the frame of the left one's."""
+
+
+def before_fixed_boards(boards, name="right"):
+    right = {i: T_RIGHT_LEFT @ T @ OWN for i, T in enumerate(boards)}
+    return [SimpleNamespace(poses=dict(enumerate(boards)), view=SimpleNamespace(name="left")),
+            SimpleNamespace(poses=right, view=SimpleNamespace(name=name))]  # fmt: skip
+
+
+def test_cameras_that_never_see_one_board_together(boards):
+    cameras, own = fixed_boards(before_fixed_boards(boards), parse_board("charuco:5x7:0.03:0.02"))
+    assert np.allclose(cameras[1], T_RIGHT_LEFT, atol=1e-8)
+    assert np.allclose(own[1], OWN, atol=1e-8)
+
+
+def test_fixed_boards_that_determine_nothing(boards):
+    charuco = parse_board("charuco:5x7:0.03:0.02")
+    with pytest.raises(InputError, match="after half a turn"):
+        fixed_boards(before_fixed_boards(boards), parse_board("checkerboard:5x7:0.03"))
+    with pytest.raises(InputError, match="only 2 instants"):
+        fixed_boards(before_fixed_boards(boards[:2]), charuco)
+    turned = [rigid(axis_angle(np.array([0.0, 0.0, 1.0]), 0.1 * i), [0.1 * i, 0.0, 1.0])
+              for i in range(9)]  # fmt: skip
+    with pytest.raises(InputError, match="hardly turned"):
+        fixed_boards(before_fixed_boards(turned), charuco)
+    pair = before_fixed_boards(boards)
+    pair[1].poses = {i: pair[1].poses[(i + 3) % len(boards)] for i in pair[1].poses}
+    with pytest.raises(InputError, match="right: its board moved"):
+        fixed_boards(pair, charuco)

@@ -1,14 +1,16 @@
 """Faults of every long command: killed at random moments, ended, a full disk, two writers.
 
 Each command runs in an empty folder on tiny inputs. It is killed (SIGKILL) again and again at
-seeded moments and run once more to its end; then stopped by SIGTERM, run with a closed stdout, with
-a disk that fills at each write, into a folder that cannot be written, and twice at once. After each
-fault no process of it may be left and every file under a final name must be whole; the same command
-must then end well, with the files of an undisturbed run and no others.
+seeded moments, and once while it holds its lock; stopped by SIGTERM, and by Ctrl-C once and twice;
+run with a closed stdout, a disk that fills at each write, a clock that jumps back and forth, into a
+folder that cannot be written, and twice at once. After each fault no process of it may be left and
+every file under a final name must be whole; the same command must then end well, with the files of
+an undisturbed run and no others.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import signal
@@ -16,21 +18,23 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
+from zlib import crc32
 
 import numpy as np
 from tyro.conf import arg
 
-from egocap.errors import EgocapError, InputError, MachineError
+from egocap.errors import InputError, MachineError
 from egocap.evaluation.table import Table
-from egocap.files import read_npz
-from egocap.schema import read_json, read_toml
+from egocap_eval.fuzz.outputs import broken_files, names
 from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
+
+log = logging.getLogger(__name__)
 
 COMMANDS = {
     "detect": "egocap detect {in}/sequence --out o/d.npz",
@@ -43,9 +47,9 @@ COMMANDS = {
     "import": "egocap import {films} --rig {in}/films/rig.json --out o/clip --copy",
     "mocap": "egocap mocap {films} --rig {in}/films/rig.json --out o/capture --height 1.75",
     "calibrate": "egocap calibrate {in}/boards/left {in}/boards/right --out o/rig.toml "
-    "--board charuco:5x7:0.06:0.045 --model equidistant --page o/page.html",
+    "--board charuco:4x4:0.15:0.11 --model equidistant --page o/page.html",
     "posterior": "egocap posterior {in}/sequence --frame 2 --detections simulated:2 --walkers 4 "
-    "--most-steps 20 --out o/p.npz --checkpoint o/c.npz",
+    "--most-steps 500 --out o/p.npz --checkpoint o/c.npz",
     "train": "egocap train {in}/sequence --out o/run --config tiny --steps 3 --batch 2 "
     "--held-out 0 --resume",
     "export": "egocap export {in}/t.npz --out o/motion.glb",
@@ -56,9 +60,7 @@ COMMANDS = {
 _SUITE = """name = "tiny"
 [[sequences]]
 name = "walk"
-scene = "validation-walk"
-size = [96, 80]
-frames = 4
+folder = "{folder}/sequence"
 [[methods]]
 name = "noisy"
 detections = "simulated:2.0"
@@ -74,9 +76,21 @@ def fsync(file):
     sync(file)
 os.fsync = fsync
 package = sys.argv.pop(1)
-sys.exit(import_module(f"{package}.__main__").main())
+sys.exit(import_module(f"{package}.cli").main())
 """
-_MOST_S, _ENDED_S = 180.0, 10.0  # of one run; from a signal to the end of its processes
+_JUMPS = """
+import sys, time
+from importlib import import_module
+calls, now = [0], time.time
+def jumping():
+    calls[0] += 1
+    return now() + 86400 * (calls[0] % 3 - 1)
+time.time = jumping
+package = sys.argv.pop(1)
+sys.exit(import_module(f"{package}.cli").main())
+"""
+_AT_ONCE = 2  # commands
+_MOST_S, _ENDED_S = 300.0, 10.0  # of one run; from a signal to the end of its processes
 _CLOSED = (0, 1)  # exit codes with a closed stdout
 _INTERRUPTED = (0, 130, -signal.SIGINT, -signal.SIGTERM)  # after SIGTERM, early or late
 
@@ -99,6 +113,7 @@ class Trial:
         return subprocess.Popen(
             words, cwd=self.folder, text=True, start_new_session=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={"OMP_NUM_THREADS": "1"} | os.environ,
         )  # fmt: skip
 
     def clear(self) -> None:
@@ -121,6 +136,10 @@ class Trial:
         _, said = run.communicate(timeout=_MOST_S)
         self.check(fault, said, (0,), run.returncode)
         self.faults[fault] -= 1
+        self.compare(fault)
+
+    def compare(self, fault: str) -> None:
+        """Note files that an undisturbed run has not, or the other way round."""
         if (found := names(self.folder)) != self.files:
             odd = ", ".join(sorted(found ^ self.files)[:3])
             self.problems.append(f"{self.name}, after {fault}: other files than undisturbed: {odd}")
@@ -146,14 +165,18 @@ def study(
         raise InputError(f"--kills {kills}", valid="0 or more")
     inputs = make_inputs((work / "inputs").absolute(), only or tuple(COMMANDS))
     trials = []
-    for number, name in enumerate(COMMANDS):
-        if name not in only and only:
-            continue
+    for name in only or COMMANDS:
         text = COMMANDS[name].replace("{films}", "{in}/films/left.mp4 {in}/films/right.mp4")
-        words = text.replace("{in}", str(inputs)).split()
-        trial = Trial(name, words, (work / name).absolute())
-        disturb(trial, kills, np.random.default_rng([seed, number]))
-        trials.append(trial)
+        trials.append(Trial(name, text.replace("{in}", str(inputs)).split(),
+                            (work / name).absolute()))  # fmt: skip
+
+    def run(trial: Trial) -> None:
+        disturb(trial, kills, np.random.default_rng([seed, crc32(trial.name.encode())]))
+        said = "; ".join(trial.problems) or "no problem"
+        log.info("%s: %d faults, %s", trial.name, sum(trial.faults.values()), said)
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        list(pool.map(run, trials))
     missed = [problem for trial in trials for problem in trial.problems]
     result = {t.name: {"faults": t.faults, "problems": len(t.problems)} for t in trials}
     kinds = list(dict.fromkeys(kind for t in trials for kind in t.faults))
@@ -176,19 +199,28 @@ def disturb(trial: Trial, kills: int, rng: np.random.Generator) -> None:
     for moment in rng.uniform(0.0, 1.1 * trial.seconds, kills):
         _interrupt(trial, "kill", signal.SIGKILL, float(moment), ())
     trial.finish("kill")
-    for fault in (_terminate, _closed_stdout, _full_disk, _read_only, _two_writers):
+    for fault in (_stale_lock, _stopped, _closed_stdout, _clock, _full_disk, _read_only,
+                  _two_writers):  # fmt: skip
         trial.clear()
         fault(trial, rng)
 
 
-def _interrupt(trial: Trial, fault: str, number: int, moment: float, codes: tuple[int, ...]) -> str:
-    """Start, send a signal to the first process after `moment` s, and wait for all of them."""
+def _interrupt(
+    trial: Trial, fault: str, number: int, moment: float, codes: tuple[int, ...],
+    times: int = 1, send: Callable[[int, int], None] = os.kill,
+) -> str:  # fmt: skip
+    """Start, send a signal to the first process after `moment` s, and wait for all of them.
+
+    Several `times` follow at 0.1 s; `send` is os.killpg for what a terminal does.
+    """
     run = trial.start()
     with suppress(subprocess.TimeoutExpired):
         run.wait(moment)
     ended = run.poll() is not None
     with suppress(ProcessLookupError):
-        os.kill(run.pid, number)
+        for _ in range(times):
+            send(run.pid, number)
+            time.sleep(0.1 * (times > 1))
     _, said = run.communicate(timeout=_MOST_S)
     for pid in _left(run.pid):
         trial.problems.append(f"{trial.name}, {fault}: process {pid} is left")
@@ -197,12 +229,40 @@ def _interrupt(trial: Trial, fault: str, number: int, moment: float, codes: tupl
     return said
 
 
-def _terminate(trial: Trial, rng: np.random.Generator) -> None:
-    moment = float(rng.uniform(0.3, 0.9)) * trial.seconds
-    _interrupt(trial, "SIGTERM", signal.SIGTERM, moment, _INTERRUPTED)
-    left = [n for n in names(trial.folder) if n.endswith(".tmp") or n.endswith("lock")]
-    trial.problems += [f"{trial.name}, SIGTERM: {name} is left" for name in left]
-    trial.finish("SIGTERM")
+def _stopped(trial: Trial, rng: np.random.Generator) -> None:
+    """SIGTERM, Ctrl-C, Ctrl-C twice; the same command goes on after each."""
+    for fault, number, times, send in (
+        ("SIGTERM", signal.SIGTERM, 1, os.kill), ("Ctrl-C", signal.SIGINT, 1, os.killpg),
+        ("Ctrl-C twice", signal.SIGINT, 2, os.killpg),
+    ):  # fmt: skip
+        moment = float(rng.uniform(0.3, 0.9)) * trial.seconds
+        _interrupt(trial, fault, number, moment, _INTERRUPTED, times, send)
+        left = [n for n in names(trial.folder) if n.endswith((".tmp", "lock"))]
+        trial.problems += [f"{trial.name}, {fault}: {n} is left" for n in left if times == 1]
+    trial.finish("Ctrl-C twice")
+
+
+def _stale_lock(trial: Trial, _: np.random.Generator) -> None:
+    """Killed while it holds the lock of its output: the next one takes the lock over."""
+    run = trial.start()
+    until = time.monotonic() + trial.seconds
+    while not any(trial.folder.rglob(".*lock")) and time.monotonic() < until:
+        time.sleep(0.002)
+    with suppress(ProcessLookupError):
+        os.killpg(run.pid, signal.SIGKILL)
+    run.communicate(timeout=_MOST_S)
+    if not any(trial.folder.rglob(".*lock")):
+        trial.problems.append(f"{trial.name}, stale lock: no lock was taken")
+    trial.check("stale lock")
+    trial.finish("stale lock")
+
+
+def _clock(trial: Trial, _: np.random.Generator) -> None:
+    """The clock of the day goes back and forth by a day at every reading."""
+    run = trial.start([sys.executable, "-c", _JUMPS, *trial.words])
+    said = run.communicate(timeout=_MOST_S)[1]
+    trial.check("clock jumps", said, (0,), run.returncode)
+    trial.compare("clock jumps")
 
 
 def _closed_stdout(trial: Trial, _: np.random.Generator) -> None:
@@ -212,7 +272,7 @@ def _closed_stdout(trial: Trial, _: np.random.Generator) -> None:
     run.stdout = None
     said = run.communicate(timeout=_MOST_S)[1]
     trial.check("closed stdout", said, _CLOSED, run.returncode)
-    trial.finish("closed stdout")
+    trial.compare("closed stdout")
 
 
 def _full_disk(trial: Trial, _: np.random.Generator) -> None:
@@ -225,7 +285,9 @@ def _full_disk(trial: Trial, _: np.random.Generator) -> None:
             break
         if "disk is full" not in said and "No space left" not in said:
             trial.problems.append(f"{trial.name}, full disk: says {said.strip()[-120:]}")
-    trial.finish("full disk")
+    else:
+        trial.finish("full disk")
+    trial.compare("full disk")
 
 
 def _read_only(trial: Trial, _: np.random.Generator) -> None:
@@ -246,7 +308,7 @@ def _two_writers(trial: Trial, rng: np.random.Generator) -> None:
         trial.check("two writers", said, (0, 1), code)
     if all(code for _, code in ends):
         trial.problems.append(f"{trial.name}, two writers: neither ended well")
-    trial.finish("two writers")
+    trial.compare("two writers")
 
 
 def _left(session: int) -> list[int]:
@@ -265,44 +327,15 @@ def _members(session: int) -> Iterator[int]:
                 yield int(stat.parent.name)
 
 
-def names(folder: Path) -> set[str]:
-    """Relative paths of the files; those of a cache by their folder, since it is named by hash."""
-    found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
-    return {str(Path(*p.parts[:3]) if "views" in p.parts else p) for p in found}
-
-
-def broken_files(folder: Path) -> Iterator[str]:
-    """Files under final names that cannot be read."""
-    readers: dict[str, Callable[[Path], Any]] = {
-        ".npz": read_npz, ".json": read_json, ".toml": read_toml,
-        ".safetensors": partial(_starts, b""), ".glb": partial(_starts, b"glTF"),
-        ".html": partial(_starts, b"<"), ".tar": partial(_starts, b""),
-    }  # fmt: skip
-    for path in sorted(folder.rglob("*")):
-        hidden = any(part.startswith(".") or part.endswith((".tmp", ".part"))
-                     for part in path.relative_to(folder).parts)  # fmt: skip
-        if path.suffix in readers and path.is_file() and not hidden:
-            try:
-                readers[path.suffix](path)
-            except EgocapError as error:
-                yield f"a broken file: {error!s:.160}"
-
-
-def _starts(magic: bytes, path: Path) -> None:
-    content = path.read_bytes()
-    if not content.startswith(magic) or not content:
-        raise InputError(f"{path} begins with {content[:8]!r}")
-
-
 def make_inputs(folder: Path, commands: tuple[str, ...]) -> Path:
     """The inputs of these commands, where they are missing."""
     scene = builtin_scene("validation-walk", (160, 128), frames=12)
     prepare_sequence(scene, folder / "sequence")
-    (folder / "suite.toml").write_text(_SUITE)
+    (folder / "suite.toml").write_text(_SUITE.replace("{folder}", str(folder)))
     makers = {
         "films": f"egocap_sim export {folder}/sequence --format videos --out {folder}/films",
-        "boards": f"egocap_sim calibration-board --out {folder}/boards --count 20 --size 640 512 "
-        "--board charuco:5x7:0.06:0.045",
+        "boards": f"egocap_sim calibration-board --out {folder}/boards --count 12 --size 400 320 "
+        "--board charuco:4x4:0.15:0.11",
         "t.npz": f"egocap track {folder}/sequence --detections simulated:2 --out {folder}/t.npz",
     }
     needed = {"films": {"import", "mocap"}, "boards": {"calibrate"}, "t.npz": {"export"}}

@@ -83,6 +83,15 @@ def run(
     return DONE if code is None else int(code)
 
 
+def start(prog: str, program: Callable[[], int]) -> int:
+    """Run what imports a program and runs it; returns its exit code, also for Ctrl-C meanwhile."""
+    try:
+        return program()
+    except KeyboardInterrupt:
+        _report(prog, "interrupted")
+        return INTERRUPTED
+
+
 @contextmanager
 def progress(
     what: str, total: int, *, unit: str = "frames", every: float = 5.0

@@ -3,6 +3,17 @@
 One module a group of commands. Nothing imports this room.
 """
 
-from egocap.cli.program import main
+from egocap.commandline import start
 
 __all__ = ["main"]
+
+
+def main() -> int:
+    """Run `egocap` and return its exit code."""
+
+    def program() -> int:
+        from egocap.cli.program import main
+
+        return main()
+
+    return start("egocap", program)

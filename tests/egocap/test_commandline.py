@@ -216,3 +216,11 @@ def test_progress_draws_a_bar_on_a_terminal(monkeypatch):
         time.sleep(0.01)
     shown = sys.stderr.getvalue()
     assert "render" in shown and "2/2" in shown and "clips/s" in shown
+
+
+def test_ctrl_c_while_a_program_is_imported_is_one_line(capsys):
+    def program():
+        raise KeyboardInterrupt
+
+    assert commandline.start("slow", program) == commandline.INTERRUPTED
+    assert capsys.readouterr().err == "slow: interrupted\n"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
@@ -20,6 +20,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
 MOST_VIEWS = 16
 MOST_FRAMES = 120  # of a video
 _APART_S = 0.012  # between frames that count as of the same instant
+_APART_IN_THREES_S = 0.002  # where the lag is sought
 _NAME = re.compile(r"[^A-Za-z0-9_-]+")
 
 
@@ -39,20 +40,21 @@ class Recording:
 
     views: tuple[View, ...]
     labels: tuple[str, ...]  # of the instants, for messages
+    times: Float[Array, "I"] | None = None  # of the instants of videos, seconds
 
 
-def read_recording(sources: Sequence[Path]) -> Recording:
+def read_recording(sources: Sequence[Path], in_threes: bool = False) -> Recording:
     """Read a folder of pictures, or a video, per camera.
 
     Pictures with the same name, or else with the same last number in their names, are of the same
-    instant; so are frames of videos at the same time from their starts. Raises FileError for
-    folders without pictures, unreadable pictures and mixed sizes,
-    InputError for no source or two of the same name.
+    instant; so are frames of videos at the same time from their starts. `in_threes`: take frames
+    of videos three in a row. Raises FileError for folders without pictures, unreadable pictures
+    and mixed sizes, InputError for no source or two of the same name.
     """
     if not 1 <= len(sources) <= MOST_VIEWS:
         raise InputError(f"{len(sources)} sources", valid="a folder or video per camera, 1 to 16")
     if all(source.is_file() for source in sources):
-        return _read_videos(sources)
+        return _read_videos(sources, in_threes)
     files = [_picture_files(source) for source in sources]
     keys = _matched([[file.stem for file in each] for each in files])
     labels = sorted({key for each in keys for key in each}, key=_natural)
@@ -91,22 +93,32 @@ def _picture_files(source: Path) -> list[Path]:
     return sorted(found, key=lambda p: _natural(p.stem))
 
 
-def _read_videos(sources: Sequence[Path]) -> Recording:
+def _read_videos(sources: Sequence[Path], in_threes: bool) -> Recording:
     """Frames of videos that started together, spread evenly over the first one."""
     videos = [open_video(source) for source in sources]
     first = videos[0].times - videos[0].times[0]
-    wanted = first[np.unique(np.linspace(0, len(first) - 1, MOST_FRAMES).astype(int))]
+    wanted = first[_spread(len(first), in_threes)]
+    apart = _APART_IN_THREES_S if in_threes else _APART_S
     views = []
     for source, name, video in zip(sources, _view_names(sources), videos, strict=True):
         times = video.times - video.times[0]
         nearest = np.abs(times[:, None] - wanted).argmin(0)
-        late = np.abs(times[nearest] - wanted) > _APART_S
+        late = np.abs(times[nearest] - wanted) > apart
         pictures = {i: video.image(int(at)) for i, at in enumerate(nearest) if not late[i]}
         grey = {i: cv2.cvtColor(p, cv2.COLOR_RGB2GRAY) for i, p in pictures.items()
                 if p is not None}  # fmt: skip
         views.append(View(name, video.size, grey, source))
         video.close()
-    return Recording(tuple(views), tuple(f"{time:.2f} s" for time in wanted))
+    return Recording(tuple(views), tuple(f"{time:.2f} s" for time in wanted), wanted)
+
+
+def _spread(frames: int, in_threes: bool) -> Int[Array, "_"]:
+    """Places of at most `MOST_FRAMES` frames of a video, alone or three in a row."""
+    if not in_threes:
+        return np.unique(np.linspace(0, frames - 1, MOST_FRAMES).astype(int))
+    middle = np.linspace(1, frames - 2, MOST_FRAMES // 3).astype(int)
+    places = np.unique(middle[:, None] + np.arange(-1, 2))
+    return places[(places >= 0) & (places < frames)]
 
 
 def _read_pictures(files: list[Path]) -> list[UInt8[Array, "H W"]]:

@@ -14,6 +14,7 @@ from egocap.boards.board import Board, parse_board
 from egocap.calibration.adjustment import Adjusted
 from egocap.calibration.corner_search import refine_boards
 from egocap.calibration.image_rim import rim_angle
+from egocap.calibration.lag import require_small, require_times, with_lag
 from egocap.calibration.lens_shape import lens_shapes
 from egocap.calibration.mount import place_on_head
 from egocap.calibration.recording import Recording, View, read_recording
@@ -80,6 +81,7 @@ def calibrate(
     mount: Rig | None = None,
     name: str = "calibrated",
     fixed_boards: bool = False,
+    lag: bool = False,
     on_step: Step = lambda what: None,
 ) -> Calibration:
     """Calibrate the cameras of a rig from pictures of a board.
@@ -92,6 +94,7 @@ def calibrate(
         mount: a rig with the same views, on which the cameras' place on the head is taken from.
         name: of the rig.
         fixed_boards: each camera saw a board of its own, which stood still while the rig moved.
+        lag: estimate how much later each camera exposes than the first, from videos.
         on_step: called with a few words before each step.
 
     Raises InputError or FileError for pictures that do not determine the rig, with what to record
@@ -100,8 +103,8 @@ def calibrate(
     board = parse_board(board) if isinstance(board, str) else board
     on_step("reading the pictures")
     return calibrate_recording(
-        read_recording([Path(s) for s in sources]), board,
-        model=model, mount=mount, name=name, fixed_boards=fixed_boards, on_step=on_step,
+        read_recording([Path(s) for s in sources], in_threes=lag), board,
+        model=model, mount=mount, name=name, fixed_boards=fixed_boards, lag=lag, on_step=on_step,
     )  # fmt: skip
 
 
@@ -113,10 +116,12 @@ def calibrate_recording(
     mount: Rig | None = None,
     name: str = "calibrated",
     fixed_boards: bool = False,
+    lag: bool = False,
     on_step: Step = lambda what: None,
 ) -> Calibration:
     """`calibrate` for pictures in memory."""
     instants, views = len(recording.labels), []
+    times = require_times(recording, fixed_boards) if lag else None
     for i, view in enumerate(recording.views):
         on_step(f"{view.name}: corners and lens")
         shapes = lens_shapes(model, view.size)
@@ -124,7 +129,7 @@ def calibrate_recording(
     adjusted, corners = views[0].adjusted, views[0].corners
     if len(views) > 1:
         on_step("all cameras together")
-        adjusted, corners = _together(views, board, fixed_boards)
+        adjusted, corners = _together(views, board, fixed_boards, times)
     cameras = [_camera(adjusted.state, corners, v, view.view, board)
                for v, view in enumerate(views)]  # fmt: skip
     rig = _rig(adjusted.state, cameras, [v.view.name for v in views], mount, name)
@@ -133,17 +138,24 @@ def calibrate_recording(
 
 
 def _together(
-    views: Sequence[ViewCalibration], board: Board, fixed: bool
+    views: Sequence[ViewCalibration], board: Board, fixed: bool, times: Float[Array, "I"] | None
 ) -> tuple[Adjusted, Corners]:
-    """Adjust all views; boards that one view missed are searched where the others place them."""
+    """Adjust all views; boards that one view missed are searched where the others place them.
+
+    With the `times` of the instants, the lags as well.
+    """
     if fixed:
         T_view_rig, own = fixed_board_poses(views, board)
     else:
         T_view_rig, own = start_poses(views, board), None
         views = same_way_round(views, T_view_rig, board)
     state = _joint_state(views, T_view_rig, own)
-    corners = joined([v.corners for v in views])
-    adjusted, corners = without_outliers(state, corners, board.points)
+    every = joined([v.corners for v in views])
+    adjusted, corners = without_outliers(state, every, board.points)
+    if times is not None:
+        adjusted, corners = without_outliers(*with_lag(adjusted.state, every, times), board.points)
+        require_small(adjusted.state, times)
+        return adjusted, corners
     more = [corners]
     for v, view in enumerate(views):
         camera = start_camera(_alone(adjusted.state, v), view.view.size)

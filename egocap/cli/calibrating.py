@@ -20,6 +20,7 @@ def calibrate(
     out: Path,
     model: str | None = None,
     mount: Path | None = None,
+    lag: bool = False,
     page: Path | None = None,
     fixed_boards: bool = False,
     json: bool = False,
@@ -36,6 +37,8 @@ def calibrate(
         out: rig to write, .toml or .json.
         model: equidistant, kannala_brandt or ocam; by default chosen by the held-out error.
         mount: rig file with the same views; the calibrated cameras are placed on the head like its.
+        lag: estimate how much later each camera exposes than the first, from videos of a board
+            that moves slowly.
         page: HTML report to write.
         fixed_boards: each camera saw a board of its own, fixed in the room, while the rig was
             moved; for cameras that never see one board together.
@@ -44,8 +47,8 @@ def calibrate(
     import logging
 
     from egocap.calibration.report.page import check_page_name, print_report, write_page
+    from egocap.calibration.report.rig_output import check_rig_name, write_rig
     from egocap.calibration.rig_calibration import calibrate as calibrate_rig
-    from egocap.calibration.rig_output import check_rig_name, write_rig
     from egocap.cameras.rig_files import load_rig
 
     check_rig_name(out)
@@ -54,7 +57,7 @@ def calibrate(
     log = logging.getLogger(__name__)
     nominal = load_rig(mount) if mount else None
     found = calibrate_rig(sources, board, model=model, mount=nominal, name=out.stem,
-                          fixed_boards=fixed_boards, on_step=log.info)  # fmt: skip
+                          fixed_boards=fixed_boards, lag=lag, on_step=log.info)  # fmt: skip
     write_rig(out, found.rig, found.notes)
     if page is not None:
         write_page(found, page)

@@ -57,3 +57,13 @@ def test_two_sources_of_the_same_name(tmp_path):
     write_pictures(tmp_path / "left", ["1.png"])
     with pytest.raises(InputError, match="different folders"):
         read_recording([tmp_path / "left", tmp_path / "left"])
+
+
+def test_frames_of_videos_in_threes(tmp_path):
+    for name in ("left", "right"):
+        write_video(tmp_path / f"{name}.mp4", 20, np.arange(200))
+    recording = read_recording([tmp_path / "left.mp4", tmp_path / "right.mp4"], in_threes=True)
+    assert len(recording.times) <= 120 and recording.times[-1] > 9.0
+    gaps = np.diff(recording.times)
+    assert np.isclose(gaps, 0.05).sum() >= 2 * len(gaps) // 3
+    assert recording.views[0].pictures.keys() == recording.views[1].pictures.keys()

@@ -9,8 +9,8 @@ import pytest
 
 from egocap.boards.board import parse_board
 from egocap.calibration.report.page import render_page
+from egocap.calibration.report.rig_output import write_rig
 from egocap.calibration.rig_calibration import calibrate
-from egocap.calibration.rig_output import write_rig
 from egocap.cameras.rig_files import load_rig, parse_rig
 from egocap.errors import FileError
 from egocap.geometry import inverse

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 
-LONGEST_MESSAGE, LONGEST_KEY, LONGEST_VALID = 285, 60, 150
-"""Characters of a message (300 with the program's name), of a key, and of values that do not fit.
+LONGEST_MESSAGE, LONGEST_KEY, LONGEST_VALID = 300, 60, 1000
+"""Characters of a message without its valid values, of a key, and of a list of valid values.
 
 All of them may quote a file of any content.
 """
@@ -30,7 +30,7 @@ class InputError(EgocapError):
     """A value given by the user is wrong. The message names it and the valid values."""
 
     def __init__(self, problem: str, *, valid: str | Iterable[str] | None = None) -> None:
-        super().__init__(_joined(problem, _valid(valid)))
+        super().__init__(one_line(problem) + _valid(valid))
 
 
 class FileError(EgocapError):
@@ -53,7 +53,7 @@ class FileError(EgocapError):
             where += f", line {line}"
         if key is not None:
             where += f", key '{one_line(key, LONGEST_KEY)}'"
-        super().__init__(_joined(f"{where}: {problem}", _valid(valid)))
+        super().__init__(one_line(f"{where}: {problem}") + _valid(valid))
         self.path, self.line, self.key = Path(path), line, key
 
 
@@ -63,7 +63,7 @@ class MachineError(EgocapError):
     exit_code = 1
 
     def __init__(self, problem: str, *, remedy: str | None = None) -> None:
-        super().__init__(_joined(problem, f"; {remedy}" if remedy else ""))
+        super().__init__(one_line(problem) + (f"; {remedy}" if remedy else ""))
 
 
 def require(package: str, extra: str) -> None:
@@ -85,13 +85,7 @@ def _valid(valid: str | Iterable[str] | None) -> str:
     if valid is None:
         return ""
     names = valid if isinstance(valid, str) else ", ".join(valid)
-    return f" (valid: {names})"
-
-
-def _joined(problem: str, rest: str) -> str:
-    """Both in LONGEST_MESSAGE characters; the valid values get what the problem leaves."""
-    rest = one_line(rest, max(LONGEST_MESSAGE - len(problem), LONGEST_VALID))
-    return one_line(problem, LONGEST_MESSAGE - len(rest)) + rest
+    return f" (valid: {one_line(names, LONGEST_VALID)})"
 
 
 def one_line(text: str, most: int = LONGEST_MESSAGE) -> str:

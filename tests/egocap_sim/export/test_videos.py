@@ -98,11 +98,13 @@ def test_what_cannot_be_written_is_refused(tmp_path):
 
 
 def test_sound_states_the_clocks(exported):
-    from egocap.footage.synchronisation import coarse_lag, refine_clock, sound_signal
-    from egocap.media.sound import loudness
+    from egocap.footage.signals import sound_signal
+    from egocap.footage.synchronisation import coarse_lag, refine_clock
+    from egocap.media.sound import read_sound
 
     out, planted = exported
-    left, right = (sound_signal(*loudness(out / f"{view}.mp4")) for view in planted["views"])
+    heard = [read_sound(out / f"{view}.mp4") for view in planted["views"]]
+    left, right = (sound_signal(*track.loudness()) for track in heard)
     lag, correlation, _ = coarse_lag(left, right)
     offset, drift, _ = refine_clock(left, right, lag)
     told = list(planted["views"].values())[1]

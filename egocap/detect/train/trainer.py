@@ -35,6 +35,7 @@ from egocap.detect.train.curves import RunLog
 from egocap.detect.train.examples import Example, Views, ViewStore
 from egocap.detect.train.interruption import Interruption
 from egocap.detect.train.loss import Losses, losses
+from egocap.detect.train.mixed_precision import mixed_precision
 from egocap.detect.train.validation import Scores, predict, score, sigma_bias
 
 log = logging.getLogger(__name__)
@@ -146,7 +147,7 @@ class Trainer:
         images, points, state = (t.to(self.device, non_blocking=True) for t in batch)
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
-        with torch.autocast(self.device.type, torch.bfloat16):
+        with mixed_precision(self.device):
             heat, info = self._run(images)
         stride = self.network.config.stride
         terms = losses(heat.float(), info.float(), points, state, stride, self.config.loss)

@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.detect.heatmaps import decode
 from egocap.detect.train.examples import HIDDEN, SEEN, ViewStore
+from egocap.detect.train.mixed_precision import mixed_precision
 
 if TYPE_CHECKING:
     from egocap.detect.network import DetectorNetwork
@@ -62,7 +63,7 @@ def predict(
     was_training = network.training
     network.eval()
     columns: list[tuple[Array, ...]] = []
-    with torch.no_grad(), torch.autocast(device.type, torch.bfloat16):
+    with torch.no_grad(), mixed_precision(device):
         for images, points, state, magnification in _batches(store, indices, batch):
             heat, info = network(torch.from_numpy(images).to(device))
             heat, info = heat.float().cpu().numpy(), info.float().cpu()

@@ -137,9 +137,9 @@ def sequence_views(folder: Path, spec: ViewSpec, store: Path) -> Views:
     place = store / _key(sequence, spec)
     if place.exists():
         try:
-            return _read(place)
-        except (FileError, ValueError, KeyError, OSError) as error:
-            log.warning("%s: made again, as it is damaged (%s)", place, error)
+            return _read(place, spec)
+        except FileError as error:
+            log.warning("made again, as it is damaged: %s", error)
             shutil.rmtree(place)
     if not place.exists():
         part = place.with_name(f"{place.name}.{os.getpid()}.part")
@@ -151,7 +151,7 @@ def sequence_views(folder: Path, spec: ViewSpec, store: Path) -> Views:
                 part.rename(place)
         finally:
             shutil.rmtree(part, ignore_errors=True)
-    return _read(place)
+    return _read(place, spec)
 
 
 def _key(sequence: Sequence, spec: ViewSpec) -> str:
@@ -248,14 +248,34 @@ def canonical_labels(
     return tuple(view.labels(a, 0) for a in (points, state, scale))  # type: ignore[return-value]
 
 
-def _read(place: Path) -> Views:
-    labels = read_npz(place / "labels.npz")
-    points, state = labels["points"], labels["state"]
-    magnification, skipped = labels["magnification"], int(labels["skipped"])
-    images = np.load(place / "images.npy", mmap_mode="r" if len(points) else None)
+def _read(place: Path, spec: ViewSpec) -> Views:
+    """The views in a folder of the store. Raises FileError unless all arrays fit each other."""
+    file = place / "labels.npz"
+    labels = read_npz(file)
+    try:
+        points, state = labels["points"], labels["state"]
+        magnification, skipped = labels["magnification"], int(labels["skipped"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(file, f"not the labels of views: {error}") from None
+    count = len(points) if points.ndim else 0
+    shapes = [(count, 18, 2), (count, 18), (count, 18)]
+    if [a.shape for a in (points, state, magnification)] != shapes:
+        raise FileError(file, "holds labels of different numbers of views")
+    size = (count, spec.height, spec.width)
     parts = place / "parts.npy"
     return Views(
-        images,
-        np.load(parts, mmap_mode="r" if len(points) else None) if parts.exists() else None,
+        _pixels(place / "images.npy", (*size, 3)),
+        _pixels(parts, size) if parts.exists() else None,
         points, state, magnification, skipped,
     )  # fmt: skip
+
+
+def _pixels(path: Path, shape: tuple[int, ...]) -> UInt8[Array, "..."]:
+    """A memory map of an array of bytes. Raises FileError for another shape or type."""
+    try:
+        pixels = np.load(path, mmap_mode="r" if shape[0] else None)
+    except (EOFError, OSError, ValueError, SyntaxError) as error:
+        raise FileError(path, f"not a whole array: {error}") from None
+    if not isinstance(pixels, np.ndarray) or (pixels.shape, pixels.dtype) != (shape, np.uint8):
+        raise FileError(path, f"is not of {shape} bytes")
+    return pixels

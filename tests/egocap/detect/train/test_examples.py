@@ -1,6 +1,7 @@
 """Canonical views of sequences: labels where the truth is, damage left out and counted."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,12 +59,35 @@ def test_store_is_read_again(tiny_sequence, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2  # another view, another place
 
 
+def _cut(file):
+    file.write_bytes(file.read_bytes()[:100])
+
+
+def _empty(file):
+    file.write_bytes(b"")
+
+
+def _of_another_type(file):
+    if file.suffix == ".npy":
+        np.save(file, np.load(file).astype(np.float32))
+    else:
+        np.savez(file, **dict(np.load(file)) | {"skipped": np.array("many")})
+
+
+def _short_of_a_view(file):
+    if file.suffix == ".npy":
+        np.save(file, np.load(file)[1:])
+    else:
+        np.savez(file, **dict(np.load(file)) | {"points": np.zeros((3, 18, 2), np.float32)})
+
+
 @pytest.mark.parametrize("name", ["labels.npz", "images.npy"])
-def test_damaged_store_is_made_again(tiny_sequence, tmp_path, caplog, name):
+@pytest.mark.parametrize("damage", [_cut, _empty, _of_another_type, _short_of_a_view, Path.unlink])
+def test_damaged_store_is_made_again(tiny_sequence, tmp_path, caplog, name, damage):
     whole = build_store([tiny_sequence], SPEC, tmp_path)
     wanted = whole.sequences[0].images.copy()
     (file,) = tmp_path.glob(f"*/{name}")
-    file.write_bytes(file.read_bytes()[:100])
+    damage(file)
     again = build_store([tiny_sequence], SPEC, tmp_path)
     assert "made again" in caplog.text and again.skipped == whole.skipped
     np.testing.assert_array_equal(again.sequences[0].images, wanted)

@@ -32,6 +32,7 @@ def head_pose(
     settings: Annotated[OdometryConfig, tyro.conf.OmitArgPrefixes] = CONFIG,
     track: Path | None = None,
     rig: Path | None = None,
+    imu: Path | None = None,
     trajectory: Path | None = None,
     foreign: Annotated[ForeignOptions, tyro.conf.OmitArgPrefixes] = FOREIGN,
     json: bool = False,
@@ -48,6 +49,8 @@ def head_pose(
         track: track of the sequence; its body masks the wearer, who is otherwise told by depth
             and motion.
         rig: rig file in place of the sequence's own rig.
+        imu: CSV of a gyroscope and accelerometer on the head, timestamp_s,gx,gy,gz,ax,ay,az (rad/s,
+            m/s^2; or EuRoC's), in any axes and clock: up is that of gravity where it is surer.
         trajectory: poses of another program in place of the pictures: TUM, EuRoC, COLMAP's
             images.txt, Aria's closed_loop_trajectory.csv, or CSV of ARKit or OpenXR.
         foreign: how that trajectory is read.
@@ -59,15 +62,15 @@ def head_pose(
     opened = Sequence(sequence)
     cameras = opened.rig if rig is None else load_rig(rig)
     if trajectory is not None:
-        if track is not None or settings != CONFIG:
-            raise InputError("--track or settings of the odometry with --trajectory",
+        if track is not None or imu is not None or settings != CONFIG:
+            raise InputError("--track, --imu or settings of the odometry with --trajectory",
                              valid="one of pictures and trajectory")  # fmt: skip
         from egocap.head_pose.foreign import foreign_trajectory
 
         result = foreign_trajectory(trajectory, foreign, cameras, opened.times)
     else:
         _refuse(foreign)
-        result = _from_pictures(opened, cameras, settings, track)
+        result = _from_pictures(opened, cameras, settings, track, imu)
     result.save(out)
     _print(out, result, len(opened), json)
     return DONE
@@ -81,16 +84,22 @@ def _refuse(foreign: ForeignOptions) -> None:
 
 
 def _from_pictures(
-    sequence: Sequence, cameras: Rig, settings: OdometryConfig, track: Path | None
-) -> HeadTrajectory:
+    sequence: Sequence, cameras: Rig, settings: OdometryConfig, track: Path | None,
+    imu: Path | None,
+) -> HeadTrajectory:  # fmt: skip
     from egocap.data.track import load_track
     from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
+    from egocap.head_pose.imu import vertical_by_imu
+    from egocap.head_pose.imu_files import read_imu
 
+    sensor = None if imu is None else read_imu(imu)
     body = None if track is None else load_track(track)
     with progress("head pose", len(sequence)) as advance:
         found, reasons = by_odometry(sequence, settings, cameras, body, advance)
-    vertical = vertical_of(sequence, cameras, settings, found)
-    return head_trajectory(found, reasons, len(sequence), vertical)
+    inertial = None if sensor is None else vertical_by_imu(found.time, found.T_map_head, sensor)
+    vertical = vertical_of(sequence, cameras, settings, found,
+                           None if inertial is None else inertial.vertical)  # fmt: skip
+    return head_trajectory(found, reasons, len(sequence), vertical, inertial)
 
 
 def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> None:
@@ -111,6 +120,10 @@ def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> No
         return
     print(f"{path}: {len(result.time)} of {frames} frames, path of {length:.1f} m")
     print(_origin(result.facts))
+    if "imu" in result.facts:
+        told = result.facts["imu"]
+        left = 1e3 * told["residual_m_s2"]
+        print(f"IMU: clock offset {told['offset_s']:.4f} s; motion explained to {left:.0f} mm/s^2")
     for gap in result.gaps:
         print(f"no pose in frames {gap.first} to {gap.last}: {gap.reason}")
 

@@ -49,8 +49,9 @@ def angular_rates(time: Float[Array, "N"], R: Float[Array, "N 3 3"]) -> ViewSign
 
 
 def rate_alignment(
-    reference: ViewSignal, other: ViewSignal
-) -> tuple[float, float, float, Float[Array, "3 3"]]:
+    reference: ViewSignal, other: ViewSignal,
+    names: tuple[str, str] = ("reference", "trajectory"),
+) -> tuple[float, float, float, Float[Array, "3 3"]]:  # fmt: skip
     """Offset [s], its standard deviation, correlation, and R with rate_other = R rate_reference.
 
     Raises InputError where the rates do not agree or hardly turn.
@@ -58,10 +59,12 @@ def rate_alignment(
     middle = float(other.time.mean())  # clocks of days have no small offset at time zero
     other = ViewSignal(other.time - middle, other.rate)
     size = [np.linalg.norm(s.rate, axis=1, keepdims=True) for s in (reference, other)]
-    for name, rate in zip(("reference", "trajectory"), size, strict=True):
+    for name, rate in zip(names, size, strict=True):
         if np.sqrt((rate**2).mean()) < LEAST_TURN:
-            raise InputError(f"the head hardly turns in the {name}: its clock cannot be found",
-                             valid="a motion with turns, or --time-offset")  # fmt: skip
+            raise InputError(
+                f"the head hardly turns in the {name}: its clock cannot be found",
+                valid="a motion with turns",
+            )
     flat = [ViewSignal(s.time, r - r.mean())
             for s, r in zip((reference, other), size, strict=True)]  # fmt: skip
     lag, _, _ = coarse_lag(*flat)
@@ -76,7 +79,7 @@ def rate_alignment(
     turned = b @ R
     correlation = float((a * turned).sum() / np.sqrt((a**2).sum() * (turned**2).sum()))
     if not correlation > LEAST_CORRELATION:
-        raise InputError(f"the trajectory and the reference do not turn alike (correlation "
+        raise InputError(f"the {names[1]} and the {names[0]} do not turn alike (correlation "
                          f"{correlation:.2f})", valid="the same motion")  # fmt: skip
     return offset - middle, std, correlation, R
 

@@ -15,6 +15,7 @@ from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.head_pose.floor import find_floor
+from egocap.head_pose.imu import Inertial
 from egocap.head_pose.pictures import grey_frames
 from egocap.head_pose.result import HeadTrajectory, gaps_of
 from egocap.head_pose.vertical import Vertical, find_vertical
@@ -50,9 +51,17 @@ def by_odometry(
     return finish(odometry.map, views.centres), reasons
 
 
-def vertical_of(sequence: Sequence, rig: Rig, config: OdometryConfig, found: Finished) -> Vertical:
-    """Up and the floor's height, from the map's planes and some of the pictures."""
+def vertical_of(
+    sequence: Sequence,
+    rig: Rig,
+    config: OdometryConfig,
+    found: Finished,
+    inertial: Vertical | None = None,
+) -> Vertical:
+    """Up and the floor's height, from the map's planes, an IMU and some of the pictures."""
     vertical = find_vertical(found.points, found.T_map_head)
+    if inertial is not None and inertial.up_std < vertical.up_std:
+        vertical = inertial
     if vertical.source == "head":
         log.warning("no walls, floor or tables found: up is that of the head, uncertain by 10 "
                     "degrees")  # fmt: skip
@@ -71,14 +80,16 @@ def vertical_of(sequence: Sequence, rig: Rig, config: OdometryConfig, found: Fin
 
 
 def head_trajectory(
-    found: Finished, reasons: dict[int, str], frames: int, vertical: Vertical
-) -> HeadTrajectory:
+    found: Finished, reasons: dict[int, str], frames: int, vertical: Vertical,
+    inertial: Inertial | None = None,
+) -> HeadTrajectory:  # fmt: skip
     """The poses in the world: z up, the floor at 0, the first head above the origin facing +x."""
     T = vertical.transform(found.T_map_head[0])
     gaps = gaps_of(frames, found.frame, reasons)
     return HeadTrajectory(
         found.frame, found.time, T @ found.T_map_head, gaps, turned(found.covariance, T),
-        {"method": "odometry", "vertical": vertical_facts(vertical), **map_facts(found)},
+        {"method": "odometry", "vertical": vertical_facts(vertical), **map_facts(found),
+         **({} if inertial is None else {"imu": inertial.facts()})},
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ facebookresearch.github.io/projectaria_tools (MPS), ARKit and OpenXR: y up, the 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -74,14 +74,14 @@ def _recognised(path: str | Path, text: str) -> str:
 
 
 def _tum(path: Path, text: str) -> Trajectory:
-    rows = [_numbers(path, n, line.split(), 8) for n, line in _rows(text)]
+    rows = [table_row(path, n, line.split(), 8) for n, line in _rows(text)]
     table = np.array(rows).reshape(-1, 8)
     T = _poses(path, table[:, [7, 4, 5, 6]], table[:, 1:4])
     return Trajectory("tum", table[:, 0], T, _Z, None)
 
 
 def _euroc(path: Path, text: str) -> Trajectory:
-    rows = [_numbers(path, n, line.split(","), 8) for n, line in _rows(text)
+    rows = [table_row(path, n, line.split(","), 8) for n, line in _rows(text)
             if not line[:1].isalpha()]  # fmt: skip
     table = np.array(rows).reshape(-1, 8)
     # Differences in whole nanoseconds are exact in float64 up to 2^53.
@@ -104,7 +104,7 @@ def _colmap(path: Path, text: str) -> Trajectory:
             raise FileError(path, f"no frame number in the name '{words[9]}'", line=n)
         numbers.append(float(digits[-1]))
         views.append(_view(words[9]))
-        rows.append(_numbers(path, n, words[1:8], 7))
+        rows.append(table_row(path, n, words[1:8], 7))
     table = np.array(rows).reshape(-1, 7)
     T_camera_world = _poses(path, table[:, :4], table[:, 4:7])
     return Trajectory("colmap", np.array(numbers), inverse(T_camera_world), None, None,
@@ -165,17 +165,17 @@ def _by_name(
         words = line.split(",")
         if len(words) < len(header):
             raise FileError(path, f"{len(words)} columns", line=n, valid=str(len(header)))
-        table.append(_numbers(path, n, [words[i] for i in places], len(places)))
+        table.append(table_row(path, n, [words[i] for i in places], len(places)))
     return np.array(table).reshape(-1, len(columns)), True
 
 
-def _rows(text: str) -> Iterable[tuple[int, str]]:
+def _rows(text: str) -> Iterator[tuple[int, str]]:
     """Numbered lines that are neither empty nor comments."""
     lines = ((n, line.strip()) for n, line in enumerate(text.splitlines(), 1))
     return ((n, line) for n, line in lines if line and not line.startswith("#"))
 
 
-def _numbers(path: Path, line: int, words: list[str], count: int) -> list[float]:
+def table_row(path: Path, line: int, words: list[str], count: int) -> list[float]:
     if len(words) < count:
         raise FileError(path, f"{len(words)} numbers", line=line, valid=str(count))
     try:

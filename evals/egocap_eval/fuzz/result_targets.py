@@ -68,7 +68,8 @@ def contacts(work: Path) -> list[tuple[str, Path, Any]]:
 
 
 def trajectories(work: Path) -> list[tuple[str, Path, Any]]:
-    """Trajectories of other programs, one of every format."""
+    """Trajectories of other programs, one of every format, and an IMU's measurements."""
+    from egocap.head_pose.imu_files import read_imu
     from egocap.head_pose.trajectory_files import read_trajectory
 
     place = ",".join(f"t{a}_world_device" for a in "xyz")
@@ -91,7 +92,10 @@ def trajectories(work: Path) -> list[tuple[str, Path, Any]]:
         rows = [row[form].format(n=n, t=n / 30, ns=_STEP + n * 33_333_333) for n in range(1, 6)]
         file.write_text(first + "".join(rows))
         found.append((file.name, file, read_trajectory))
-    return found
+    imu, still = work / "imu.csv", "0.1,0.2,0.3,0.1,0.2,9.8"
+    rows = [f"{n / 200:.3f},{still}\n" for n in range(120)]
+    imu.write_text("timestamp_s,gx,gy,gz,ax,ay,az\n" + "".join(rows))
+    return [*found, ("imu.csv", imu, read_imu)]
 
 
 def footage(sequence: Sequence, work: Path) -> Path:

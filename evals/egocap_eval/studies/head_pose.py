@@ -20,12 +20,15 @@ from egocap.commandline import progress
 from egocap.data.sequence import Sequence
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
-from egocap.geometry import inverse
+from egocap.geometry import inverse, unit
 from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
+from egocap.head_pose.imu import vertical_by_imu
+from egocap.head_pose.imu_files import read_imu
 from egocap.head_pose.result import HeadTrajectory
 from egocap.odometry.config import OdometryConfig
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
+from egocap_sim.export.imu import write_imu
 
 CASES: Mapping[str, tuple[str, int]] = {
     "walk": ("validation-walk", 250),
@@ -62,13 +65,13 @@ def study(
             builtin_scene(scene, size, frames=frames), work / "sequences" / name, workers
         )
         sequences.append(sequence)
-        found[name] = measure(sequence, name)
+        found[name] = measure(sequence, name, work / "imu" / f"{name}.csv")
     missed = [f"{name}: {what}" for name, row in found.items() for what in misses(row)]
     return Outcome({"cases": found}, [_table(found)], missed, content_hashes(sequences))
 
 
-def measure(sequence: Sequence, name: str) -> dict[str, Any]:
-    """Run the odometry on a sequence and score its poses."""
+def measure(sequence: Sequence, name: str, imu: Path) -> dict[str, Any]:
+    """Run the odometry on a sequence and score its poses, and up by a simulated IMU's file."""
     config, spent = OdometryConfig(), time.process_time()
     with progress(name, len(sequence)) as advance:
         found, reasons = by_odometry(sequence, config, sequence.rig, None, advance)
@@ -77,7 +80,8 @@ def measure(sequence: Sequence, name: str) -> dict[str, Any]:
     spent = time.process_time() - spent
     scores = score(result, sequence.truth.T_world_head)
     return {"frames": len(sequence), "posed": len(result.time), "gaps": len(result.gaps), **scores,
-            "cpu_ms_per_frame": 1e3 * spent / len(sequence), **result.facts}  # fmt: skip
+            **inertial_scores(result, sequence, imu), **result.facts,
+            "cpu_ms_per_frame": 1e3 * spent / len(sequence)}  # fmt: skip
 
 
 def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, float]:
@@ -87,7 +91,7 @@ def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, flo
     off = np.linalg.norm(moved[:, :3, 3] - true[:, :3, 3], axis=1)
     path = float(np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1).sum())
     R, rest, scale = rigid_fit(found[:, :3, 3], true[:, :3, 3])
-    up = (found[:, :3, :3] @ np.swapaxes(true[:, :3, :3], 1, 2)).mean(0)[:, 2]
+    up = true_up(result, truth)
     assert result.covariance is not None
     std = float(np.sqrt(np.trace(result.covariance[-1, 3:, 3:])))
     return {
@@ -103,6 +107,24 @@ def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, flo
         "height_error_mm": float(1e3 * (found[:, 2, 3] - true[:, 2, 3]).mean()),
         "end_error_in_std": float(off[-1]) / std if std > 0 else 0.0,
     }
+
+
+def true_up(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> Float[Array, "3"]:
+    """The mean over the poses of what was up in truth, in the result's world."""
+    turned = np.swapaxes(truth[result.frame, :3, :3], 1, 2)
+    return unit((result.T_world_head[:, :3, :3] @ turned).mean(0)[:, 2])
+
+
+def inertial_scores(result: HeadTrajectory, sequence: Sequence, file: Path) -> dict[str, float]:
+    """Up and clock by an IMU that is simulated once, without the floor and walls."""
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_imu(sequence, file, lambda _: None)
+    inertial = vertical_by_imu(result.time, result.T_world_head, read_imu(file))
+    off = float(np.clip(inertial.vertical.up @ true_up(result, sequence.truth.T_world_head), -1, 1))
+    return {"imu_up_error_deg": float(np.degrees(np.arccos(off))),
+            "imu_up_std_deg": float(np.degrees(inertial.vertical.up_std)),
+            "imu_clock_error_ms": 1e3 * inertial.offset_s}  # fmt: skip
 
 
 def rigid_fit(
@@ -144,7 +166,9 @@ _COLUMNS = (
     ("path m", "path_m", 1), ("mm, first aligned", "first_aligned_mm", 1),
     ("mm, all aligned", "all_aligned_mm", 1), ("degrees", "rotation_deg", 3),
     ("drift %", "drift_percent", 3), ("scale error %", "scale_error_percent", 3),
-    ("up error degrees", "up_error_deg", 2), ("height error mm", "height_error_mm", 0),
+    ("up error degrees", "up_error_deg", 2), ("by IMU", "imu_up_error_deg", 3),
+    ("stated", "imu_up_std_deg", 3), ("clock error ms", "imu_clock_error_ms", 2),
+    ("height error mm", "height_error_mm", 0),
     ("end error in std", "end_error_in_std", 1), ("CPU ms a frame", "cpu_ms_per_frame", 0),
 )  # fmt: skip
 

@@ -55,6 +55,8 @@ def test_a_reference_gives_clock_and_mount(egocap, tiny_sequence, tmp_path):  # 
      (["--trajectory", "t.txt", "--fewest", "30"], "one of pictures and trajectory"),
      (["--trajectory", "t.txt"], "some of the frames' times"),
      (["--trajectory", "none.txt"], "no such file"),
+     (["--trajectory", "t.txt", "--imu", "i.csv"], "one of pictures and trajectory"),
+     (["--imu", "t.txt"], "timestamp_s,gx,gy,gz,ax,ay,az"),
      (["--trajectory", "t.txt", "--format", "euroc"], "line 1"),
      (["--trajectory", "t.txt", "--reference", "none.npz"], "no such file")],
 )  # fmt: skip

@@ -236,9 +236,19 @@ def _open_closed_streams() -> None:
             setattr(sys, name, os.fdopen(number, "w"))
 
 
+class _OneLine(logging.Formatter):
+    """Messages in one line, as errors are: they may quote a file of any content."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        record.message = one_line(record.message)
+        return super().formatMessage(record)
+
+
 def _log_to_stderr() -> None:
     """Log this project at INFO (or $EGOCAP_LOG), other packages at WARNING."""
-    logging.basicConfig(stream=sys.stderr, format="%(name)s: %(message)s", level=logging.WARNING)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_OneLine("%(name)s: %(message)s"))
+    logging.basicConfig(handlers=[handler], level=logging.WARNING)
     level = os.environ.get("EGOCAP_LOG", "INFO").upper()
     for name in ("egocap", "egocap_sim", "egocap_eval"):
         logging.getLogger(name).setLevel(level if level in logging.getLevelNamesMapping() else 20)

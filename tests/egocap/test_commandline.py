@@ -1,5 +1,6 @@
 import errno
 import io
+import logging
 import os
 import subprocess
 import sys
@@ -224,3 +225,11 @@ def test_ctrl_c_while_a_program_is_imported_is_one_line(capsys):
 
     assert commandline.start("slow", program) == commandline.INTERRUPTED
     assert capsys.readouterr().err == "slow: interrupted\n"
+
+
+def test_messages_that_quote_a_file_are_one_short_line(capsys):
+    record = logging.LogRecord(
+        "egocap.a", logging.WARNING, "", 0, "%s: no %s", ("f", "\x1b[31m\n" + "é" * 9000), None
+    )
+    line = commandline._OneLine("%(name)s: %(message)s").format(record)
+    assert line.startswith("egocap.a: f: no \\x1b[31m") and len(line) < 330 and line.isprintable()

@@ -1,4 +1,4 @@
-"""Ctrl-C ends workers that start, work or wait: no traceback, no other job."""
+"""Workers end: by Ctrl-C without a traceback or another job, and with a parent that is killed."""
 
 import contextlib
 import os
@@ -8,19 +8,19 @@ import sys
 
 import pytest
 
-SCRIPT = """
-import signal, sys, time
+SCRIPT = r"""
+import os, signal, sys, time
 from egocap.workers import WorkerPool
 
 WHEN = sys.argv[1]
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs
 if __name__ == "__mp_main__":
-    print("begun", flush=True)
+    os.write(1, b"begun\n")  # whole, also beside another worker's
     if WHEN == "starting":
         time.sleep(1.0)
 
 def job(seconds):
-    print("working", flush=True)
+    os.write(1, b"working\n")
     time.sleep(seconds)
 
 if __name__ == "__main__":
@@ -59,3 +59,19 @@ def test_ctrl_c_is_quiet_and_begins_no_other_job(tmp_path, when, word, count, jo
     assert (run.returncode, err) == (0, "")
     assert out.split()[-1] == "interrupted"
     assert [*said, *out.split()].count("working") <= jobs
+
+
+@pytest.mark.parametrize(("when", "word"), [("working", "working"), ("idle", "done")])
+def test_workers_end_with_a_parent_that_is_killed(tmp_path, when, word):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    run = subprocess.Popen([sys.executable, script, when], text=True, start_new_session=True,
+                           stdout=subprocess.PIPE)  # fmt: skip
+    try:
+        while run.stdout.readline().strip() != word:
+            pass
+        run.kill()
+        run.communicate(timeout=25)  # the workers hold stdout until they end
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)

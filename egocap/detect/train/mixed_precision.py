@@ -1,7 +1,7 @@
 """Where a network computes in bfloat16 instead of float32.
 
-Processors without bfloat16 instructions emulate them: on one with AVX2 only, a step of training
-in bfloat16 takes 15 times as long as one in float32.
+Processors without bfloat16 instructions emulate them: forward and backward passes of 8 views took
+13.3 s in bfloat16 and 0.86 s in float32 on two cores with AVX2 only.
 """
 
 from __future__ import annotations

@@ -48,6 +48,13 @@ def test_up_clock_axes_and_place_are_found(rng):
     assert found.place == pytest.approx(inverse(T_DEVICE_HEAD)[:3, 3], abs=0.01)
 
 
+def test_a_clock_of_days_is_found_as_well(rng):
+    imu = sensor(rng)
+    found = vertical_by_imu(TIME, poses(rng), Imu(imu.time + 1.7e9, imu.rate, imu.force))
+    assert found.offset_s + 1.7e9 == pytest.approx(OFFSET, abs=2e-3)
+    assert degrees(found.vertical.up) < 0.3
+
+
 def test_stated_error_holds_with_bias_and_noise(rng):
     ratios = []
     for _ in range(8):

@@ -68,6 +68,11 @@ def run(
     except KeyboardInterrupt:
         _report(prog, "interrupted")
         return INTERRUPTED
+    except SystemError as error:
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # as compiled code returned
+            raise
+        _report(prog, "interrupted")
+        return INTERRUPTED
     except BrokenPipeError:
         # the reader of stdout has closed the pipe (`| head`): avoid a second error at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -23,6 +23,13 @@ def code_of(command, *args):
     return run(app, prog="thing", args=["do", *args])
 
 
+def from_compiled_code(interruption):
+    """What C code raises that returned a result although a signal's handler had raised."""
+    error = SystemError("solve_frame returned a result with an exception set")
+    error.__cause__ = interruption
+    return error
+
+
 def raising(error):
     def do() -> None:
         raise error
@@ -40,6 +47,7 @@ def raising(error):
         (PermissionError(errno.EACCES, "Permission denied", "/locked/x"), 1),
         (FileExistsError(errno.EEXIST, "File exists", "a.toml"), 2),
         (KeyboardInterrupt(), 130),
+        (from_compiled_code(KeyboardInterrupt()), 130),
     ],
 )
 def test_errors_become_one_line_and_a_code(error, code, capsys):
@@ -62,9 +70,10 @@ def test_commands_return_their_code(returned, code):
     assert code_of(lambda: returned) == code
 
 
-def test_bugs_keep_their_traceback():
-    with pytest.raises(ZeroDivisionError):
-        code_of(raising(ZeroDivisionError()))
+@pytest.mark.parametrize("bug", [ZeroDivisionError(), from_compiled_code(ValueError())])
+def test_bugs_keep_their_traceback(bug):
+    with pytest.raises(type(bug)):
+        code_of(raising(bug))
 
 
 @pytest.mark.parametrize("args", [[], ["undo"], ["do"], ["do", "--count", "x"], ["do", "--no"]])

@@ -6,7 +6,6 @@ import resource
 import shutil
 import struct
 import subprocess
-import time
 
 import numpy as np
 import pytest
@@ -124,15 +123,14 @@ def test_foreign_metadata_is_refused(tiny_file, tmp_path, change, says):
         ({"view": {"pitch_deg": float("nan")}}, "not finite"),
     ],
 )
-def test_configurations_beyond_the_limits_are_refused_at_once(tiny_file, tmp_path, change, says):
+def test_configurations_beyond_the_limits_are_refused(tiny_file, tmp_path, change, says):
     config = json.dumps(CONFIGS["tiny"].to_dict() | change)
     path = rewritten(tiny_file, tmp_path / "w.safetensors", config=config)
-    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(FileError, match=says) as raised:
         open_weights(path).network()
     assert "\n" not in str(raised.value) and len(str(raised.value)) < 500
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
-    assert time.process_time() - began < 3.0
 
 
 @pytest.mark.parametrize("version", [2, [1], None, {"a": 1}, "9" * 5000, ""])

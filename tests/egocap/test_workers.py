@@ -52,7 +52,7 @@ def test_ctrl_c_is_quiet_and_begins_no_other_job(tmp_path, when, word, count, jo
             assert line, said
             said.append(line.strip())
         os.killpg(run.pid, signal.SIGINT)
-        out, err = run.communicate(timeout=25)
+        out, err = run.communicate(timeout=50)
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(run.pid, signal.SIGKILL)
@@ -71,7 +71,7 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path, when, word):
         while run.stdout.readline().strip() != word:
             pass
         run.kill()
-        run.communicate(timeout=25)  # the workers hold stdout until they end
+        run.communicate(timeout=50)  # the workers hold stdout until they end
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(run.pid, signal.SIGKILL)

@@ -74,13 +74,13 @@ def test_an_interrupted_run_is_resumed(tiny_scene, tmp_path):
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    manifest, deadline = tmp_path / "seq" / "manifest.json", time.monotonic() + 120
-    while time.monotonic() < deadline:
+    manifest = tmp_path / "seq" / "manifest.json"
+    while process.poll() is None:
         if manifest.exists() and load_manifest(tmp_path / "seq").shards:
+            os.killpg(process.pid, signal.SIGINT)
             break
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=600)
     assert (process.returncode, out) == (130, ""), err
     assert "Traceback" not in err and err.splitlines()[-1] == "egocap-sim: interrupted"
     done = load_manifest(tmp_path / "seq").shards

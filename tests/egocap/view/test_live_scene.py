@@ -81,7 +81,7 @@ def test_a_browser_gets_the_viewer_from_this_machine_alone(poses):
     try:
         viewer.show(poses[0], [None, None], 0.0)
         assert viewer.url.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(viewer.url.partition("?")[0], timeout=10) as page:
+        with urllib.request.urlopen(viewer.url.partition("?")[0], timeout=60) as page:
             assert page.status == 200 and b"<html" in page.read().lower()
         command = viewer._process.args
         assert command[command.index("--bind") + 1] == "127.0.0.1"
@@ -89,7 +89,7 @@ def test_a_browser_gets_the_viewer_from_this_machine_alone(poses):
         viewer.close()
     assert viewer._process.poll() is not None
     with pytest.raises(urllib.error.URLError):  # the server itself, too, not its script alone
-        urllib.request.urlopen(viewer.url.partition("?")[0], timeout=10)
+        urllib.request.urlopen(viewer.url.partition("?")[0], timeout=60)
 
 
 def test_a_closed_viewer_does_not_end_the_run(poses):

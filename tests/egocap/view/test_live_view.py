@@ -61,11 +61,11 @@ def stream():
 
 
 def test_a_page_shows_the_newest_picture(stream):
-    with urllib.request.urlopen(stream.url, timeout=10) as page:
+    with urllib.request.urlopen(stream.url, timeout=60) as page:
         assert b'src="stream"' in page.read()
     stream.show(grey(10))
     stream.show(grey(170))
-    with urllib.request.urlopen(f"{stream.url}stream", timeout=10) as answer:
+    with urllib.request.urlopen(f"{stream.url}stream", timeout=60) as answer:
         assert "multipart/x-mixed-replace" in answer.headers["Content-Type"]
         assert answer.readline().startswith(b"--")
         answer.readline()
@@ -74,7 +74,7 @@ def test_a_page_shows_the_newest_picture(stream):
         picture = cv2.imdecode(np.frombuffer(answer.read(size), np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3) and abs(picture.mean() - 170) < 3
     with pytest.raises(urllib.error.HTTPError):
-        urllib.request.urlopen(f"{stream.url}other", timeout=10)
+        urllib.request.urlopen(f"{stream.url}other", timeout=60)
 
 
 def test_a_taken_port_is_named(stream):
@@ -100,7 +100,7 @@ def test_the_watcher_hands_on_pose_and_pictures(tmp_path, stream):
 def _status(stream, path, **headers):
     """Status of a request by path and headers."""
     place = urllib.parse.urlsplit(stream.url)
-    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=10)
+    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=60)
     connection.request("GET", path, headers=headers)
     return connection.getresponse().status
 
@@ -132,7 +132,7 @@ def test_streams_are_bounded(stream):
     place = urllib.parse.urlsplit(stream.url)
     held = []
     for _ in range(MOST_VIEWERS):
-        connection = http.client.HTTPConnection(place.hostname, place.port, timeout=10)
+        connection = http.client.HTTPConnection(place.hostname, place.port, timeout=60)
         connection.request("GET", path)
         assert connection.getresponse().status == 200
         held.append(connection)

@@ -30,7 +30,7 @@ except MachineError as error:
 )
 def test_a_machine_without_opengl_names_the_packages(setup):
     done = subprocess.run(
-        [sys.executable, "-c", ASK.format(setup=setup)], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", ASK.format(setup=setup)], capture_output=True, text=True, timeout=600
     )
     assert done.returncode == 0, done.stderr
     assert "libegl1 libgl1 libgl1-mesa-dri" in done.stdout

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as jsons
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from egocap.cli.registry import app
 from egocap.commandline import DONE, progress
 from egocap.errors import InputError
-from egocap.head_pose.config import ForeignOptions
+from egocap.head_pose.config import ForeignOptions, SfmConfig
 from egocap.locks import locks
 from egocap.odometry.config import OdometryConfig
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from egocap.data.sequence import Sequence
     from egocap.head_pose.result import HeadTrajectory
 
-CONFIG, FOREIGN = OdometryConfig(), ForeignOptions()
+CONFIG, SFM, FOREIGN = OdometryConfig(), SfmConfig(), ForeignOptions()
+Method = Literal["odometry", "sfm"]
 
 
 @app.command(name="head-pose")
@@ -29,7 +30,9 @@ CONFIG, FOREIGN = OdometryConfig(), ForeignOptions()
 def head_pose(
     sequence: Positional[Path],
     out: Path,
+    method: Method = "odometry",
     settings: Annotated[OdometryConfig, tyro.conf.OmitArgPrefixes] = CONFIG,
+    sfm: SfmConfig = SFM,
     track: Path | None = None,
     rig: Path | None = None,
     imu: Path | None = None,
@@ -37,7 +40,7 @@ def head_pose(
     foreign: Annotated[ForeignOptions, tyro.conf.OmitArgPrefixes] = FOREIGN,
     json: bool = False,
 ) -> int:
-    """Find where the head is in the world, by stereo odometry from the pictures that are tracked.
+    """Find where the head is in the world, from the pictures that are tracked.
 
     Writes what track --head-pose reads: z up, the floor at height 0, metres from the distance
     between the cameras. Frames whose pose cannot be measured are left out and listed.
@@ -45,7 +48,10 @@ def head_pose(
     Args:
         sequence: folder of a sequence.
         out: head poses to write, npz.
+        method: stereo odometry, or structure from motion (sfm): all frames adjusted together by
+            COLMAP, the slow reference.
         settings: of the odometry.
+        sfm: settings of the structure from motion.
         track: track of the sequence; its body masks the wearer, who is otherwise told by depth
             and motion.
         rig: rig file in place of the sequence's own rig.
@@ -62,44 +68,54 @@ def head_pose(
     opened = Sequence(sequence)
     cameras = opened.rig if rig is None else load_rig(rig)
     if trajectory is not None:
-        if track is not None or imu is not None or settings != CONFIG:
-            raise InputError("--track, --imu or settings of the odometry with --trajectory",
+        if (track, imu, method, settings, sfm) != (None, None, "odometry", CONFIG, SFM):
+            raise InputError("--track, --imu, --method or its settings with --trajectory",
                              valid="one of pictures and trajectory")  # fmt: skip
         from egocap.head_pose.foreign import foreign_trajectory
 
         result = foreign_trajectory(trajectory, foreign, cameras, opened.times)
     else:
-        _refuse(foreign)
-        result = _from_pictures(opened, cameras, settings, track, imu)
+        _refuse(foreign, method, settings, sfm)
+        used = settings if method == "odometry" else sfm
+        result = _from_pictures(opened, cameras, used, track, imu)
     result.save(out)
     _print(out, result, len(opened), json)
     return DONE
 
 
-def _refuse(foreign: ForeignOptions) -> None:
-    """Options of a trajectory, where none is given, would be ignored."""
+def _refuse(
+    foreign: ForeignOptions, method: Method, settings: OdometryConfig, sfm: SfmConfig
+) -> None:
+    """Options that the method would ignore."""
     if foreign != FOREIGN:
         raise InputError("--format, --reference or --time-offset without --trajectory",
                          valid="--trajectory FILE with them")  # fmt: skip
+    if (settings if method == "sfm" else sfm) != (CONFIG if method == "sfm" else SFM):
+        raise InputError(f"settings of another method with --method {method}",
+                         valid="--sfm.* with sfm, the others with odometry")  # fmt: skip
 
 
 def _from_pictures(
-    sequence: Sequence, cameras: Rig, settings: OdometryConfig, track: Path | None,
+    sequence: Sequence, cameras: Rig, settings: OdometryConfig | SfmConfig, track: Path | None,
     imu: Path | None,
 ) -> HeadTrajectory:  # fmt: skip
     from egocap.data.track import load_track
     from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
     from egocap.head_pose.imu import vertical_by_imu
     from egocap.head_pose.imu_files import read_imu
+    from egocap.head_pose.structure_from_motion import by_structure_from_motion
 
     sensor = None if imu is None else read_imu(imu)
     body = None if track is None else load_track(track)
     with progress("head pose", len(sequence)) as advance:
-        found, reasons = by_odometry(sequence, settings, cameras, body, advance)
+        if isinstance(settings, SfmConfig):
+            found = by_structure_from_motion(sequence, settings, cameras, body, advance)
+        else:
+            found = by_odometry(sequence, settings, cameras, body, advance)
     inertial = None if sensor is None else vertical_by_imu(found.time, found.T_map_head, sensor)
-    vertical = vertical_of(sequence, cameras, settings, found,
+    vertical = vertical_of(sequence, cameras, settings.width, found,
                            None if inertial is None else inertial.vertical)  # fmt: skip
-    return head_trajectory(found, reasons, len(sequence), vertical, inertial)
+    return head_trajectory(found, len(sequence), vertical, inertial)
 
 
 def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> None:

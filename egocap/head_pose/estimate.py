@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
@@ -30,10 +31,23 @@ FLOOR_FRAMES = 16
 Advance = Callable[[int], None]
 
 
+@dataclass(frozen=True, eq=False)
+class MapPoses:
+    """Poses of the frames that have one, in the frame of a map of points, metres."""
+
+    frame: Int[Array, "N"]  # numbers of the sequence
+    time: Float[Array, "N"]  # s
+    T_map_head: Float[Array, "N 4 4"]
+    covariance: Float[Array, "N 6 6"] | None  # of rotation (head frame) and position
+    points: Float[Array, "P 3"]
+    facts: dict[str, Any]  # how they were found, JSON-ready
+    reasons: dict[int, str]  # why another frame has none
+
+
 def by_odometry(
     sequence: Sequence, config: OdometryConfig, rig: Rig, track: Track | None, advance: Advance
-) -> tuple[Finished, dict[int, str]]:
-    """Poses in the map's frame, and why other frames have none. InputError where all fail."""
+) -> MapPoses:
+    """Poses in the map's frame. InputError where no frame has one."""
     views = Views.of(rig, config.width)
     wearer = None if track is None else WearerMasks(track, views)
     odometry, reasons = Odometry(views, config), {}
@@ -48,24 +62,26 @@ def by_odometry(
         why = max(sorted(set(reasons.values())), key=list(reasons.values()).count)
         raise InputError(f"{sequence.folder}: no head pose in {len(reasons)} frames: {why}",
                          valid="pictures with texture in two views at once")  # fmt: skip
-    return finish(odometry.map, views.centres), reasons
+    found = finish(odometry.map, views.centres)
+    return MapPoses(found.frame, found.time, found.T_map_head, found.covariance, found.points,
+                    _facts(found), reasons)  # fmt: skip
 
 
 def vertical_of(
     sequence: Sequence,
     rig: Rig,
-    config: OdometryConfig,
-    found: Finished,
+    width: int,
+    found: MapPoses,
     inertial: Vertical | None = None,
 ) -> Vertical:
-    """Up and the floor's height, from the map's planes, an IMU and some of the pictures."""
+    """Up and the floor's height, from the map's planes, an IMU and some pictures of a width."""
     vertical = find_vertical(found.points, found.T_map_head)
     if inertial is not None and inertial.up_std < vertical.up_std:
         vertical = inertial
     if vertical.source == "head":
         log.warning("no walls, floor or tables found: up is that of the head, uncertain by 10 "
                     "degrees")  # fmt: skip
-    views = Views.of(rig, config.width)
+    views = Views.of(rig, width)
     rows = np.unique(np.linspace(0, len(found.frame) - 1, FLOOR_FRAMES).astype(int))
     frames = []
     for row in rows:
@@ -80,15 +96,15 @@ def vertical_of(
 
 
 def head_trajectory(
-    found: Finished, reasons: dict[int, str], frames: int, vertical: Vertical,
-    inertial: Inertial | None = None,
-) -> HeadTrajectory:  # fmt: skip
+    found: MapPoses, frames: int, vertical: Vertical, inertial: Inertial | None = None
+) -> HeadTrajectory:
     """The poses in the world: z up, the floor at 0, the first head above the origin facing +x."""
     T = vertical.transform(found.T_map_head[0])
-    gaps = gaps_of(frames, found.frame, reasons)
+    gaps = gaps_of(frames, found.frame, found.reasons)
+    covariance = None if found.covariance is None else turned(found.covariance, T)
     return HeadTrajectory(
-        found.frame, found.time, T @ found.T_map_head, gaps, turned(found.covariance, T),
-        {"method": "odometry", "vertical": vertical_facts(vertical), **map_facts(found),
+        found.frame, found.time, T @ found.T_map_head, gaps, covariance,
+        {**found.facts, "vertical": vertical_facts(vertical),
          **({} if inertial is None else {"imu": inertial.facts()})},
     )  # fmt: skip
 
@@ -107,7 +123,7 @@ def vertical_facts(vertical: Vertical) -> dict[str, Any]:
             "floor_std_mm": std}  # fmt: skip
 
 
-def map_facts(found: Finished) -> dict[str, Any]:
+def _facts(found: Finished) -> dict[str, Any]:
     """JSON-ready facts of the map: residuals as a multiple of the assumed noise."""
-    return {"keyframes": found.keyframes, "points": len(found.points),
+    return {"method": "odometry", "keyframes": found.keyframes, "points": len(found.points),
             "segments": found.segments, "noise_factor": round(found.noise, 3)}  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
@@ -19,7 +19,7 @@ Grey = UInt8[Array, "h w"]
 
 
 def grey_frames(
-    sequence: Sequence, rig: Rig, frames: range
+    sequence: Sequence, rig: Rig, frames: Iterable[int]
 ) -> Iterator[tuple[int, tuple[Grey | None, ...]]]:
     """Frame numbers and grey pictures of all views at the size of `rig`; None: no picture."""
     with ThreadPoolExecutor(1) as pool:

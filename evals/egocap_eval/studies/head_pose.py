@@ -74,9 +74,9 @@ def measure(sequence: Sequence, name: str, imu: Path) -> dict[str, Any]:
     """Run the odometry on a sequence and score its poses, and up by a simulated IMU's file."""
     config, spent = OdometryConfig(), time.process_time()
     with progress(name, len(sequence)) as advance:
-        found, reasons = by_odometry(sequence, config, sequence.rig, None, advance)
-    vertical = vertical_of(sequence, sequence.rig, config, found)
-    result = head_trajectory(found, reasons, len(sequence), vertical)
+        found = by_odometry(sequence, config, sequence.rig, None, advance)
+    vertical = vertical_of(sequence, sequence.rig, config.width, found)
+    result = head_trajectory(found, len(sequence), vertical)
     spent = time.process_time() - spent
     scores = score(result, sequence.truth.T_world_head)
     return {"frames": len(sequence), "posed": len(result.time), "gaps": len(result.gaps), **scores,

@@ -8,6 +8,8 @@ import pytest
 from egocap.data.head_pose import load_head_pose
 from egocap.data.sequence import Sequence
 from egocap.geometry import inverse
+from egocap.head_pose.config import SfmConfig
+from egocap.head_pose.estimate import MapPoses
 from tests.egocap.cli.test_cli import complaint, egocap  # noqa: F401 (a fixture)
 from tests.egocap.head_pose.motion import T_DEVICE_HEAD, head_motion, quaternions
 
@@ -58,10 +60,37 @@ def test_a_reference_gives_clock_and_mount(egocap, tiny_sequence, tmp_path):  # 
      (["--trajectory", "t.txt", "--imu", "i.csv"], "one of pictures and trajectory"),
      (["--imu", "t.txt"], "timestamp_s,gx,gy,gz,ax,ay,az"),
      (["--trajectory", "t.txt", "--format", "euroc"], "line 1"),
-     (["--trajectory", "t.txt", "--reference", "none.npz"], "no such file")],
+     (["--trajectory", "t.txt", "--reference", "none.npz"], "no such file"),
+     (["--trajectory", "t.txt", "--method", "sfm"], "one of pictures and trajectory"),
+     (["--method", "sfm", "--fewest", "30"], "settings of another method with --method sfm"),
+     (["--sfm.every", "2"], "settings of another method with --method odometry"),
+     (["--method", "sfm", "--sfm.every", "0"], "below 1")],
 )  # fmt: skip
 def test_what_cannot_be_used_is_one_line(egocap, tiny_sequence, tmp_path, words, says):  # noqa: F811
     tum(tmp_path / "t.txt", 50.0 + np.arange(9) / 30.0, head_motion(np.arange(9)))
     out = tmp_path / "h.npz"
     assert says in complaint(egocap("head-pose", tiny_sequence, "--out", out, *words))
     assert not out.exists()
+
+
+def test_structure_from_motion_has_the_sequence_the_body_and_its_settings(
+    egocap, tiny_sequence, tmp_path, monkeypatch  # noqa: F811
+):  # fmt: skip
+    asked = []
+
+    def solve(sequence, config, rig, track, advance):
+        asked.append((len(sequence), config, rig.name, track))
+        frames = np.array([1, 2, 3])
+        poses = head_motion(sequence.times[frames])
+        return MapPoses(frames, sequence.times[frames], poses, None, np.zeros((0, 3)),
+                        {"method": "sfm", "points": 0}, {0: "dark"})  # fmt: skip
+
+    name = "egocap.head_pose.structure_from_motion.by_structure_from_motion"
+    monkeypatch.setattr(name, solve)
+    words = ["--method", "sfm", "--sfm.every", "2", "--out", tmp_path / "h.npz", "--json"]
+    code, printed, err = egocap("head-pose", tiny_sequence, *words)
+    assert code == 0, err
+    assert asked == [(7, SfmConfig(every=2), Sequence(tiny_sequence).rig.name, None)]
+    told = json.loads(printed)
+    assert (told["method"], told["posed"], told["gaps"][0]["reason"]) == ("sfm", 3, "dark")
+    assert len(load_head_pose(tmp_path / "h.npz")[0]) == 3

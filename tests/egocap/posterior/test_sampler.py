@@ -225,7 +225,7 @@ def test_same_seed_same_draws_and_a_kill_changes_nothing(density, tmp_path):
 
 
 def test_short_chain_admits_it_with_numbers(density, tmp_path):
-    result = sample(density, SamplerConfig(most_steps=500, effective=1e5))
+    result = sample(density, SamplerConfig(most_steps=2000, effective=1e5))
     assert not result.converged
     assert "effective draws" in result.outcome and "100000 are needed" in result.outcome
     save_posterior(tmp_path / "post.npz", result)

@@ -1,5 +1,6 @@
 """Head poses found from the pictures alone, against the truth: path, rotation, up, floor and time.
 
+By stereo odometry and, for some cases, by structure from motion beside it, the offline reference.
 Cases are validation scenes with procedural motion. Position errors are given with the first pose
 aligned (drift shows in full) and with all poses aligned by one rigid motion, never by a scale.
 """
@@ -21,10 +22,12 @@ from egocap.data.sequence import Sequence
 from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.geometry import inverse, unit
+from egocap.head_pose.config import SfmConfig
 from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
 from egocap.head_pose.imu import vertical_by_imu
 from egocap.head_pose.imu_files import read_imu
 from egocap.head_pose.result import HeadTrajectory
+from egocap.head_pose.structure_from_motion import by_structure_from_motion
 from egocap.odometry.config import OdometryConfig
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
@@ -45,6 +48,7 @@ MOST_MM, MOST_DEG, MOST_DRIFT, MOST_CPU_MS = 10.0, 0.3, 0.3, 2e3 / 15.0
 def study(
     work: Annotated[Path, arg(metavar="DIR")] = Path("out/head-pose"),
     cases: tuple[str, ...] = tuple(CASES),
+    sfm: tuple[str, ...] = ("walk", "stairs"),
     size: tuple[int, int] = (640, 512),
     workers: int = 1,
 ) -> Outcome:
@@ -53,28 +57,42 @@ def study(
     Args:
         work: Folder of sequences, which are made where they are missing.
         cases: Cases to measure.
+        sfm: Cases of these that structure from motion solves too.
         size: Image width and height.
         workers: Rendering processes.
     """
-    if unknown := [case for case in cases if case not in CASES]:
-        raise InputError(f"unknown case '{unknown[0]}'", valid=CASES)
-    found, sequences = {}, []
+    for known, asked in ((CASES, cases), (cases, sfm)):
+        if unknown := [case for case in asked if case not in known]:
+            raise InputError(f"unknown case '{unknown[0]}'", valid=known)
+    found, by_sfm, sequences = {}, {}, []
     for name in cases:
         scene, frames = CASES[name]
         sequence = prepare_sequence(
             builtin_scene(scene, size, frames=frames), work / "sequences" / name, workers
         )
         sequences.append(sequence)
-        found[name] = measure(sequence, name, work / "imu" / f"{name}.csv")
+        imu = work / "imu" / f"{name}.csv"
+        found[name] = measure(sequence, name, imu, OdometryConfig())
+        if name in sfm:
+            by_sfm[name] = measure(sequence, f"{name}, sfm", imu, SfmConfig())
     missed = [f"{name}: {what}" for name, row in found.items() for what in misses(row)]
-    return Outcome({"cases": found}, [_table(found)], missed, content_hashes(sequences))
+    missed += [
+        f"{name}: {what}" for name, row in by_sfm.items() for what in behind(found[name], row)
+    ]
+    tables = [_table(found | {f"{name}, sfm": row for name, row in by_sfm.items()})]
+    return Outcome({"cases": found, "sfm": by_sfm}, tables, missed, content_hashes(sequences))
 
 
-def measure(sequence: Sequence, name: str, imu: Path) -> dict[str, Any]:
-    """Run the odometry on a sequence and score its poses, and up by a simulated IMU's file."""
-    config, spent = OdometryConfig(), time.process_time()
+def measure(
+    sequence: Sequence, name: str, imu: Path, config: OdometryConfig | SfmConfig
+) -> dict[str, Any]:
+    """Score the poses of a sequence by a method, and up by a simulated IMU's file."""
+    spent = time.process_time()
     with progress(name, len(sequence)) as advance:
-        found = by_odometry(sequence, config, sequence.rig, None, advance)
+        if isinstance(config, SfmConfig):
+            found = by_structure_from_motion(sequence, config, sequence.rig, None, advance)
+        else:
+            found = by_odometry(sequence, config, sequence.rig, None, advance)
     vertical = vertical_of(sequence, sequence.rig, config.width, found)
     result = head_trajectory(found, len(sequence), vertical)
     spent = time.process_time() - spent
@@ -84,7 +102,7 @@ def measure(sequence: Sequence, name: str, imu: Path) -> dict[str, Any]:
             "cpu_ms_per_frame": 1e3 * spent / len(sequence)}  # fmt: skip
 
 
-def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, float]:
+def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, float | None]:
     """Errors of the poses that were found; up and floor in the result's own world."""
     true, found = truth[result.frame], result.T_world_head
     moved = (true[0] @ inverse(found[0])) @ found
@@ -92,8 +110,7 @@ def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, flo
     path = float(np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1).sum())
     R, rest, scale = rigid_fit(found[:, :3, 3], true[:, :3, 3])
     up = true_up(result, truth)
-    assert result.covariance is not None
-    std = float(np.sqrt(np.trace(result.covariance[-1, 3:, 3:])))
+    std = 0.0 if result.covariance is None else _position_std(result.covariance[-1])
     return {
         "path_m": path,
         "first_aligned_mm": _rms_mm(off),
@@ -105,8 +122,12 @@ def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, flo
         "scale_error_percent": 100.0 * (scale - 1.0),
         "up_error_deg": float(np.degrees(np.arctan2(np.hypot(up[0], up[1]), up[2]))),
         "height_error_mm": float(1e3 * (found[:, 2, 3] - true[:, 2, 3]).mean()),
-        "end_error_in_std": float(off[-1]) / std if std > 0 else 0.0,
+        "end_error_in_std": float(off[-1]) / std if std > 0 else None,
     }
+
+
+def _position_std(covariance: Float[Array, "6 6"]) -> float:
+    return float(np.sqrt(np.trace(covariance[3:, 3:])))
 
 
 def true_up(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> Float[Array, "3"]:
@@ -151,6 +172,13 @@ def misses(row: Mapping[str, Any]) -> list[str]:
     if row["posed"] < row["frames"]:
         missed.append(f"{row['frames'] - row['posed']} frames without a pose")
     return missed
+
+
+def behind(odometry: Mapping[str, Any], sfm: Mapping[str, Any]) -> list[str]:
+    """Where the odometry's error is more than twice that of structure from motion, in words."""
+    return [f"{row:.3g} {unit} by odometry (target twice {other:.3g}, structure from motion)"
+            for key, unit in (("all_aligned_mm", "mm"), ("rotation_all_aligned_deg", "degrees"))
+            if (row := odometry[key]) > 2.0 * (other := sfm[key])]  # fmt: skip
 
 
 def _rms_mm(distances: Float[Array, "N"]) -> float:

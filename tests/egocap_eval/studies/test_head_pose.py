@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from egocap.geometry import rigid
 from egocap.head_pose.result import HeadTrajectory
-from egocap_eval.studies.head_pose import MOST_MM, misses, score
+from egocap_eval.studies.head_pose import MOST_MM, behind, misses, score
 
 
 def truth(count=90):
@@ -58,3 +58,15 @@ def test_missed_targets_are_named():
     row = {"first_aligned_mm": 2 * MOST_MM, "rotation_deg": 0.0, "drift_percent": 0.0,
            "cpu_ms_per_frame": 1.0, "frames": 5, "posed": 4}  # fmt: skip
     assert misses(row) == ["20 mm (target 10)", "1 frames without a pose"]
+
+
+def test_an_odometry_twice_as_far_off_is_named():
+    sfm = {"all_aligned_mm": 1.0, "rotation_all_aligned_deg": 0.02}
+    assert behind({"all_aligned_mm": 1.9, "rotation_all_aligned_deg": 0.04}, sfm) == []
+    (said,) = behind({"all_aligned_mm": 2.1, "rotation_all_aligned_deg": 0.04}, sfm)
+    assert said.startswith("2.1 mm by odometry")
+
+
+def test_poses_without_covariance_have_no_error_in_standard_deviations():
+    bare = HeadTrajectory(np.arange(90), np.arange(90) / 30.0, truth())
+    assert score(bare, truth())["end_error_in_std"] is None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -50,9 +51,19 @@ class FrameWriter:
         """Release the GL context."""
         self.renderer.close()
 
-    def files(self, index: int) -> dict[str, bytes]:
-        """Content of every file of one frame, by suffix."""
-        frame = self._sensor.capture(index) if self._sensor else self._instant(index)
+    def files(self, frames: Iterable[int]) -> Iterator[dict[str, bytes]]:
+        """Content of every file of each frame, by suffix; encoded while the next is drawn."""
+        with ThreadPoolExecutor(1) as pool:
+            encoding: Future[dict[str, bytes]] | None = None
+            for index in frames:
+                frame = self._sensor.capture(index) if self._sensor else self._instant(index)
+                if encoding is not None:
+                    yield encoding.result()
+                encoding = pool.submit(self._encoded, index, frame)
+            if encoding is not None:
+                yield encoding.result()
+
+    def _encoded(self, index: int, frame: CapturedFrame) -> dict[str, bytes]:
         files: dict[str, bytes] = {}
         for view, image in zip(self.rig.views, frame.images, strict=True):
             files[f"{view}.{self.record.image_format}"] = self._encode(image)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from egocap.errors import InputError
+from egocap_sim.record.compile_ahead import compiling_ahead
 from egocap_sim.record.episode_recorder import record_episodes
 from egocap_sim.record.jobs import Executor, InProcess
 from egocap_sim.record.process_pool import ProcessPool
@@ -47,11 +48,14 @@ def generate(
     Raises SceneError, InputError or FileError for a bad scene, motion or output folder, before
     anything is written; MachineError when GL is missing, the disk is full or workers keep dying.
     """
-    world, executor = build_world(scene), _executor(scene, workers, cluster)
-    if scene.episodes is None:
-        _report_motions(world, strict)
-        return record_sequence(world, out, executor, append=append, on_frames=on_frames)
-    return record_episodes(world, out, executor, append=append, strict=strict, on_frames=on_frames)
+    with compiling_ahead():
+        world, executor = build_world(scene), _executor(scene, workers, cluster)
+        if scene.episodes is None:
+            _report_motions(world, strict)
+            return record_sequence(world, out, executor, append=append, on_frames=on_frames)
+        return record_episodes(
+            world, out, executor, append=append, strict=strict, on_frames=on_frames
+        )
 
 
 def _report_motions(world: World, strict: bool) -> None:

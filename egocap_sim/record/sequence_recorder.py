@@ -76,7 +76,7 @@ class ShardTask:
             from egocap_sim.record.frame_writer import FrameWriter
 
             self._writer = FrameWriter(self._world or load_world(self._scene, self._drafts))
-        files = count_frames(map(self._writer.files, job.frames))
+        files = count_frames(self._writer.files(job.frames))
         return write_shard(folder, job.index, job.frames.start, files)
 
     def portable(self) -> ShardTask:

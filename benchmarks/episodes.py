@@ -1,6 +1,6 @@
 """Measure the speed of `egocap-sim generate` for scenes in episodes, and the cost of an episode.
 
-    python benchmarks/episodes.py                        # train-varied and train-chroma, 2 workers
+    python benchmarks/episodes.py      # train-varied and train-chroma, 1 and 2 workers
     python benchmarks/episodes.py --motions CLIPS --frames 1000 --scene train-varied
 
 `fps` is the rate of a whole run with start-up, `steady_fps` the rate after every worker has
@@ -20,6 +20,7 @@ import shlex
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -103,12 +104,12 @@ def main() -> None:
     parser.add_argument("--scene", choices=SCENES, action="append")
     parser.add_argument("--motions", type=Path, help="clips to mix in")
     parser.add_argument("--frames", type=int, default=1000)
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     rows = []
-    for name in args.scene or SCENES:
-        rows.append(measure(name, args.motions, args.workers, args.frames))
+    for name, workers in product(args.scene or SCENES, args.workers):
+        rows.append(measure(name, args.motions, workers, args.frames))
         print(json.dumps(rows[-1]), flush=True)
     if args.out:
         command = shlex.join(["python", "benchmarks/episodes.py", *sys.argv[1:]])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
+import gc
 import io
 import logging
 import os
@@ -12,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
@@ -26,14 +28,19 @@ log = logging.getLogger(__name__)
 DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit codes: done; failure of the machine; bad usage or file; a target missed; Ctrl-C."""
 
+_ALLOCATIONS = 100_000
+"""Between collections of garbage; a start makes many objects, and most of them stay."""
+
 _WRONG_PATH = (FileNotFoundError, NotADirectoryError, IsADirectoryError, FileExistsError)
 
 Advance = Callable[..., None]
+Within = Callable[[Sequence[str]], AbstractContextManager[Sequence[str]]]
 
 
 def run(
-    app: SubcommandApp, *, prog: str, description: str = "", args: Sequence[str] | None = None
-) -> int:
+    app: SubcommandApp, *, prog: str, description: str = "", args: Sequence[str] | None = None,
+    within: Within | None = None,
+) -> int:  # fmt: skip
     """Run one command of `app` and return the process's exit code.
 
     A command returns None (done) or an exit code. An EgocapError becomes one line on stderr and the
@@ -45,16 +52,19 @@ def run(
         prog: the command's name in its help.
         description: summary in its help.
         args: command line; that of the process when None.
+        within: what the command runs in, given the words; its value are the words that are read.
     """
     import tyro
 
+    words = sys.argv[1:] if args is None else args
+    _collect_rarely()
     _open_closed_streams()
     _log_to_stderr()
     box = io.StringIO()
     try:
-        with _wrong_usage_to(box), _sigterm_as_interrupt():
+        with _wrong_usage_to(box), _sigterm_as_interrupt(), (within or nullcontext)(words) as read:
             code = app.cli(
-                prog=prog, description=description, args=args,
+                prog=prog, description=description, args=read,
                 config=(tyro.conf.FlagCreatePairsOff,),
             )  # fmt: skip
         sys.stdout.flush()
@@ -86,6 +96,13 @@ def run(
         log.debug("traceback", exc_info=True)
         return USAGE if isinstance(error, _WRONG_PATH) else FAILED
     return DONE if code is None else int(code)
+
+
+def _collect_rarely() -> None:
+    """Look for garbage less often, and not at the end: it takes up to a second of a command."""
+    gc.set_threshold(_ALLOCATIONS)
+    atexit.unregister(gc.freeze)
+    atexit.register(gc.freeze)
 
 
 def start(prog: str, program: Callable[[], int]) -> int:

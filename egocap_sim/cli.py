@@ -12,6 +12,7 @@ from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
 from egocap.commandline import DONE, USAGE, progress, run
+from egocap.storage.words import local_words
 from egocap_sim.boards.settings import BoardRecording
 from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene, shown
 
@@ -294,6 +295,7 @@ def main() -> int:
         app,
         prog="egocap-sim",
         description="Simulate egocentric stereo fisheye footage with ground truth.",
+        within=local_words,
     )
 
 

@@ -16,7 +16,7 @@ LAYERS = (
     {"egocap.errors", "egocap.geometry", "egocap.series"},
     {"egocap.schema", "egocap.commandline", "egocap.files", "egocap.workers"},
     {"egocap.locks"},
-    {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards"},
+    {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards", "egocap.storage"},
     {"egocap.data"},
     {"egocap.export"},
     {"egocap.footage", "egocap.calibration", "egocap.odometry", "egocap.world"},

@@ -17,6 +17,7 @@ from egocap.cli import (  # noqa: F401 (each adds its commands)
 from egocap.cli.registry import app
 from egocap.cli.settings import registry
 from egocap.commandline import run
+from egocap.storage.words import local_words
 
 _PAIRS = {("calibrate", "print-board"): "print-board"}
 """Commands of two words, and the name under which they are registered."""
@@ -29,4 +30,4 @@ def main() -> int:
         words = [_PAIRS[words[0], words[1]], *words[2:]]
     description = "Full-body motion from head-worn fisheye cameras."
     with registry:
-        return run(app, prog="egocap", description=description, args=words)
+        return run(app, prog="egocap", description=description, args=words, within=local_words)

@@ -242,3 +242,19 @@ def test_messages_that_quote_a_file_are_one_short_line(capsys):
     )
     line = commandline._OneLine("%(name)s: %(message)s").format(record)
     assert line.startswith("egocap.a: f: no \\x1b[31m") and len(line) < 330 and line.isprintable()
+
+
+def test_garbage_is_looked_for_rarely_and_not_at_the_end(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import atexit, gc\n"
+        "atexit.register(lambda: print(gc.get_freeze_count() > 1000, gc.get_threshold()[0]))\n"
+        "from tyro.extras import SubcommandApp\n"
+        "from egocap.commandline import run\n"
+        "app = SubcommandApp()\n"
+        "app.command(lambda: None, name='one')\n"
+        "app.command(lambda: None, name='two')\n"
+        "run(app, prog='x', args=['one'])\n"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert ran.stdout.split() == ["True", "100000"], ran.stderr

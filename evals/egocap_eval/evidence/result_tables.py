@@ -21,12 +21,14 @@ from egocap_eval.evidence.registry import entries
 from egocap_eval.evidence.study_tables import (
     ablation,
     baseline,
+    cost,
     coverage,
     image_model,
     physics,
     simulated,
     simulation,
     speed,
+    start_up,
 )
 from egocap_eval.studies.personalised import LIVE
 
@@ -104,6 +106,8 @@ TABLES: Mapping[str, Page] = {
         ablation,
         captures,
         simulation,
+        cost,
+        start_up,
         physics,
         image_model,
         missed,

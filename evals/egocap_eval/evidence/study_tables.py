@@ -162,6 +162,50 @@ def simulation(results: Results) -> str:
     return markdown(("stereo frames a second", "frames/s", ""), rows, results)
 
 
+def cost(results: Results) -> str:
+    """Core hours and storage of a million and a hundred million frames, from the measured rates."""
+
+    def rows_of(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
+        rates = {(row["scene"], row["workers"]): row for row in result["rows"]}
+        found = []
+        for (scene, workers), row in rates.items():
+            if workers != 1:
+                continue
+            two = rates.get((scene, 2))
+            hours, size = 1e6 / row["steady_fps"] / 3600.0, row["mb_per_frame"]
+            found.append((
+                scene, number(row["steady_fps"]),
+                number(two and two["steady_fps"] / row["steady_fps"], 2),
+                f"{hours:.0f} core hours, {size:.2f} TB",
+                f"{100.0 * hours:,.0f} core hours, {100.0 * size:.0f} TB",
+            ))  # fmt: skip
+        return found
+
+    header = (
+        "scene",
+        "frames/s of one worker",
+        "two workers, of one",
+        "10^6 frames",
+        "10^8 frames",
+    )
+    return markdown(header, results.rows("episodes.json", "cost", rows_of), results)
+
+
+def start_up(results: Results) -> str:
+    """Seconds of whole commands."""
+    rows = results.rows(
+        "start_up.json",
+        "start up",
+        lambda r: [
+            (f"`{row['command']}`", number(row["warm_s"][len(row["warm_s"]) // 2]),
+             number(row["cold_s"]))
+            for row in r["rows"]
+        ],
+    )  # fmt: skip
+    header = ("command, start to exit", "seconds", "the first time on a machine")
+    return markdown(header, rows, results)
+
+
 def physics(results: Results) -> str:
     """How closely simulated people follow recorded clips."""
     measures = {

@@ -9,6 +9,7 @@ from importlib import import_module
 from tyro.extras import SubcommandApp
 
 from egocap.commandline import run
+from egocap.storage.words import local_words
 from egocap_eval.harness.study import as_command
 
 STUDIES = {
@@ -83,7 +84,7 @@ def main(args: Sequence[str] | None = None) -> int:
         else:
             app.command(name=name, help=summary)(_not_called)
     what = "Measure tracks, detections, rigs and the simulation."
-    return run(app, prog="egocap-eval", description=what, args=words)
+    return run(app, prog="egocap-eval", description=what, args=words, within=local_words)
 
 
 def _not_called() -> None:

@@ -85,6 +85,9 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "benchmarks/episodes.py": (*WORLD, "egocap_sim/record", "benchmarks/episodes.py"),
     "benchmarks/generation.py": (*WORLD, "egocap_sim/record", "benchmarks/generation.py"),
     "benchmarks/image_model.py": (*GEOMETRY, *IMAGE_MODEL, "benchmarks/image_model.py"),
+    "benchmarks/start_up.py": (*FOOTAGE_TRACKED, "egocap_sim/record", "egocap/cli",
+                               "egocap/commandline.py", "egocap_sim/cli.py",
+                               "benchmarks/start_up.py"),
     "benchmarks/rendering.py": (*WORLD, "benchmarks/rendering.py"),
 }  # fmt: skip
 

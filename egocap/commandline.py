@@ -31,6 +31,8 @@ DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 _ALLOCATIONS = 100_000
 """Between collections of garbage; a start makes many objects, and most of them stay."""
 
+_REPEAT_S = 0.05  # until an interrupt that was discarded is raised again
+
 _WRONG_PATH = (FileNotFoundError, NotADirectoryError, IsADirectoryError, FileExistsError)
 
 Advance = Callable[..., None]
@@ -62,7 +64,10 @@ def run(
     _log_to_stderr()
     box = io.StringIO()
     try:
-        with _wrong_usage_to(box), _sigterm_as_interrupt(), (within or nullcontext)(words) as read:
+        with (
+            _wrong_usage_to(box), _sigterm_as_interrupt(), _lost_interrupts_repeated(),
+            (within or nullcontext)(words) as read,
+        ):  # fmt: skip
             code = app.cli(
                 prog=prog, description=description, args=read,
                 config=(tyro.conf.FlagCreatePairsOff,),
@@ -227,6 +232,31 @@ def _sigterm_as_interrupt() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
+def _lost_interrupts_repeated() -> Iterator[None]:
+    """Repeat an interrupt that arrived where Python discards exceptions, as in callbacks of C code.
+
+    Numba's compiler calls back into Python: without this, Ctrl-C there prints a traceback and the
+    command goes on.
+    """
+    before = sys.unraisablehook
+
+    def repeat(unraisable: sys.UnraisableHookArgs) -> None:
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            before(unraisable)
+            return
+        main = threading.main_thread().ident
+        again = threading.Timer(_REPEAT_S, signal.pthread_kill, (main, signal.SIGINT))
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = repeat
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _without_box(text: str) -> str:

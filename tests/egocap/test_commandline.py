@@ -236,6 +236,26 @@ def test_ctrl_c_while_a_program_is_imported_is_one_line(capsys):
     assert capsys.readouterr().err == "slow: interrupted\n"
 
 
+def test_ctrl_c_in_a_callback_of_compiled_code_ends_the_command(tmp_path):
+    """ctypes discards what a callback raises, as llvmlite does in numba's compiler."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import ctypes, signal, sys, time\n"
+        "from tyro.extras import SubcommandApp\n"
+        "from egocap.commandline import run\n"
+        "def compiled():\n"
+        "    call = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))\n"
+        "    call()\n"
+        "    time.sleep(60)\n"
+        "app = SubcommandApp()\n"
+        "app.command(compiled, name='one')\n"
+        "app.command(lambda: None, name='two')\n"
+        "sys.exit(run(app, prog='x', args=['one']))\n"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=50)
+    assert (ran.returncode, ran.stderr) == (commandline.INTERRUPTED, "x: interrupted\n")
+
+
 def test_messages_that_quote_a_file_are_one_short_line(capsys):
     record = logging.LogRecord(
         "egocap.a", logging.WARNING, "", 0, "%s: no %s", ("f", "\x1b[31m\n" + "é" * 9000), None

@@ -17,8 +17,6 @@ from egocap.locks import locks
 from egocap.odometry.config import OdometryConfig
 
 if TYPE_CHECKING:
-    from egocap.cameras.rig import Rig
-    from egocap.data.sequence import Sequence
     from egocap.head_pose.result import HeadTrajectory
 
 CONFIG, SFM, FOREIGN = OdometryConfig(), SfmConfig(), ForeignOptions()
@@ -76,8 +74,13 @@ def head_pose(
         result = foreign_trajectory(trajectory, foreign, cameras, opened.times)
     else:
         _refuse(foreign, method, settings, sfm)
+        from egocap.data.track import load_track
+        from egocap.head_pose.from_pictures import find_head_poses
+
         used = settings if method == "odometry" else sfm
-        result = _from_pictures(opened, cameras, used, track, imu)
+        body = None if track is None else load_track(track)
+        with progress("head pose", len(opened)) as advance:
+            result = find_head_poses(opened, cameras, used, body, imu, advance)
     result.save(out)
     _print(out, result, len(opened), json)
     return DONE
@@ -93,29 +96,6 @@ def _refuse(
     if (settings if method == "sfm" else sfm) != (CONFIG if method == "sfm" else SFM):
         raise InputError(f"settings of another method with --method {method}",
                          valid="--sfm.* with sfm, the others with odometry")  # fmt: skip
-
-
-def _from_pictures(
-    sequence: Sequence, cameras: Rig, settings: OdometryConfig | SfmConfig, track: Path | None,
-    imu: Path | None,
-) -> HeadTrajectory:  # fmt: skip
-    from egocap.data.track import load_track
-    from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
-    from egocap.head_pose.imu import vertical_by_imu
-    from egocap.head_pose.imu_files import read_imu
-    from egocap.head_pose.structure_from_motion import by_structure_from_motion
-
-    sensor = None if imu is None else read_imu(imu)
-    body = None if track is None else load_track(track)
-    with progress("head pose", len(sequence)) as advance:
-        if isinstance(settings, SfmConfig):
-            found = by_structure_from_motion(sequence, settings, cameras, body, advance)
-        else:
-            found = by_odometry(sequence, settings, cameras, body, advance)
-    inertial = None if sensor is None else vertical_by_imu(found.time, found.T_map_head, sensor)
-    vertical = vertical_of(sequence, cameras, settings.width, found,
-                           None if inertial is None else inertial.vertical)  # fmt: skip
-    return head_trajectory(found, len(sequence), vertical, inertial)
 
 
 def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> None:

@@ -1,6 +1,7 @@
 """Motion capture in one call: footage and a rig file in; track, BVH, film and page out.
 
-Stages: sequence (import), detections.npz, body.json, track.npz, motion.bvh, film.mp4, index.html.
+Stages: sequence (import), detections.npz, body.json, head.npz (with `world`), track.npz,
+motion.bvh, film.mp4, index.html.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from egocap.motion_capture.film import write_film
 from egocap.motion_capture.findings import Findings, find
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
+from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.track.view_agreement import check_agreement
 
@@ -71,14 +73,19 @@ def mocap(
 
     Raises:
         FileError: a file is missing, damaged, or of another shape than the rig's.
-        InputError: no common time, no detections, or views that look exchanged.
+        InputError: no common time, no detections, views that look exchanged, or a rig whose head
+            path cannot be found.
     """
     if options.body is not None and options.height is not None:
         raise InputError("--height and --body", valid="one of them")
+    if options.world and options.head_pose is not None:
+        raise InputError("--world and --head-pose", valid="one of them")
     _ = find_body(options.body) if options.body else average_body(options.height)  # or refuse now
     folder = Path(out)
     make_folder(folder)
     sequence = import_footage(sources, rig, folder / "sequence", footage, on_step)
+    if options.world:
+        Views.of(sequence.rig, sequence.rig.cameras[0].width)  # or refuse now
     stages = Stages(folder)
     found = steps.detections(stages, sequence, options, on_step)
     agreement = check_agreement(found, sequence.rig)
@@ -89,7 +96,8 @@ def mocap(
             valid="the files in the order of the rig, or --accept-swapped",
         )
     body, bones = steps.body(stages, sequence, found, options)
-    track = steps.track(stages, sequence, found, body, tracker, options, on_step)
+    heads = steps.head_poses(stages, sequence, options, on_step)
+    track = steps.track(stages, sequence, found, body, tracker, heads, on_step)
     assert sequence.footage is not None
     findings = find(track, found, sequence.rig, sequence.footage, agreement, options.height)
     _results(stages, sequence, track, findings, bones, options, on_step)

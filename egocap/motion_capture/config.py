@@ -17,9 +17,11 @@ class MocapOptions:
     default."""
     weights: Path | None = None
     """Detector weights, safetensors; those shipped by default."""
+    world: bool = False
+    """Find the head's path in the pictures: the wearer then moves through the world, on a floor at
+    height 0, otherwise relative to the head."""
     head_pose: Path | None = None
-    """Head poses, npz with `time` and `T_world_head`; the motion is then in that world, otherwise
-    relative to the head."""
+    """Head poses in place of those of --world, npz with `time` and `T_world_head`."""
     skip_film: bool = False
     """Write no film."""
     accept_swapped: bool = False

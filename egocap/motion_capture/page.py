@@ -1,19 +1,24 @@
-"""The page of a run: findings, the course of certainty, worst moments as pictures, advice."""
+"""The page of a run: findings, certainty over time, path, worst moments as pictures, advice."""
 
 from __future__ import annotations
 
 import base64
 import io
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from egocap.body.labels import LABEL_INDEX
+from egocap.body.side_colours import LEFT, RIGHT
 from egocap.data.sequence import Sequence
-from egocap.data.track import Track
+from egocap.data.track import CONTACTS, Track
 from egocap.files import write_atomically
 from egocap.motion_capture.film import picture
 from egocap.motion_capture.findings import Findings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -32,6 +37,9 @@ figcaption { color: #4b5563 } .low { color: #b91c1c; font-weight: 600 }
 {% if film %}<h2>Film</h2><video controls src="{{ film }}"></video>{% endif %}
 <h2>Certainty over time</h2>
 <img alt="certainty over time" src="data:image/png;base64,{{ course }}">
+{% if path %}<h2>Path on the floor</h2>
+<img alt="path of the head and footprints from above"
+src="data:image/png;base64,{{ path }}">{% endif %}
 <h2>Least certain moments</h2>
 {% for caption, image in worst %}<figure><img alt="{{ caption }}"
 src="data:image/jpeg;base64,{{ image }}"><figcaption>{{ caption }}</figcaption></figure>{% endfor %}
@@ -83,7 +91,8 @@ def write_page(
     html = jinja2.Environment(autoescape=True).from_string(_PAGE).render(
         title=f"Motion of {sequence.folder.parent.name}", facts=facts, advice=found.advice,
         film=film, course=_course(track, found), worst=_moments(sequence, track, found),
-        joints=joints, views=found.views, bones=lines,
+        path=None if track.joints_world is None else _path(track), joints=joints,
+        views=found.views, bones=lines,
     )  # fmt: skip
     write_atomically(path, html)
 
@@ -120,7 +129,40 @@ def _course(track: Track, found: Findings) -> str:
     axes.set_ylim(0, 102)
     axes.legend(loc="lower right", fontsize=9, ncols=3)
     axes.spines[["top", "right"]].set_visible(False)
+    return _png(figure)
+
+
+def _path(track: Track) -> str:
+    """The head's path, without its gaps, and the planted feet from above, PNG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    assert track.T_world_head is not None and track.joints_world is not None
+    known = np.ones(len(track.times), bool) if track.in_world is None else track.in_world
+    head = np.where(known[:, None], track.T_world_head[:, :2, 3], np.nan)
+    figure, axes = plt.subplots(figsize=(7.0, 5.0), dpi=90)
+    axes.plot(*head.T, color="#4b5563", lw=1.2, label="head")
+    for side, colour in (("left", LEFT), ("right", RIGHT)):
+        toe = track.joints_world[:, LABEL_INDEX[f"{side}_foot"], :2]
+        touches = known if track.contacts is None else (
+            known & (track.contacts[:, CONTACTS.index(f"{side}_toe")] > 0.5))  # fmt: skip
+        axes.plot(*toe[touches].T, "o", ms=3, alpha=0.5, mew=0, color=np.divide(colour, 255),
+                  label=f"{side} foot on the ground")  # fmt: skip
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.legend(fontsize=9)
+    axes.spines[["top", "right"]].set_visible(False)
+    return _png(figure)
+
+
+def _png(figure: Figure) -> str:
+    """A figure as base64 of a PNG; it is closed."""
+    from matplotlib import pyplot as plt
+
     file = io.BytesIO()
-    figure.savefig(file, bbox_inches="tight")
+    figure.savefig(file, format="png", bbox_inches="tight")
     plt.close(figure)
     return base64.b64encode(file.getvalue()).decode()

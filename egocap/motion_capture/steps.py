@@ -1,7 +1,8 @@
-"""Stages of a run that make numbers: detections, the wearer's proportions and the track."""
+"""Stages of a run that make numbers: detections, the wearer's body, head poses and the track."""
 
 from __future__ import annotations
 
+import logging
 import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,9 +14,11 @@ from egocap.data.head_pose import read_head_poses
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track, load_track, save_track
 from egocap.detect.detector import Detector
+from egocap.errors import InputError
 from egocap.files import write_json
 from egocap.fitting.wearer import find_body
 from egocap.footage.sources import Step
+from egocap.head_pose.from_pictures import find_head_poses
 from egocap.motion_capture.body import fit_wearer
 from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.detecting import detect_in_pieces
@@ -23,6 +26,8 @@ from egocap.motion_capture.stages import Stages
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
+
+log = logging.getLogger(__name__)
 
 
 def detections(
@@ -61,19 +66,36 @@ def body(
     return body, read_json(report)
 
 
+def head_poses(
+    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
+) -> Path | None:
+    """File of the head's path: the given one, or head.npz; None where the motion has no world."""
+
+    def write(path: Path) -> None:
+        advance = on_step("head pose", len(sequence))
+        find_head_poses(sequence, sequence.rig, advance=advance).save(path)
+
+    if not options.world:
+        return options.head_pose
+    try:
+        return stages.run("head.npz", {}, write, lambda path: path)
+    except InputError as error:
+        log.warning("%s: the motion is relative to the head", error)
+        return None
+
+
 def track(
     stages: Stages, sequence: Recording, found: Detections, body: Proportions,
-    tracker: TrackerConfig, options: MocapOptions, on_step: Step,
+    tracker: TrackerConfig, head_pose: Path | None, on_step: Step,
 ) -> Track:  # fmt: skip
     """The offline track: track.npz. Raises as `Tracker.track`."""
 
     def write(path: Path) -> None:
         advance = on_step("track", len(sequence))
-        given = options.head_pose
-        heads = None if given is None else read_head_poses(given, found.times)
+        heads = None if head_pose is None else read_head_poses(head_pose, found.times)
         track = track_in_windows(sequence.folder, found, body, tracker, advance, heads)
         config = track.config | {"sequence": sequence.manifest.config_sha256}
         save_track(path, replace(track, config=config))
 
-    settings = {"tracker": asdict(tracker), "head_pose": options.head_pose}
+    settings = {"tracker": asdict(tracker), "head_pose": head_pose}
     return stages.run("track.npz", settings, write, load_track)

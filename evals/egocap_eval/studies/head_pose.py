@@ -23,11 +23,10 @@ from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.geometry import inverse, unit
 from egocap.head_pose.config import SfmConfig
-from egocap.head_pose.estimate import by_odometry, head_trajectory, vertical_of
+from egocap.head_pose.from_pictures import find_head_poses
 from egocap.head_pose.imu import vertical_by_imu
 from egocap.head_pose.imu_files import read_imu
 from egocap.head_pose.result import HeadTrajectory
-from egocap.head_pose.structure_from_motion import by_structure_from_motion
 from egocap.odometry.config import OdometryConfig
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
@@ -89,12 +88,7 @@ def measure(
     """Score the poses of a sequence by a method, and up by a simulated IMU's file."""
     spent = time.process_time()
     with progress(name, len(sequence)) as advance:
-        if isinstance(config, SfmConfig):
-            found = by_structure_from_motion(sequence, config, sequence.rig, None, advance)
-        else:
-            found = by_odometry(sequence, config, sequence.rig, None, advance)
-    vertical = vertical_of(sequence, sequence.rig, config.width, found)
-    result = head_trajectory(found, len(sequence), vertical)
+        result = find_head_poses(sequence, sequence.rig, config, advance=advance)
     spent = time.process_time() - spent
     scores = score(result, sequence.truth.T_world_head)
     return {"frames": len(sequence), "posed": len(result.time), "gaps": len(result.gaps), **scores,

@@ -8,6 +8,7 @@ import pytest
 from egocap.cli import main
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
+from egocap.geometry import inverse
 
 
 def mocap(monkeypatch, capsys, footage, out, *more, order=("left", "right")):
@@ -67,3 +68,22 @@ def test_height_and_body_exclude_each_other(monkeypatch, capsys, footage, tmp_pa
         monkeypatch, capsys, footage, tmp_path / "x", "--body", "me.json", "--height", "1.8"
     )
     assert code == 2 and "--height and --body" in shown.err and not (tmp_path / "x").exists()
+
+
+def test_the_wearer_moves_through_the_world(monkeypatch, capsys, footage, results, tiny_sequence):
+    code, _ = mocap(monkeypatch, capsys, footage, results, "--height", "1.79", "--world", "--json")
+    assert code == 0
+    track, truth = load_track(results / "track.npz"), Sequence(tiny_sequence).truth
+    moved = inverse(track.T_world_head[0]) @ track.T_world_head
+    true = inverse(truth.T_world_head[0]) @ truth.T_world_head
+    np.testing.assert_allclose(moved[:, :3, 3], true[:, :3, 3], atol=0.02)
+    np.testing.assert_allclose(moved[:, :3, :3], true[:, :3, :3], atol=0.02)
+    assert track.contacts is not None and (results / "head.npz").exists()
+    assert "Path on the floor" in (results / "index.html").read_text()
+
+
+def test_one_path_of_the_head_is_taken(monkeypatch, capsys, footage, tmp_path):
+    code, shown = mocap(
+        monkeypatch, capsys, footage, tmp_path / "x", "--world", "--head-pose", "head.npz"
+    )
+    assert code == 2 and "--world and --head-pose" in shown.err and not (tmp_path / "x").exists()

@@ -22,6 +22,7 @@ IMAGE_MODEL = ("egocap/image_model",)
 FITTED = tuple(f"egocap/fitting/{module}.py" for module in (
     "appearance_fit", "body_prior", "bundle_adjustment", "config", "fit_body",
     "wearer"))  # fmt: skip
+HEAD_POSE = ("egocap/odometry", "egocap/head_pose", "egocap/world")
 PAPER = (*IMAGE_MODEL, "egocap/paper")
 FOOTAGE_TRACKED = (*DETECTOR, *TRACKER, *SCORES, *WORLD, *HARNESS)
 SMALL_DETECTORS = (*TRAINING, *WORLD, "egocap_eval/studies/small_detectors.py")
@@ -59,13 +60,12 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "fuzz": (*GEOMETRY, "egocap/files.py", "egocap/schema.py", "egocap/data", "egocap/media",
              "egocap_eval/fuzz/mutations.py", "egocap_eval/fuzz/result_targets.py",
              "egocap_eval/fuzz/study.py", "egocap_eval/fuzz/targets.py"),
-    "head-pose": (*GEOMETRY, *WORLD, *HARNESS, "egocap/odometry", "egocap/head_pose",
-                  "egocap_eval/studies/head_pose.py"),
+    "head-pose": (*GEOMETRY, *WORLD, *HARNESS, *HEAD_POSE, "egocap_eval/studies/head_pose.py"),
     "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),
     "personalised": (*FOOTAGE_TRACKED, *FITTED, "egocap_eval/studies/personalised.py"),
     "physics": (*GEOMETRY, *WORLD, "egocap_eval/studies/physics.py"),
     "posterior": (*FOOTAGE_TRACKED, "egocap/posterior", "egocap_eval/posterior"),
-    "recorded": (*FOOTAGE_TRACKED, *FITTED, "egocap_eval/sets",
+    "recorded": (*FOOTAGE_TRACKED, *FITTED, *HEAD_POSE, "egocap_eval/sets",
                  "egocap_eval/studies/recorded.py", "egocap_eval/studies/personalised.py",
                  "egocap_eval/studies/recovery.py"),
     "rig": (*NOISE, *TRACKER, *WORLD, *MOTION_TRUTH, "egocap/posterior", "egocap_eval/rig_design"),

@@ -2,12 +2,14 @@
 
 Each clip of the set is acted out by another person in another room, whose seeds are kept for the
 set, on one rig. Its middle is rendered, detected and tracked: offline with the true proportions,
-offline with proportions fitted to another clip of the same person, live, live with a lag, and
-live after a darkness. Intervals are over clips.
+the same in the world with head poses found in the pictures, offline with proportions fitted to
+another clip of the same person, live, live with a lag, and live after a darkness. Intervals are
+over clips.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -20,6 +22,7 @@ from tyro.conf import arg
 import egocap
 from egocap.body.proportions import Proportions
 from egocap.data.detections import Detections, load_detections, save_detections
+from egocap.data.head_pose import HeadPoses, read_head_poses
 from egocap.data.sequence import Sequence as Footage
 from egocap.detect.sources import detections_from
 from egocap.detect.weights import open_weights
@@ -28,6 +31,7 @@ from egocap.evaluation.metrics import bootstrap_interval
 from egocap.evaluation.report import Report
 from egocap.evaluation.table import Table, number
 from egocap.fitting.fit_body import fit_body
+from egocap.head_pose.from_pictures import find_head_poses
 from egocap_eval.detection.detector import accuracy, score
 from egocap_eval.harness.cases import ScoreLog, Scores, run_cases
 from egocap_eval.harness.footage import prepare_sequence
@@ -39,10 +43,13 @@ from egocap_eval.studies.personalised import CALIBRATION_S, calibration_scene, l
 from egocap_eval.studies.recovery import after_darkness
 from egocap_sim.scene.config import Scene
 
+log = logging.getLogger(__name__)
+
 SIZE = (640, 512)
 FPS = 30
 CALIBRATION_FPS = 10  # the fit selects frames that differ
 RIG = "egorig1"
+WORLD = "offline, head's path found"
 FITTED, LAGGED, DARK = "offline, fitted body", "live, 0.1 s lag", "live, after 2 s of darkness"
 _LAG_S = 0.1
 RATIOS = {"live": 1.6, LAGGED: 1.3}
@@ -51,6 +58,7 @@ RECOVERY_S = 0.3
 """Maximum time of recovery from darkness, in every clip."""
 CODE = ("egocap", "egocap_sim", "egocap_eval/studies/recorded.py",
         "egocap_eval/studies/recovery.py")  # fmt: skip
+ODOMETRY = ("egocap/odometry", "egocap/head_pose")
 POSE = ("mpjpe_mm", "visible_mm", "hidden_mm", "arms_mm", "legs_mm", "ankles_mm", "feet_mm",
         "p95_mm", "accel_error")  # fmt: skip
 
@@ -74,6 +82,19 @@ class Recording:
     def fitted(self) -> Proportions:
         """Proportions fitted to the calibration clip."""
         return fit_body(self._detected(self.calibration), self.calibration.rig).proportions
+
+    @cached_property
+    def heads(self) -> HeadPoses | None:
+        """Head poses that the odometry finds in the pictures; None where it finds none."""
+        code = "-".join(h[:8] for h in source_hashes(ODOMETRY).values())
+        path = self.footage.folder.with_suffix(f".heads-{code}.npz")
+        if not path.is_file():
+            try:
+                find_head_poses(self.footage, self.footage.rig).save(path)
+            except InputError as error:
+                log.warning("%s", error)
+                return None
+        return read_head_poses(path, self.footage.times)
 
     def _detected(self, footage: Footage) -> Detections:
         path = footage.folder.with_suffix(f".{self.version}.npz")
@@ -211,6 +232,11 @@ def fitted_scores(one: Recording) -> Scores:
     return _offline(one, one.fitted)
 
 
+def world_scores(one: Recording) -> Scores:
+    """Errors in the head frame of the tracker with the true proportions and found head poses."""
+    return _offline(one, one.footage.body, one.heads)
+
+
 def live_scores(one: Recording, lag: float = 0.0) -> Scores:
     """Errors of the online tracker with the true proportions, the poses late by `lag` seconds."""
     joints = live_joints(one.footage, one.detections, lag)
@@ -220,6 +246,7 @@ def live_scores(one: Recording, lag: float = 0.0) -> Scores:
 CASES: Mapping[str, Callable[[Recording], Scores]] = {
     "detector": detector_scores,
     "offline": offline_scores,
+    WORLD: world_scores,
     FITTED: fitted_scores,
     "live": live_scores,
     LAGGED: partial(live_scores, lag=_LAG_S),
@@ -300,8 +327,9 @@ def _table(result: Mapping[str, Any], case: str, measures: Sequence[str]) -> Tab
     return Table(f"{case}, {result['set']} set", header, tuple(rows))
 
 
-def _offline(one: Recording, body: Proportions) -> Scores:
-    tracked = egocap.Tracker(one.footage.rig, body).track(one.detections, one.footage.images)
+def _offline(one: Recording, body: Proportions, heads: HeadPoses | None = None) -> Scores:
+    tracker = egocap.Tracker(one.footage.rig, body)
+    tracked = tracker.track(one.detections, one.footage.images, heads)
     return pose_scores(egocap.evaluate(tracked, one.footage))
 
 

@@ -7,11 +7,11 @@ from typing import Any
 
 from egocap_eval.detection.detector import PAPER
 from egocap_eval.evidence.page_table import Results, Row, interval, markdown, number
-from egocap_eval.studies.recorded import WORLD
+from egocap_eval.studies.recorded import FITTED, FITTED_WORLD, LAGGED, WORLD
 
 SETS = {"recorded-test.json": "test", "recorded-validation.json": "validation"}
 """The sets of recorded motions, test first."""
-TRACKED = ("offline", WORLD, "offline, fitted body", "live", "live, 0.1 s lag")
+TRACKED = ("offline", WORLD, FITTED, FITTED_WORLD, "live", LAGGED)
 GROUPS = ("head", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")
 FRAMES = "detector.json"
 

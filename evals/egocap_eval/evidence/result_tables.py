@@ -43,6 +43,7 @@ def summary(results: Results) -> str:
         "offline, body known",
         "the same, head's path found",
         "offline, body fitted",
+        "the same, head's path found",
         "live, body known",
         "live, 0.1 s lag",
     )
@@ -128,6 +129,7 @@ def _procedural(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
             number(errors["true"]),
             "-",
             number(errors["fitted"]),
+            "-",
             number(errors.get(LIVE)),
             "-",
         )
@@ -136,7 +138,7 @@ def _procedural(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
 def _recordings(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
     errors = [scores["mpjpe_mm"] for scores in result["scores"]["learned"].values()]
     label = f"validation, procedural: {len(errors)} other recordings"
-    yield label, "-", f"{min(errors):.1f} to {max(errors):.1f}", "-", "-", "-", "-"
+    yield label, "-", f"{min(errors):.1f} to {max(errors):.1f}", *"-" * 5
 
 
 def _commit(record: Mapping[str, Any] | None) -> str:

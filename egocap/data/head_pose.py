@@ -1,8 +1,9 @@
 """Head poses from other sources (SLAM, structure from motion, a headset).
 
 A file is an npz with `time` (N,) in seconds, increasing, and `T_world_head` (N, 4, 4): rigid maps
-from the head frame to a world frame with z up. Other arrays are ignored. Where no pose is near in
-time, there is a gap: nothing is interpolated, and the motion stays in the head frame.
+from the head frame to a world frame with z up. If the floor is at height 0, `floor_std` is the
+standard deviation of that height, m. Other arrays are ignored. Where no pose is near in time, there
+is a gap: nothing is interpolated, and the motion stays in the head frame.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from egocap.files import read_npz, usable
 from egocap.geometry import rigid, transform
 from egocap.series import interpolate
 
+_UNSURE_M = 10.0  # largest standard deviation of the floor's height
 _SLACK = 1.0  # allowed extrapolation, in median steps between poses
 GAP_S = 0.2
 """Seconds between poses above which there is a gap, if their median step is not longer."""
@@ -31,10 +33,12 @@ class HeadPoses:
 
     T_world_head: Float[Array, "T 4 4"]  # in gaps: that of the nearest frame with one
     known: Bool[Array, "T"]
+    floor_std: float | None = None
+    """Standard deviation of the floor's height, which is 0, m; None: the floor is not known."""
 
     def __getitem__(self, frames: slice) -> HeadPoses:
         """Those of some frames."""
-        return HeadPoses(self.T_world_head[frames], self.known[frames])
+        return HeadPoses(self.T_world_head[frames], self.known[frames], self.floor_std)
 
 
 def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N 4 4"]]:
@@ -108,7 +112,19 @@ def head_poses_at(
 
 def read_head_poses(path: str | Path, times: Float[Array, "T"]) -> HeadPoses:
     """The head poses of a file at the times of frames. Raises FileError, or InputError for none."""
-    return head_poses_at(times, *load_head_pose(path))
+    poses = head_poses_at(times, *load_head_pose(path))
+    return replace(poses, floor_std=_floor_std(Path(path)))
+
+
+def _floor_std(path: Path) -> float | None:
+    found = read_npz(path, only=("floor_std",)).get("floor_std")
+    if found is None:
+        return None
+    if found.dtype.kind != "f" or found.shape != () or not 0.0 <= float(found) <= _UNSURE_M:
+        raise FileError(
+            path, "not a number of metres", key="floor_std", valid=f"0 to {_UNSURE_M:g}"
+        )
+    return float(found)
 
 
 def in_world(track: Track, poses: HeadPoses) -> Track:

@@ -106,6 +106,7 @@ def head_trajectory(
         found.frame, found.time, T @ found.T_map_head, gaps, covariance,
         {**found.facts, "vertical": vertical_facts(vertical),
          **({} if inertial is None else {"imu": inertial.facts()})},
+        vertical.floor_std,
     )  # fmt: skip
 
 

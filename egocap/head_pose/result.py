@@ -39,6 +39,7 @@ class HeadTrajectory:
     """Of rotation in the head frame [rad], then position in the world [m]; the first pose, the
     direction of up and the height of the floor are taken as exact."""
     facts: dict[str, Any] = field(default_factory=dict)  # how it was found, JSON-ready
+    floor_std: float | None = None  # of the floor's height, which is 0, m; None: not known
 
     def save(self, path: Path) -> None:
         """Write the npz file, atomically. Raises as `egocap.files.disk_errors`."""
@@ -46,6 +47,7 @@ class HeadTrajectory:
         write_npz(
             path, time=self.time, T_world_head=self.T_world_head, frame=self.frame,
             covariance=self.covariance, gaps=json.dumps(gaps), facts=json.dumps(self.facts),
+            floor_std=self.floor_std,
         )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 from threadpoolctl import threadpool_limits
 
 from egocap.body.gaussians import GaussianBody
+from egocap.body.labels import LABEL_INDEX
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, forward
 from egocap.cameras.rig import Rig
@@ -42,6 +43,8 @@ from egocap.world.contact_network import contact_probabilities
 log = logging.getLogger(__name__)
 
 _MAX_APPEARANCE_CHECKS = 3
+_SOLES = [LABEL_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
+"""Joints whose uncertainty is that of the points in `egocap.data.track.CONTACTS`."""
 
 
 class Tracker:
@@ -169,12 +172,15 @@ class Tracker:
         assert covariance is not None  # `solves_world` requires it
         sigma = np.sqrt(np.trace(covariance, axis1=2, axis2=3) / 3.0)
         contacts = contact_probabilities(solution.chosen.times, joints, sigma, heads)
+        up = heads.T_world_head[:, 2, :3]
+        height = np.sqrt(np.einsum("ti,tjik,tk->tj", up, covariance[:, _SOLES], up))
         solver = WorldSolver(
             self.proportions, self._model, self.config, solution.chosen, solution.prediction, heads
         )
         world = solver.solve(
-            solution.angles, contacts, solution.independent, solution.independent_prediction
-        )
+            solution.angles, contacts, height, solution.independent,
+            solution.independent_prediction,
+        )  # fmt: skip
         stopwatch.lap("world")
         solution.estimated["ground"] = {
             "footholds": len(world.ground.gains), "level_m": round(world.ground.level, 4),
@@ -183,7 +189,7 @@ class Tracker:
         estimate = replace(
             estimate, solution=solution, angles=world.angles, covariances=world.covariances
         )
-        return estimate, (HeadPoses(world.T_world_head, heads.known), contacts)
+        return estimate, (replace(heads, T_world_head=world.T_world_head), contacts)
 
     def _refine_by_colour(
         self, estimate: _Estimate, images: Images, stopwatch: Stopwatch

@@ -64,19 +64,21 @@ class WorldSolver:
 
     def solve(
         self, angles: Float[Array, "T 37"], contacts: Float[Array, "T 4"],
-        independent: Observations, independent_prediction: MotionPrediction,
+        spread: Float[Array, "T 4"], independent: Observations,
+        independent_prediction: MotionPrediction,
     ) -> WorldSolution:  # fmt: skip
         """The motion that detections, priors, head poses and contacts agree on.
 
-        `contacts` are the contact probabilities; `independent` and `independent_prediction` are the
-        observations and the prediction for covariances, with the information of independent frames.
+        `contacts` are the contact probabilities, `spread` the standard deviations of the points'
+        heights [m] without them; `independent` and `independent_prediction` are the observations
+        and the prediction for covariances, with the information of independent frames.
         """
         feet = FootPoints.of(self.proportions)
         state = np.concatenate([angles, np.zeros((len(angles), STATE - DOF_COUNT))], 1)
         converged, terms, ground = np.ones(len(angles), bool), None, None
         contacts = contacts * self._plausible(state, feet)
         for speed in _ROUNDS:
-            ground, terms = self._terms(state, feet, contacts, speed)
+            ground, terms = self._terms(state, feet, contacts, spread, speed)
             state, converged = self._minimise(state, feet, terms)
         assert terms is not None and ground is not None
         separate = replace(self, observations=independent, prediction=independent_prediction)
@@ -94,14 +96,16 @@ class WorldSolver:
 
     def _terms(
         self, state: Float[Array, "T 43"], feet: FootPoints, contacts: Float[Array, "T 4"],
-        speed: float,
+        spread: Float[Array, "T 4"], speed: float,
     ) -> tuple[Ground, ContactTerms]:  # fmt: skip
         """The ground, and what the contacts ask for, at a motion."""
         points, _ = feet.in_world(state, self.heads.T_world_head)
         known, steps = self.heads.known, np.diff(self.observations.times)
         probable = np.where((contacts >= _LEAST) & known[:, None], contacts, 0.0)
         slide = np.sqrt(probable[1:] * probable[:-1]) * (steps <= _LONGEST_S)[:, None]
-        ground = Ground.learn(footholds(points, probable, SOLE_M))
+        found = footholds(points, probable, spread, SOLE_M)
+        floor = self.heads.floor_std
+        ground = Ground.learn(found if floor is None else found.on_floor(floor))
         height = ground.height(points[..., :2])
         off = points[..., 2] - SOLE_M - height
         near = ground.known(points[..., :2]) & known[:, None]

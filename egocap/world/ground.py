@@ -1,7 +1,8 @@
 """The ground as a height map, learned from the places where feet stand.
 
 A Gaussian process over the plane: one part varies over metres (floors, slopes), another over the
-length of a foot (treads, kerbs). It is asked only near the places it was learned from.
+length of a foot (treads, kerbs). It is asked only near the places it was learned from. Where the
+floor's height is known, each foothold is on it, or on something else of any height.
 
 Source: Rasmussen & Williams 2006, "Gaussian Processes for Machine Learning", section 2.2; robust
 weights: Student's t by expectation maximisation, Lange, Little & Taylor 1989.
@@ -25,6 +26,11 @@ KNOWN_M = 0.3
 """Horizontal distance from a foothold within which the ground is known."""
 NOISE_M = 0.01
 """Standard deviation of a foothold's height."""
+ON_FLOOR = 0.95
+"""Probability that a foothold is on a known floor, before its height is looked at."""
+UNEVEN_M = 0.02
+"""Standard deviation of a floor's height from place to place: carpets, soles."""
+_RANGE_M = 2.0  # of the heights of other footholds
 _FREEDOM = 4.0  # degrees of freedom of the footholds' errors
 _ROUNDS = 5
 
@@ -35,6 +41,15 @@ class Footholds:
 
     places: Float[Array, "N 3"]  # world, m; z of the ground
     weights: Float[Array, "N"]  # 0 to 1
+    spread: Float[Array, "N"]  # standard deviation of the height, without contacts, m
+
+    def on_floor(self, floor_std: float) -> Footholds:
+        """With those moved to height 0 that are more probably on a floor there than elsewhere."""
+        std = np.sqrt(self.spread**2 + floor_std**2 + UNEVEN_M**2)
+        likely = np.exp(-0.5 * np.square(self.places[:, 2] / std)) / (np.sqrt(2.0 * np.pi) * std)
+        places = self.places.copy()
+        places[ON_FLOOR * likely > (1.0 - ON_FLOOR) / _RANGE_M, 2] = 0.0
+        return Footholds(places, self.weights, self.spread)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +95,20 @@ class Ground:
 
 
 def footholds(
-    points: Float[Array, "T P 3"], contact: Float[Array, "T P"], sole_m: float
-) -> Footholds:
+    points: Float[Array, "T P 3"], contact: Float[Array, "T P"], spread: Float[Array, "T P"],
+    sole_m: float,
+) -> Footholds:  # fmt: skip
     """One foothold for every stretch of frames in which a point touches (0.5 or more)."""
-    places, weights = [], []
+    found = []
     for k in range(points.shape[1]):
         touching = np.flatnonzero(contact[:, k] >= 0.5)
         for run in runs(touching):
             share = contact[run, k]
-            places.append(np.average(points[run, k], axis=0, weights=share))
-            weights.append(min(1.0, float(share.sum()) / 5.0))
-    if not places:
-        return Footholds(np.zeros((0, 3)), np.zeros(0))
-    return Footholds(np.array(places) - [0.0, 0.0, sole_m], np.array(weights))
+            place = np.average(points[run, k], axis=0, weights=share)
+            weight = min(1.0, float(share.sum()) / 5.0)
+            found.append([*place, weight, np.average(spread[run, k], weights=share)])
+    table = np.array(found).reshape(-1, 5)
+    return Footholds(table[:, :3] - [0.0, 0.0, sole_m], table[:, 3], table[:, 4])
 
 
 def _covariance(a: Float[Array, "N 2"], b: Float[Array, "M 2"]) -> Float[Array, "N M"]:

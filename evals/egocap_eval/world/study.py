@@ -55,6 +55,8 @@ MEASURES = (
     "root_translation_percent", "foot_skate", "penetration_mm", "contact_f1",
     "world_accel_error",
 )  # fmt: skip
+FLOOR_STD = 0.003
+"""Standard deviation of the floor's height in the head poses, m, as odometry states it."""
 TARGETS = {"foot_skate": 0.03, "penetration_mm": 5.0, "root_translation_percent": 0.5}
 """Largest values with contacts and true head poses."""
 LEAST_F1 = 0.90
@@ -123,7 +125,7 @@ def score(case: Case, one: Subject) -> Scores:
     poses = one.truth.T_world_head
     if case.noise:
         poses = disturbed(poses, one.truth.time, np.random.default_rng(0))
-    heads = HeadPoses(poses, np.ones(len(poses), bool))
+    heads = HeadPoses(poses, np.ones(len(poses), bool), FLOOR_STD)
     tracker = Tracker(one.rig, one.body, TrackerConfig(contacts=case.contacts))
     track = tracker.track(one.detections, one.images, heads)
     report = evaluate_pose(

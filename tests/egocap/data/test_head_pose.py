@@ -84,6 +84,19 @@ def test_bad_files_name_the_array(tmp_path, changes, says):
         load_head_pose(tmp_path / "h.npz")
 
 
+def test_a_file_may_state_where_the_floor_is(tmp_path):
+    times, poses = known()
+    np.savez(tmp_path / "h.npz", time=times, T_world_head=poses)
+    assert read_head_poses(tmp_path / "h.npz", times).floor_std is None
+    np.savez(tmp_path / "h.npz", time=times, T_world_head=poses, floor_std=0.004)
+    found = read_head_poses(tmp_path / "h.npz", times)
+    assert found.floor_std == found[1:3].floor_std == 0.004
+    for wrong in (-1.0, np.nan, 1, [0.1, 0.2]):
+        np.savez(tmp_path / "h.npz", time=times, T_world_head=poses, floor_std=wrong)
+        with pytest.raises(FileError, match="floor_std"):
+            read_head_poses(tmp_path / "h.npz", times)
+
+
 def test_garbage_is_a_file_error(tmp_path):
     (tmp_path / "h.npz").write_bytes(b"PK\x03\x04nonsense")
     with pytest.raises(FileError):

@@ -1,6 +1,7 @@
 """Motion, head poses and contacts solved together, on a standing person whose truth is known."""
 
 import numpy as np
+import pytest
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, DOF_INDEX, forward
@@ -37,15 +38,17 @@ def standing(seed=0):
     return seen, joints, T, angles
 
 
-def solved(known=None, contacts=1.0, speed=0.0):
+def solved(known=None, contacts=1.0, speed=0.0, lifted=0.0, floor_std=None):
     seen, joints, T, angles = standing()
     T = T.copy()
+    T[:, 2, 3] += lifted
     T[:, 0, 3] += speed * seen.times
     known = np.ones(FRAMES, bool) if known is None else known
-    heads = HeadPoses(T, known)
+    heads = HeadPoses(T, known, floor_std)
     solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
     probable = np.where(known[:, None], contacts, 0.0) * np.ones((FRAMES, 4))
-    return solver.solve(angles, probable, seen, NO_MOTION_PREDICTION), joints, T, angles
+    spread = np.full((FRAMES, 4), 0.06)
+    return solver.solve(angles, probable, spread, seen, NO_MOTION_PREDICTION), joints, T, angles
 
 
 def world_points(angles, T):
@@ -66,6 +69,17 @@ def test_planted_feet_keep_their_place_and_the_body_gets_no_worse():
     assert errors[1] < errors[0]
     assert abs(found.ground.level - 0.2) < 0.01
     assert (found.ground.height(after[..., :2]) - after[..., 2] + SOLE_M).max() < 2e-3
+
+
+@pytest.mark.parametrize(("off", "expected"), [(-0.1, 0.0), (0.6, 0.6)])
+def test_feet_are_on_a_known_floor_or_well_above_it(off, expected):
+    """A tenth of a metre is less than two standard deviations; 0.6 m is another floor."""
+    found, *_ = solved(lifted=off - 0.2, floor_std=0.003)
+    soles = world_points(found.angles, found.T_world_head)[..., 2] - SOLE_M
+    assert found.ground.level == pytest.approx(expected, abs=0.01)
+    assert soles.mean() == pytest.approx(expected, abs=0.02)
+    unknown, *_ = solved(lifted=off - 0.2)
+    assert unknown.ground.level == pytest.approx(off, abs=0.01)
 
 
 def test_feet_on_pedals_are_not_held_back():
@@ -109,6 +123,7 @@ def test_covariances_take_the_prediction_of_independent_frames():
     config = TrackerConfig()
     heads = HeadPoses(T, np.ones(FRAMES, bool))
     solver = WorldSolver(PERSON, MODEL, config, seen, prediction, heads)
-    found = solver.solve(angles, np.zeros((FRAMES, 4)), seen, separate)
+    none = np.zeros((FRAMES, 4))
+    found = solver.solve(angles, none, none, seen, separate)
     expected = interval_covariances(found.angles, seen, MODEL, config, separate)
     assert np.allclose(found.covariances, expected, rtol=1e-6)

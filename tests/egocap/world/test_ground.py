@@ -8,7 +8,8 @@ from egocap.world.ground import KNOWN_M, Footholds, Ground, footholds
 
 def laid(xy, z, weights=None):
     places = np.column_stack([xy, z])
-    return Ground.learn(Footholds(places, np.ones(len(xy)) if weights is None else weights))
+    weights = np.ones(len(xy)) if weights is None else weights
+    return Ground.learn(Footholds(places, weights, np.full(len(xy), 0.04)))
 
 
 def test_a_floor_of_noisy_footholds_is_flat():
@@ -44,7 +45,7 @@ def test_known_near_footholds_only():
     ground = laid(np.zeros((1, 2)), np.zeros(1))
     at = np.array([[0.9 * KNOWN_M, 0.0], [1.1 * KNOWN_M, 0.0]])
     assert ground.known(at).tolist() == [True, False]
-    nothing = Ground.learn(Footholds(np.zeros((0, 3)), np.zeros(0)))
+    nothing = Ground.learn(Footholds(np.zeros((0, 3)), np.zeros(0), np.zeros(0)))
     assert not nothing.known(at).any() and np.all(nothing.height(at) == 0.0)
 
 
@@ -55,6 +56,17 @@ def test_footholds_are_stretches_of_contact():
     contact = np.zeros((10, 2))
     contact[2:5, 0] = 0.9
     contact[7:, 0] = 0.6
-    found = footholds(points, contact, 0.03)
+    found = footholds(points, contact, np.full(contact.shape, 0.04), 0.03)
     assert np.allclose(found.places, [[3.0, 0.0, 0.02], [8.0, 0.0, 0.02]])
     assert (found.weights < 1.0).all()
+
+
+def test_a_known_floor_takes_the_footholds_that_may_be_on_it():
+    z, spread = np.array([0.0, 0.05, -0.09, 0.17, 0.34, -0.2]), np.full(6, 0.04)
+    spread[5] = 0.1  # of somebody who crouches, say
+    found = Footholds(np.column_stack([np.zeros((6, 2)), z]), np.ones(6), spread)
+    np.testing.assert_allclose(
+        found.on_floor(0.003).places[:, 2], [0.0, 0.0, 0.0, 0.17, 0.34, 0.0], atol=0.02
+    )
+    surer = Footholds(found.places, found.weights, 0.25 * spread)
+    np.testing.assert_allclose(surer.on_floor(0.003).places[2:, 2], z[2:], atol=0.01)

@@ -7,7 +7,7 @@ from typing import Any
 
 from egocap_eval.detection.detector import PAPER
 from egocap_eval.evidence.page_table import Results, Row, interval, markdown, number
-from egocap_eval.studies.recorded import FITTED, FITTED_WORLD, LAGGED, WORLD
+from egocap_eval.studies.recorded import DIGITS, FITTED, FITTED_WORLD, LAGGED, WORLD
 
 SETS = {"recorded-test.json": "test", "recorded-validation.json": "validation"}
 """The sets of recorded motions, test first."""
@@ -108,6 +108,31 @@ def poses(results: Results) -> str:
         "95th percentile",
     )
     return markdown(header, rows, results)
+
+
+def in_world(results: Results) -> str:
+    """Recorded clips in the world, with head poses found in the pictures."""
+    units = {"world_aligned_mpjpe_mm": "mean error in the world, mm",
+             "root_translation_percent": "hips' way, %", "foot_skate": "foot skate, m/s",
+             "penetration_mm": "penetration, mm", "contact_f1": "contact F1"}  # fmt: skip
+    rows: list[Row] = []
+    for file, name in SETS.items():
+        rows += results.rows(
+            file,
+            f"{name} set",
+            lambda r: [
+                (
+                    f"{set_label(r)}, {case}",
+                    *(
+                        number((r["mean"][case][m] or {}).get("mean"), DIGITS.get(m, 1))
+                        for m in units
+                    ),
+                )
+                for case in (WORLD, FITTED_WORLD)
+                if case in r["mean"]
+            ],
+        )
+    return markdown(("recorded clips", *units.values()), rows, results)
 
 
 def clips(results: Results) -> str:

@@ -57,6 +57,11 @@ RECOVERY_S = 0.3
 """Maximum time of recovery from darkness, in every clip."""
 CODE = ("egocap", "egocap_sim", "egocap_eval/studies/recorded.py",
         "egocap_eval/studies/recovery.py")  # fmt: skip
+PLACED = ("world_aligned_mpjpe_mm", "root_translation_percent", "foot_skate", "penetration_mm",
+          "contact_f1")  # fmt: skip
+"""Measures in the world, of tracks with head poses."""
+DIGITS = {"recovery_s": 2, "root_translation_percent": 2, "foot_skate": 3, "contact_f1": 2}
+"""Decimals in tables, where they are not one."""
 ODOMETRY = ("egocap/odometry", "egocap/head_pose")
 POSE = ("mpjpe_mm", "visible_mm", "hidden_mm", "arms_mm", "legs_mm", "ankles_mm", "feet_mm",
         "p95_mm", "accel_error")  # fmt: skip
@@ -223,17 +228,18 @@ def detector_scores(one: Recording) -> Scores:
 
 def offline_scores(one: Recording) -> Scores:
     """Errors of the tracker with the true proportions."""
-    return _offline(one, one.footage.body)
+    return pose_scores(_offline(one, one.footage.body))
 
 
 def fitted_scores(one: Recording) -> Scores:
     """Errors of the tracker with fitted proportions."""
-    return _offline(one, one.fitted)
+    return pose_scores(_offline(one, one.fitted))
 
 
 def world_scores(one: Recording, fitted: bool = False) -> Scores:
-    """Errors in the head frame of the tracker with head poses found in the pictures."""
-    return _offline(one, one.fitted if fitted else one.footage.body, one.heads)
+    """Errors, also in the world, of the tracker with head poses found in the pictures."""
+    report = _offline(one, one.fitted if fitted else one.footage.body, one.heads)
+    return {**pose_scores(report), **{name: getattr(report, name) for name in PLACED}}
 
 
 def live_scores(one: Recording, lag: float = 0.0) -> Scores:
@@ -307,11 +313,13 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
 
 def measures_of(case: str) -> Sequence[str]:
     """The measures of a way to track."""
-    return ("recovery_s", "after_mm", "usual_mm", "dark_mm") if case == DARK else POSE
+    if case == DARK:
+        return "recovery_s", "after_mm", "usual_mm", "dark_mm"
+    return (*POSE, *PLACED) if case in (WORLD, FITTED_WORLD) else POSE
 
 
 def _table(result: Mapping[str, Any], case: str, measures: Sequence[str]) -> Table:
-    digits = {m: 2 if m.endswith("_s") else 1 for m in measures}
+    digits = {m: DIGITS.get(m, 1) for m in measures}
     rows = [(row["clip"], str(row["frames"]), *(number(row[case][m], digits[m]) for m in measures))
             for row in result["rows"]]  # fmt: skip
     summary = result["mean"][case]
@@ -327,10 +335,9 @@ def _table(result: Mapping[str, Any], case: str, measures: Sequence[str]) -> Tab
     return Table(f"{case}, {result['set']} set", header, tuple(rows))
 
 
-def _offline(one: Recording, body: Proportions, heads: HeadPoses | None = None) -> Scores:
+def _offline(one: Recording, body: Proportions, heads: HeadPoses | None = None) -> Report:
     tracker = egocap.Tracker(one.footage.rig, body)
-    tracked = tracker.track(one.detections, one.footage.images, heads)
-    return pose_scores(egocap.evaluate(tracked, one.footage))
+    return egocap.evaluate(tracker.track(one.detections, one.footage.images, heads), one.footage)
 
 
 def _both(joints: Mapping[str, float | None], part: str) -> float | None:

@@ -179,7 +179,7 @@ def _recordings(
                          valid=f"{views} for every recording")  # fmt: skip
     groups = [tuple(sources[i : i + views]) for i in range(0, len(sources), views)]
     return [(_begin([Path(source).stem for source in group]).rstrip("-_. ")
-             or Path(group[0]).resolve().parent.name, group) for group in groups]  # fmt: skip
+             or Path(group[0]).absolute().parent.name, group) for group in groups]  # fmt: skip
 
 
 def _begin(words: Sequence[str]) -> str:

@@ -39,7 +39,7 @@ def two(tiny_sequence, tmp_path):
     return [shutil.copytree(tiny_sequence, tmp_path / name) for name in ("walk", "run")]
 
 
-HOW = ("--detections", "simulated:1.0", "--no-appearance-check", "--multistart", "off")
+HOW = ("--detections", "simulated:1.0", "--no-appearance-check", "--no-multistart")
 
 
 def same(a, b) -> bool:

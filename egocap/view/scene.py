@@ -274,7 +274,7 @@ class Scene:
             strips = [rim, *([[0.0, 0.0, 0.0], rim[k]] for k in range(0, 32, 8))]
             placed = [transform(T, np.asarray(strip)) for strip in strips]
             self._static(f"space/head/{view}", self.rr.LineStrips3D(
-                placed, colors=[side_colour(view)], radii=0.001))  # fmt: skip
+                placed, colors=[side_colour(view.rpartition("_")[2])], radii=0.001))  # fmt: skip
 
     def _wearer(self) -> None:
         """A standing person of 1.75 m under a rig that nothing else is shown with."""

@@ -15,7 +15,7 @@ from tyro.conf import Positional
 from egocap.body.labels import LABELS
 from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
-from egocap.commandline import DONE, MISSED
+from egocap.commandline import DONE, MISSED, progress
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
@@ -141,13 +141,17 @@ def _track(
     proportions = opened.body if how.body is None else find_body(how.body, cameras, found)
     heads = None if how.head_pose is None else read_head_poses(how.head_pose, found.times)
     drift = None
-    if how.mount_drift:
-        from egocap.fitting.mount_drift import track_with_drift
+    with progress("track", len(found.times)) as advance:
+        if how.mount_drift:
+            from egocap.fitting.mount_drift import track_with_drift
 
-        result, drift = track_with_drift(found, cameras, proportions, how.settings, opened.images)
-    else:
-        tracker = make_tracker(cameras, proportions, how.solver, how.settings)
-        result = tracker.track(found, opened.images, heads)
+            result, drift = track_with_drift(
+                found, cameras, proportions, how.settings, opened.images
+            )
+        else:
+            tracker = make_tracker(cameras, proportions, how.solver, how.settings)
+            result = tracker.track(found, opened.images, heads)
+        advance(len(found.times))
     # So that no other sequence is scored with it, and scores name the body.
     origin = {"sequence": opened.manifest.config_sha256, "body": how.body or "sequence"}
     result = replace(result, config=result.config | origin)

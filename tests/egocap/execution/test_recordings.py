@@ -84,6 +84,15 @@ def test_results_of_other_settings_are_not_mixed(folder):
     assert (folder / "out" / INDEX).read_bytes() == before
 
 
+@pytest.mark.parametrize("text", ["[1", "[]", '{"kind": "other"}', '{"command": 1}', ""])
+def test_a_damaged_index_is_named(folder, text):
+    run(folder)
+    (folder / "out" / INDEX).write_text(text)
+    with pytest.raises(FileError, match=r"recordings\.json"):
+        run(folder)
+    assert results(folder) == {"a": "aa", "d": "dddd"}
+
+
 def test_a_file_among_the_settings_counts_by_its_content(folder):
     weights = folder / "weights"
     recordings = list_recordings([("a", (str(folder / "a.txt"),))])

@@ -31,6 +31,10 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+class HeldError(MachineError):
+    """Another process holds the lock of an output."""
+
+
 class OutputLock:
     """The lock of an output file, or with `folder` of an output folder, which is made if missing.
 
@@ -45,7 +49,7 @@ class OutputLock:
         self._made: list[Path] = []
 
     def take(self) -> None:
-        """Acquire the lock. MachineError names who holds it, or what prevents writing."""
+        """Acquire the lock. HeldError names who holds it; MachineError what prevents writing."""
         with disk_errors(self._inside):
             self._made = [p for p in (self._inside, *self._inside.parents) if not p.exists()]
             self._inside.mkdir(parents=True, exist_ok=True)
@@ -81,7 +85,7 @@ class OutputLock:
         except BlockingIOError:
             holder = _holder(os.pread(number, _LONGEST_NOTE, 0))
             os.close(number)
-            raise MachineError(
+            raise HeldError(
                 f"{self.target}: another process is writing it{holder}",
                 remedy="wait for it, or choose another output",
             ) from None

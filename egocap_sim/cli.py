@@ -58,8 +58,6 @@ def generate(
 
     if not scenes:
         raise InputError("no scene given", valid="names or files of scenes")
-    if workers is not None and workers < 0:
-        raise InputError(f"{workers} workers", valid="0 or more")
     files = [find_file("scene", name) for name in scenes]
     loaded = [override_scene(load_scene(file), overrides) for file in files]
     names = [scene.name for scene in loaded]

@@ -18,6 +18,7 @@ LAYERS = (
     {"egocap.locks"},
     {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards", "egocap.storage"},
     {"egocap.data"},
+    {"egocap.execution"},
     {"egocap.export"},
     {"egocap.footage", "egocap.calibration", "egocap.odometry", "egocap.world"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose", "egocap.head_pose"},  # not each other
@@ -31,7 +32,7 @@ LAYERS = (
     {"egocap.__main__"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
-NOUNS = RANK["egocap.data"]  # the highest layer that the simulator may use
+NOUNS = RANK["egocap.execution"]  # the highest layer that the simulator may use
 FOREIGN = {
     "egocap": {"egocap_sim", "egocap_eval", "benchmarks", "mujoco", "OpenGL", "anny"},
     "egocap_sim": {"egocap_eval", "benchmarks"},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.adaptation.config import AdaptOptions
+from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
 from egocap.detect.train.config import FOR_A_RIG, RunConfig, TrainingConfig
@@ -22,30 +24,59 @@ if TYPE_CHECKING:
     from egocap.adaptation.adapt import Adaptation
     from egocap.data.detections import Detections
     from egocap.detect.train.trainer import Outcome
+    from egocap.execution.recording_task import Report
 
 
 @app.command
-@locks("out")
 def detect(
-    sequence: Positional[Path],
+    sequences: Positional[tuple[Annotated[str, tyro.conf.arg(metavar="SEQUENCE")], ...]],
+    /,
     out: Path,
     weights: Path | None = None,
     engine: str = "auto",
     threads: int | None = None,
     frames: int | None = None,
+    workers: int | None = None,
+    cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
     json: bool = False,
 ) -> int:
-    """Detect 18 body parts in every view of a sequence.
+    """Detect 18 body parts in every view of sequences.
+
+    Over several, run the same command again to continue an interrupted run.
 
     Args:
-        sequence: folder of a sequence.
-        out: detections to write, npz.
+        sequences: folders of sequences; with --workers or --cluster also folders that hold some.
+        out: detections to write, npz; of several sequences, and with --workers or --cluster, the
+            folder of theirs.
         weights: detector weights, safetensors; those shipped by default.
         engine: auto (the fastest installed), onnxruntime, openvino (an extra), torch or cuda.
-        threads: threads of the network; all cores by default.
+        threads: threads of the network; all cores by default, shared among the workers.
         frames: only so many frames, from the first.
+        workers: processes, each with a sequence at a time; 0, the default: this one.
+        cluster: run on the workers of this Dask scheduler, e.g. tcp://host:8786.
         json: print the summary as JSON.
     """
+    settings = {"weights": weights, "engine": engine, "frames": frames}
+    if not are_several(sequences, several := (workers, cluster)):
+        with holding(out):
+            report = _detect(sequences, out, threads, **settings)
+        print_report("detections", out, report, json)
+        return DONE
+    from egocap.execution.recordings import find_recordings
+
+    if workers and cluster is None and threads is None:
+        threads = max(1, len(os.sched_getaffinity(0)) // workers)
+    return run_several(
+        "detect", partial(_detect, threads=threads), settings,
+        find_recordings(sequences, ".detections.npz"), out, several, strict=False, as_json=json,
+    )  # fmt: skip
+
+
+def _detect(
+    sources: tuple[str, ...], out: Path, threads: int | None, weights: Path | None, engine: str,
+    frames: int | None,
+) -> Report:  # fmt: skip
+    """Detect in one sequence and write the detections."""
     import time
 
     from egocap.commandline import progress
@@ -53,6 +84,7 @@ def detect(
     from egocap.data.sequence import open_sequence
     from egocap.detect.detector import Detector
 
+    (sequence,) = sources
     opened = open_sequence(sequence)
     detector = Detector(opened.rig, weights, engine, threads)  # type: ignore[arg-type]
     started = time.perf_counter()
@@ -60,8 +92,7 @@ def detect(
         found = detector.detect(opened, frames=frames, on_frames=advance)
     seconds = time.perf_counter() - started
     save_detections(out, found)
-    _print_detections(out, found, opened.rig.views, seconds, json)
-    return DONE
+    return _report(found, opened.rig.views, seconds)
 
 
 @app.command
@@ -188,24 +219,20 @@ def _print_run(run: RunConfig, outcome: Outcome, as_json: bool) -> None:
     print(json.dumps(summary(run, outcome), indent=1) if as_json else summary_text(run, outcome))
 
 
-def _print_detections(
-    path: Path, found: Detections, views: tuple[str, ...], seconds: float, as_json: bool
-) -> None:
+def _report(found: Detections, views: tuple[str, ...], seconds: float) -> Report:
     from egocap.detect.detector import missing_pictures
+    from egocap.execution.recording_task import Report
 
     frames = len(found.times)
+    rate, per_frame = frames / seconds, float(found.valid.sum()) / frames
     summary = {
-        "detections": str(path), "source": found.source, "frames": frames,
-        "frames_per_second": frames / seconds,
-        "detections_per_frame": float(found.valid.sum()) / frames,
+        "source": found.source, "frames": frames, "frames_per_second": rate,
+        "detections_per_frame": per_frame,
         "frames_without": dict(zip(views, missing_pictures(found), strict=True)),
     }  # fmt: skip
-    if as_json:
-        print(json.dumps(summary, indent=1))
-        return
-    print(f"{path}: {frames} frames at {summary['frames_per_second']:.1f} frames/s, "
-          f"{summary['detections_per_frame']:.1f} detections a frame of {len(views)} x 18, by "
-          f"{found.source}")  # fmt: skip
+    line = (f"{frames} frames at {rate:.1f} frames/s, {per_frame:.1f} detections a frame of "
+            f"{len(views)} x 18, by {found.source}")  # fmt: skip
+    return Report(summary, (line,))
 
 
 def _print_calibration(path: Path, found: dict[str, Any], as_json: bool) -> None:

@@ -17,7 +17,8 @@ _PACKAGES = (
     "pyopengl",
 )  # fmt: skip
 _EXTRAS = {"train": "torch", "fast": "openvino", "people": "anny", "cluster": "distributed",
-           "datasets": "h5py", "posterior": "arviz", "view": "rerun"}  # fmt: skip
+           "datasets": "h5py", "posterior": "arviz", "store": "fsspec",
+           "view": "rerun", "world": "pycolmap"}  # fmt: skip
 _LEAST_CACHE_MB = 200  # exported networks and motion files
 _RUNS = 10  # of the network, timed
 

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json as jsons
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from tyro.conf import Positional
 
+from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED, progress
 from egocap.errors import InputError
 from egocap.footage.config import ImportOptions
-from egocap.locks import locks
+from egocap.locks import holding
 from egocap.motion_capture.config import MocapOptions
 
 if TYPE_CHECKING:
-    from egocap.data.sequence import Sequence
+    from egocap.data.sequence import Sequence as Recording
+    from egocap.execution.recording_task import Report
+    from egocap.motion_capture.capture import Capture
 
 IMPORT, MOCAP = ImportOptions(), MocapOptions()
 
@@ -100,7 +104,7 @@ def steps(stack: ExitStack) -> Callable[[str, int], Callable[[int], None]]:
     return begin
 
 
-def print_footage(sequence: Sequence, as_json: bool) -> None:
+def print_footage(sequence: Recording, as_json: bool) -> None:
     """Frames of the sequence, and what was found in each view's pictures."""
     from egocap.footage.summary import describe, summary
 
@@ -112,7 +116,6 @@ def print_footage(sequence: Sequence, as_json: bool) -> None:
 
 
 @app.command
-@locks("out", folder=True)
 def mocap(
     sources: Positional[tuple[str, ...]],
     rig: Path,
@@ -120,6 +123,8 @@ def mocap(
     options: Annotated[MocapOptions, tyro.conf.OmitArgPrefixes] = MOCAP,
     footage: Annotated[ImportOptions, tyro.conf.OmitArgPrefixes] = IMPORT,
     strict: bool = False,
+    workers: int | None = None,
+    cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
     json: bool = False,
 ) -> int:
     """Capture the motion of the wearer of a rig from footage of its cameras.
@@ -128,26 +133,78 @@ def mocap(
     is and what to improve. The same command goes on where an interrupted one stopped.
 
     Args:
-        sources: a video, or a folder of pictures, for every view in the order of the rig.
+        sources: a video, or a folder of pictures, for every view in the order of the rig; of
+            several recordings with this rig, one after another.
         rig: rig file of the cameras.
-        out: folder of the results.
+        out: folder of the results; of several recordings, and with --workers or --cluster, the
+            folder that holds theirs.
         options: what is known of the wearer, and what to write.
         footage: how the footage is read.
         strict: exit with 3 if footage, rig and body do not fit each other; all files are written.
+        workers: processes, each with a recording at a time; 0, the default: this one.
+        cluster: run on the workers of this Dask scheduler, e.g. tcp://host:8786.
         json: print the findings as JSON.
     """
-    from egocap.motion_capture.capture import mocap as capture
+    settings = {"rig": rig, "options": options, "footage": footage}
+    several = workers, cluster
+    if not are_several(found := _recordings(sources, rig, footage), several):
+        made = _capture(sources, out, **settings)
+        report = _report(made)
+        if json:
+            print_report("folder", out, report, json)
+        else:
+            print_footage(made.sequence, as_json=False)
+            print(f"{out / 'index.html'}: " + "\n".join(report.lines))
+        return MISSED if strict and report.missed else DONE
+    from egocap.execution.recordings import list_recordings
+
+    return run_several("mocap", _mocap, settings, list_recordings(found), out, several,
+                       strict=strict, as_json=json)  # fmt: skip
+
+
+def _recordings(
+    sources: Sequence[str], rig: Path, footage: ImportOptions
+) -> list[tuple[str, tuple[str, ...]]]:
+    """Names and sources of the recordings: the sources in groups of one for every view.
+
+    A name is what the files of a recording begin with in common, or that of their folder.
+    Raises InputError for sources that are left over.
+    """
+    from egocap.cameras.rig_files import load_rig
+    from egocap.storage.copies import here
+
+    views = 1 if footage.side_by_side else len(load_rig(here(rig)).views)
+    if len(sources) > views and len(sources) % views:
+        raise InputError(f"{len(sources)} sources for {views} views",
+                         valid=f"{views} for every recording")  # fmt: skip
+    groups = [tuple(sources[i : i + views]) for i in range(0, len(sources), views)]
+    return [(_begin([Path(source).stem for source in group]).rstrip("-_. ")
+             or Path(group[0]).absolute().parent.name, group) for group in groups]  # fmt: skip
+
+
+def _begin(words: Sequence[str]) -> str:
+    """The letters with which all words begin."""
+    same = takewhile(lambda letters: len(set(letters)) == 1, zip(*words, strict=False))
+    return "".join(letters[0] for letters in same)
+
+
+def _capture(
+    sources: tuple[str, ...], out: Path, rig: Path, options: MocapOptions, footage: ImportOptions
+) -> Capture:
+    from egocap.motion_capture.capture import mocap
+
+    with holding(out, folder=True), ExitStack() as stack:
+        return mocap(sources, rig, out, options, footage, on_step=steps(stack))
+
+
+def _mocap(sources: tuple[str, ...], out: Path, **settings: Any) -> Report:
+    return _report(_capture(sources, out, **settings))
+
+
+def _report(made: Capture) -> Report:
+    from egocap.execution.recording_task import Report
     from egocap.track.consistency import warning_of
 
-    with ExitStack() as stack:
-        made = capture(sources, rig, out, options, footage, on_step=steps(stack))
-    code = MISSED if strict and warning_of(made.track) else DONE
-    if json:
-        print(jsons.dumps({"folder": str(out)} | made.findings.to_dict(), indent=1))
-        return code
-    print_footage(made.sequence, as_json=False)
-    print(f"{out / 'index.html'}: a joint is within 5 cm with a probability of "
-          f"{100 * float(made.findings.sure.mean()):.0f} %")  # fmt: skip
-    for line in made.findings.advice:
-        print(f"  {line}")
-    return code
+    sure = f"a joint is within 5 cm with a probability of {100 * made.findings.sure.mean():.0f} %"
+    lines = (sure, *(f"  {line}" for line in made.findings.advice))
+    return Report(made.findings.to_dict(), lines, warning_of(made.track) is not None)

@@ -1,6 +1,7 @@
 """The program `egocap`."""
 
 import sys
+from functools import partial
 
 from egocap.cli import (  # noqa: F401 (each adds its commands)
     calibrating,
@@ -21,6 +22,8 @@ from egocap.storage.words import local_words
 
 _PAIRS = {("calibrate", "print-board"): "print-board"}
 """Commands of two words, and the name under which they are registered."""
+_ON_WORKERS = ("detect", "track", "mocap")
+"""Commands whose inputs are read where they run: with --cluster, on its workers."""
 
 
 def main() -> int:
@@ -29,5 +32,9 @@ def main() -> int:
     if tuple(words[:2]) in _PAIRS:
         words = [_PAIRS[words[0], words[1]], *words[2:]]
     description = "Full-body motion from head-worn fisheye cameras."
+    elsewhere = words[:1] in [[name] for name in _ON_WORKERS] and any(
+        word.partition("=")[0] == "--cluster" for word in words
+    )
+    within = partial(local_words, inputs=not elsewhere)
     with registry:
-        return run(app, prog="egocap", description=description, args=words, within=local_words)
+        return run(app, prog="egocap", description=description, args=words, within=within)

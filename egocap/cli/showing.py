@@ -151,8 +151,9 @@ def view(what: Positional[tuple[Path, ...]], save: Path | None = None, images: b
 
     Args:
         what: a sequence, tracks to compare (npz), posteriors (npz), a rig file.
-        save: file to write instead of opening the viewer, .rrd.
-        images: include the images of the sequence.
+        save: file to write instead of opening the viewer: .rrd, or .mp4, a film in its layout of a
+            sequence and a track, which needs no extra.
+        images: include the images of the sequence; a film always has them.
     """
     from egocap.view.viewer import view as show
 
@@ -160,7 +161,8 @@ def view(what: Positional[tuple[Path, ...]], save: Path | None = None, images: b
         raise InputError("nothing to show", valid="a sequence, tracks, posteriors or a rig file")
     show(what, save, images)
     if save is not None:
-        print(f"{save}: {save.stat().st_size / 1e6:.1f} MB; open it with: rerun {save}")
+        how = f"; open it with: rerun {save}" * (save.suffix == ".rrd")
+        print(f"{save}: {save.stat().st_size / 1e6:.1f} MB{how}")
     return DONE
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,24 +13,43 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.body.labels import LABELS
+from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
-from egocap.commandline import DONE, MISSED
+from egocap.commandline import DONE, MISSED, progress
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
-from egocap.locks import locks
+from egocap.locks import holding, locks
 from egocap.paper.config import SolverName
 from egocap.pose.config import TrackerConfig
 
 if TYPE_CHECKING:
     from egocap.data.track import Track
+    from egocap.execution.recording_task import Report
     from egocap.fitting.fit_body import BodyFit
+
+ENDING = ".track.npz"
+"""Of the names of tracks of several sequences."""
+
+
+@dataclass(frozen=True)
+class _Tracking:
+    """What the result depends on beside the sequence."""
+
+    detections: str
+    solver: SolverName
+    settings: TrackerConfig
+    seed: int
+    body: str | None
+    rig: Path | None
+    head_pose: Path | None
+    mount_drift: bool
 
 
 @app.command
-@locks("out", "save_detections")
 def track(
-    sequence: Positional[Path],
+    sequences: Positional[tuple[Annotated[str, tyro.conf.arg(metavar="SEQUENCE")], ...]],
+    /,
     out: Path,
     detections: str = "learned",
     solver: SolverName = "fast",
@@ -40,18 +61,23 @@ def track(
     head_pose: Path | None = None,
     mount_drift: bool = False,
     strict: bool = False,
+    workers: int | None = None,
+    cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
     json: bool = False,
 ) -> int:
-    """Recover 37 joint angles in every frame of a sequence from detections in both views.
+    """Recover 37 joint angles in every frame of sequences from detections in both views.
 
-    The tracker is given detections, the rig and the person's proportions; never the truth.
+    The tracker is given detections, the rig and the person's proportions; never the truth. Over
+    several sequences, run the same command again to continue an interrupted run.
 
     Args:
-        sequence: folder of a sequence.
-        out: track to write, npz.
+        sequences: folders of sequences; with --workers or --cluster also folders that hold some.
+        out: track to write, npz; of several sequences, and with --workers or --cluster, the folder
+            of theirs.
         detections: where detections come from: the learned detector (learned:FILE for other weights
             than the shipped); simulated:SIGMA[,outliers=P][,occluded=keep|drop] draws them from the
-            truth, SIGMA in pixels at 640 x 512; or a file of detections.
+            truth, SIGMA in pixels at 640 x 512; or a file of detections, or the folder that
+            `egocap detect` wrote of several sequences.
         solver: fast: second order, all settings; reference: the paper's 200 gradient steps over
             all pixels; stochastic: its 50 steps over random pixels. Of the settings, the paper's
             solvers have the smoothing alone.
@@ -60,52 +86,79 @@ def track(
         body: the person's proportions: a file of fit-body, average:HEIGHT, fit or fit:HEIGHT (from
             the first 20 s); by default the sequence's own, which footage does not have.
         rig: rig file in place of the sequence's own rig, as fit-rig writes it.
-        save_detections: also write the detections used, npz.
+        save_detections: also write the detections used, npz; of a single sequence.
         head_pose: where the head was, as you know it from elsewhere: npz with `time` (s) and
             `T_world_head` (4 x 4), z up; the track is then in that world, too, with contacts, and
             planted feet keep their place. Frames in a gap of the poses stay in the head frame.
         mount_drift: follow a rig that slowly slips on the head, and say when it jumped; 10 s of
             footage or more, twice the time; solver fast, without head_pose.
         strict: exit with 3 if detections, rig and body do not fit each other; the track is written.
+        workers: processes, each with a sequence at a time; 0, the default: this one.
+        cluster: run on the workers of this Dask scheduler, e.g. tcp://host:8786.
         json: print the summary as JSON.
     """
-    from egocap.cameras.rig_files import load_rig
-    from egocap.data import detections as detection_file
-    from egocap.data.head_pose import read_head_poses
-    from egocap.data.sequence import Sequence
-    from egocap.data.track import save_track
-    from egocap.fitting.wearer import find_body
-    from egocap.paper.tracker import make_tracker
-    from egocap.track.consistency import warning_of
-
     if mount_drift and (solver != "fast" or head_pose is not None):
         raise InputError("mount drift with another solver or head poses",
                          valid="--solver fast, no --head-pose")  # fmt: skip
-    opened = Sequence(sequence)
-    if body is None:
-        _ = opened.body  # before anything takes time
-    cameras = opened.rig if rig is None else load_rig(rig)
-    found = detections_from(opened, detections, seed, cameras)
-    proportions = opened.body if body is None else find_body(body, cameras, found)
-    heads = None if head_pose is None else read_head_poses(head_pose, found.times)
-    drift = None
-    if mount_drift:
-        from egocap.fitting.mount_drift import track_with_drift
+    how = _Tracking(detections, solver, settings, seed, body, rig, head_pose, mount_drift)
+    if not are_several(sequences, several := (workers, cluster)):
+        with ExitStack() as held:
+            for path in sorted({out, save_detections} - {None}):
+                held.enter_context(holding(path))
+            report = _track(sequences, out, how, save_detections)
+        print_report("track", out, report, json)
+        return MISSED if strict and report.missed else DONE
+    if save_detections is not None:
+        raise InputError("--save-detections of several sequences",
+                         valid="first `egocap detect`, then --detections DIR")  # fmt: skip
+    from egocap.execution.recordings import find_recordings
 
-        result, drift = track_with_drift(found, cameras, proportions, settings, opened.images)
-    else:
-        tracker = make_tracker(cameras, proportions, solver, settings)
-        result = tracker.track(found, opened.images, heads)
+    return run_several("track", _track, {"how": how}, find_recordings(sequences, ENDING), out,
+                       several, strict=strict, as_json=json)  # fmt: skip
+
+
+def _track(
+    sources: tuple[str, ...], out: Path, how: _Tracking, save_detections: Path | None = None
+) -> Report:
+    """Track one sequence and write the track."""
+    from egocap.cameras.rig_files import load_rig
+    from egocap.data import detections as detection_file
+    from egocap.data.head_pose import read_head_poses
+    from egocap.data.sequence import open_sequence
+    from egocap.data.track import save_track
+    from egocap.fitting.wearer import find_body
+    from egocap.paper.tracker import make_tracker
+
+    (sequence,) = sources
+    opened = open_sequence(sequence)
+    if how.body is None:
+        _ = opened.body  # before anything takes time
+    cameras = opened.rig if how.rig is None else load_rig(how.rig)
+    source = how.detections
+    if Path(source).is_dir():
+        source = str(Path(source) / f"{out.name.removesuffix(ENDING)}.detections.npz")
+    found = detections_from(opened, source, how.seed, cameras)
+    proportions = opened.body if how.body is None else find_body(how.body, cameras, found)
+    heads = None if how.head_pose is None else read_head_poses(how.head_pose, found.times)
+    drift = None
+    with progress("track", len(found.times)) as advance:
+        if how.mount_drift:
+            from egocap.fitting.mount_drift import track_with_drift
+
+            result, drift = track_with_drift(
+                found, cameras, proportions, how.settings, opened.images
+            )
+        else:
+            tracker = make_tracker(cameras, proportions, how.solver, how.settings)
+            result = tracker.track(found, opened.images, heads)
+        advance(len(found.times))
     # So that no other sequence is scored with it, and scores name the body.
-    origin = {"sequence": opened.manifest.config_sha256, "body": body or "sequence"}
+    origin = {"sequence": opened.manifest.config_sha256, "body": how.body or "sequence"}
     result = replace(result, config=result.config | origin)
     if save_detections is not None:
         detection_file.save_detections(save_detections, found)
     save_track(out, result)
-    _print_summary(out, result, json)
-    if drift is not None and not json:
-        print("\n".join(drift.lines()))
-    return MISSED if strict and warning_of(result) else DONE
+    return _report(result, [] if drift is None else drift.lines())
 
 
 @app.command
@@ -159,12 +212,13 @@ def fit_body(
     return DONE
 
 
-def _print_summary(path: Path, result: Track, as_json: bool) -> None:
+def _report(result: Track, drift: Sequence[str]) -> Report:
+    from egocap.execution.recording_task import Report
     from egocap.track.consistency import warning_of
 
     rate = 1.0 / result.seconds_per_frame
     summary: dict[str, Any] = {
-        "track": str(path), "frames": len(result.times), "frames_per_second": rate,
+        "frames": len(result.times), "frames_per_second": rate,
         "converged": int(result.converged.sum()),
         "detections_per_frame": float(result.detections_used.mean()),
         "consistency": result.config["consistency"],
@@ -178,17 +232,15 @@ def _print_summary(path: Path, result: Track, as_json: bool) -> None:
         summary["frames_in_world"] = int(result.in_world.sum())
     if "mount_drift" in result.config:
         summary["mount_drift"] = result.config["mount_drift"]
-    if as_json:
-        print(json.dumps(summary, indent=1))
-        return
     views = "" if result.hidden is None else f" of {result.hidden.shape[1]} x {len(LABELS)}"
-    print(f"{path}: {summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
-          f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections a "
-          f"frame{views}")  # fmt: skip
+    lines = [f"{summary['frames']} frames tracked, {rate:.0f} frames/s on one core, "
+             f"{summary['converged']} converged, {summary['detections_per_frame']:.1f} detections "
+             f"a frame{views}"]  # fmt: skip
     if warning := warning_of(result):
-        print(f"warning: {warning}")
+        lines.append(f"warning: {warning}")
     if result.in_world is not None:
-        print(_world_summary(result))
+        lines.append(_world_summary(result))
+    return Report(summary, (*lines, *drift), warning is not None)
 
 
 def _world_summary(result: Track) -> str:

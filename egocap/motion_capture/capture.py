@@ -24,13 +24,13 @@ from egocap.footage.importing import import_footage
 from egocap.footage.sources import Step
 from egocap.motion_capture import steps
 from egocap.motion_capture.config import MocapOptions
-from egocap.motion_capture.film import write_film
 from egocap.motion_capture.findings import Findings, find
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
 from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.track.view_agreement import check_agreement
+from egocap.view.film import write_film
 
 FILM, PAGE = "film.mp4", "index.html"
 

@@ -14,8 +14,8 @@ from egocap.body.side_colours import LEFT, RIGHT
 from egocap.data.sequence import Sequence
 from egocap.data.track import CONTACTS, Track
 from egocap.files import write_atomically
-from egocap.motion_capture.film import picture
 from egocap.motion_capture.findings import Findings
+from egocap.view.skeleton import side_by_side
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,10 +103,11 @@ def _moments(sequence: Sequence, track: Track, found: Findings) -> list[tuple[st
 
     shown = []
     for frame in found.worst:
-        image = np.ascontiguousarray(picture(sequence, track, frame))
+        image = side_by_side(sequence.pictures(frame), track.joints_head[frame],
+                             track.confidence[frame], sequence.rig)  # fmt: skip
         caption = (f"frame {frame}, {track.times[frame]:.2f} s: a joint is within 5 cm with a "
                    f"probability of {100 * found.sure[frame]:.0f} %")  # fmt: skip
-        jpeg = simplejpeg.encode_jpeg(image, 85)
+        jpeg = simplejpeg.encode_jpeg(np.ascontiguousarray(image), 85)
         shown.append((caption, base64.b64encode(jpeg).decode()))
     return shown
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -16,14 +17,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from egocap.commandline import progress
 from egocap.errors import EgocapError, FileError, MachineError
 from egocap.files import cache_folder, make_folder, replacing, sha256, write_json
-from egocap.locks import IN_FOLDER, holding
+from egocap.locks import IN_FOLDER, HeldError, holding
 from egocap.schema import read_json
-from egocap.storage.store import Stamp, Store
+from egocap.storage.store import Stamp, Store, is_address
 
 log = logging.getLogger(__name__)
 
@@ -35,6 +36,8 @@ PATIENCE_S = 900.0
 _LONGEST_WAIT_S = 30.0
 _AT_ONCE = 4  # transfers
 _IDLE_SHARE = 5.0  # of the time of a pass over the copy, before the next
+
+P = TypeVar("P", str, Path)
 
 
 @dataclass(frozen=True)
@@ -287,3 +290,17 @@ def fetch(address: str) -> Path:
         if not copy.fetch():
             raise FileError(address, "there is nothing there")
         return copy.path
+
+
+def here(path: P) -> P:
+    """The path or word itself, or the local copy of what it names on a store. Raises as `fetch`.
+
+    Processes of this machine that fetch the same wait for each other.
+    """
+    address = re.sub(r"^(\w+):/(?=[^/])", r"\1://", str(path))  # a Path drops a slash
+    while is_address(address):
+        try:
+            return type(path)(fetch(address))
+        except HeldError:
+            time.sleep(EVERY_S)
+    return path

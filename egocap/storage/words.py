@@ -21,16 +21,16 @@ OUTPUT = "--out"
 
 
 @contextmanager
-def local_words(words: Sequence[str]) -> Iterator[list[str]]:
+def local_words(words: Sequence[str], *, inputs: bool = True) -> Iterator[list[str]]:
     """The words with local paths in place of addresses.
 
-    Inputs are fetched first. Of an output what is there is fetched, so that an unfinished one is
-    continued; its files are sent while the command runs and when it ends, however it ends. Raises
-    FileError and MachineError.
+    Inputs are fetched first; they stay addresses if `inputs` is False. Of an output what is there
+    is fetched, so that an unfinished one is continued; its files are sent while the command runs
+    and when it ends, however it ends. Raises FileError and MachineError.
     """
     with ExitStack() as held:
         outputs: list[Copy] = []
-        found = [_local(word, words[i - 1] if i else "", outputs, held)
+        found = [_local(word, words[i - 1] if i else "", outputs, held, inputs)
                  for i, word in enumerate(words)]  # fmt: skip
         try:
             with ExitStack() as sending:
@@ -46,14 +46,14 @@ def local_words(words: Sequence[str]) -> Iterator[list[str]]:
             print(f"{copy.store.address}: sent", file=sys.stderr)
 
 
-def _local(word: str, before: str, outputs: list[Copy], held: ExitStack) -> str:
+def _local(word: str, before: str, outputs: list[Copy], held: ExitStack, inputs: bool) -> str:
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if not is_address(value):
         return word
     from egocap.storage.copies import Copy, fetch
 
     if (option or before) != OUTPUT:
-        return f"{option}{equals}{fetch(value)}"
+        return word if not inputs else f"{option}{equals}{fetch(value)}"
     copy = held.enter_context(Copy(value).held())
     copy.fetch(keep_unsent=True)
     outputs.append(copy)

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import LABELS, LIMBS
 from egocap.body.proportions import Proportions
-from egocap.body.side_colours import side_colour
+from egocap.body.side_colours import side_colour, side_hex
 from egocap.body.skeleton import forward
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount, Rig
@@ -27,7 +27,8 @@ from egocap.posterior.rig_coverage import RigCoverage, everyday_poses, rig_cover
 SIDES = (("from the left", 0, 2), ("from the front", 1, 2), ("from above", 1, 0))
 """Titles and the head axes that run right and up in the drawing."""
 POSES = ("standing", "sitting")
-COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
+MARKS = ("o", "s", "^", "D")
+"""Of the cameras in turn; their colour is that of their side."""
 _STARTS = {"standing": "rest", "sitting": "sitting"}
 _HEAD = np.array([0.01, 0.0, 0.06]), np.array([0.095, 0.075, 0.115])
 """Centre and half axes of the drawn head, metres."""
@@ -130,18 +131,18 @@ def _side(axes: Any, rig: Rig, proportions: Proportions, title: str, right: int,
     for a, b in LIMBS:
         axes.plot(flip * joints[[a, b], right], joints[[a, b], up], color="0.6", lw=2, zorder=1)
     axes.plot(0, 0, "k+", markersize=10, label="skull base")
-    for mount, colour in zip(rig.mounts, COLOURS * 4, strict=False):
-        _camera(axes, mount, colour, (right, up), flip)
+    for mount, mark in zip(rig.mounts, MARKS * 4, strict=False):
+        _camera(axes, mount, mark, (right, up), flip)
     axes.set(xlim=(-0.75, 0.75), ylim=(-0.95, 0.45) if up == 2 else (-0.6, 0.8), aspect="equal",
              title=title, xlabel="m", ylabel="m")  # fmt: skip
     axes.legend(fontsize=8, loc="lower right")
 
 
-def _camera(axes: Any, mount: Mount, colour: str, plane: tuple[int, int], flip: float) -> None:
-    """A dot, the optical axis, and the rays at the borders of the image through its centre."""
-    T = mount.T_head_camera
+def _camera(axes: Any, mount: Mount, mark: str, plane: tuple[int, int], flip: float) -> None:
+    """A mark, the optical axis, and the rays at the borders of the image through its centre."""
+    T, colour = mount.T_head_camera, side_hex(mount.name.rpartition("_")[2])  # as front_left
     place, (right, up) = T[:3, 3], plane
-    axes.plot(flip * place[right], place[up], "o", color=colour, label=mount.name, zorder=3)
+    axes.plot(flip * place[right], place[up], mark, color=colour, label=mount.name, zorder=3)
     tip = place + 0.25 * T[:3, 2]
     axes.plot(flip * np.array([place[right], tip[right]]), [place[up], tip[up]], color=colour)
     rays, _ = mount.camera.ray(_border(mount.camera))

@@ -20,6 +20,7 @@ from egocap.body.proportions import Proportions
 from egocap.body.side_colours import side_colour
 from egocap.body.skeleton import DOFS, forward
 from egocap.cameras.rig import Rig
+from egocap.commandline import progress
 from egocap.data.sequence import Sequence
 from egocap.data.track import CONTACTS, Track
 from egocap.geometry import matrix_to_quaternion, transform
@@ -152,13 +153,16 @@ class Scene:
             self._pose(f"views/{view}/{name}", times, shown, colour)
 
     def _images(self, sequence: Sequence) -> None:
-        for v, camera in enumerate(sequence.rig.cameras):
-            found, at = [], []
-            for i, time in enumerate(sequence.times):
-                if (image := sequence.picture(i, v)) is not None:
-                    found.append(_jpeg(image, camera.height))
-                    at.append(time)
-            self._pictures(sequence.rig.views[v], np.array(at), found)
+        cameras = sequence.rig.cameras
+        with progress("images", len(sequence) * len(cameras), unit="images") as advance:
+            for v, camera in enumerate(cameras):
+                found, at = [], []
+                for i, time in enumerate(sequence.times):
+                    if (image := sequence.picture(i, v)) is not None:
+                        found.append(_jpeg(image, camera.height))
+                        at.append(time)
+                    advance(1)
+                self._pictures(sequence.rig.views[v], np.array(at), found)
 
     def _pictures(self, view: str, times: Float[Array, "T"], jpegs: list[bytes]) -> None:
         self._static(f"views/{view}", self.rr.EncodedImage.from_fields(media_type="image/jpeg"))
@@ -274,7 +278,7 @@ class Scene:
             strips = [rim, *([[0.0, 0.0, 0.0], rim[k]] for k in range(0, 32, 8))]
             placed = [transform(T, np.asarray(strip)) for strip in strips]
             self._static(f"space/head/{view}", self.rr.LineStrips3D(
-                placed, colors=[side_colour(view)], radii=0.001))  # fmt: skip
+                placed, colors=[side_colour(view.rpartition("_")[2])], radii=0.001))  # fmt: skip
 
     def _wearer(self) -> None:
         """A standing person of 1.75 m under a rig that nothing else is shown with."""

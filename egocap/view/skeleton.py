@@ -33,20 +33,34 @@ def side_by_side(
     images: Sequence[UInt8[Array, "H W 3"] | None], joints_head: Float[Array, "18 3"],
     confidence: Float[Array, "18"], rig: Rig, height: int = 360,
 ) -> UInt8[Array, "h w 3"]:  # fmt: skip
-    """All views with the pose over them and the pose in 3-D, RGB; a missing picture is black.
+    """All views with the pose over them and the pose in 3-D, RGB, of one height.
 
     Both sides are even, as films want them.
     """
-    pixels, inside = rig.project(joints_head)
+    panels = draw_views(images, joints_head, confidence, rig, height)
+    return np.concatenate([*panels, draw_in_space(joints_head, confidence, height)], axis=1)
+
+
+def draw_views(
+    images: Sequence[UInt8[Array, "H W 3"] | None], joints_head: Float[Array, "18 3"],
+    confidence: Float[Array, "18"], rig: Rig, height: int,
+    grey: Sequence[Float[Array, "18 3"]] = (),
+) -> list[UInt8[Array, "h w 3"]]:  # fmt: skip
+    """Every view at a height with the pose over it, and other poses in grey below; RGB.
+
+    A missing picture is black. Widths are even.
+    """
     panels = []
-    for v, (image, camera) in enumerate(zip(images, rig.cameras, strict=True)):
-        width = round(camera.width * height / camera.height / 2) * 2
-        panel = _scaled(image, width, height)
-        scale = np.array([width / camera.width, height / camera.height])
-        at = (np.where(inside[v][:, None], pixels[v], 0.0) + 0.5) * scale - 0.5
-        panels.append(draw_pose(panel, at, inside[v], confidence))
-    panels.append(draw_in_space(joints_head, confidence, height))
-    return np.concatenate(panels, axis=1)
+    for image, camera in zip(images, rig.cameras, strict=True):
+        panels.append(_scaled(image, round(camera.width * height / camera.height / 2) * 2, height))
+    poses = [*((joints, np.zeros(len(LABELS))) for joints in grey), (joints_head, confidence)]
+    for joints, sure in poses:
+        pixels, inside = rig.project(joints)
+        for v, camera in enumerate(rig.cameras):
+            scale = np.array([panels[v].shape[1] / camera.width, height / camera.height])
+            at = (np.where(inside[v][:, None], pixels[v], 0.0) + 0.5) * scale - 0.5
+            panels[v] = draw_pose(panels[v], at, inside[v], sure)
+    return panels
 
 
 def draw_pose(
@@ -70,9 +84,10 @@ def draw_pose(
 
 
 def draw_in_space(
-    joints_head: Float[Array, "18 3"], confidence: Float[Array, "18"], size: int
-) -> UInt8[Array, "h w 3"]:
-    """The pose seen from before and the left, over a floor at its lowest foot."""
+    joints_head: Float[Array, "18 3"], confidence: Float[Array, "18"], size: int,
+    grey: Sequence[Float[Array, "18 3"]] = (),
+) -> UInt8[Array, "h w 3"]:  # fmt: skip
+    """The pose seen from before and the left, over a floor at its lowest foot; others in grey."""
     import cv2
 
     canvas = np.full((size // 2 * 2, size // 2 * 2, 3), 24, np.uint8)
@@ -81,6 +96,8 @@ def draw_in_space(
     for first, last in np.rint(16.0 * lines).astype(int).tolist():
         cv2.line(canvas, first, last, (58, 58, 58), 1, cv2.LINE_AA, 4)
     everything = np.ones(len(LABELS), bool)
+    for joints in grey:
+        canvas = draw_pose(canvas, _seen(joints, size), everything, np.zeros(len(LABELS)))
     return draw_pose(canvas, _seen(joints_head, size), everything, confidence)
 
 

@@ -14,14 +14,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from egocap.cameras.rig_files import load_rig
+from egocap.commandline import progress
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
 from egocap.errors import InputError, MachineError, require
 from egocap.files import make_folder, read_npz, write_atomically
 from egocap.posterior.result import KIND, load_posterior
+from egocap.view.film import write_film
 from egocap.view.scene import Scene, Shown
 
-SUFFIX = ".rrd"
+SUFFIX, FILM = ".rrd", ".mp4"
 CURVES = {"error": "mean error, mm", "confidence": "least confidence", "angles": "angles, degrees"}
 """Curves of a track, by the names of `Scene`, and their titles."""
 
@@ -47,15 +49,19 @@ def open_all(paths: Items[Path]) -> Shown:
 
 
 def view(paths: Items[Path], save: Path | None = None, images: bool = True) -> None:
-    """Open the viewer on what the paths hold, or save a recording for it.
+    """Open the viewer on what the paths hold, or save a recording for it, or a film (.mp4).
 
-    Raises FileError, InputError, and MachineError without the extra `view` or without a display.
+    Raises FileError, InputError, and MachineError without the extra `view`, which a film does not
+    need, or without a display.
     """
+    if save is not None and save.suffix == FILM:
+        return _film(open_all(paths), save)
+    if save is not None and save.suffix != SUFFIX:
+        raise InputError(f"cannot write '{save.name}'",
+                         valid=f"a name that ends in {SUFFIX} or {FILM}")  # fmt: skip
     require("rerun", "view")
     import rerun as rr
 
-    if save is not None and save.suffix != SUFFIX:
-        raise InputError(f"cannot write '{save.name}'", valid=f"a name that ends in {SUFFIX}")
     shown = open_all(paths)
     if save is not None:
         make_folder(save.parent)
@@ -69,6 +75,14 @@ def view(paths: Items[Path], save: Path | None = None, images: bool = True) -> N
                               check=False)  # fmt: skip
     if done.returncode:
         raise MachineError("the viewer did not open", remedy=f"--save FILE{SUFFIX} writes a file")
+
+
+def _film(shown: Shown, save: Path) -> None:
+    if shown.sequence is None or len(shown.tracks) != 1 or shown.posteriors:
+        raise InputError("a film of something else", valid="one sequence and one track of it")
+    (track,) = shown.tracks.values()
+    with progress("film", len(shown.sequence)) as advance:
+        write_film(save, shown.sequence, track, advance)
 
 
 def _recording(rr: Any, shown: Shown, images: bool) -> bytes:

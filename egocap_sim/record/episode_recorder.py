@@ -22,6 +22,7 @@ from egocap.data.dataset import (
 from egocap.data.dataset_writer import DatasetWriter, episode_entry, replace_episode
 from egocap.data.sequence_writer import digest
 from egocap.errors import InputError
+from egocap.execution.jobs import Executor, InProcess
 from egocap.files import sha256
 from egocap_sim.core.memory import release_memory
 from egocap_sim.core.resources import SAMPLED
@@ -34,7 +35,7 @@ from egocap_sim.record.episode_plan import (
     find_clips,
     plan_episodes,
 )
-from egocap_sim.record.jobs import Executor, InProcess, Job
+from egocap_sim.record.jobs import Job
 from egocap_sim.record.sequence_recorder import Summary, record_sequence
 from egocap_sim.scene.config import Scene
 from egocap_sim.scene.scene_error import errors_name_key
@@ -84,6 +85,10 @@ class EpisodeTask:
     def portable(self) -> EpisodeTask:
         """The same task: it refers only to the clips, which every machine has."""
         return self
+
+    def version(self) -> str:
+        """Version of the simulator's sources."""
+        return code_version()
 
     def close(self) -> None:
         """Do nothing: an episode releases its own resources."""

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from egocap.errors import InputError
+from egocap.execution.choice import choose_executor
+from egocap.execution.jobs import Executor
 from egocap_sim.record.compile_ahead import compiling_ahead
 from egocap_sim.record.episode_recorder import record_episodes
-from egocap_sim.record.jobs import Executor, InProcess
-from egocap_sim.record.process_pool import ProcessPool
 from egocap_sim.record.sequence_recorder import Summary, record_sequence
 from egocap_sim.scene.config import Scene
 from egocap_sim.scene.scene_error import errors_name_key
@@ -49,7 +49,7 @@ def generate(
     anything is written; MachineError when GL is missing, the disk is full or workers keep dying.
     """
     with compiling_ahead():
-        world, executor = build_world(scene), _executor(scene, workers, cluster)
+        executor, world = _executor(scene, workers, cluster), build_world(scene)
         if scene.episodes is None:
             _report_motions(world, strict)
             return record_sequence(world, out, executor, append=append, on_frames=on_frames)
@@ -74,10 +74,6 @@ def _report_motions(world: World, strict: bool) -> None:
 
 
 def _executor(scene: Scene, workers: int | None, cluster: str | None) -> Executor:
-    if cluster is None:
-        if workers is None:
-            workers = 0 if scene.episodes is None and scene.frames <= _SHORT else 2
-        return ProcessPool(workers) if workers else InProcess()
-    from egocap_sim.record.cluster import DaskCluster
-
-    return DaskCluster(cluster)
+    if workers is None:
+        workers = 0 if scene.episodes is None and scene.frames <= _SHORT else 2
+    return choose_executor(workers, cluster)

@@ -20,11 +20,12 @@ from egocap.data.sequence import OTHERS, SENSOR, TRUE_RIG, Sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, write_shard
 from egocap.data.truth import Truth
 from egocap.errors import InputError
+from egocap.execution.jobs import Executor
+from egocap.execution.process_pool import count_frames
 from egocap_sim.core.trajectory import PhysicsStats
 from egocap_sim.core.version import code_version
 from egocap_sim.motion.clips.clip_check import ClipReport
-from egocap_sim.record.jobs import Executor, Job
-from egocap_sim.record.process_pool import count_frames
+from egocap_sim.record.jobs import Job
 from egocap_sim.scene.config import Scene, to_toml
 from egocap_sim.truth.proportions import measure_proportions
 from egocap_sim.truth.truth import others_truth
@@ -83,6 +84,10 @@ class ShardTask:
         """The same task with the content of the drafts instead of their folder."""
         drafts = self._drafts
         return ShardTask(self._scene, read_drafts(drafts) if isinstance(drafts, Path) else drafts)
+
+    def version(self) -> str:
+        """Version of the simulator's sources."""
+        return code_version()
 
     def close(self) -> None:
         """Release the GL context."""

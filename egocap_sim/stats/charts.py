@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
+from egocap.body.side_colours import side_hex
 from egocap_sim.stats.collect import (
     ANGLES,
     CAUSES,
@@ -24,6 +25,7 @@ from egocap_sim.stats.collect import (
 
 _INK, _QUIET = "#22262b", "#8a929c"
 _BAR, _SECOND = "#3b6ea8", "#d98032"
+_SIDES = side_hex("left"), side_hex("right")
 _CAUSE_COLORS = ("#3b6ea8", "#d9dde2", "#d98032", "#8b5fa8")
 _STYLE = {
     "font.size": 9, "axes.edgecolor": _QUIET, "axes.labelcolor": _INK, "text.color": _INK,
@@ -104,7 +106,7 @@ def angles(figure: Figure, stats: Statistics) -> None:
     edges = np.linspace(0, 180, stats.angles.shape[1] + 1)
     for i, axes in enumerate(grid):
         for counts, name, color in zip(
-            stats.angles[2 * i : 2 * i + 2], ("left", "right"), (_BAR, _SECOND), strict=True
+            stats.angles[2 * i : 2 * i + 2], ("left", "right"), _SIDES, strict=True
         ):
             axes.stairs(_percent(counts), edges, color=color, label=name)
         axes.set_title(ANGLES[2 * i].split(" ", 1)[1])
@@ -116,10 +118,12 @@ def angles(figure: Figure, stats: Statistics) -> None:
 def contacts(figure: Figure, stats: Statistics) -> None:
     """Draw foot contacts and the ground force."""
     first, second, third = figure.subplots(1, 3)
-    first.bar(("none", "left", "right", "both"), _percent(stats.stance), color=_BAR)
+    first.bar(("none", "left", "right", "both"), _percent(stats.stance),
+              color=(_QUIET, *_SIDES, _QUIET))  # fmt: skip
     first.set(ylabel="% of frames", title="feet on the ground")
     names = ("left foot", "left toe", "right foot", "right toe")
-    second.barh(names, 100 * stats.contact / stats.frames, color=_BAR)
+    second.barh(names, 100 * stats.contact / stats.frames,
+                color=[side_hex(name.replace(" ", "_")) for name in names])  # fmt: skip
     second.invert_yaxis()
     second.set(xlim=(0, 100), title="% of frames in contact")
     third.stairs(_percent(stats.force), np.linspace(0, FORCE_MOST, len(stats.force) + 1),

@@ -143,7 +143,7 @@ def _on_cluster(address: str) -> Run:
     def run(todo: Sequence[ResultEntry], work: Path, motions: Path) -> dict[str, str]:
         from distributed import as_completed
 
-        from egocap_sim.record.cluster import connect
+        from egocap.execution.cluster import connect
 
         failed, commit = {}, git_commit() or ""
         with connect(address) as client, progress("results", len(todo), unit="results") as advance:

@@ -50,6 +50,16 @@ def test_tracking_from_learned_detections(egocap, tiny_sequence, tiny_file):
     assert name == load_detections("d.npz").source and str(name).startswith("learned:tiny-")
 
 
+def test_detections_of_several_sequences_are_tracked(egocap, tiny_sequence, tiny_file, tmp_path):
+    pair = [shutil.copytree(tiny_sequence, tmp_path / name) for name in ("walk", "run")]
+    code, out, err = egocap("detect", *pair, "--out", "found", "--weights", tiny_file)
+    assert code == 0 and "found: 2 of 2 recordings" in out, err
+    one = load_detections("found/run.detections.npz")
+    code, _, err = egocap("track", *pair, "--detections", "found", "--out", "tracks")
+    assert code == 0, err
+    assert load_track("tracks/run.track.npz").config["detections"] == one.source
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

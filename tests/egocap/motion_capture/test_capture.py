@@ -55,6 +55,21 @@ def test_the_command_reuses_what_is_there(monkeypatch, capsys, footage, results)
     assert {n for n in before if after[n] != before[n]} <= {"findings.json", "sequence"}
 
 
+def test_recordings_are_called_like_their_files(monkeypatch, capsys, footage, tmp_path):
+    (tmp_path / "rig.json").symlink_to(footage / "rig.json")
+    (tmp_path / "take").mkdir()
+    order = ("run-left", "run-right", "take/left", "take/right")
+    for path, view in zip(order, 2 * ("left", "right"), strict=True):
+        (tmp_path / path).symlink_to(footage / view)
+    code, shown = mocap(
+        monkeypatch, capsys, tmp_path, tmp_path / "out", "--body", "average:1.79", "--skip-film",
+        order=order,
+    )  # fmt: skip
+    assert code == 0 and "2 of 2 recordings" in shown.out, shown.err
+    for name in ("take", "run"):
+        assert len(load_track(tmp_path / "out" / name / "track.npz").times) == 7
+
+
 def test_exchanged_views_are_refused(monkeypatch, capsys, footage, tmp_path):
     code, shown = mocap(
         monkeypatch, capsys, footage, tmp_path / "x", "--body", "average:1.79", "--skip-film",

@@ -11,6 +11,7 @@ import time
 import fsspec
 import pytest
 
+from egocap import cli
 from egocap.data.track import load_track
 from egocap.storage.copies import Copy, fetch
 from egocap_sim.scene.config import to_toml
@@ -110,6 +111,21 @@ def test_a_server_that_is_down_at_the_end_gets_the_rest_later(bucket, server, tm
         assert sorted(copy.store.listing()) == ["a.txt", "b.txt"]
         again.stop()
         server.start()
+
+
+def test_workers_of_a_cluster_fetch_what_they_track(bucket, tiny_sequence, monkeypatch, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    fsspec.filesystem("s3").put(str(tiny_sequence), f"{bucket}/data/walk", recursive=True)
+    with distributed.LocalCluster(
+        n_workers=1, processes=False, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        monkeypatch.setattr(sys, "argv", [
+            "egocap", "track", f"{bucket}/data", "--cluster", cluster.scheduler_address,
+            "--detections", "simulated:2", f"--out={bucket}/tracks",
+        ])  # fmt: skip
+        assert cli.main() == 0
+    assert len(load_track(fetch(f"{bucket}/tracks/data-walk.track.npz")).times) == 7
+    assert fetch(f"{bucket}/tracks/recordings.json").is_file()
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(faulty, tmp_path):
 
 def test_no_scheduler_is_the_machines_fault(tiny_scene, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("egocap_sim.record.cluster._TIMEOUT_S", 1)
+    monkeypatch.setattr("egocap.execution.cluster._TIMEOUT_S", 1)
     with pytest.raises(MachineError, match="no Dask scheduler at 'tcp:"):
         generate(tiny_scene, tmp_path / "none", cluster="tcp://127.0.0.1:1")
 

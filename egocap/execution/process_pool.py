@@ -9,24 +9,22 @@ import logging
 import multiprocessing as mp
 import os
 import shutil
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing.connection import wait as wait_for
 from pathlib import Path
 from typing import Any, TypeVar
 
 from egocap.errors import MachineError
+from egocap.execution.jobs import E, Enter, Entry, J, Job, Task
 from egocap.workers import WorkerPool
-from egocap_sim.record.jobs import E, Enter, Entry, Job, Task
 
 _THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Thread counts of Mesa's software OpenGL and of the numeric libraries."""
 _DEATHS = 3  # consecutive deaths of workers without a new frame, before an error
 _DEATHS_WITHOUT_JOB = 20  # the same without a finished job
-_UNFINISHED = (".shard-*.tmp", ".episode-*.tmp")  # left in the output folder by dead workers
+_UNFINISHED = ".*.tmp"  # left in the output folder by dead workers
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +39,7 @@ class ProcessPool:
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
-    def run(self, task: Task[E], jobs: Sequence[Job], out: Path, enter: Enter[E]) -> None:
+    def run(self, task: Task[J, E], jobs: Sequence[J], out: Path, enter: Enter[E]) -> None:
         """Do the jobs; restart those of a worker that dies (out of memory, or killed).
 
         Raises MachineError when workers keep dying without progress.
@@ -59,13 +57,13 @@ class ProcessPool:
                 deaths = deaths + 1 if (len(left), frames.value) == before else 1
                 if deaths == _DEATHS or deaths_without_job == _DEATHS_WITHOUT_JOB:
                     raise MachineError(
-                        "rendering workers keep dying (out of memory, or killed)",
+                        "workers keep dying (out of memory, or killed)",
                         remedy="run the same command again to continue, with fewer --workers",
                     ) from None
-                log.warning("a rendering worker died and is replaced")
+                log.warning("a worker died and is replaced")
 
     def _run_pool(
-        self, task: Task[E], left: dict[int, Job], out: Path, enter: Enter[E], frames: Any
+        self, task: Task[J, E], left: dict[int, J], out: Path, enter: Enter[E], frames: Any
     ) -> None:
         """Do the jobs in `left` until a worker dies; remove each finished one."""
         workers = max(1, min(self.workers, len(left)))
@@ -93,25 +91,16 @@ def count_frames(frames: Iterable[T]) -> Iterator[T]:
             _frames.value += 1  # not atomic: may miss one
 
 
-_task: tuple[Task[Any], Path]  # of this worker process
+_task: tuple[Task[Any, Any], Path]  # of this worker process
 _frames: Any = None  # shared count of frames; None outside workers
 
 
-def _begin_worker(threads: int, frames: Any, task: Task[Any], out: Path) -> None:
-    """Set up a worker process that exits when its parent exits."""
+def _begin_worker(threads: int, frames: Any, task: Task[Any, Any], out: Path) -> None:
     global _frames, _task
     _frames, _task = frames, (task, out)
-    parent = mp.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     import cv2
 
     cv2.setNumThreads(threads)
-
-
-def _end_with(sentinel: int) -> None:
-    wait_for([sentinel])
-    os._exit(1)
 
 
 def _do(job: Job) -> Entry:
@@ -120,12 +109,11 @@ def _do(job: Job) -> Entry:
 
 
 def _remove_unfinished(out: Path) -> None:
-    for pattern in _UNFINISHED:
-        for path in out.glob(pattern):
-            if path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink()
+    for path in out.glob(_UNFINISHED):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink()
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 
 from egocap.errors import MachineError
-from egocap_sim.record import process_pool
+from egocap.execution import process_pool
 from egocap_sim.record.jobs import Job
 
 

@@ -1,0 +1,106 @@
+"""A film in the layout of the viewer: the motion in space, beside it the views above a curve.
+
+In: a sequence and a track of it. Out: an H.264 file. The truth of a simulated sequence is grey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.data.input_checks import require_same_times
+from egocap.data.sequence import Sequence
+from egocap.data.track import Track
+from egocap.detect.input_images import ahead
+from egocap.view.skeleton import draw_in_space, draw_views
+from egocap.view.video import VideoFile
+
+FILM_HZ = 15.0
+HEIGHT, CURVE_HEIGHT = 840, 120
+"""Of the film, and of its curve, pixels."""
+_DARK, _LINE, _TEXT, _NOW = (24, 24, 24), (150, 150, 150), (200, 200, 200), (240, 228, 66)
+_MARGIN = 18  # pixels of the curve's title, and below it
+
+
+def write_film(
+    path: Path,
+    sequence: Sequence,
+    track: Track,
+    on_frames: Callable[[int], None] = lambda count: None,
+) -> None:
+    """Write the film, as long as the footage, at a rate of `FILM_HZ` or little more.
+
+    A thread decodes and draws ahead of the encoder. Raises InputError for a track of other frames
+    than the sequence's, and as VideoFile.
+    """
+    require_same_times(track.times, sequence.times, "the track")
+    step = max(1, int(sequence.manifest.fps / FILM_HZ + 0.05))
+    rows = range(0, len(sequence), step)
+    pictures = FilmPictures(sequence, track)
+    drawn = ahead(iter(rows), pictures.draw)
+    with VideoFile(path, sequence.manifest.fps / step) as film:
+        for index, image in zip(rows, drawn, strict=True):
+            film.add(image, float(track.times[index] - track.times[0]))
+            on_frames(min(step, len(sequence) - index))
+
+
+class FilmPictures:
+    """The pictures of a film."""
+
+    def __init__(self, sequence: Sequence, track: Track) -> None:
+        self._sequence, self._track = sequence, track
+        self._truth = sequence.truth.joints_head if sequence.manifest.truth else None
+        cameras = sequence.rig.cameras
+        self._columns = 1 if len(cameras) <= 2 else 2
+        rows = ceil(len(cameras) / self._columns)
+        self._height = (HEIGHT - CURVE_HEIGHT) // rows // 2 * 2
+        widest = max(camera.width / camera.height for camera in cameras)
+        self._width = round(widest * self._height / 2) * 2
+        self._curve = self._draw_curve()
+
+    def draw(self, index: int) -> UInt8[Array, "h w 3"]:
+        """One picture, RGB."""
+        right = np.full((HEIGHT, self._columns * self._width, 3), _DARK, np.uint8)
+        joints, confidence = self._track.joints_head[index], self._confidence[index]
+        grey = () if self._truth is None else (self._truth[index],)
+        images, rig = self._sequence.pictures(index), self._sequence.rig
+        panels = draw_views(images, joints, confidence, rig, self._height, grey)
+        for v, panel in enumerate(panels):
+            row, column = divmod(v, self._columns)
+            top, left = row * self._height, column * self._width
+            right[top : top + self._height, left : left + panel.shape[1]] = panel
+        right[-CURVE_HEIGHT:] = self._curve
+        now = round(index / max(len(self._sequence) - 1, 1) * (right.shape[1] - 1))
+        right[-CURVE_HEIGHT + _MARGIN :, max(now - 1, 0) : now + 1] = _NOW
+        space = draw_in_space(joints, confidence, HEIGHT, grey)
+        return np.concatenate([space, right], axis=1)
+
+    @property
+    def _confidence(self) -> Float[Array, "T 18"]:
+        """1 where the track states none."""
+        found = self._track.confidence
+        return np.ones(self._track.joints_head.shape[:2]) if found is None else found
+
+    def _draw_curve(self) -> UInt8[Array, "h w 3"]:
+        """The mean error if the truth is known, else the least confidence, over time."""
+        import cv2
+
+        canvas = np.full((CURVE_HEIGHT, self._columns * self._width, 3), _DARK, np.uint8)
+        if self._truth is None:
+            values, title, top = 100 * self._confidence.min(1), "least confidence, %", 100.0
+        else:
+            apart = np.linalg.norm(self._track.joints_head - self._truth, axis=-1)
+            values, title = 1000 * apart.mean(1), "mean error, mm"
+            top = max(float(values.max()), 1e-6)
+        x = np.linspace(0, canvas.shape[1] - 1, len(values))
+        y = CURVE_HEIGHT - 2 - values / top * (CURVE_HEIGHT - 2 * _MARGIN)
+        line = np.rint(16 * np.stack([x, y], -1)).astype(np.int32)
+        cv2.polylines(canvas, [line], False, _LINE, 1, cv2.LINE_AA, 4)
+        cv2.putText(canvas, f"{title}, up to {top:.0f}", (6, _MARGIN - 5),
+                    cv2.FONT_HERSHEY_SIMPLEX, 0.42, _TEXT, 1, cv2.LINE_AA)  # fmt: skip
+        return canvas

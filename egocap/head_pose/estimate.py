@@ -78,9 +78,6 @@ def vertical_of(
     vertical = find_vertical(found.points, found.T_map_head)
     if inertial is not None and inertial.up_std < vertical.up_std:
         vertical = inertial
-    if vertical.source == "head":
-        log.warning("no walls, floor or tables found: up is that of the head, uncertain by 10 "
-                    "degrees")  # fmt: skip
     views = Views.of(rig, width)
     rows = np.unique(np.linspace(0, len(found.frame) - 1, FLOOR_FRAMES).astype(int))
     frames = []
@@ -91,8 +88,12 @@ def vertical_of(
     floor = find_floor(views, frames, vertical.up)
     if floor is None:
         log.warning("the floor was not found: heights are relative to the first head")
-        return vertical
-    return vertical.with_floor(floor)
+    else:
+        vertical = vertical.with_floor(floor)
+    if vertical.source == "head":
+        log.warning("no walls, floor or tables found: up is that of the head, uncertain by 10 "
+                    "degrees")  # fmt: skip
+    return vertical
 
 
 def head_trajectory(

@@ -25,6 +25,8 @@ from egocap.track.view_agreement import Agreement
 
 SEEN = 0.5
 """Visibility probability from which a joint counts as seen."""
+PLACED = 0.95
+"""Share of frames with a head pose below which the page says so."""
 SELDOM = 0.2
 """Share of frames with a joint in the picture below which it is named."""
 TILTS = range(-30, 35, 5)
@@ -66,6 +68,7 @@ class Findings:
     worst: list[int]  # frames
     tilt: Tilt
     advice: list[str]
+    in_world: float | None = None  # share of frames whose head pose is known; None: not asked for
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready form without the time course."""
@@ -97,6 +100,7 @@ def find(
         residual=residuals(track, found, rig), size=relative_size(track, height),
         spread_mm=_by_label(1e3 * np.median(spread, 0), 1), sure=sure,
         worst=worst_frames(sure, track.times), tilt=best_tilt(rig, track.joints_head), advice=[],
+        in_world=None if track.in_world is None else round(float(track.in_world.mean()), 4),
     )  # fmt: skip
     return replace(result, advice=advise(result, warning_of(track)))
 
@@ -172,7 +176,7 @@ def advise(found: Findings, warning: str | None = None) -> list[str]:
     `warning` is the track's own, named where the findings name no cause.
     """
     geometry = _about_geometry(found) or ([] if warning is None else [f"Warning: {warning}."])
-    return [*geometry, *_about_sight(found), *_about_pictures(found)] or [
+    return [*geometry, *_about_place(found), *_about_sight(found), *_about_pictures(found)] or [
         "Nothing stands out: all joints are seen and the views agree."
     ]
 
@@ -200,6 +204,14 @@ def _about_geometry(found: Findings) -> list[str]:
                 f"{', '.join(off)} (expected 1.2). The rig file's distances, its lenses or the "
                 "given body are not those of the footage."]  # fmt: skip
     return []
+
+
+def _about_place(found: Findings) -> list[str]:
+    if found.in_world is None or found.in_world >= PLACED:
+        return []
+    return [f"The head's path is known in {100 * found.in_world:.0f} % of the frames; in the rest "
+            "the person stays at the nearest known place. More light, surroundings with texture, "
+            "and cameras whose lag is known help."]  # fmt: skip
 
 
 def _about_sight(found: Findings) -> list[str]:

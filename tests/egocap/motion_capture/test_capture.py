@@ -95,6 +95,7 @@ def test_the_wearer_moves_through_the_world(monkeypatch, capsys, footage, result
     np.testing.assert_allclose(moved[:, :3, :3], true[:, :3, :3], atol=0.02)
     assert track.contacts is not None and (results / "head.npz").exists()
     assert "Path on the floor" in (results / "index.html").read_text()
+    assert json.loads((results / "findings.json").read_text())["in_world"] == 1.0
 
 
 def test_one_path_of_the_head_is_taken(monkeypatch, capsys, footage, tmp_path):

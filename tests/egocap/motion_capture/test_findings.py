@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 
 from egocap.body.proportions import Proportions
+from egocap.data.footage import Footage
+from egocap.data.head_pose import HeadPoses, in_world
 from egocap.geometry import axis_angle
 from egocap.motion_capture.findings import (
     best_tilt,
+    find,
     in_pictures,
     relative_size,
     residuals,
     worst_frames,
 )
 from egocap.track.tracker import Tracker
+from egocap.track.view_agreement import check_agreement
 from tests.egocap.conftest import make_motion
 
 
@@ -53,6 +57,18 @@ def test_residuals_are_those_of_the_noise_and_grow_with_another_body():
     small = Tracker(made.rig, Proportions.from_lengths(1.3)).track(found)
     assert min(residuals(small, found, made.rig).values()) > 3.0
     assert relative_size(small, 1.75) < 0.8
+
+
+def test_frames_without_a_place_are_told():
+    made = make_motion(frames=30)
+    found = made.detect("simulated:2.0")
+    heads = HeadPoses(np.tile(np.eye(4), (30, 1, 1)), np.arange(30) < 15)
+    track = in_world(Tracker(made.rig, made.person).track(found), heads)
+    told = find(
+        track, found, made.rig, Footage(views=(), report={}), check_agreement(found, made.rig)
+    )
+    assert told.in_world == 0.5
+    assert any("known in 50 % of the frames" in line for line in told.advice)
 
 
 def test_worst_frames_are_apart():

@@ -138,7 +138,8 @@ def attitude(
         run = np.stack([line[:, 2], line[:, 2], across[:, 1]], 1)
         return (rise - off[..., None] * run) / lengths[..., None]
 
-    return off, *map(slope, derivatives)
+    by_angle, by_body = map(slope, derivatives)
+    return off, by_angle, by_body
 
 
 def _weights() -> Float[Array, "18"]:

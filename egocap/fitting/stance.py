@@ -25,8 +25,9 @@ from egocap.body.labels import LABEL_INDEX
 from egocap.errors import InputError
 from egocap.fitting.bundle_adjustment import joint_derivatives
 
-NEUTRAL_FRAMES = 12
-"""Frames of each attempt that take part."""
+NEUTRAL_FRAMES = 4
+"""Frames of each attempt that take part. More of one posture hardly tell more about the rotation,
+and lengthen the neck, whose direction is found anew from noise in each."""
 RETURNED = np.deg2rad(9.0)
 """Largest angle of head to body from the first neutral stance at which it counts as taken again."""
 UPRIGHT = 0.93

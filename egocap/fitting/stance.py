@@ -63,7 +63,8 @@ def neutral_weights(
     if not len(first):
         return weights
     tangents, height = stance(joints)
-    frames = max(1, round(_SMOOTH_S / max(float(np.median(np.diff(times))), 1e-3)))
+    frame_s = max(float(np.ptp(times)) / max(len(times) - 1, 1), 1e-3)
+    frames = max(1, round(_SMOOTH_S / frame_s))
     tangents = median_filter(tangents, (frames, 1), mode="nearest")
     near = np.abs(tangents - np.median(tangents[first], axis=0)) < np.tan(RETURNED)
     upright = height > UPRIGHT * np.median(height[first])

@@ -45,10 +45,10 @@ class _Equations(NamedTuple):
     """The normal equations H step = g in blocks: common unknowns, and those of each instant."""
 
     Hcc: Float[Array, "C C"]
-    Hce: Float[Array, "I C E"]
-    Hee: Float[Array, "I E E"]
+    Hce: Float[Array, "I C 6"]
+    Hee: Float[Array, "I 6 6"]
     gc: Float[Array, "C"]
-    ge: Float[Array, "I E"]
+    ge: Float[Array, "I 6"]
 
 
 def adjust(
@@ -153,9 +153,9 @@ def _normal_equations(
         common = np.concatenate([common, further], -1)
     common, each = factor @ common, factor @ each
     left = root[:, None] * white
-    instants, width, count = len(state.T_rig_board), state.each, common.shape[2]
-    Hee = np.zeros((instants, width, width))
-    Hce, ge = np.zeros((instants, count, width)), np.zeros((instants, width))
+    instants, count = len(state.T_rig_board), common.shape[2]
+    Hee = np.zeros((instants, 6, 6))
+    Hce, ge = np.zeros((instants, count, 6)), np.zeros((instants, 6))
     np.add.at(Hee, corners.instant, each.swapaxes(1, 2) @ each)
     np.add.at(Hce, corners.instant, common.swapaxes(1, 2) @ each)
     np.add.at(ge, corners.instant, np.einsum("nke,nk->ne", each, left))
@@ -168,7 +168,7 @@ def _solve(e: _Equations, damping: float, only_boards: bool) -> tuple[Array, Arr
     inner = _damped(e.Hee, damping)
     if only_boards:
         return np.zeros(len(e.gc)), np.linalg.solve(inner, e.ge[..., None])[..., 0]
-    by_common = np.linalg.solve(inner, e.Hce.swapaxes(1, 2))  # (I, E, C)
+    by_common = np.linalg.solve(inner, e.Hce.swapaxes(1, 2))  # (I, 6, C)
     own = np.linalg.solve(inner, e.ge[..., None])[..., 0]
     H = _damped(e.Hcc, damping) - np.einsum("ice,ied->cd", e.Hce, by_common)
     common = _scaled_solve(H, e.gc - np.einsum("ice,ie->c", e.Hce, own))
@@ -195,7 +195,7 @@ def _result(
 ) -> Adjusted:
     white = whitened(residuals, corners)
     scale = robust_scale(white)
-    unknowns = state.common + state.each * len(np.unique(corners.instant))
+    unknowns = state.common + 6 * len(np.unique(corners.instant))
     surplus = max(2 * len(corners) - unknowns, 1)
     weights = _weights(white, scale, huber)
     variance = float((weights[:, None] * white**2).sum() / surplus)

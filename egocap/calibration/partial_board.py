@@ -1,7 +1,10 @@
 """Checkerboards of which a picture shows a part: cut off by the image, covered, or washed out.
 
 The part is found as a lattice of corners of any size. It may lie anywhere on the board; taken is
-the place at which the picture shows most of the corners that it should, given the lens.
+the place at which the picture shows most of the corners and of the white border that it should,
+given the lens. Corners alone tell little: those that are covered are missing at the right place,
+and as many beyond the board's end at a wrong one. The part is refused where another place is
+nearly as good.
 """
 
 from __future__ import annotations
@@ -25,6 +28,10 @@ _BEND = np.deg2rad(0.25)  # rms error of the angles of a part without false corn
 _SMALL = 0.6  # scale of a reduced picture
 _FEWEST = 6  # corners of a part
 _GROWTH = 3  # rounds of refining the pose and looking for more corners
+_SAME_PX = 2.0  # between corners of the same place
+_CLEARLY = 4  # corners and parts of the border by which the best place surpasses all others
+_BORDER = 0.35  # squares from the board's edge to where its white border is looked for
+_WHITE = 0.6  # least grey value of it, between those of black and white squares
 
 
 def find_part(picture: Grey, board: Board, camera: Camera) -> Anchors:
@@ -52,11 +59,21 @@ def _attempts(picture: Grey) -> Iterator[tuple[Grey, float]]:
 def _placed(picture: Grey, board: Board, camera: Camera, mesh: Float[Array, "a b 2"]) -> Anchors:
     """The corners of a board that has a lattice at the place where most of them are shown."""
     black = first_is_black(picture, mesh)
-    placed = [_shown(picture, board, camera, part) for part in _places(mesh, black, board)]
-    placed.sort(key=lambda found: found[0], reverse=True)
-    if not placed or placed[0][0] < 1 or (len(placed) > 1 and placed[1][0] == placed[0][0]):
+    shown = [_shown(picture, board, camera, part) for part in _places(mesh, black, board)]
+    placed = [(score + _border(picture, board, camera, part), part)
+              for score, part in shown if score > 0]  # fmt: skip
+    if not placed:
         return NOTHING
-    return placed[0][1]
+    score, best = max(placed, key=lambda found: found[0])
+    others = [other for other, part in placed if not _same(part, best)]
+    return best if all(score >= other + _CLEARLY for other in others) else NOTHING
+
+
+def _same(a: Anchors, b: Anchors) -> bool:
+    """Whether two sets agree on most of the corners that both have."""
+    both, at, of = np.intersect1d(a.index, b.index, return_indices=True)
+    apart = np.linalg.norm(a.pixels[at] - b.pixels[of], axis=1)
+    return len(both) > 0 and bool(np.median(apart) < _SAME_PX)
 
 
 def _flat_part(mesh: Float[Array, "r c 2"], camera: Camera) -> Float[Array, "a b 2"] | None:
@@ -130,3 +147,35 @@ def _shown(picture: Grey, board: Board, camera: Camera, part: Anchors) -> tuple[
             break
         best = score, Anchors(found.corner, found.pixels)
     return best
+
+
+def _border(picture: Grey, board: Board, camera: Camera, part: Anchors) -> int:
+    """Places just outside the board that are white, less those that are not."""
+    T, _ = planar_pose(camera.ray(part.pixels)[0], board.points[part.index])
+    columns, rows = board.grid
+    cells = np.stack([part.index % columns + 1, part.index // columns + 1], -1)  # after each corner
+    grey = _greys(picture, camera, T, board.square * (cells + 0.5))
+    black = cells.sum(1) % 2 == 0
+    along = [np.arange(n + 1) + 0.5 for n in (columns, rows)]
+    ends = [np.array([-_BORDER, n + 1 + _BORDER]) for n in (columns, rows)]
+    sides = (along[0], ends[1]), (ends[0], along[1])
+    places = np.concatenate([np.stack(np.meshgrid(*side), -1).reshape(-1, 2) for side in sides])
+    seen = _greys(picture, camera, T, board.square * places)
+    if not (black.any() and (~black).any()):
+        return 0
+    dark, bright = np.nanmedian(grey[black]), np.nanmedian(grey[~black])
+    white = seen > dark + _WHITE * (bright - dark)
+    return int(2 * white.sum() - np.isfinite(seen).sum())
+
+
+def _greys(
+    picture: Grey, camera: Camera, T: Float[Array, "4 4"], places: Float[Array, "n 2"]
+) -> Float[Array, "n"]:
+    """Grey values of places on the board [m], NaN out of view."""
+    seen = places @ T[:3, :2].T + T[:3, 3]
+    pixels = projector(camera)(seen)
+    with np.errstate(invalid="ignore"):
+        inside = np.all((pixels >= 0) & (pixels < [camera.width, camera.height]), axis=1)
+    at = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int)
+    at = np.minimum(at, [camera.width - 1, camera.height - 1])
+    return np.where(inside, picture[at[:, 1], at[:, 0]].astype(float), np.nan)

@@ -20,7 +20,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
 MOST_VIEWS = 16
 MOST_FRAMES = 120  # of a video
 _APART_S = 0.012  # between frames that count as of the same instant
-_APART_IN_THREES_S = 0.002  # where the lag is sought
+_APART_IN_THREES_S = 0.002  # where lags or readout times are sought
 _NAME = re.compile(r"[^A-Za-z0-9_-]+")
 
 

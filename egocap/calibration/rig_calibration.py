@@ -14,13 +14,13 @@ from egocap.boards.board import Board, parse_board
 from egocap.calibration.adjustment import Adjusted
 from egocap.calibration.corner_search import refine_boards
 from egocap.calibration.image_rim import rim_angle
-from egocap.calibration.lag import require_small, require_times, with_lag
 from egocap.calibration.lens_shape import lens_shapes
 from egocap.calibration.mount import place_on_head
 from egocap.calibration.recording import Recording, View, read_recording
 from egocap.calibration.state import Corners, State, by_view, joined
 from egocap.calibration.stereo import fixed_boards as fixed_board_poses
 from egocap.calibration.stereo import same_way_round, start_poses
+from egocap.calibration.timing import Clock, clock_of, require_small, with_timing
 from egocap.calibration.view_calibration import (
     ViewCalibration,
     calibrate_view,
@@ -34,6 +34,7 @@ from egocap.geometry import inverse
 
 _MARGINS = (None, np.deg2rad(6.0), np.deg2rad(3.0), 0.0)
 """Of the field of view beyond the outermost corner, to try; None: to the image's corner."""
+_TIMED = 3  # rounds, since lags and readout times change the velocities that they come from
 Step = Callable[[str], None]
 PLACED = "The cameras' place on the head is that of the nominal rig."
 ASSUMED = (
@@ -70,7 +71,12 @@ class Calibration:
     def lag_deviations(self) -> Float[Array, "V-1"]:
         """Standard deviation of each view's lag but the first's, seconds."""
         state = self.adjusted.state
-        return np.sqrt(np.diag(self.adjusted.covariance)[state.lag_column : state.own_column])
+        return np.sqrt(np.diag(self.adjusted.covariance)[state.lag_column : state.readout_column])
+
+    def readout_deviations(self) -> Float[Array, "V"]:
+        """Standard deviation of each view's readout time, seconds."""
+        state = self.adjusted.state
+        return np.sqrt(np.diag(self.adjusted.covariance)[state.readout_column : state.own_column])
 
 
 def calibrate(
@@ -82,6 +88,7 @@ def calibrate(
     name: str = "calibrated",
     fixed_boards: bool = False,
     lag: bool = False,
+    readout: bool = False,
     on_step: Step = lambda what: None,
 ) -> Calibration:
     """Calibrate the cameras of a rig from pictures of a board.
@@ -95,6 +102,7 @@ def calibrate(
         name: of the rig.
         fixed_boards: each camera saw a board of its own, which stood still while the rig moved.
         lag: estimate how much later each camera exposes than the first, from videos.
+        readout: estimate each rolling shutter's seconds from the first row to the last, likewise.
         on_step: called with a few words before each step.
 
     Raises InputError or FileError for pictures that do not determine the rig, with what to record
@@ -103,8 +111,9 @@ def calibrate(
     board = parse_board(board) if isinstance(board, str) else board
     on_step("reading the pictures")
     return calibrate_recording(
-        read_recording([Path(s) for s in sources], in_threes=lag), board,
-        model=model, mount=mount, name=name, fixed_boards=fixed_boards, lag=lag, on_step=on_step,
+        read_recording([Path(s) for s in sources], in_threes=lag or readout), board,
+        model=model, mount=mount, name=name, fixed_boards=fixed_boards, lag=lag, readout=readout,
+        on_step=on_step,
     )  # fmt: skip
 
 
@@ -117,19 +126,20 @@ def calibrate_recording(
     name: str = "calibrated",
     fixed_boards: bool = False,
     lag: bool = False,
+    readout: bool = False,
     on_step: Step = lambda what: None,
 ) -> Calibration:
     """`calibrate` for pictures in memory."""
     instants, views = len(recording.labels), []
-    times = require_times(recording, fixed_boards) if lag else None
+    clock = clock_of(recording, lag=lag, readout=readout, fixed_boards=fixed_boards)
     for i, view in enumerate(recording.views):
         on_step(f"{view.name}: corners and lens")
         shapes = lens_shapes(model, view.size)
         views.append(calibrate_view(view, i, board, instants, shapes))
     adjusted, corners = views[0].adjusted, views[0].corners
-    if len(views) > 1:
+    if len(views) > 1 or clock is not None:
         on_step("all cameras together")
-        adjusted, corners = _together(views, board, fixed_boards, times)
+        adjusted, corners = _together(views, board, fixed_boards, clock)
     cameras = [_camera(adjusted.state, corners, v, view.view, board)
                for v, view in enumerate(views)]  # fmt: skip
     rig = _rig(adjusted.state, cameras, [v.view.name for v in views], mount, name)
@@ -138,11 +148,11 @@ def calibrate_recording(
 
 
 def _together(
-    views: Sequence[ViewCalibration], board: Board, fixed: bool, times: Float[Array, "I"] | None
+    views: Sequence[ViewCalibration], board: Board, fixed: bool, clock: Clock | None
 ) -> tuple[Adjusted, Corners]:
     """Adjust all views; boards that one view missed are searched where the others place them.
 
-    With the `times` of the instants, the lags as well.
+    With a `clock`, lags and readout times as well.
     """
     if fixed:
         T_view_rig, own = fixed_board_poses(views, board)
@@ -152,9 +162,11 @@ def _together(
     state = _joint_state(views, T_view_rig, own)
     every = joined([v.corners for v in views])
     adjusted, corners = without_outliers(state, every, board.points)
-    if times is not None:
-        adjusted, corners = without_outliers(*with_lag(adjusted.state, every, times), board.points)
-        require_small(adjusted.state, times)
+    if clock is not None:
+        for _ in range(_TIMED):
+            timed = with_timing(adjusted.state, every, clock)
+            adjusted, corners = without_outliers(*timed, board.points)
+        require_small(adjusted.state, clock.times)
         return adjusted, corners
     more = [corners]
     for v, view in enumerate(views):

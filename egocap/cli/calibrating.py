@@ -21,6 +21,7 @@ def calibrate(
     model: str | None = None,
     mount: Path | None = None,
     lag: bool = False,
+    readout: bool = False,
     page: Path | None = None,
     fixed_boards: bool = False,
     json: bool = False,
@@ -39,6 +40,8 @@ def calibrate(
         mount: rig file with the same views; the calibrated cameras are placed on the head like its.
         lag: estimate how much later each camera exposes than the first, from videos of a board
             that moves slowly.
+        readout: estimate the seconds from a picture's first row to its last (rolling shutter),
+            from videos of a board that moves; printed, since rig files have no place for them.
         page: HTML report to write.
         fixed_boards: each camera saw a board of its own, fixed in the room, while the rig was
             moved; for cameras that never see one board together.
@@ -57,7 +60,8 @@ def calibrate(
     log = logging.getLogger(__name__)
     nominal = load_rig(mount) if mount else None
     found = calibrate_rig(sources, board, model=model, mount=nominal, name=out.stem,
-                          fixed_boards=fixed_boards, lag=lag, on_step=log.info)  # fmt: skip
+                          fixed_boards=fixed_boards, lag=lag, readout=readout,
+                          on_step=log.info)  # fmt: skip
     write_rig(out, found.rig, found.notes)
     if page is not None:
         write_page(found, page)

@@ -2,7 +2,9 @@
 
 Bundle adjustment as in `fit_body`, with the rigid motion of the rig against the skull as six more
 shared parameters (`mount`). Position is determined by the neck turning about the skull base and by
-the population's neck; rotation by the neutral stance alone.
+the population's neck; rotation by how the wearer holds the head alone (`stance`). N stances that
+are met within 1.9 degrees of yaw and pitch and 1.0 of roll leave a standard deviation of
+2.9 / sqrt(N) degrees, whatever the detections.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
@@ -26,31 +28,29 @@ from egocap.fitting.bundle_adjustment import (
 )
 from egocap.fitting.config import FitConfig
 from egocap.fitting.fit_body import BodyFit, choose_frames, fit_body
-from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem, stance
+from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem
+from egocap.fitting.stance import neutral_weights
 from egocap.geometry import exponential, rigid
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 
-NEUTRAL_FRAMES = 12
-"""Frames of each neutral stance that take part."""
-RETURNED = np.deg2rad(9.0)
-"""Largest angle of head to body from the first neutral stance at which it counts as taken again."""
-UPRIGHT = 0.93
-"""Least height of the mass above the feet, as a part of that in the first neutral stance."""
-LEAST_STANCE_S = 0.5
-"""Seconds that a stance is held."""
 SYSTEMATIC = np.repeat([np.deg2rad(0.5), 0.002], 3)
 """Standard deviations that more frames do not reduce: habits of stance, marks on the skin."""
 OBSERVED = 0.5
 """Fraction of its prior standard deviation below which a parameter counts as observed."""
+GOOD_DEG = 1.0
+"""Standard deviation of the rotation, all axes together, above which more stances are asked for."""
+LONGER = 3
+"""Times as many stances as were seen, for which the standard deviation is predicted."""
 MOVES = (
-    "2 s: stand upright, arms hanging, and look at the horizon (gives the rotation); do so again "
-    "for a second after each of the following moves, since no one meets it exactly",
-    "3 s: nod slowly, chin to chest and up (forward and up)",
-    "3 s: turn the head slowly, left and right (forward and left)",
-    "3 s: tilt the head to either shoulder (left and up)",
+    "2 s: stand upright, arms hanging, and look at a mark on the horizon straight ahead (gives the "
+    "rotation); do so again for half a second after each of the following moves, since no one "
+    "meets it exactly",
+    "4 s: nod slowly, chin to chest; later up (forward and up)",
+    "4 s: turn the head slowly, to the left; later to the right (forward and left)",
+    "4 s: tilt the head to either shoulder (left and up)",
     "3 s: both arms forward and sideways (body)",
-    "4 s: two squats, looking ahead (body)",
+    "3 s or more: squats, looking ahead (body)",
 )
 """What to do before the cameras, and what it determines."""
 
@@ -102,6 +102,14 @@ class RigFit:
         if not self.neutral:
             found.append("rotation: no neutral stance; the neck's angles and the rig's rotation "
                          f"have the same effect on the images. Record {MOVES[0]}")  # fmt: skip
+        elif (turn := _degrees(self.covariance)) > GOOD_DEG:
+            own = (self.covariance - np.diag(SYSTEMATIC**2)) / LONGER + np.diag(SYSTEMATIC**2)
+            found.append(
+                f"rotation: standard deviation {turn:.1f} degrees, all axes together, from "
+                f"{self.stances} neutral stances: a wearer meets each within 2 degrees, and "
+                f"nothing else shows it. {LONGER * self.stances} stances leave "
+                f"{_degrees(own):.1f}: repeat the moves, with longer --seconds"
+            )
         blind = [n for n, seen in zip(PARAMETERS[3:], self.observed[3:], strict=True) if not seen]
         if blind:
             found.append(f"{', '.join(blind)}: the head hardly moved against the shoulders. "
@@ -136,60 +144,16 @@ def fit_rig(
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():
         raise InputError("no detection to fit a rig to")
-    stances = neutral_stances(observations.times, used, followed.joints_head, neutral)
+    weights = neutral_weights(observations.times, used, followed.joints_head, neutral)
     chosen = choose_frames(followed.angles, used, config.frames)
-    frames = np.unique(np.concatenate([chosen, *stances]))
-    weights = np.zeros(len(frames))
-    for taken in stances:
-        weights += np.isin(frames, taken) / len(taken)
+    frames = np.union1d(chosen, np.flatnonzero(weights.any(1)))
     spread = (float(np.deg2rad(error.rotation_deg)), error.position_m)
     prior = MountPrior.around(body.mean, body.covariance, *spread)
-    problem = MountProblem(select_frames(observations, frames), prior, tracker, weights)
+    problem = MountProblem(select_frames(observations, frames), prior, tracker, weights[frames])
     poses, shared, converged = solve(problem, followed.angles[frames], prior.mean, config)
     fitted = moved_rig(rig, shared[-6:])
     person = fit_body(detections, fitted, height, config, tracker)
     return _finished(problem, poses, shared, fitted, person, converged)
-
-
-def neutral_frames(
-    times: Float[Array, "T"], used: Int[Array, "T"], neutral: tuple[float, float] | None
-) -> Int[Array, "F"]:
-    """Frames of the neutral stance, evenly spread. Raises InputError where there are none."""
-    if neutral is None:
-        return np.array([], int)
-    first, last = neutral
-    since = times - times[0]
-    inside = np.flatnonzero((since >= first) & (since <= last) & (used > 0))
-    if not len(inside):
-        raise InputError(f"no detections from {first} to {last} s, the neutral stance",
-                         valid=f"seconds of the footage, 0 to {since[-1]:.1f}")  # fmt: skip
-    rows = np.linspace(0, len(inside) - 1, min(NEUTRAL_FRAMES, len(inside)))
-    return inside[rows.round().astype(int)]
-
-
-def neutral_stances(
-    times: Float[Array, "T"], used: Int[Array, "T"], joints: Float[Array, "T 18 3"],
-    neutral: tuple[float, float] | None,
-) -> list[Int[Array, "_"]]:  # fmt: skip
-    """Frames of each neutral stance: the given one, and those to which head and body return.
-
-    Told by the tracked `joints` in the head frame: how head and spine share a turn is badly known.
-    """
-    first = neutral_frames(times, used, neutral)
-    if not len(first):
-        return []
-    tangents, height = stance(joints)
-    off = np.abs(tangents - np.median(tangents[first], axis=0)).max(1)
-    upright = height > UPRIGHT * np.median(height[first])
-    near = (off < np.tan(RETURNED)) & upright & (used > 0)
-    edges = np.flatnonzero(np.diff(np.r_[False, near, False].astype(int))).reshape(-1, 2)
-    found = [first]
-    for start, end in edges:
-        held = times[end - 1] - times[start] >= LEAST_STANCE_S
-        if held and start > first[-1] and not near[first[-1] : start].all():
-            rows = np.linspace(start, end - 1, NEUTRAL_FRAMES + 2)[1:-1]
-            found.append(np.unique(rows.round().astype(int)))
-    return found
 
 
 def moved_rig(rig: Rig, shift: Float[Array, "6"]) -> Rig:
@@ -197,6 +161,11 @@ def moved_rig(rig: Rig, shift: Float[Array, "6"]) -> Rig:
     move = rigid(exponential(shift[:3]), shift[3:])
     mounts = (replace(m, T_head_camera=move @ m.T_head_camera) for m in rig.mounts)
     return replace(rig, mounts=tuple(mounts))
+
+
+def _degrees(covariance: Float[Array, "6 6"]) -> float:
+    """Standard deviation of the size of the rotation."""
+    return float(np.rad2deg(np.sqrt(np.trace(covariance[:3, :3]))))
 
 
 def _finished(
@@ -214,8 +183,8 @@ def _finished(
         shift=shared[-6:],
         covariance=covariance + np.diag(SYSTEMATIC**2),
         prior=problem.prior.covariance[-6:, -6:],
-        neutral=int(np.count_nonzero(problem.neutral)),
-        stances=int(np.rint(problem.neutral.sum())),
+        neutral=int(np.count_nonzero(problem.neutral[:, 0])),
+        stances=int(np.rint(problem.neutral[:, 0].sum())),
         frames=len(poses),
         residual=float(np.sqrt(system.squared[seen].mean() / 2.0)),
         converged=converged,

@@ -144,7 +144,7 @@ def mount_drift(
             covariances.append(np.diag(_PRIOR**2))
             continue
         problem = MountProblem(select_frames(observations, chosen), prior, config,
-                               np.zeros(len(chosen)))  # fmt: skip
+                               np.zeros((len(chosen), 4)))  # fmt: skip
         poses, shared, _ = solve(problem, angles[chosen], prior.mean, FitConfig(iterations=15))
         H = information(linearised(problem, poses, shared))
         found.append(shared[-6:])

@@ -16,6 +16,7 @@ _UNCERTAIN_PX = 0.3  # of the lens at the rim, one standard deviation
 _LEAST_PICTURES = 15
 _NEAR_M, _FAR_M = 0.05, 5.0  # of boards
 _BASELINE_M = (0.01, 0.8)
+_POSE_M, _POSE_RAD = 0.0005, np.deg2rad(0.03)  # standard deviations of a camera's pose
 _LEAST_TILT = np.deg2rad(20.0)
 _BENT_M, _SURE = 0.0005, 4.0  # height of an edge, and that over its standard deviation
 
@@ -115,11 +116,12 @@ def _of_poses(calibration: Calibration) -> list[str]:
         if not _BASELINE_M[0] < apart < _BASELINE_M[1]:
             found.append(f"{name}: {apart:.3g} m from the first camera: are the sizes in --board "
                          "as printed, and the pictures of the same instants?")  # fmt: skip
-        _, shift = calibration.pose_deviations(v)
-        if np.linalg.norm(shift) > 0.001:
-            found.append(f"{name}: its position is uncertain by {1000 * np.linalg.norm(shift):.1f} "
-                         "mm: show more boards to both cameras at once, or turn the rig more "
-                         "before fixed ones")  # fmt: skip
+        turn, shift = map(np.linalg.norm, calibration.pose_deviations(v))
+        if shift > _POSE_M or turn > _POSE_RAD:
+            found.append(f"{name}: its pose is uncertain by {1000 * shift:.1f} mm and "
+                         f"{np.degrees(turn):.3f} degrees: show more boards to both cameras at "
+                         "once; before fixed ones turn the rig by 40 degrees about every axis, in "
+                         "twice as many pictures")  # fmt: skip
     return found
 
 

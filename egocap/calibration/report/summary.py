@@ -36,13 +36,19 @@ def summary(calibration: Calibration) -> dict[str, Any]:
 
 
 def timing(calibration: Calibration) -> dict[str, Any]:
-    """Lag of each view but the first [s], where it was estimated."""
-    lag = calibration.adjusted.state.lag
-    if lag is None:
-        return {}
-    deviations = calibration.lag_deviations()
-    return {view.view.name: {"lag_s": float(lag[v]), "deviation_s": float(deviations[v - 1])}
-            for v, view in enumerate(calibration.views) if v > 0}  # fmt: skip
+    """Lag of each view but the first, and readout time of each [s], where they were estimated."""
+    state, found = calibration.adjusted.state, {}
+    for v, view in enumerate(calibration.views):
+        own: dict[str, float] = {}
+        if state.lag is not None and v > 0:
+            std = calibration.lag_deviations()[v - 1]
+            own |= {"lag_s": float(state.lag[v]), "deviation_s": float(std)}
+        if state.readout is not None:
+            std = calibration.readout_deviations()[v]
+            own |= {"readout_s": float(state.readout[v]), "readout_deviation_s": float(std)}
+        if own:
+            found[view.view.name] = own
+    return found
 
 
 def lines(calibration: Calibration) -> list[str]:
@@ -64,9 +70,15 @@ def lines(calibration: Calibration) -> list[str]:
             f"(+- {1000 * pose['deviation_m']:.2f}), turned by {pose['angle_degrees']:.3f} degrees "
             f"(+- {pose['deviation_degrees']:.3f}), from {pose['shared']} boards seen by both"
         )
-    return text + [f"{name}: {1000 * t['lag_s']:.2f} ms later than {found['cameras'][0]['name']} "
-                   f"(+- {1000 * t['deviation_s']:.2f})"
-                   for name, t in found["timing"].items()]  # fmt: skip
+    for name, t in found["timing"].items():
+        if "lag_s" in t:
+            text.append(f"{name}: {1000 * t['lag_s']:.2f} ms later than "
+                        f"{found['cameras'][0]['name']} (+- {1000 * t['deviation_s']:.2f})"
+                        )  # fmt: skip
+        if "readout_s" in t:
+            text.append(f"{name}: {1000 * t['readout_s']:.2f} ms from the first row to the last "
+                        f"(+- {1000 * t['readout_deviation_s']:.2f})")  # fmt: skip
+    return text
 
 
 def _camera(calibration: Calibration, v: int, angles: Array) -> dict[str, Any]:

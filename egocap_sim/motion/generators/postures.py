@@ -6,7 +6,6 @@ within 1.9 degrees before a mirror.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -152,35 +151,37 @@ def idle(t: Float[Array, "T"], rng: np.random.Generator, params: IdleParams, fps
 class GuidedParams(PaceParams):
     """The moves that `egocap fit-rig` asks for."""
 
-    stand: Annotated[float, (0.5, 10.0)] = 2.0
+    stand: Annotated[float, (0.5, 10.0)] = 1.5
     """Seconds of the neutral stance at the beginning."""
 
 
 def guided(
     t: Float[Array, "T"], rng: np.random.Generator, params: GuidedParams, fps: float
 ) -> Clip:
-    """Nod, turn and tilt the head, raise the arms, squat; look at the horizon before and after.
+    """Nod, turn and tilt the head, raise the arms, squat; look at a mark on the horizon between.
 
-    The horizon is met with the error of natural head position, a new one each time.
+    The horizon is met with the error of natural head position, a new one each time. A move leaves
+    its axis by as much.
     """
-    keys = Keyframes(replace(draw_style(rng), gaze_down=0.0), rng, params.pace)
+    style = replace(draw_style(rng), gaze_down=0.0, wander=LOOKING_AT_MARK)
+    keys = Keyframes(style, rng, params.pace)
     keys.moved = True  # so that moves that would end too late are left out
     keys.begin_gaze(*_horizon(rng))
     keys.wait(params.stand)
     seconds = float(t[-1])
-    for moves in HEAD_MOVES:
-        turns = (*moves, _horizon(rng))
-        keys.perform([lambda k, turns=turns: _turn_head(k, turns)], seconds)
-        keys.wait(0.7)
+    for move in HEAD_MOVES:
+        away = np.array(move) + NATURAL_HEAD * rng.standard_normal(3)
+        keys.perform([lambda k, away=away: _turn_head(k, away, _horizon(rng))], seconds)
     keys.perform([_raise_arms], seconds)
-    keys.repeat(lambda k: _squat_once(k, 0.8, rng, _horizon(rng)), float(t[-1]), lambda: 0.6)
+    keys.repeat(lambda k: _squat_once(k, 0.8, rng, _horizon(rng)), seconds, lambda: 0.6)
     return keys.clip("guided", t, fps)
 
 
-def _turn_head(keys: Keyframes, turns: Sequence[tuple[float, float, float]]) -> None:
-    for yaw, pitch, roll in turns:
-        keys.gaze(yaw, pitch, 0.9, roll=roll)
-        keys.wait(0.95 * keys.pace)
+def _turn_head(keys: Keyframes, away: Float[Array, "3"], back: tuple[float, float, float]) -> None:
+    """Turn the head to yaw, pitch and roll, and back to look at the horizon."""
+    for (yaw, pitch, roll), rest in ((away.tolist(), 0.0), (back, 0.6)):
+        keys.gaze(yaw, pitch, 0.75, roll=roll)
+        keys.wait(0.8 * keys.pace + rest)
 
 
 def _raise_arms(keys: Keyframes) -> None:
@@ -196,10 +197,11 @@ def _horizon(rng: np.random.Generator) -> tuple[float, float, float]:
 
 NATURAL_HEAD = np.deg2rad([1.9, 1.9, 1.0])
 """Standard deviations of yaw, pitch and roll of a head asked to look at the horizon."""
+LOOKING_AT_MARK = 0.25
+"""Idle turning of the head, against that of a person who looks at nothing."""
 HEAD_MOVES = (
-    ((0.0, 0.55, 0.0), (0.0, -0.4, 0.0)),
-    ((0.9, 0.0, 0.0), (-0.9, 0.0, 0.0)),
-    ((0.0, 0.0, 0.4), (0.0, 0.0, -0.4)),
-)
+    (0.0, 0.55, 0.0), (0.9, 0.0, 0.0), (0.0, 0.0, 0.4),
+    (0.0, -0.4, 0.0), (-0.9, 0.0, 0.0), (0.0, 0.0, -0.4),
+)  # fmt: skip
 """Yaw, pitch and roll of the head, radians: nods, turns, tilts."""
 ARM_MOVES = (Hand((0.5, 0.0, 0.0), 1.0), Hand((0.05, 0.5, 0.0), 0.6), DOWN)

@@ -29,6 +29,7 @@ class Style:
     slouch: float  # radians the chest leans forward
     sway: float  # factor on the idle movement
     gaze_down: float  # radians the resting head points down
+    wander: float = 1.0  # factor on the idle turning of the head
 
 
 def draw_style(rng: np.random.Generator) -> Style:
@@ -80,8 +81,8 @@ def standing(t: Float[Array, "T"], style: Style, rng: np.random.Generator) -> Co
             roll=-0.012 * shift,
         ),
         head_R=turn(
-            yaw=0.05 * ends * slow_noise(t, rng, 0.05, 0.3),
-            pitch=style.gaze_down + 0.02 * ends * slow_noise(t, rng, 0.1, 0.5),
+            yaw=0.05 * style.wander * ends * slow_noise(t, rng, 0.05, 0.3),
+            pitch=style.gaze_down + 0.02 * style.wander * ends * slow_noise(t, rng, 0.1, 0.5),
         ),
         ankle=ankle,
         foot_R=foot_R,

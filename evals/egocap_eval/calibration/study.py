@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from egocap.boards.board import parse_board
+from egocap.boards.board import Board, parse_board
 from egocap.calibration.rig_calibration import Calibration, calibrate
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import parse_rig
@@ -26,11 +26,18 @@ from egocap_eval.calibration.scores import (
     pose_errors,
     ray_errors,
 )
+from egocap_eval.calibration.synthetic import Fixed, fixed_boards, timed
 from egocap_eval.harness.study import Outcome
 from egocap_sim.boards.record import TRUTH, record_board
 from egocap_sim.boards.settings import BoardRecording
 
 TARGETS = {"ray_rms": 0.02, "ray_worst": 0.1, "millimetres": 0.5, "degrees": 0.03}
+FIXED = (Fixed(20, 20, 0.6), Fixed(20, 20, 0.3), Fixed(40, 20, 0.6), Fixed(20, 40, 0.6),
+         Fixed(40, 40, 0.6), Fixed(40, 40, 0.3))  # fmt: skip
+"""The last one as advised."""
+FIXED_COLUMNS = ("millimetres", "millimetres_std", "degrees", "degrees_std",
+                 "degrees_std_known_lens", "normalised")  # fmt: skip
+TIMED_RESTS = 25  # of the hand
 _NORMALISED = (0.8, 1.25)
 _NO_WORSE = 1.001  # of OpenCV's reprojection error
 
@@ -41,8 +48,11 @@ def study(
     board: str = "charuco:5x7:0.0325:0.024",
     count: int = 40,
     seed: int = 100,
+    synthetic: bool = False,
 ) -> Outcome:
     """Calibrate stereo rigs of five lenses from simulated boards and compare with the truth.
+
+    With `synthetic`, only what --fixed-boards, --lag and --readout find, from corners alone.
 
     Args:
         folder: for the pictures; those of an earlier run are used again.
@@ -50,7 +60,10 @@ def study(
         board: the board, as in `egocap calibrate`.
         count: pictures of each camera.
         seed: of the first recording; each lens has its own.
+        synthetic: project corners with noise instead of rendering pictures.
     """
+    if synthetic:
+        return from_corners(parse_board(board), seed)
     rows = []
     for i, (name, camera) in enumerate(study_lenses(measured).items()):
         rig = stereo_rig(name, camera)
@@ -65,6 +78,25 @@ def study(
         rows.append(_row(name, found, truth, time.process_time() - started))
     summary = _summary(rows)
     return Outcome({"lenses": rows, "summary": summary}, [_table(rows)], missed=_missed(summary))
+
+
+def from_corners(board: Board, seed: int) -> Outcome:
+    """Poses before fixed boards, lags and readout times from synthetic corners."""
+    rig = stereo_rig("equidistant", study_lenses(None)["equidistant"])
+    fixed = {str(case): fixed_boards(rig, board, case, np.random.default_rng([seed, i]))
+             for i, case in enumerate(FIXED)}  # fmt: skip
+    times = timed(rig, board, TIMED_RESTS, np.random.default_rng([seed, len(FIXED)]))
+    rows = tuple((name, *(f"{f[k]:.4f}" for k in FIXED_COLUMNS)) for name, f in fixed.items())
+    moving = tuple((name, f"{t['error_ms']:.3f}", f"{t['std_ms']:.3f}")
+                   for name, t in times.items())  # fmt: skip
+    tables = [
+        Table("Fixed boards, from synthetic corners", ("rig turned", *FIXED_COLUMNS), rows),
+        Table("Timing, from synthetic corners", ("time", "error ms", "std ms"), moving),
+    ]
+    advised = fixed[str(FIXED[-1])]
+    over = [f"{unit} before fixed boards is {advised[unit]:.3g}, above {TARGETS[unit]:g}"
+            for unit in ("millimetres", "degrees") if advised[unit] > TARGETS[unit]]  # fmt: skip
+    return Outcome({"fixed_boards": fixed, "timing": times}, tables, missed=over)
 
 
 def _row(name: str, found: Calibration, truth: Rig, seconds: float) -> dict[str, Any]:

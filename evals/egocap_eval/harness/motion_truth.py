@@ -37,6 +37,7 @@ class SimulatedMotion:
     name: str
     rig: Rig
     proportions: Proportions
+    height_m: float
     truth: Truth
     joint_error_cm: float  # of the physics, to its reference
     planted_foot_speed_cm_s: float
@@ -54,6 +55,7 @@ def simulate_motion(
     seed: int,
     rig: str | Rig = "egorig1",
     size: tuple[int, int] = (640, 512),
+    fps: float = 30.0,
     parameters: Mapping[str, float] | None = None,
 ) -> SimulatedMotion:
     """Simulate a built-in motion of a person drawn from `seed`, seen by a rig, without pictures.
@@ -63,7 +65,7 @@ def simulate_motion(
     """
     table = RigTable(name=rig if isinstance(rig, str) else "egorig1", size=size)
     scene = Scene(
-        name=motion, frames=frames, seed=seed, rig=table,
+        name=motion, frames=frames, fps=fps, seed=seed, rig=table,
         motion=MotionTable(name=motion, parameters=dict(parameters or {})),
         place=PlaceTable(name="room", clear_radius=2.5),
     )  # fmt: skip
@@ -86,6 +88,7 @@ def simulate_scene(scene: Scene, rig: Rig | None = None) -> SimulatedMotion:
         name=scene.name,
         rig=made,
         proportions=measure_proportions(person),
+        height_m=float(person.description["height_m"]),
         truth=truth_before_rendering(person, trajectory, made),
         joint_error_cm=trajectory.stats.joint_error_cm,
         planted_foot_speed_cm_s=trajectory.stats.planted_foot_speed_cm_s,

@@ -8,7 +8,7 @@ error of its own, which no detection shows: `stance_deg` is the mean of the true
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -22,22 +22,28 @@ from egocap.data.detections import Detections
 from egocap.data.sequence import Sequence
 from egocap.data.truth import Truth
 from egocap.detect.sources import detections_from
+from egocap.detect.synthetic import LEARNED_LIKE
+from egocap.errors import InputError
 from egocap.evaluation.table import Table, number
 from egocap.fitting.fit_body import first_seconds, fit_body
-from egocap.fitting.fit_rig import RigFit, fit_rig, moved_rig, neutral_stances
+from egocap.fitting.fit_rig import RigFit, fit_rig, moved_rig
 from egocap.fitting.mount import PARAMETERS
+from egocap.fitting.stance import neutral_weights
 from egocap.geometry import inverse, unit
+from egocap_eval.harness.motion_truth import draw_detections, simulate_motion
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.fit_body import person_height
 
+FIRST_PERSON, FPS = 181, 15.0
 POSITION_MM, ROTATION_DEG, TRACKED_MM = 5.0, 1.0, 3.0
 """Targets: errors of the pose, and of the track above the known mount's."""
 
 
 def study(
-    sequences: Positional[Annotated[tuple[Path, ...], arg(metavar="SEQ")]],
+    sequences: Positional[Annotated[tuple[Path, ...], arg(metavar="SEQ")]] = (),
     /,
     detections: Annotated[tuple[str, ...], arg(metavar="SOURCE")] = ("learned",),
+    people: int = 0,
     offset_mm: float = 15.0,
     offset_deg: float = 4.0,
     seconds: float = 20.0,
@@ -48,6 +54,8 @@ def study(
     Args:
         sequences: Simulated sequences that begin with half a second of standing.
         detections: Source of detections, as for `egocap track`, for all or one a sequence.
+        people: Of which the guided moves are simulated without pictures, with simulated detections
+            like learned ones.
         offset_mm: Planted translation.
         offset_deg: Planted rotation.
         seconds: Length of each sequence that is used.
@@ -58,11 +66,32 @@ def study(
     found = {}
     for folder, source in zip(sequences, sources, strict=True):
         sequence = Sequence(folder)
-        offset = planted(offset_mm, offset_deg, rng)
         observed = first_seconds(detections_from(sequence, source, 0), seconds)
-        found[folder.name] = compare(sequence, observed, offset, person_height(folder))
+        case = Case(sequence.true_rig, sequence.truth, observed, person_height(folder))
+        found[folder.name] = compare(case, planted(offset_mm, offset_deg, rng))
+    for k in range(people):
+        offset = planted(offset_mm, offset_deg, rng)
+        found[f"person {FIRST_PERSON + k}"] = compare(simulated(FIRST_PERSON + k, seconds), offset)
+    if not found:
+        raise InputError("nothing to fit", valid="sequences, or --people")
     result = {"summary": summary(found), "sequences": found}
     return Outcome(result, [table(found)], missed(result["summary"]))
+
+
+class Case(NamedTuple):
+    """A recording with its truth."""
+
+    rig: Rig
+    truth: Truth
+    observed: Detections
+    height: float  # metres
+
+
+def simulated(person: int, seconds: float) -> Case:
+    """The guided moves of a person, as `evals/rig-moves.toml` has them, without pictures."""
+    motion = simulate_motion("guided", frames=round(seconds * FPS), seed=person, fps=FPS)
+    observed = draw_detections(motion, LEARNED_LIKE, person)
+    return Case(motion.rig, motion.truth, observed, motion.height_m)
 
 
 def planted(offset_mm: float, offset_deg: float, rng: np.random.Generator) -> Float[Array, "6"]:
@@ -71,21 +100,20 @@ def planted(offset_mm: float, offset_deg: float, rng: np.random.Generator) -> Fl
     return np.concatenate([np.deg2rad(offset_deg) * turn, 1e-3 * offset_mm * shift])
 
 
-def compare(
-    sequence: Sequence, observed: Detections, offset: Float[Array, "6"], height: float
-) -> dict[str, Any]:
-    """Errors of one sequence: fitted pose, and tracks with the true, fitted and given rig."""
-    truth = sequence.true_rig
+def compare(case: Case, offset: Float[Array, "6"]) -> dict[str, Any]:
+    """Errors of one recording: fitted pose, and tracks with the true, fitted and given rig."""
+    truth, observed = case.rig, case.observed
     given = moved_rig(truth, offset)
-    fit = fit_rig(observed, given, height)
-    known = fit_body(observed, truth, height)
-    joints = sequence.truth.joints_head[: len(observed.times)]
+    fit = fit_rig(observed, given, case.height)
+    known = fit_body(observed, truth, case.height)
+    joints = case.truth.joints_head[: len(observed.times)]
     tracked = {
         "known": track_error(truth, known.proportions, observed, joints),
         "fitted": track_error(fit.rig, fit.body.proportions, observed, joints),
         "given": track_error(given, known.proportions, observed, joints),
     }
-    stances = {"stance_deg": stance_error(sequence.truth, len(observed.times))}
+    stances = {"stances": fit.stances,
+               "stance_deg": stance_error(case.truth, len(observed.times))}  # fmt: skip
     return pose_errors(fit, truth) | stances | {"tracked_mm": tracked}
 
 
@@ -96,10 +124,10 @@ def stance_error(truth: Truth, count: int) -> float:
     """
     from scipy.spatial.transform import Rotation
 
-    seen = np.ones(count, int)
-    stances = neutral_stances(truth.time[:count], seen, truth.joints_head[:count], (0.0, 0.5))
+    joints = truth.joints_head[:count]
+    weights = neutral_weights(truth.time[:count], np.ones(count, int), joints, (0.0, 0.5))[:, 0]
     turns = Rotation.from_matrix(truth.T_world_head[:count, :3, :3]).as_rotvec()
-    mean = np.mean([turns[frames].mean(0) for frames in stances], axis=0)
+    mean = weights @ turns / weights.sum()
     return round(float(np.rad2deg(np.linalg.norm(mean))), 2)
 
 
@@ -141,6 +169,7 @@ def summary(found: dict[str, dict[str, Any]]) -> dict[str, float]:
     return {
         "position_mm": round(float(np.mean([r["position_mm"] for r in rows])), 2),
         "rotation_deg": round(float(np.mean([r["rotation_deg"] for r in rows])), 2),
+        "rotation_worst_deg": max(r["rotation_deg"] for r in rows),
         "stance_deg": round(float(np.mean([r["stance_deg"] for r in rows])), 2),
         "tracked_above_known_mm": round(float(np.mean(above)), 1),
         "normalised_error": round(float(np.sqrt(squared)), 2),

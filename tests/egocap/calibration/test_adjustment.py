@@ -99,9 +99,9 @@ def stereo_state(fitted, rig, boards):
 def test_derivatives_of_all_unknowns_are_those_of_differences(fitted, rig, boards, board, corners):
     rng = np.random.default_rng(0)
     state = stereo_state(fitted, rig, boards)
-    timing = Timing((1024, 1024), True, 0.1 * rng.standard_normal((len(boards), 6)))
-    timed = State(state.shapes, state.lenses, state.T_view_rig, boards, timing, np.zeros(2),
-                  np.zeros((len(boards), 6)))  # fmt: skip
+    timing = Timing((1024, 1024), *0.1 * rng.standard_normal((2, len(boards), 6)))
+    timed = State(state.shapes, state.lenses, state.T_view_rig, boards, timing,
+                  np.array([0.0, 0.1]), np.array([0.1, -0.1]))  # fmt: skip
     common, each = jacobian(timed, corners, board.points)
 
     def difference(c, e):
@@ -110,10 +110,10 @@ def test_derivatives_of_all_unknowns_are_those_of_differences(fitted, rig, board
         return (behind - ahead) / 2e-6
 
     for k in range(timed.common):
-        found = difference(1e-6 * np.eye(timed.common)[k], np.zeros((len(boards), 12)))
+        found = difference(1e-6 * np.eye(timed.common)[k], np.zeros((len(boards), 6)))
         assert np.allclose(common[:, :, k], found, rtol=1e-4, atol=2e-3), k
-    for k in range(12):
-        step = np.zeros((len(boards), 12))
+    for k in range(6):
+        step = np.zeros((len(boards), 6))
         step[:, k] = 1e-6
         assert np.allclose(each[:, :, k], difference(np.zeros(timed.common), step), rtol=1e-4,
                            atol=2e-3), k  # fmt: skip

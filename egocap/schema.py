@@ -64,10 +64,12 @@ def read_json(path: str | Path) -> dict[str, Any]:
     return parsed(read_text(path), path)
 
 
-def parsed(text: str | bytes, path: str | Path, form: str = "JSON", **place: Any) -> dict[str, Any]:
+def parsed(
+    text: str | bytes, path: str | Path, form: str = "JSON", levels: int = MOST_LEVELS, **place: Any
+) -> dict[str, Any]:
     """The table of a JSON or TOML text of `path`; `place`: its line or key there.
 
-    Raises FileError for anything else, and for nesting deeper than MOST_LEVELS.
+    Raises FileError for anything else, and for nesting deeper than `levels`.
     """
     try:
         data = tomllib.loads(str(text)) if form == "TOML" else json.loads(text)
@@ -82,10 +84,10 @@ def parsed(text: str | bytes, path: str | Path, form: str = "JSON", **place: Any
         problem = f"holds a {type(data).__name__}"
         raise FileError(path, problem, valid=f"a {form} object", **place)
     level: list[Any] = [data]
-    for _ in range(MOST_LEVELS):
+    for _ in range(levels):
         level = [inner for node in level for inner in _inside(node)]
     if level:
-        raise FileError(path, f"{form} nested deeper than {MOST_LEVELS} levels", **place)
+        raise FileError(path, f"{form} nested deeper than {levels} levels", **place)
     return data
 
 

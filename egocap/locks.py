@@ -140,5 +140,5 @@ def _holder(note: bytes) -> str:
         who = json.loads(note)
         return (f": process {who['pid']} on {who['host']} since {who['since']}, "
                 f"`{str(who['command'])[:100]}`")  # fmt: skip
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         return ""

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
+from egocap.body.labels import MIRROR
 from egocap.commandline import progress
 from egocap.data.arrays import record_of
 from egocap.data.sequence import Sequence, open_sequence
@@ -176,7 +177,7 @@ def _write(sequence: Sequence, spec: ViewSpec, place: Path) -> None:
                 for v, view in enumerate(canonical)
                 if not _dropped(sequence, shard.first + row, v)
             ]
-        except (EgocapError, ValueError, KeyError) as error:
+        except EgocapError as error:
             log.warning("shard %s of %s is skipped: %s", shard.name, sequence.folder, error)
             skipped += len(shard.frames) * len(canonical)
             continue
@@ -225,9 +226,13 @@ def _labels(
     sequence: Sequence, index: int, name: str, view: CanonicalView
 ) -> tuple[Array, Array, Array]:
     """Points, states and magnification of the 18 labels in the network's order."""
-    annotation = sequence.annotation(index)
-    pixels = np.array(annotation["joints_2d"][name], float)
-    seen = np.array(annotation["visibility"][name])
+    annotation, count = sequence.annotation(index), len(MIRROR)
+    try:
+        pixels = np.array(annotation["joints_2d"][name], float).reshape(count, 2)
+        seen = np.array(annotation["visibility"][name], np.uint8).reshape(count)
+    except (LookupError, TypeError, ValueError, OverflowError) as error:
+        raise FileError(sequence.shard_path(index), f"frame {index}: annotation of '{name}' "
+                        f"damaged: {error}") from None  # fmt: skip
     state = np.where(seen == VISIBLE, SEEN, np.where(seen == OUT_OF_VIEW, OUTSIDE, HIDDEN))
     width = sequence.rig.mounts[sequence.rig.views.index(name)].camera.width
     return canonical_labels(pixels, state, view, width)

@@ -24,6 +24,9 @@ from numpy import ndarray as Array
 
 from egocap.errors import FileError, MachineError
 
+MOST_BYTES = 1 << 28
+"""Of a file that is read at once."""
+
 MOST_ARRAYS = 1000
 """In one npz archive."""
 
@@ -117,6 +120,25 @@ def sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from None
+
+
+def read_bytes(path: str | Path, limit: int = MOST_BYTES) -> bytes:
+    """Content of a file. Raises FileError where it cannot be read or has more bytes than that.
+
+    Nothing beyond the limit is read: devices have no end and no size.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(limit + 1)
+    except FileNotFoundError:
+        raise FileError(path, "no such file") from None
+    except IsADirectoryError:
+        raise FileError(path, "is a folder", valid="a file") from None
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', error)}") from None
+    if len(content) > limit:
+        raise FileError(path, f"has more than {limit:,} bytes", valid=f"at most {limit:,}")
+    return content
 
 
 def cache_folder() -> Path:

@@ -22,7 +22,7 @@ from egocap.body.labels import LABELS
 from egocap.detect.calibration import Calibration
 from egocap.detect.canonical_view import ViewSpec
 from egocap.errors import FileError, InputError, MachineError, require
-from egocap.files import write_atomically
+from egocap.files import read_bytes, write_atomically
 from egocap.schema import parsed
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ SCHEMA = 1
 SHIPPED = "default"  # of `egocap/detect/shipped/NAME.safetensors`
 SUMS = "SHA256SUMS"  # of the shipped files, as sha256sum writes it
 _EXPECTED = "detector weights written by egocap train, *.safetensors"
-_LONGEST_HEADER = 1 << 20  # bytes
+_LONGEST_HEADER, _MOST_BYTES = 1 << 20, 1 << 31
 _MOST_LEVELS = 200  # of the metadata: a training record holds that of its initial weights
 
 
@@ -226,14 +226,7 @@ def _in_order(content: bytes) -> bytes:
 
 
 def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except IsADirectoryError:
-        raise FileError(path, "is a folder", valid=_EXPECTED) from None
-    except FileNotFoundError:
-        raise FileError(path, "no such file", valid=_EXPECTED) from None
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    return read_bytes(path, _MOST_BYTES)
 
 
 def _metadata(path: Path, content: bytes) -> dict[str, str]:

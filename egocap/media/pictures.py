@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
+from egocap.files import read_bytes
 from egocap.media.decoding import decode
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
@@ -90,7 +91,7 @@ class PictureFolder:
     def _read(self, path: Path) -> UInt8[Array, "H W 3"] | None:
         import cv2
 
-        picture = decode(path.read_bytes(), cv2.IMREAD_UNCHANGED, path)
+        picture = decode(read_bytes(path), cv2.IMREAD_UNCHANGED, path)
         return None if picture is None else _rgb(picture, path, self.options)
 
 

@@ -65,7 +65,7 @@ def detect(
 
 
 @app.command
-@locks("out")
+@locks("out", replaces="weights")
 def calibrate_detector(
     data: Positional[tuple[Path, ...]],
     /,

@@ -15,12 +15,13 @@ from egocap.commandline import DONE, MISSED
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
-from egocap.locks import locks
+from egocap.locks import locks, require_distinct
 
 if TYPE_CHECKING:
     from egocap.fitting.fit_rig import RigFit
 
 FORMATS = ("rig", "kalibr", "opencv", "opencv-xml", "colmap", "aria", "ros", "ocam", "unrealego")
+_LARGEST_SIDE = 1 << 16  # pixels
 _BY_SUFFIX = {".toml": "rig", ".xml": "opencv-xml"}
 
 
@@ -106,6 +107,10 @@ def convert(options: Convert) -> int:
     from egocap.files import write_atomically
 
     out = options.out
+    require_distinct({"out": out}, {"source": options.source})
+    if options.size is not None and not all(1 <= side <= _LARGEST_SIDE for side in options.size):
+        width, height = options.size
+        raise InputError(f"--size {width} {height}", valid=f"1 to {_LARGEST_SIDE}")
     format = options.format or _BY_SUFFIX.get(out.suffix.lower())
     if format is None and out.suffix.lower() == ".json":
         format = "rig"

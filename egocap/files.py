@@ -104,6 +104,8 @@ def disk_errors(path: Path) -> Iterator[None]:
             ) from None
         if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
             raise MachineError(f"cannot write {path}: no such folder") from None
+        if isinstance(error, FileNotFoundError) and _beside(error.filename, path):
+            raise MachineError(f"cannot write {path}: no files can be made in its folder") from None
         if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
             raise MachineError(f"{path}: no permission to write there") from None
         if isinstance(error, (NotADirectoryError, FileExistsError)):
@@ -111,6 +113,11 @@ def disk_errors(path: Path) -> Iterator[None]:
         if isinstance(error, IsADirectoryError):
             raise FileError(path, "is a folder", valid="the name of a file") from None
         raise
+
+
+def _beside(name: object, path: Path) -> bool:
+    """Whether a file of an error lies in the folder of a path, as its temporary file does."""
+    return isinstance(name, str | os.PathLike) and Path(name).parent == path.parent
 
 
 def sha256(path: Path) -> str:
@@ -129,15 +136,17 @@ def read_bytes(path: str | Path, limit: int = MOST_BYTES) -> bytes:
     """
     try:
         with Path(path).open("rb") as file:
-            content = file.read(limit + 1)
+            size = os.fstat(file.fileno()).st_size  # 0 of a device
+            content = b"" if size > limit else file.read(limit + 1)
     except FileNotFoundError:
         raise FileError(path, "no such file") from None
     except IsADirectoryError:
         raise FileError(path, "is a folder", valid="a file") from None
     except (OSError, ValueError) as error:
         raise FileError(path, f"cannot be read: {getattr(error, 'strerror', error)}") from None
-    if len(content) > limit:
-        raise FileError(path, f"has more than {limit:,} bytes", valid=f"at most {limit:,}")
+    if max(size, len(content)) > limit:
+        found = f"{size:,}" if size > limit else f"more than {limit:,}"
+        raise FileError(path, f"has {found} bytes", valid=f"at most {limit:,}")
     return content
 
 

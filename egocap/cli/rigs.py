@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from egocap.fitting.fit_rig import RigFit
 
 FORMATS = ("rig", "kalibr", "opencv", "opencv-xml", "colmap", "aria", "ros", "ocam", "unrealego")
-_LARGEST_SIDE = 1 << 16  # pixels
+_LARGEST_SIDE, _MOST_POSES = 1 << 16, 100_000
 _BY_SUFFIX = {".toml": "rig", ".xml": "opencv-xml"}
 
 
@@ -170,8 +170,8 @@ def show(options: Show) -> int:
     from egocap.fitting.wearer import average_body
     from egocap.view.rig_figure import draw_rig, load_photo
 
-    if options.poses < 1:
-        raise InputError(f"{options.poses} poses", valid="1 or more")
+    if not 1 <= options.poses <= _MOST_POSES:
+        raise InputError(f"{options.poses} poses", valid=f"1 to {_MOST_POSES}")
     if options.body is not None:
         person = Proportions.load(options.body)
     else:
@@ -189,7 +189,7 @@ def show(options: Show) -> int:
 
 
 @app.command
-@locks("out")
+@locks("out", "body")
 def fit_rig(
     footage: Positional[Path],
     out: Path,

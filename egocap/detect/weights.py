@@ -33,7 +33,7 @@ SCHEMA = 1
 SHIPPED = "default"  # of `egocap/detect/shipped/NAME.safetensors`
 SUMS = "SHA256SUMS"  # of the shipped files, as sha256sum writes it
 _EXPECTED = "detector weights written by egocap train, *.safetensors"
-_LONGEST_HEADER, _MOST_BYTES = 1 << 20, 1 << 31
+_LONGEST_HEADER, _MOST_BYTES = 1 << 20, 1 << 29
 _MOST_LEVELS = 200  # of the metadata: a training record holds that of its initial weights
 
 

@@ -39,8 +39,8 @@ class PictureOptions:
     """Colours of the first two rows of raw mosaics."""
 
     def __post_init__(self) -> None:
-        if self.fps is not None and not 0.0 < self.fps < math.inf:
-            raise InputError(f"--fps {self.fps:g}", valid="above 0")
+        if self.fps is not None and not 0.001 <= self.fps <= 10_000.0:
+            raise InputError(f"--fps {self.fps:g}", valid="0.001 to 10000")
         if not 8 <= self.bits <= 16:
             raise InputError(f"--bits {self.bits}", valid="8 to 16")
 

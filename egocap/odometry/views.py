@@ -28,7 +28,7 @@ class Views:
         """The working views of a rig. Raises InputError for a rig of one view."""
         if len(rig.mounts) < 2:
             raise InputError(f"rig '{rig.name}' has one view: the scale cannot be measured",
-                             valid="a rig of two views or more, or --from FILE")  # fmt: skip
+                             valid="a rig of two views or more, or --trajectory FILE")  # fmt: skip
         camera = rig.cameras[0]
         scale = min(width / camera.width, 1.0)
         size = round(camera.width * scale), round(camera.height * scale)

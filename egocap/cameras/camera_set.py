@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,17 +21,11 @@ _GUESSED_CENTRE, _GUESSED_PITCH = (0.25, 0.0, 0.10), 80.0
 
 @dataclass(frozen=True, eq=False)
 class SetCamera:
-    """One camera: its lens, with the error of fitting ours to it, and where it is.
-
-    Characters of its name that no view's name may have become '_'.
-    """
+    """One camera: its lens, with the error of fitting ours to it, and where it is."""
 
     name: str
     lens: LensFit
     T_first_camera: Float[Array, "4 4"] | None = None  # in the first camera's frame; None: unknown
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "name", re.sub(r"[^\w-]+", "_", self.name)[:40] or "camera")
 
     @property
     def camera(self) -> Camera:

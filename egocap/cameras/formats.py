@@ -6,6 +6,7 @@ Reading tells the format by content; writing takes it by name or suffix.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,11 @@ def format_cameras(cameras: CameraSet, format: str, path: Path) -> tuple[dict[Pa
     files, errors = {}, []
     for each in cameras.cameras:
         text, error = write(CameraSet((each,)))
-        files[path.with_name(f"{path.stem}.{each.name}{path.suffix}")] = text
+        files[path.with_name(f"{path.stem}.{_plain(each.name)}{path.suffix}")] = text
         errors.append(error)
     return files, max(errors)
+
+
+def _plain(name: str) -> str:
+    """A camera's name as part of a file's name."""
+    return re.sub(r"[^\w-]+", "_", name)[:40]

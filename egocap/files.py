@@ -17,12 +17,15 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, MachineError
+
+MOST_BYTES = 1 << 28
+"""Of a file that is read at once."""
 
 MOST_ARRAYS = 1000
 """In one npz archive."""
@@ -33,6 +36,8 @@ ALWAYS_UNPACKED, MOST_RATIO = 1 << 28, 32
 LARGEST = 1e12
 """Magnitude of numbers in results: squares of larger ones overflow further on."""
 
+_DAMAGE = (ArithmeticError, ValueError, OSError, EOFError, MemoryError, RuntimeError, SyntaxError,
+           TypeError, TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0,
             (2, 0): np.lib.format.read_array_header_2_0}  # fmt: skip
 
@@ -99,6 +104,8 @@ def disk_errors(path: Path) -> Iterator[None]:
             ) from None
         if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
             raise MachineError(f"cannot write {path}: no such folder") from None
+        if isinstance(error, FileNotFoundError) and _beside(error.filename, path):
+            raise MachineError(f"cannot write {path}: no files can be made in its folder") from None
         if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
             raise MachineError(f"{path}: no permission to write there") from None
         if isinstance(error, (NotADirectoryError, FileExistsError)):
@@ -108,6 +115,11 @@ def disk_errors(path: Path) -> Iterator[None]:
         raise
 
 
+def _beside(name: object, path: Path) -> bool:
+    """Whether a file of an error lies in the folder of a path, as its temporary file does."""
+    return isinstance(name, str | os.PathLike) and Path(name).parent == path.parent
+
+
 def sha256(path: Path) -> str:
     """SHA-256 of a file's content. Raises FileError where it cannot be read."""
     try:
@@ -115,6 +127,27 @@ def sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from None
+
+
+def read_bytes(path: str | Path, limit: int = MOST_BYTES) -> bytes:
+    """Content of a file. Raises FileError where it cannot be read or has more bytes than that.
+
+    Nothing beyond the limit is read: devices have no end and no size.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            size = os.fstat(file.fileno()).st_size  # 0 of a device
+            content = b"" if size > limit else file.read(limit + 1)
+    except FileNotFoundError:
+        raise FileError(path, "no such file") from None
+    except IsADirectoryError:
+        raise FileError(path, "is a folder", valid="a file") from None
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', error)}") from None
+    if max(size, len(content)) > limit:
+        found = f"{size:,}" if size > limit else f"more than {limit:,}"
+        raise FileError(path, f"has {found} bytes", valid=f"at most {limit:,}")
+    return content
 
 
 def cache_folder() -> Path:
@@ -144,10 +177,23 @@ def read_npz(path: Path, only: Collection[str] | None = None) -> dict[str, Array
             members = _members(archive, path.stat().st_size)
             chosen = {n: info for n, info in members.items() if only is None or n in only}
             return {name: _array(archive, info) for name, info in chosen.items()}
-    except (ArithmeticError, ValueError, OSError, EOFError, MemoryError, RuntimeError, SyntaxError,
-            TypeError, TokenError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+    except _DAMAGE as error:
         detail = f": {error!s:.200}" if str(error) else ""
         raise FileError(path, f"not a whole npz archive of plain arrays{detail}") from None
+
+
+def map_npy(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> Array:
+    """A memory map of a .npy file. Raises FileError unless it holds an array of that shape."""
+    try:
+        with path.open("rb") as file:
+            _check_header(file, path.name, path.stat().st_size)
+        array = np.load(path, mmap_mode="r" if math.prod(shape) else None, allow_pickle=False)
+    except _DAMAGE as error:
+        raise FileError(path, f"not a whole array: {error!s:.200}") from None
+    if (array.shape, array.dtype) != (shape, dtype):
+        raise FileError(path, f"has type {array.dtype}, shape {array.shape}",
+                        valid=f"{dtype.__name__}, {shape}")  # fmt: skip
+    return array
 
 
 def usable(values: Array) -> Array:
@@ -179,13 +225,18 @@ def _members(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
     """One array; its header must state exactly the bytes that the member has."""
     with archive.open(info) as member:
-        version = np.lib.format.read_magic(member)
-        if version not in _HEADERS:
-            raise ValueError(f"{info.filename!r:.80} has .npy version {version}")
-        shape, _, dtype = _HEADERS[version](member)
-        if dtype.kind not in "biufU" or not dtype.itemsize or min(shape, default=0) < 0:
-            raise ValueError(f"{info.filename!r:.80} has type {dtype!s:.80}, shape {shape!s:.80}")
-        if math.prod(shape) * dtype.itemsize != info.file_size - member.tell():
-            raise ValueError(f"{info.filename!r:.80} has not the size of its shape {shape!s:.80}")
+        _check_header(member, info.filename, info.file_size)
     with archive.open(info) as member:
         return np.lib.format.read_array(member, allow_pickle=False)
+
+
+def _check_header(file: IO[bytes], name: str, size: int) -> None:
+    """Read the header of an array of `size` bytes with it. Raises ValueError, or as numpy does."""
+    version = np.lib.format.read_magic(file)
+    if version not in _HEADERS:
+        raise ValueError(f"{name!r:.80} has .npy version {version}")
+    shape, _, dtype = _HEADERS[version](file)
+    if dtype.kind not in "biufU" or not dtype.itemsize or min(shape, default=0) < 0:
+        raise ValueError(f"{name!r:.80} has type {dtype!s:.80}, shape {shape!s:.80}")
+    if math.prod(shape) * dtype.itemsize != size - file.tell():
+        raise ValueError(f"{name!r:.80} has not the size of its shape {shape!s:.80}")

@@ -16,13 +16,13 @@ import shlex
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import wraps
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
-from egocap.errors import FileError, MachineError
+from egocap.errors import FileError, InputError, MachineError
 from egocap.files import disk_errors, remove_temporary
 
 IN_FOLDER = ".lock"
@@ -107,10 +107,13 @@ def holding(target: Path, *, folder: bool = False) -> Iterator[None]:
         lock.release()
 
 
-def locks(*names: str, folder: bool = False) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def locks(
+    *names: str, folder: bool = False, replaces: str | None = None
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorate a command: it holds the locks of the outputs that these parameters name.
 
-    Parameters that are None are left out.
+    Parameters that are None are left out. An output that is also one of the command's input files,
+    other than that of the parameter `replaces`, is refused, and so are two outputs in one file.
     """
 
     def decorated(command: Callable[P, R]) -> Callable[P, R]:
@@ -120,15 +123,45 @@ def locks(*names: str, folder: bool = False) -> Callable[[Callable[P, R]], Calla
         def held(*args: P.args, **kwargs: P.kwargs) -> R:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            found = {Path(v) for v in (bound.arguments[n] for n in names) if v is not None}
+            found = {n: Path(v) for n in names if (v := bound.arguments[n]) is not None}
+            require_distinct(found, {
+                n: v for n, v in bound.arguments.items() if n not in (*names, replaces)
+            })  # fmt: skip
             with ExitStack() as stack:
-                for target in sorted(found):
+                for target in sorted(found.values()):
                     stack.enter_context(holding(target, folder=folder))
                 return command(*args, **kwargs)
 
         return held
 
     return decorated
+
+
+def require_distinct(outputs: Mapping[str, Path], inputs: Mapping[str, Any]) -> None:
+    """Raise InputError for an output that is an input file or another output.
+
+    Inputs are parameters by name; those that are no paths, and no tuples of them, are left out.
+    """
+    read = [
+        (name, word) for name, value in inputs.items()
+        for word in (value if isinstance(value, tuple) else (value,))
+        if isinstance(word, str | Path) and _is_file(word)
+    ]  # fmt: skip
+    for i, (name, path) in enumerate(outputs.items()):
+        if path in list(outputs.values())[:i]:
+            raise InputError(f"{path}: two outputs in one file", valid=f"another --{name}")
+        for other, word in read:
+            if _is_file(path) and path.samefile(word):
+                raise InputError(f"{path}: the output would replace the input '{other}'",
+                                 valid="another name")  # fmt: skip
+
+
+def _is_file(word: str | Path) -> bool:
+    """Whether a word of a command line names a file; False for what no file can be named."""
+    try:
+        return Path(word).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _note() -> bytes:
@@ -144,5 +177,5 @@ def _holder(note: bytes) -> str:
         who = json.loads(note)
         return (f": process {who['pid']} on {who['host']} since {who['since']}, "
                 f"`{str(who['command'])[:100]}`")  # fmt: skip
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         return ""

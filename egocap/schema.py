@@ -14,12 +14,13 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from egocap.errors import FileError
+from egocap.files import MOST_BYTES, read_bytes
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number; text and booleans are refused."""
 
 
-MOST_TEXT, MOST_TOML = 1 << 28, 1 << 22
+MOST_TEXT, MOST_TOML = MOST_BYTES, 1 << 22
 """Largest text file and largest TOML file, bytes."""
 
 MOST_LEVELS = 32
@@ -64,10 +65,12 @@ def read_json(path: str | Path) -> dict[str, Any]:
     return parsed(read_text(path), path)
 
 
-def parsed(text: str | bytes, path: str | Path, form: str = "JSON", **place: Any) -> dict[str, Any]:
+def parsed(
+    text: str | bytes, path: str | Path, form: str = "JSON", levels: int = MOST_LEVELS, **place: Any
+) -> dict[str, Any]:
     """The table of a JSON or TOML text of `path`; `place`: its line or key there.
 
-    Raises FileError for anything else, and for nesting deeper than MOST_LEVELS.
+    Raises FileError for anything else, and for nesting deeper than `levels`.
     """
     try:
         data = tomllib.loads(str(text)) if form == "TOML" else json.loads(text)
@@ -82,10 +85,10 @@ def parsed(text: str | bytes, path: str | Path, form: str = "JSON", **place: Any
         problem = f"holds a {type(data).__name__}"
         raise FileError(path, problem, valid=f"a {form} object", **place)
     level: list[Any] = [data]
-    for _ in range(MOST_LEVELS):
+    for _ in range(levels):
         level = [inner for node in level for inner in _inside(node)]
     if level:
-        raise FileError(path, f"{form} nested deeper than {MOST_LEVELS} levels", **place)
+        raise FileError(path, f"{form} nested deeper than {levels} levels", **place)
     return data
 
 
@@ -98,17 +101,10 @@ def _inside(node: Any) -> Any:
 def read_text(path: str | Path, limit: int = MOST_TEXT) -> str:
     """Read a text file. Raises FileError if it is missing, a folder, too large, or not UTF-8."""
     try:
-        if (size := Path(path).stat().st_size) > limit:
-            raise FileError(path, f"has {size:,} bytes", valid=f"at most {limit:,}")
-        return Path(path).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise FileError(path, "no such file") from None
-    except IsADirectoryError:
-        raise FileError(path, "is a folder", valid="a file") from None
+        text = read_bytes(path, limit).decode()
     except UnicodeDecodeError:
         raise FileError(path, "not a text file (UTF-8)") from None
-    except (OSError, ValueError) as error:
-        raise FileError(path, f"cannot be read: {error}") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _file_error(

@@ -14,7 +14,8 @@ MOST_MODULES = 20
 
 LAYERS = (
     {"egocap.errors", "egocap.geometry", "egocap.series"},
-    {"egocap.schema", "egocap.commandline", "egocap.files", "egocap.workers"},
+    {"egocap.files"},
+    {"egocap.schema", "egocap.commandline", "egocap.workers"},
     {"egocap.locks"},
     {"egocap.cameras", "egocap.body", "egocap.media", "egocap.boards", "egocap.storage"},
     {"egocap.data"},

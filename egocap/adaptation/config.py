@@ -32,5 +32,17 @@ class AdaptOptions:
     def __post_init__(self) -> None:
         if self.body is not None and self.height is not None:
             raise InputError("--height and --body", valid="one of them")
-        if self.views < 1:
-            raise InputError(f"--views {self.views}", valid="1 or more")
+        if self.height is not None:
+            from egocap.fitting.wearer import average_body
+
+            average_body(self.height)  # raises InputError for one that no adult has
+        for name, good, valid in (
+            ("minutes", 0.0 < self.minutes <= 10_000.0, "above 0, to 10000"),
+            ("steps", self.steps >= 0, "0 or more"),
+            ("learning_rate", 0.0 < self.learning_rate <= 1.0, "above 0, to 1"),
+            ("views", self.views >= 1, "1 or more"),
+            ("seed", self.seed >= 0, "0 or more"),
+        ):
+            if not good:
+                option = name.replace("_", "-")
+                raise InputError(f"--{option} {getattr(self, name)}", valid=valid)

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
+from egocap.files import read_bytes
 from egocap.media.decoding import decode
 from egocap.media.video import open_video
 
@@ -71,10 +72,7 @@ def read_recording(sources: Sequence[Path], in_threes: bool = False) -> Recordin
 
 def read_picture(path: Path) -> UInt8[Array, "H W"]:
     """Decode a picture to grey values. Raises FileError."""
-    try:
-        picture = decode(path.read_bytes(), cv2.IMREAD_GRAYSCALE, path)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    picture = decode(read_bytes(path), cv2.IMREAD_GRAYSCALE, path)
     if picture is None:
         raise FileError(path, "is not a readable picture", valid=f"files in {', '.join(SUFFIXES)}")
     return picture

@@ -6,6 +6,7 @@ Reading tells the format by content; writing takes it by name or suffix.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from egocap.cameras.ocam_files import ocam_calibration, ocam_error, ocam_text
 from egocap.cameras.opencv_files import format_opencv, parse_opencv
 from egocap.cameras.ros import format_ros, is_ros, parse_ros
 from egocap.errors import FileError, InputError
-from egocap.schema import read_json, read_text
+from egocap.schema import MOST_TOML, parsed, read_json, read_text
 
 YAML = (".yaml", ".yml")
 FOREIGN_SUFFIXES = (*YAML, ".xml", ".jsonl")
@@ -34,7 +35,7 @@ def read_foreign(path: Path, size: tuple[int, int] | None = None) -> CameraSet |
     if suffix in (".json", ".jsonl"):
         data = _first_line(path) if suffix == ".jsonl" else read_json(path)
         return parse_aria(data, path, size) if is_aria(data) else None
-    text = read_text(path)
+    text = read_text(path, MOST_TOML)
     if "<opencv_storage>" in text or text.startswith("%YAML:1") or "!!opencv-matrix" in text:
         return parse_opencv(text, path, size)
     if suffix in YAML:
@@ -43,11 +44,7 @@ def read_foreign(path: Path, size: tuple[int, int] | None = None) -> CameraSet |
 
 
 def _first_line(path: Path) -> dict[str, Any]:
-    line = read_text(path).partition("\n")[0]
-    try:
-        data = json.loads(line)
-    except ValueError as error:
-        raise FileError(path, f"not JSON: {error}", line=1) from None
+    data = parsed(read_text(path).partition("\n")[0], path, line=1)
     if not is_aria(data):
         raise FileError(path, "no calibration", line=1, valid="Aria's online_calibration.jsonl")
     return data
@@ -56,8 +53,14 @@ def _first_line(path: Path) -> dict[str, Any]:
 def _yaml(text: str, path: Path) -> CameraSet:
     import yaml
 
+    class Loader(yaml.SafeLoader):
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):  # a few lines of them make gigabytes
+                raise ValueError("aliases (*name) are not read")
+            return super().compose_node(parent, index)
+
     try:
-        data = yaml.safe_load(text)
+        data = yaml.load(text, Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not readable"
@@ -118,6 +121,11 @@ def format_cameras(cameras: CameraSet, format: str, path: Path) -> tuple[dict[Pa
     files, errors = {}, []
     for each in cameras.cameras:
         text, error = write(CameraSet((each,)))
-        files[path.with_name(f"{path.stem}.{each.name}{path.suffix}")] = text
+        files[path.with_name(f"{path.stem}.{_plain(each.name)}{path.suffix}")] = text
         errors.append(error)
     return files, max(errors)
+
+
+def _plain(name: str) -> str:
+    """A camera's name as part of a file's name."""
+    return re.sub(r"[^\w-]+", "_", name)[:40]

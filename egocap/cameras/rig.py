@@ -83,7 +83,7 @@ class Rig:
 
     def __repr__(self) -> str:
         mounts = ", ".join(f"{m.name}: {m.camera}" for m in self.mounts)
-        return f"Rig('{self.name}', {self.frame_rate:g} Hz, {mounts})"
+        return f"Rig({self.name!r}, {self.frame_rate:g} Hz, {mounts})"
 
     @property
     def views(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ about its optical axis as seen from behind it.
 
 from __future__ import annotations
 
+import json
 from math import degrees
 from pathlib import Path
 from typing import Any, Literal
@@ -161,17 +162,22 @@ def write_rig(path: Path, rig: Rig) -> None:
 
 def format_rig(rig: Rig) -> str:
     """A rig as TOML with exact numbers, which `load_rig` reads back."""
-    lines = [f'name = "{rig.name}"', f"frame_rate = {rig.frame_rate!r}"]
+    lines = [f"name = {_toml_text(rig.name)}", f"frame_rate = {rig.frame_rate!r}"]
     for mount in rig.mounts:
         T = mount.T_head_camera
         lines += [
-            "", "[[cameras]]", f'name = "{mount.name}"',
+            "", "[[cameras]]", f"name = {_toml_text(mount.name)}",
             f"position = {T[:3, 3].tolist()}  # forward, left, up of the skull base, metres",
             f"rotation = {T[:3, :3].tolist()}", "", "[cameras.lens]",
         ]  # fmt: skip
         for key, value in mount.camera.to_dict().items():
             lines.append(f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}")
     return "\n".join(lines) + "\n"
+
+
+def _toml_text(text: str) -> str:
+    """A text as a string of TOML, whose escapes are those of JSON."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def parse_rig(data: Any, where: str | Path) -> Rig:

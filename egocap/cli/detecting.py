@@ -96,7 +96,7 @@ def _detect(
 
 
 @app.command
-@locks("out")
+@locks("out", replaces="weights")
 def calibrate_detector(
     data: Positional[tuple[Path, ...]],
     /,

@@ -15,12 +15,13 @@ from egocap.commandline import DONE, MISSED
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
-from egocap.locks import locks
+from egocap.locks import locks, require_distinct
 
 if TYPE_CHECKING:
     from egocap.fitting.fit_rig import RigFit
 
 FORMATS = ("rig", "kalibr", "opencv", "opencv-xml", "colmap", "aria", "ros", "ocam", "unrealego")
+_LARGEST_SIDE, _MOST_POSES = 1 << 16, 100_000
 _BY_SUFFIX = {".toml": "rig", ".xml": "opencv-xml"}
 
 
@@ -106,6 +107,10 @@ def convert(options: Convert) -> int:
     from egocap.files import write_atomically
 
     out = options.out
+    require_distinct({"out": out}, {"source": options.source})
+    if options.size is not None and not all(1 <= side <= _LARGEST_SIDE for side in options.size):
+        width, height = options.size
+        raise InputError(f"--size {width} {height}", valid=f"1 to {_LARGEST_SIDE}")
     format = options.format or _BY_SUFFIX.get(out.suffix.lower())
     if format is None and out.suffix.lower() == ".json":
         format = "rig"
@@ -165,8 +170,8 @@ def show(options: Show) -> int:
     from egocap.fitting.wearer import average_body
     from egocap.view.rig_figure import draw_rig, load_photo
 
-    if options.poses < 1:
-        raise InputError(f"{options.poses} poses", valid="1 or more")
+    if not 1 <= options.poses <= _MOST_POSES:
+        raise InputError(f"{options.poses} poses", valid=f"1 to {_MOST_POSES}")
     if options.body is not None:
         person = Proportions.load(options.body)
     else:
@@ -184,7 +189,7 @@ def show(options: Show) -> int:
 
 
 @app.command
-@locks("out")
+@locks("out", "body")
 def fit_rig(
     footage: Positional[Path],
     out: Path,

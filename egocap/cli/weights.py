@@ -12,6 +12,9 @@ from tyro.conf import Positional, arg
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE
+from egocap.errors import one_line
+
+_LONGEST = 2000  # characters of a line; a command may be long
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,11 @@ def weights_command(
                 print(_line(one))
         return DONE
     one = card(open_weights(do.weights))
-    print(json.dumps(one, indent=1) if do.json else "\n".join(_lines(one)))
+    print(
+        json.dumps(one, indent=1)
+        if do.json
+        else "\n".join(one_line(line, _LONGEST) for line in _lines(one))
+    )
     return DONE
 
 

@@ -11,7 +11,6 @@ The manifest holds the byte range of every file in every shard, for random acces
 
 from __future__ import annotations
 
-import json
 import logging
 from base64 import b64encode
 from collections.abc import Iterator
@@ -34,6 +33,7 @@ from egocap.data.truth import OthersTruth, SensorTruth, Truth
 from egocap.errors import FileError, InputError
 from egocap.files import sha256
 from egocap.media.decoding import decode
+from egocap.schema import parsed
 
 log = logging.getLogger(__name__)
 
@@ -198,8 +198,8 @@ class Sequence:
         return self._plane(index, view, "depth", np.dtype(np.uint16))
 
     def annotation(self, index: int) -> dict[str, Any]:
-        """Content of the frame's KEY.json."""
-        return json.loads(self.read(index, "json"))
+        """Content of the frame's KEY.json. Raises FileError unless it is an object."""
+        return parsed(self.read(index, "json"), self.shard_path(index), key=f"{index:06d}.json")
 
     def read(self, index: int, suffix: str) -> bytes:
         """Raw bytes of one file of one frame, e.g. suffix 'left.jpg'."""

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.errors import FileError
+from egocap.files import usable
 
 
 def item(data: Any, path: Path, *keys: str) -> Any:
@@ -32,13 +33,14 @@ def array(
     value = item(data, path, *keys)
     try:
         found = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise FileError(path, "not an array of numbers", key=".".join(keys)) from None
     fits = found.ndim == len(shape) and all(
         want in (None, got) for want, got in zip(shape, found.shape, strict=True)
     )
-    if not fits or not np.isfinite(found).all():
-        problem = f"has shape {found.shape}" if not fits else "holds values that are not finite"
+    if not fits or not usable(found).all():
+        problem = (f"has shape {found.shape}" if not fits
+                   else "holds values that are not finite, or too large")  # fmt: skip
         sizes = ", ".join("any" if size is None else str(size) for size in shape)
         raise FileError(path, problem, key=".".join(keys) or None, valid=f"({sizes})")
     return found

@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
 from egocap.errors import FileError, require
+from egocap.files import read_bytes
 from egocap.media.decoding import decode
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -52,10 +53,7 @@ class Picture:
         """The image file's bytes. Raises FileError."""
         if self.member:
             return read_member(self.path, self.member)
-        try:
-            return self.path.read_bytes()
-        except OSError as error:
-            raise FileError(self.path, f"cannot be read: {error.strerror}") from None
+        return read_bytes(self.path)
 
     def _row(self) -> Any:
         with open_hdf5(self.path) as file:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from egocap.errors import FileError
+from egocap.files import read_bytes
 
 _PLAIN_TYPE = re.compile(r"[<>|=]?([biuf?][0-9]{0,2}|[US][0-9]{1,9})")
 
@@ -202,9 +203,7 @@ def load_plain_pickle(path: Path) -> Any:
     Raises FileError for anything else in it, and for a damaged file; nothing of it is executed.
     """
     try:
-        return _run(path.read_bytes())
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
+        return _run(read_bytes(path))
     except _Refused as error:
         valid = "numbers, text, lists, tuples, dictionaries, numpy arrays"
         raise FileError(path, f"holds {error}, which is not plain data", valid=valid) from None

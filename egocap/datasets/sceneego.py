@@ -75,6 +75,8 @@ def _poses(path: Path, data: Any) -> Iterator[_Pose]:
     if not isinstance(data, list) or not data:
         raise FileError(path, f"holds a {type(data).__name__}", valid="a list of annotations")
     for entry in data:
+        if not isinstance(entry, dict):
+            raise FileError(path, f"an annotation is a {type(entry).__name__}", valid="a dict")
         if path.name == "pseudo_gt.pkl":
             name = entry.get("image_name", entry.get("image_path"))
             if name is None:

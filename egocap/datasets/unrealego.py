@@ -149,7 +149,9 @@ def _frame(path: Path, layout: Layout, cameras: list[str]) -> tuple[Any, Array, 
     def stack(key: str, size: int) -> Array:
         return np.stack([array(joints, path, name, key, shape=(size,)) for name in names])
 
-    device = CM * stack("device_pts3d", 3) if "device_pts3d" in joints.get(names[0], {}) else None
+    first = item(joints, path, names[0])
+    given = isinstance(first, dict) and "device_pts3d" in first
+    device = CM * stack("device_pts3d", 3) if given else None
     camera = CM * np.stack([stack(f"{name}_pts3d", 3) for name in cameras])
     pixels = np.stack([stack(f"{name}_pts2d", 2) for name in cameras])
     return device, camera, pixels, stack(layout.trans, 3) * layout.to_world

@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 from egocap.detect.onnx_graph import filled_graph, has_graph
 from egocap.detect.weights import Weights
 from egocap.errors import EgocapError, InputError, MachineError, require
-from egocap.files import cache_folder, make_folder, replacing
+from egocap.files import cache_folder, make_folder, write_atomically
 
 EngineName = Literal["auto", "onnxruntime", "openvino", "torch", "cuda"]
 """auto: openvino if installed, else onnxruntime; onnxruntime: 32-bit floats, reproducible across
@@ -106,33 +106,33 @@ def _from_cache(weights: Weights, start: Callable[[Path], Run]) -> Run:
 def exported(weights: Weights) -> Path:
     """Path of the cached ONNX file with free batch size, exported if missing.
 
-    Raises MachineError if the cache cannot be written.
+    Raises FileError for damaged weights, MachineError if the cache cannot be written.
     """
     path = cache_folder() / f"detector-{weights.sha256[:32]}-{_EXPORT}.onnx"
     if path.is_file():
         return path
+    content = onnx_file(weights)
     try:
         make_folder(path.parent)
-        with replacing(path) as temporary:
-            write_onnx(weights, temporary)
+        write_atomically(path, content)
     except (EgocapError, OSError) as error:
         remedy = "set XDG_CACHE_HOME to a folder with 100 MB of space"
         raise MachineError(f"cannot cache the exported network: {error}", remedy=remedy) from None
     return path
 
 
-def write_onnx(weights: Weights, path: Path) -> None:
-    """Write the network as ONNX: uint8 images (B, H, W, 3) in, `heat` and `info` out.
+def onnx_file(weights: Weights) -> bytes:
+    """The network as ONNX: uint8 images (B, H, W, 3) in, `heat` and `info` out.
 
     Raises FileError for damaged weights, MachineError without torch where it is needed.
     """
     if has_graph(weights):
-        path.write_bytes(filled_graph(weights))
-    else:
-        export_onnx(weights, path)
+        return filled_graph(weights)
+    export_onnx(weights, file := BytesIO())
+    return file.getvalue()
 
 
-def export_onnx(weights: Weights, path: Path | BytesIO, *, folded: bool = True) -> None:
+def export_onnx(weights: Weights, file: BytesIO, *, folded: bool = True) -> None:
     """Export the network by torch, with batch normalisation folded into the convolutions or not."""
     import warnings
 
@@ -147,7 +147,7 @@ def export_onnx(weights: Weights, path: Path | BytesIO, *, folded: bool = True) 
         torch.onnx.export(
             network,
             (images,),
-            path if isinstance(path, BytesIO) else str(path),  # type: ignore[arg-type]
+            file,  # type: ignore[arg-type]
             dynamo=False,
             opset_version=_OPSET,
             input_names=[INPUT],

@@ -22,7 +22,8 @@ from egocap.body.labels import LABELS
 from egocap.detect.calibration import Calibration
 from egocap.detect.canonical_view import ViewSpec
 from egocap.errors import FileError, InputError, MachineError, require
-from egocap.files import write_atomically
+from egocap.files import read_bytes, write_atomically
+from egocap.schema import parsed
 
 if TYPE_CHECKING:
     from egocap.detect.network import DetectorNetwork
@@ -32,7 +33,8 @@ SCHEMA = 1
 SHIPPED = "default"  # of `egocap/detect/shipped/NAME.safetensors`
 SUMS = "SHA256SUMS"  # of the shipped files, as sha256sum writes it
 _EXPECTED = "detector weights written by egocap train, *.safetensors"
-_LONGEST_HEADER = 1 << 20  # bytes
+_LONGEST_HEADER, _MOST_BYTES = 1 << 20, 1 << 29
+_MOST_LEVELS = 200  # of the metadata: a training record holds that of its initial weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +112,16 @@ def open_weights(path: str | Path | None = None) -> Weights:
     shipped, path = path is None, shipped_file() if path is None else Path(path)
     content = verified_content(path) if shipped else _content(path)
     metadata = _metadata(path, content)
-    config, labels = (_parsed(path, metadata, key) for key in ("config", "labels"))
-    if labels != list(LABELS):
-        raise FileError(path, "has other labels", key="labels", valid=", ".join(LABELS))
-    optional = ({"training": "{}", "calibration": json.dumps(Calibration().to_dict())}) | metadata
-    calibration, training = (_parsed(path, optional, key) for key in ("calibration", "training"))
+    if _text(path, metadata, "labels") != json.dumps(LABELS):
+        raise FileError(path, "has other labels", key="labels", valid=LABELS)
+    optional = {"training": "{}", "calibration": "{}"} | metadata
+    config, calibration, training = (
+        parsed(_text(path, optional, key), path, key=key, levels=_MOST_LEVELS)
+        for key in ("config", "calibration", "training")
+    )
     try:
-        str(config["name"])
+        if not (isinstance(config["name"], str) and config["name"].isprintable()):
+            raise TypeError(f"name {config['name']!r:.40}")
         return Weights(
             path=path,
             sha256=hashlib.sha256(content).hexdigest(),
@@ -221,14 +226,7 @@ def _in_order(content: bytes) -> bytes:
 
 
 def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except IsADirectoryError:
-        raise FileError(path, "is a folder", valid=_EXPECTED) from None
-    except FileNotFoundError:
-        raise FileError(path, "no such file", valid=_EXPECTED) from None
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    return read_bytes(path, _MOST_BYTES)
 
 
 def _metadata(path: Path, content: bytes) -> dict[str, str]:
@@ -256,10 +254,7 @@ def _metadata(path: Path, content: bytes) -> dict[str, str]:
     return metadata
 
 
-def _parsed(path: Path, metadata: Mapping[str, str], key: str) -> Any:
-    try:
-        return json.loads(metadata[key])
-    except KeyError:
-        raise FileError(path, "missing from the metadata", key=key, valid=_EXPECTED) from None
-    except (ValueError, TypeError, RecursionError) as error:
-        raise FileError(path, f"not JSON: {error}", key=key, valid=_EXPECTED) from None
+def _text(path: Path, metadata: Mapping[str, Any], key: str) -> str:
+    if not isinstance(text := metadata.get(key), str):
+        raise FileError(path, "missing from the metadata", key=key, valid=_EXPECTED)
+    return text

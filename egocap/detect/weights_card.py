@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field
 
 from egocap.detect.weights import SHIPPED, Weights, open_weights, shipped_file
+from egocap.schema import Number, Strict, checked
 
 
 def shipped_weights() -> list[Weights]:
@@ -17,25 +20,56 @@ def shipped_weights() -> list[Weights]:
 
 
 def card(weights: Weights) -> dict[str, Any]:
-    """JSON-ready description. Raises FileError for damaged tensors."""
-    tensors = weights.stored()
+    """JSON-ready description. Raises FileError for damaged tensors or a damaged training record."""
+    tensors, stages = weights.stored(), list(_stages(weights))
     view = weights.view
     return {
         "name": weights.name, "file": str(weights.path), "sha256": weights.sha256,
         "bytes": weights.path.stat().st_size, "network": weights.config["name"],
         "parameters": sum(t.size for t in tensors.values()),
         "view": [view.width, view.height], "calibration": weights.calibration.to_dict(),
-        "scores": weights.training.get("scores"), "stages": list(_stages(weights.training)),
+        "scores": stages[0].scores if stages else None,
+        "stages": [stage.model_dump(include=_SHOWN, exclude_none=True) for stage in stages],
     }  # fmt: skip
 
 
-def _stages(training: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """The stages of a training record, the last one first."""
+Score = Annotated[float, Field(strict=True, allow_inf_nan=True)]
+"""NaN where the held-out views show no such joint."""
+
+
+class _Record(Strict):
+    """What is read of a record with more keys."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Origin(_Record):
+    name: str
+    sha256: str | None = None
+    share: Number | None = None
+    training: dict[str, Any] | None = None
+
+
+class _Stage(_Record):
+    command: str | None = None
+    steps: int | None = None
+    seconds: Number | None = None
+    views: int | None = None
+    scores: dict[str, Score] | None = None
+    averaged_with: _Origin | None = None
+    adapted_from: _Origin | None = None
+    start: _Origin | None = None
+
+
+_SHOWN = {"command", "steps", "seconds", "views", "averaged_with", "adapted_from"}
+
+
+def _stages(weights: Weights) -> Iterator[_Stage]:
+    """The stages of the training record, the last one first."""
+    training: Mapping[str, Any] | None = weights.training
+    key = "training"
     while training:
-        yield {key: training.get(key) for key in ("command", "steps", "seconds", "views",
-                                                  "averaged_with", "adapted_from")
-               if training.get(key) is not None}  # fmt: skip
-        start = training.get("start")
-        training = start.get("training", {}) if isinstance(start, Mapping) else {}
-        if not isinstance(training, Mapping):
-            return
+        stage = checked(_Stage, training, weights.path, key)
+        yield stage
+        training = stage.start.training if stage.start else None
+        key += ".start.training"

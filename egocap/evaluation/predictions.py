@@ -36,7 +36,7 @@ from egocap.body.joint_names import DATASET_NAMES, match_labels
 from egocap.body.labels import LABELS
 from egocap.data.input_checks import require_shape
 from egocap.errors import FileError, InputError
-from egocap.files import read_npz, write_atomically, write_npz
+from egocap.files import LARGEST, read_npz, usable, write_atomically, write_npz
 from egocap.schema import Number, Strict, checked, parsed, read_text
 
 log = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ class _Header(Strict):
     frame: Annotated[str, AfterValidator(_known_frame)]
     names: Annotated[str, AfterValidator(_known_names)] = "egocap"
     method: str = ""
-    seconds_per_frame: float | None = Field(None, gt=0)
+    seconds_per_frame: float | None = Field(None, ge=1e-9, le=1e9)
 
 
 class _Line(Strict):
@@ -222,16 +222,16 @@ def _checked_positions(
     if valid.shape != positions.shape[:2] or valid.dtype.kind != "b":
         raise FileError(path, f"has shape {valid.shape} of {valid.dtype}", key="valid",
                         valid=f"{positions.shape[:2]} of bool")  # fmt: skip
-    bad = np.argwhere(~np.isfinite(positions).all(-1) & valid)
+    bad = np.argwhere(~usable(positions).all(-1) & valid)
     if len(bad):
         row, joint = bad[0]
         raise FileError(
             path,
-            f"not finite for {names[joint]} in row {row} (in {len(bad)} places altogether)",
+            f"not finite, or too large, for {names[joint]} in row {row} (in {len(bad)} places)",
             key="positions",
-            valid="finite numbers; 'valid' false (null in JSON lines) for joints not found",
+            valid=f"up to {LARGEST:g}; 'valid' false (null in JSON lines) for joints not found",
         )
-    return positions, valid
+    return np.where(valid[..., None], positions, 0.0), valid
 
 
 def _checked_numbers(

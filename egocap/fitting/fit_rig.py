@@ -135,8 +135,9 @@ def fit_rig(
     """
     from egocap.track.tracker import Tracker
 
-    if min(error) <= 0.0:
-        raise InputError(f"a mount error of {error[0]} m, {error[1]} degrees", valid="above 0")
+    if not (0.0 < error[0] <= 2.0 and 0.0 < error[1] <= 180.0):
+        raise InputError(f"a mount error of {error[0]} m, {error[1]} degrees",
+                         valid="above 0, to 2 m and 180 degrees")  # fmt: skip
     body = BodyPrior.for_height(height)
     average = to_proportions(body.mean)
     followed = Tracker(rig, average, tracker).track(detections)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.errors import FileError
+from egocap.errors import FileError, InputError
 from egocap.geometry import inverse, quaternion_to_matrix, rigid
 from egocap.schema import read_text
 
@@ -44,6 +44,8 @@ class Trajectory:
 
 def read_trajectory(path: str | Path, form: str | None = None) -> Trajectory:
     """Read a trajectory; the format is recognised when None. FileError names the line."""
+    if form is not None and form not in _READERS:
+        raise InputError(f"no format '{form}' of trajectories", valid=_READERS)
     text = read_text(path)
     form = form or _recognised(path, text)
     found = _READERS[form](Path(path), text)

@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError, InputError
+from egocap.files import read_bytes
 from egocap.media.decoding import decode
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
@@ -38,8 +39,8 @@ class PictureOptions:
     """Colours of the first two rows of raw mosaics."""
 
     def __post_init__(self) -> None:
-        if self.fps is not None and not 0.0 < self.fps < math.inf:
-            raise InputError(f"--fps {self.fps:g}", valid="above 0")
+        if self.fps is not None and not 0.001 <= self.fps <= 10_000.0:
+            raise InputError(f"--fps {self.fps:g}", valid="0.001 to 10000")
         if not 8 <= self.bits <= 16:
             raise InputError(f"--bits {self.bits}", valid="8 to 16")
 
@@ -90,7 +91,7 @@ class PictureFolder:
     def _read(self, path: Path) -> UInt8[Array, "H W 3"] | None:
         import cv2
 
-        picture = decode(path.read_bytes(), cv2.IMREAD_UNCHANGED, path)
+        picture = decode(read_bytes(path), cv2.IMREAD_UNCHANGED, path)
         return None if picture is None else _rgb(picture, path, self.options)
 
 

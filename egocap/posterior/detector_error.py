@@ -18,18 +18,19 @@ import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
+from pydantic import Field
 
 from egocap.body.labels import LABELS, MIRROR
 from egocap.data.detections import Detections
 from egocap.errors import FileError
 from egocap.files import write_json
 from egocap.posterior.config import PosteriorConfig
-from egocap.schema import read_json
+from egocap.schema import Number, Strict, checked, read_json
 
 log = logging.getLogger(__name__)
 
@@ -80,14 +81,27 @@ class DetectorError:
         write_json(Path(path), {"kind": KIND, **asdict(self)})
 
 
+Factor = Annotated[Number, Field(ge=1e-3, le=1e3)]
+Bias = Annotated[Number, Field(ge=-100.0, le=100.0)]
+
+
+class _File(Strict):
+    kind: Literal["egocap-detector-error"]
+    detector: str
+    degrees: Number = Field(gt=2.0, le=1e6)
+    factors: Annotated[tuple[Factor, ...], Field(min_length=5, max_length=5)]  # between `EDGES`
+    bias: dict[str, tuple[Bias, Bias]]
+    temperature: Factor
+    memory: Number = Field(ge=-1.0, le=1.0)
+    frames: int = Field(ge=0)
+
+
 def load_detector_error(path: str | Path = SHIPPED) -> DetectorError:
     """Read a model. Raises FileError."""
-    data: dict[str, Any] = dict(read_json(Path(path)))
-    if data.pop("kind", None) != KIND:
-        raise FileError(Path(path), "not a model of a detector's errors", key="kind", valid=KIND)
-    data["factors"] = tuple(data["factors"])
-    data["bias"] = {label: tuple(value) for label, value in data["bias"].items()}
-    return DetectorError(**data)
+    data = checked(_File, read_json(path), path)
+    if data.bias.keys() != set(LABELS):
+        raise FileError(path, "not of all labels", key="bias", valid=LABELS)
+    return DetectorError(**data.model_dump(exclude={"kind"}))
 
 
 def with_error_model(

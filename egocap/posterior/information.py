@@ -41,8 +41,8 @@ class Noise:
     correlation: float = 0.0  # of a detection's errors in successive frames, 0 to below 1
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.sigma < np.inf):
-            raise InputError(f"detections with sigma {self.sigma}", valid="above 0 px")
+        if not 1e-3 <= self.sigma <= 1e6:
+            raise InputError(f"detections with sigma {self.sigma}", valid="0.001 to 1e6 px")
         if not self.degrees > 2.0:
             raise InputError(f"degrees = {self.degrees}", valid="above 2, inf for Gaussian errors")
         if not (0.0 <= self.model_error_m < np.inf):

@@ -7,7 +7,6 @@ before the index. What lies on the store is complete up to its last index at any
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import re
 import threading
@@ -23,7 +22,7 @@ from egocap.commandline import progress
 from egocap.errors import EgocapError, FileError, MachineError
 from egocap.files import cache_folder, make_folder, replacing, sha256, write_json
 from egocap.locks import IN_FOLDER, HeldError, holding
-from egocap.schema import read_json
+from egocap.schema import parsed, read_json
 from egocap.storage.store import Stamp, Store, is_address
 
 log = logging.getLogger(__name__)
@@ -162,7 +161,7 @@ class Copy:
                 if here is None or _passing(name) or self._is_sent(name):
                     continue
                 content = path.read_bytes()
-                listed = _listed(json.loads(content)) if _rank(name) == 1 else []
+                listed = _listed(parsed(content, path)) if _rank(name) == 1 else []
                 names = tuple(self._name(path.parent / one) for one, _ in listed)
                 found.append(_Index(name, here, content, names))
         return found[::-1]

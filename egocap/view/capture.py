@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from egocap.errors import InputError
 if TYPE_CHECKING:
     import cv2
 
+_LARGEST_SIDE = 1 << 14  # pixels
 _DEVICES = Path("/sys/class/video4linux")
 _MANUAL_EXPOSURE = 1.0  # of Video4Linux and of OpenCV's property
 _TRIED = 10  # numbers of cameras, where the system does not list them
@@ -36,6 +38,14 @@ class CameraSettings:
     """Pictures per second of the cameras."""
     exposure: float | None = None
     """Exposure of the cameras in their drivers' unit, instead of automatic exposure."""
+
+    def __post_init__(self) -> None:
+        if self.size is not None and not all(1 <= side <= _LARGEST_SIDE for side in self.size):
+            raise InputError(f"--size {self.size[0]} {self.size[1]}", valid=f"1 to {_LARGEST_SIDE}")
+        if self.fps is not None and not 0.1 <= self.fps <= 10_000.0:
+            raise InputError(f"--fps {self.fps:g}", valid="0.1 to 10000")
+        if self.exposure is not None and not isfinite(self.exposure):
+            raise InputError(f"--exposure {self.exposure}", valid="a finite number")
 
 
 @dataclass(frozen=True)
@@ -150,7 +160,7 @@ def list_cameras(devices: Path = _DEVICES) -> list[CameraEntry]:
               if path.name[5:].isdigit()}  # fmt: skip
     found = []
     for number in sorted(listed) if devices.is_dir() else range(_TRIED):
-        video = cv2.VideoCapture(number)
+        video = _captured(number)
         there, image = video.read() if video.isOpened() else (False, None)
         name = listed[number].read_text().strip() if number in listed else f"camera {number}"
         if there and image is not None:
@@ -162,10 +172,20 @@ def list_cameras(devices: Path = _DEVICES) -> list[CameraEntry]:
     return found
 
 
-def _opened(name: str, settings: CameraSettings) -> cv2.VideoCapture:
+def _captured(name: int | str) -> cv2.VideoCapture:
+    """OpenCV's capture, open or not, without its warnings on stderr."""
     import cv2
 
-    video = cv2.VideoCapture(int(name) if name.isdigit() else name)
+    messages = cv2.utils.logging
+    before = messages.setLogLevel(messages.LOG_LEVEL_SILENT)
+    try:
+        return cv2.VideoCapture(name)
+    finally:
+        messages.setLogLevel(before)
+
+
+def _opened(name: str, settings: CameraSettings) -> cv2.VideoCapture:
+    video = _captured(int(name) if name.isdigit() else name)
     if not video.isOpened():
         raise InputError(f"cannot open '{name}'", valid="a video file or a camera's number")
     if name.isdigit():

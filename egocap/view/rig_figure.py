@@ -18,9 +18,10 @@ from egocap.body.skeleton import forward
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount, Rig
 from egocap.errors import FileError, InputError
-from egocap.files import make_folder, replacing
+from egocap.files import make_folder, read_bytes, replacing
 from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.model import ImageModel
+from egocap.media.decoding import decode
 from egocap.pose.initial_poses import STARTS, start_poses
 from egocap.posterior.rig_coverage import RigCoverage, everyday_poses, rig_coverage
 
@@ -91,9 +92,9 @@ def load_photo(path: Path) -> UInt8[Array, "H W 3"]:
     """An RGB picture. Raises FileError."""
     import cv2
 
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    image = decode(read_bytes(path), cv2.IMREAD_COLOR_RGB, path)
     if image is None:
-        raise FileError(path, "no such picture, or not one", valid="a .png or .jpg file")
+        raise FileError(path, "not a picture", valid="a .png or .jpg file")
     return np.asarray(image, np.uint8)
 
 

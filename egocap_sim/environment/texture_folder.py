@@ -13,6 +13,7 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from egocap.errors import FileError
+from egocap.files import read_bytes
 from egocap.media.decoding import decode
 from egocap_sim.assets.textures import SIZE
 from egocap_sim.environment.place import Place
@@ -34,10 +35,7 @@ def picture_files(folder: Path) -> list[Path]:
 
 def decode_picture(path: Path, valid: str) -> UInt8[Array, "H W 3"]:
     """Decode a picture (RGB). Raises FileError with the hint `valid` if it cannot be read."""
-    try:
-        image = decode(path.read_bytes(), cv2.IMREAD_COLOR_RGB, path)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    image = decode(read_bytes(path), cv2.IMREAD_COLOR_RGB, path)
     if image is None:
         raise FileError(path, "is not a readable picture", valid=valid)
     return image

@@ -27,7 +27,7 @@ def contact_sheet(
     """Draw evenly spaced frames, one a row: left, right, joints over the left view, part labels.
 
     Rings around joints: white if visible, red if self-occluded, violet if occluded by others.
-    Sequences without part labels lack the last column.
+    Frames without part labels lack the last column.
     """
     if not 1 <= rows <= 100 or not 64 <= tile_width <= 4096:
         raise InputError(
@@ -35,7 +35,7 @@ def contact_sheet(
             valid="1 to 100 rows, 64 to 4096 px",
         )
     indices = np.unique(np.linspace(0, len(sequence) - 1, rows).round().astype(int))
-    return np.vstack([_row(sequence, int(i), tile_width) for i in indices])
+    return _stacked([_row(sequence, int(i), tile_width) for i in indices])
 
 
 def save_contact_sheet(
@@ -50,7 +50,7 @@ def save_contact_sheet(
     else:
         chosen = np.unique(np.linspace(0, len(folders) - 1, rows).round().astype(int))
         opened = [Sequence(list(folders)[i]) for i in chosen]
-        sheet = np.vstack([_row(sequence, len(sequence) // 2, tile_width) for sequence in opened])
+        sheet = _stacked([_row(sequence, len(sequence) // 2, tile_width) for sequence in opened])
     done, data = cv2.imencode(path.suffix.lower(), sheet[..., ::-1])
     assert done, f"encoding of a sheet of shape {sheet.shape} failed"
     make_folder(path.parent)
@@ -89,6 +89,12 @@ def _row(sequence: Sequence, index: int, width: int) -> UInt8[Array, "h w 3"]:
         tiles.append((f"{tiles[0][0]}: parts", _palette()[mask]))
     prefix = f"{sequence.manifest.name} {index} ({frame.time:.2f} s)"
     return np.hstack([_tile(image, f"{prefix} {title}", width) for title, image in tiles])
+
+
+def _stacked(rows: list[UInt8[Array, "h w 3"]]) -> UInt8[Array, "H W 3"]:
+    """Rows of any number of tiles below each other, black on the right of shorter ones."""
+    width = max(row.shape[1] for row in rows)
+    return np.vstack([np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows])
 
 
 def _tile(image: UInt8[Array, "H W 3"], caption: str, width: int) -> UInt8[Array, "h w 3"]:

@@ -20,7 +20,7 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABEL_INDEX
 from egocap.cameras.ocam_files import ocam_calibration
 from egocap.data.sequence import Sequence
-from egocap.errors import InputError
+from egocap.errors import FileError, InputError
 from egocap.files import disk_errors, write_atomically
 from egocap.geometry import inverse, transform
 from egocap_sim.core.bodies import INDEX, LABEL_BODY
@@ -114,23 +114,33 @@ def _write_images(sequence: Sequence, frame: int, folder: Path, depth: bool) -> 
         path.write_bytes(_png(image[..., ::-1]))
         if depth:
             path = folder / "fisheye_depth_image" / f"camera_{view}" / f"depth_{frame}.png"
-            path.write_bytes(_png(sequence.depth(frame, view)))
+            if (plane := sequence.depth(frame, view)) is None:
+                raise FileError(
+                    sequence.shard_path(frame), f"no depth in frame {frame} of '{view}'",
+                    valid="depth in all frames, or in none",
+                )  # fmt: skip
+            path.write_bytes(_png(plane))
 
 
 def _place(sequence: Sequence) -> Path:
     """Environment/Day/Human/Glasses/MotionCategory/Sequence of a sequence."""
     config, name = sequence.manifest.config, sequence.manifest.name
-    motion = config.get("motion", {})
-    clip = motion.get("file")
+    motion = config.get("motion")
+    clip = motion.get("file") if isinstance(motion, dict) else None
     steps = (
-        config.get("place", {}).get("name", "place"),
+        _named(config.get("place")) or "place",
         "Day",
         f"person_{sequence.manifest.seed}",
         sequence.rig.name,
-        clip["name"] if isinstance(clip, dict) else motion.get("name") or "motion",
+        _named(clip) or _named(motion) or "motion",
         f"{name}_{sequence.manifest.seed}",
     )
     return Path(*(re.sub(r"[^\w.-]|^\.+", "_", str(step)) or "_" for step in steps))
+
+
+def _named(table: Any) -> Any:
+    """Name that a table of the configuration states, if any."""
+    return table.get("name") if isinstance(table, dict) else None
 
 
 def _pose(position: Any, rotation: Any) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from egocap.data.manifest import Manifest
 from egocap.data.sequence import Sequence
 from egocap.data.truth import VISIBLE, Truth
 from egocap.geometry import GRAVITY, unit
-from egocap.schema import read_json
+from egocap_sim.truth.person_file import read_person
 
 CAUSES = ("visible", "out of view", "hidden by the wearer", "hidden by others")  # by code
 HEAT = (40, 50)  # rows, columns of the image position maps
@@ -97,7 +97,7 @@ class Statistics:
         """Add the sequence in a folder. Raises FileError for a broken one."""
         recording = Sequence(folder)
         truth, manifest = recording.truth, recording.manifest
-        person = _person(recording.folder)
+        person = read_person(recording.folder)
         self.rows.append(_row(recording, manifest))
         self.persons.setdefault(json.dumps(person, sort_keys=True), person)
         for v, mount in enumerate(recording.true_rig.mounts):
@@ -155,15 +155,9 @@ def _heat(pixels: Array, in_view: Array, size: tuple[int, int]) -> Array:
     return heat.reshape(-1, rows, columns)
 
 
-def _person(folder: Path) -> dict[str, Any]:
-    path = folder / "person.json"
-    return read_json(path) if path.exists() else {}
-
-
 def _row(recording: Sequence, manifest: Manifest) -> Row:
     config = manifest.config
-    motion = config.get("motion", {})
-    clip = motion.get("file")
+    motion, clip = _table(config, "motion"), _table(_table(config, "motion"), "file")
     return Row(
         folder=str(recording.folder),
         name=manifest.name,
@@ -172,7 +166,12 @@ def _row(recording: Sequence, manifest: Manifest) -> Row:
         bytes=sum(shard.bytes for shard in manifest.shards),
         seed=manifest.seed,
         rig=recording.rig.name,
-        place=str(config.get("place", {}).get("name", "")),
-        motion=str(clip["name"] if isinstance(clip, dict) else motion.get("name", "")),
-        sensor=str((config.get("sensor") or {}).get("preset", "none")),
+        place=str(_table(config, "place").get("name", "")),
+        motion=str(clip.get("name") or motion.get("name", "")),
+        sensor=str(_table(config, "sensor").get("preset", "none")),
     )
+
+
+def _table(config: dict[str, Any], key: str) -> dict[str, Any]:
+    """A table of a recorded configuration; empty where it is missing or something else."""
+    return found if isinstance(found := config.get(key), dict) else {}

@@ -15,9 +15,10 @@ from numpy import ndarray as Array
 from egocap.body.labels import LABELS
 from egocap.data.sequence import Sequence
 from egocap.data.truth import VISIBLE
-from egocap.errors import InputError
+from egocap.errors import FileError, InputError
 from egocap.geometry import GRAVITY
 from egocap_sim.core.bodies import BODIES, PARENTS
+from egocap_sim.truth.person_file import read_person
 from egocap_sim.truth.visibility import parts_around
 
 BEFORE_M = 0.30  # largest depth of a joint behind the surface at its pixel: half a clothed chest
@@ -182,9 +183,10 @@ def _spread(count: int, most: int) -> Iterable[int]:
 
 
 def _mass_kg(sequence: Sequence) -> float:
-    import json
-
-    return float(json.loads((sequence.folder / "person.json").read_text())["mass_kg"])
+    person = read_person(sequence.folder)
+    if "mass_kg" not in person:
+        raise FileError(sequence.folder / "person.json", "missing", key="mass_kg")
+    return person["mass_kg"]
 
 
 _SHARE = {

@@ -130,8 +130,12 @@ def _state(path: Path) -> str:
 
 def _shard_problems(folder: Path, shard: ShardEntry) -> Iterator[str]:
     """Compare the tar's members with the manifest's index."""
-    with tarfile.open(folder / shard.name) as tar:
-        listed = {member.name: (member.offset_data, member.size) for member in tar}
+    try:
+        with tarfile.open(folder / shard.name, "r:") as tar:
+            listed = {member.name: (member.offset_data, member.size) for member in tar}
+    except (tarfile.TarError, ValueError, EOFError, OverflowError) as error:
+        yield f"{shard.name}: not a whole tar archive: {error}"
+        return
     indexed = {
         f"{shard.first + row:06d}.{suffix}": place
         for row, files in enumerate(shard.frames)
@@ -167,7 +171,9 @@ def _frame_problems(sequence: Sequence, index: int) -> Iterator[str]:
     """
     files, views = sequence.files(index), sequence.manifest.views
     if sequence.manifest.truth:
-        yield from (f"no '{s}'" for s in sorted(sequence.files(0).keys() - files.keys()))
+        first = sequence.files(0).keys()
+        yield from (f"no '{s}'" for s in sorted(first - files.keys()))
+        yield from (f"'{s}', which frame 0 lacks," for s in sorted(files.keys() - first))
         if index == 0:
             absent = [v for v in range(len(views)) if sequence.image_suffix(0, v) is None]
             yield from (f"no picture of '{views[v]}'" for v in absent)

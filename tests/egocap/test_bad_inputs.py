@@ -74,6 +74,86 @@ def test_a_body_or_rig_with_a_value_that_is_no_number(egocap, tiny_sequence, tra
     assert file in line
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("export t.npz --out t.npz", "t.npz: the output would replace the input 'track'"),
+        ("export t.npz --out link.npz", "replace the input 'track'"),
+        ("track seq --detections d.npz --out d.npz", "replace the input 'detections'"),
+        ("track seq --detections d.npz --out o.npz --save-detections o.npz", "two outputs in one"),
+        ("rig convert seq/rig.json seq/rig.json --format colmap", "replace the input 'source'"),
+    ],
+)
+def test_an_output_that_would_replace_an_input(egocap, tracked, tiny_sequence, words, says):
+    Path("seq").symlink_to(tiny_sequence)
+    shutil.copy(tracked / "track.npz", "t.npz")
+    shutil.copy(tracked / "det.npz", "d.npz")
+    Path("link.npz").symlink_to("t.npz")
+    before = {path: path.read_bytes() for path in Path().glob("*.npz")}
+    assert says in complaint(egocap(*words.split()))
+    assert {path: path.read_bytes() for path in Path().glob("*.npz")} == before
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("rig convert seq/rig.json o.toml --size -1 5", "--size -1 5 (valid: 1 to"),
+        ("rig show seq/rig.json --out o.png --poses 999999999999", "999999999999 poses"),
+        ("rig show seq/rig.json --out o.png --sigma 1e-300 --poses 5", "sigma 1e-300"),
+        ("head-pose seq --out o.npz --trajectory seq/rig.json --format nope", "no format 'nope'"),
+        ("fit-rig seq --out o.toml --detections simulated:1 --position-error nan", "mount error"),
+        ("fit-rig seq --out o.toml --detections simulated:1 --rotation-error 1e300", "mount error"),
+        ("fit-rig seq --out o.toml --detections simulated:1 --body seq", "seq: is a folder"),
+        ("mocap seq seq --rig seq/rig.json --out o --fps 1e300", "--fps 1e+300"),
+        ("adapt seq --out o --minutes nan", "--minutes nan (valid: above 0"),
+        ("adapt seq --out o --steps -5", "--steps -5"),
+        ("adapt seq --out o --learning-rate -1", "--learning-rate -1"),
+        ("adapt seq --out o --height 9", "a height of 9.0 m"),
+        ("adapt seq --out o --seed -1", "--seed -1"),
+        ("live a b --rig seq/rig.json --body average:1.7 --size 0 0", "--size 0 0"),
+        ("live a b --rig seq/rig.json --body average:1.7 --fps nan", "--fps nan"),
+        ("live 98 99 --rig seq/rig.json --body average:1.7", "cannot open '98'"),
+        ("export t.npz --out /proc/o.bvh", "cannot write /proc/"),
+    ],
+)
+def test_numbers_and_files_that_cannot_be(egocap, tracked, tiny_sequence, words, says):
+    Path("seq").symlink_to(tiny_sequence)
+    shutil.copy(tracked / "track.npz", "t.npz")
+    code, out, err = egocap(*words.split())
+    assert code == (1 if "/proc/" in words else 2) and not out, err
+    assert says in err and len(err.splitlines()) == 1, err
+    assert not [path for path in Path().iterdir() if path.name.startswith("o")]
+
+
+@pytest.mark.parametrize("name", ['a"b', "a\n[x]\ny = 1", "\x7f\x1b[31m", "\\"])
+def test_names_of_rigs_with_any_characters_are_kept(egocap, tiny_sequence, name):
+    data = json.loads((tiny_sequence / "rig.json").read_text()) | {"name": name}
+    Path("rig.json").write_text(json.dumps(data))
+    code, out, _ = egocap("rig", "convert", "rig.json", "rig.toml")
+    assert code == 0 and len(out.splitlines()) == 1 and "\x1b" not in out
+    assert load_rig("rig.toml").name == name
+
+
+def test_names_of_cameras_stay_in_the_folder(egocap, tiny_sequence):
+    assert (
+        egocap("rig", "convert", tiny_sequence / "rig.json", "a.json", "--format", "aria")[0] == 0
+    )
+    data = json.loads(Path("a.json").read_text())
+    for camera, label in zip(data["CameraCalibrations"], ("../../x", "a b"), strict=True):
+        camera["Label"] = label
+    Path("a.json").write_text(json.dumps(data))
+    assert egocap("rig", "convert", "a.json", "o.yaml", "--format", "ros")[0] == 0
+    assert sorted(p.name for p in Path().glob("o.*")) == ["o._x.yaml", "o.a_b.yaml"]
+
+
+def test_aliases_of_yaml_are_refused(egocap):
+    bomb = "a0: &a0 [x, x]\n" + "".join(
+        f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 40)
+    )
+    Path("chain.yaml").write_text(bomb)
+    assert "aliases" in complaint(egocap("rig", "convert", "chain.yaml", "o.toml"))
+
+
 def nothing_found(found):
     return dataclasses.replace(
         found, valid=np.zeros_like(found.valid), points=np.full_like(found.points, np.nan)

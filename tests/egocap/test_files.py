@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from egocap.errors import FileError
-from egocap.files import read_npz, write_npz
+from egocap.files import read_bytes, read_npz, write_npz
 
 
 def npy(header: str, content: bytes = b"") -> bytes:
@@ -30,6 +30,18 @@ def array(value) -> bytes:
     file = io.BytesIO()
     np.lib.format.write_array(file, np.asarray(value), allow_pickle=True)
     return file.getvalue()
+
+
+def test_devices_and_links_to_them_are_read_up_to_the_limit(tmp_path):
+    (tmp_path / "zero.json").symlink_to("/dev/zero")
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(FileError, match=r"zero.json: has more than 1,000 bytes"):
+        read_bytes(tmp_path / "zero.json", 1000)
+    for name, says in (("loop", "symbolic links"), ("none", "no such file"), ("", "is a folder")):
+        with pytest.raises(FileError, match=says):
+            read_bytes(tmp_path / name)
+    (tmp_path / "whole").write_bytes(b"12345")
+    assert read_bytes(tmp_path / "whole", 5) == b"12345"
 
 
 def test_arrays_come_back_as_written(tmp_path):

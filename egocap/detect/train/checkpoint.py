@@ -14,6 +14,7 @@ import torch
 
 from egocap.errors import FileError
 from egocap.files import replacing
+from egocap.schema import parsed
 
 if TYPE_CHECKING:
     from egocap.detect.network import DetectorNetwork
@@ -68,10 +69,8 @@ def load_checkpoint(folder: Path, device: torch.device | str = "cpu") -> Checkpo
         return None
     with _whole(path):
         found = torch.load(path, map_location=device, weights_only=True)
-        return Checkpoint(
-            found["network"], found["average"], found["optimiser"], found["state"],
-            json.loads(found["config"]),
-        )  # fmt: skip
+        parts = [dict(found[name]) for name in ("network", "average", "optimiser", "state")]
+        return Checkpoint(*parts, parsed(found["config"], path, key="config"))
 
 
 def restore_checkpoint(
@@ -139,5 +138,5 @@ def load_run_weights(path: Path) -> dict[str, torch.Tensor]:
 
     try:
         return load_file(path)
-    except (SafetensorError, OSError) as error:
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
         raise FileError(path, f"not a whole safetensors file: {error}") from None

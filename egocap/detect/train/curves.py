@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import logging
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from egocap.errors import FileError
 from egocap.files import replacing
+from egocap.schema import read_text
 
 if TYPE_CHECKING:
     from egocap.detect.train.checkpoint import RunState
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 TERMS = ("heat", "place", "visibility", "spread")
+_SCORES = ("pck", "auc", "pck_wrist", "pck_ankle", "pck_foot")  # drawn
 _EVERY = 20  # steps between two rows of log.csv, which are means over them
 _LOG_S = 30.0  # between log messages
 
@@ -79,7 +83,10 @@ class RunLog:
 
 def draw_curves(folder: Path) -> Path | None:
     """curves.png from log.csv and validation.csv; None without either."""
-    losses, scores = _read(folder / "log.csv"), _read(folder / "validation.csv")
+    losses, scores = (
+        _read(folder / "log.csv", ("views", *TERMS)),
+        _read(folder / "validation.csv", ("views", *_SCORES)),
+    )
     if not losses and not scores:
         return None
     import matplotlib
@@ -94,7 +101,7 @@ def draw_curves(folder: Path) -> Path | None:
     left.set(xlabel="views", ylabel="loss", title="training")
     if losses:
         left.legend()
-    for name in ("pck", "auc", "pck_wrist", "pck_ankle", "pck_foot") if scores else ():
+    for name in _SCORES if scores else ():
         right.plot(scores["views"], scores[name], label=name, marker=".")
     right.set(xlabel="views", ylabel="%", title="held out", ylim=(0, 100))
     if scores:
@@ -111,10 +118,16 @@ def _row(path: Path, values: Any, fresh: bool = False) -> None:
         csv.writer(file).writerow(values)
 
 
-def _read(path: Path) -> dict[str, np.ndarray]:
+def _read(path: Path, needed: Collection[str]) -> dict[str, np.ndarray]:
+    """The columns of a table; none where it is missing or damaged."""
     if not path.exists():
         return {}
-    with path.open(newline="") as file:
-        head, *rows = csv.reader(file)
-    rows = [r for r in rows if len(r) == len(head)]
-    return dict(zip(head, np.array(rows, float).T, strict=True)) if rows else {}
+    try:
+        head, *rows = csv.reader(read_text(path).splitlines())
+        columns = np.array([row for row in rows if len(row) == len(head)], float).T
+    except (FileError, ValueError, csv.Error):
+        head, columns = [], np.zeros(0)
+    if not set(needed) <= set(head) or np.isinf(columns).any():
+        log.warning("%s is damaged and not drawn", path)
+        return {}
+    return dict(zip(head, columns, strict=True)) if columns.size else {}

@@ -21,12 +21,14 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
+from egocap.body.labels import MIRROR
 from egocap.commandline import progress
+from egocap.data.arrays import record_of
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.detect.canonical_view import CanonicalView, ViewSpec
 from egocap.errors import EgocapError, FileError
-from egocap.files import read_npz
+from egocap.files import make_folder, map_npy, read_npz, usable
 
 log = logging.getLogger(__name__)
 
@@ -111,7 +113,7 @@ def build_store(folders: Several[Path], spec: ViewSpec, store: Path) -> ViewStor
 
     Unreadable sequences and shards are skipped with a warning. Raises FileError if none is left.
     """
-    store.mkdir(parents=True, exist_ok=True)
+    make_folder(store)
     kept, skipped = [], 0
     with progress("reading sequences", len(folders), unit="sequences") as advance:
         for folder in folders:
@@ -140,7 +142,10 @@ def sequence_views(folder: Path, spec: ViewSpec, store: Path) -> Views:
             return _read(place, spec)
         except FileError as error:
             log.warning("made again, as it is damaged: %s", error)
-            shutil.rmtree(place)
+            if place.is_symlink() or place.is_file():
+                place.unlink()
+            else:
+                shutil.rmtree(place)
     if not place.exists():
         part = place.with_name(f"{place.name}.{os.getpid()}.part")
         shutil.rmtree(part, ignore_errors=True)
@@ -172,7 +177,7 @@ def _write(sequence: Sequence, spec: ViewSpec, place: Path) -> None:
                 for v, view in enumerate(canonical)
                 if not _dropped(sequence, shard.first + row, v)
             ]
-        except (EgocapError, ValueError, KeyError) as error:
+        except EgocapError as error:
             log.warning("shard %s of %s is skipped: %s", shard.name, sequence.folder, error)
             skipped += len(shard.frames) * len(canonical)
             continue
@@ -221,9 +226,13 @@ def _labels(
     sequence: Sequence, index: int, name: str, view: CanonicalView
 ) -> tuple[Array, Array, Array]:
     """Points, states and magnification of the 18 labels in the network's order."""
-    annotation = sequence.annotation(index)
-    pixels = np.array(annotation["joints_2d"][name], float)
-    seen = np.array(annotation["visibility"][name])
+    annotation, count = sequence.annotation(index), len(MIRROR)
+    try:
+        pixels = np.array(annotation["joints_2d"][name], float).reshape(count, 2)
+        seen = np.array(annotation["visibility"][name], np.uint8).reshape(count)
+    except (LookupError, TypeError, ValueError, OverflowError) as error:
+        raise FileError(sequence.shard_path(index), f"frame {index}: annotation of '{name}' "
+                        f"damaged: {error}") from None  # fmt: skip
     state = np.where(seen == VISIBLE, SEEN, np.where(seen == OUT_OF_VIEW, OUTSIDE, HIDDEN))
     width = sequence.rig.mounts[sequence.rig.views.index(name)].camera.width
     return canonical_labels(pixels, state, view, width)
@@ -248,34 +257,27 @@ def canonical_labels(
     return tuple(view.labels(a, 0) for a in (points, state, scale))  # type: ignore[return-value]
 
 
+@dataclass(frozen=True, eq=False)
+class _Labels:
+    """What a sequence's folder of the store holds beside pixels, as in `Views`."""
+
+    points: Float[Array, "N 18 2"]
+    state: UInt8[Array, "N 18"]
+    magnification: Float[Array, "N 18"]
+    skipped: int
+
+
 def _read(place: Path, spec: ViewSpec) -> Views:
     """The views in a folder of the store. Raises FileError unless all arrays fit each other."""
     file = place / "labels.npz"
-    labels = read_npz(file)
-    try:
-        points, state = labels["points"], labels["state"]
-        magnification, skipped = labels["magnification"], int(labels["skipped"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileError(file, f"not the labels of views: {error}") from None
-    count = len(points) if points.ndim else 0
-    shapes = [(count, 18, 2), (count, 18), (count, 18)]
-    if [a.shape for a in (points, state, magnification)] != shapes:
-        raise FileError(file, "holds labels of different numbers of views")
-    size = (count, spec.height, spec.width)
+    labels = record_of(file, _Labels, read_npz(file))
+    numbers = usable(labels.points).all() and usable(labels.magnification).all()
+    if not numbers or (labels.state > UNKNOWN).any() or labels.skipped < 0:
+        raise FileError(file, "not the labels of views")
+    size = (len(labels.state), spec.height, spec.width)
     parts = place / "parts.npy"
     return Views(
-        _pixels(place / "images.npy", (*size, 3)),
-        _pixels(parts, size) if parts.exists() else None,
-        points, state, magnification, skipped,
-    )  # fmt: skip
-
-
-def _pixels(path: Path, shape: tuple[int, ...]) -> UInt8[Array, "..."]:
-    """A memory map of an array of bytes. Raises FileError for another shape or type."""
-    try:
-        pixels = np.load(path, mmap_mode="r" if shape[0] else None)
-    except (EOFError, OSError, ValueError, SyntaxError) as error:
-        raise FileError(path, f"not a whole array: {error}") from None
-    if not isinstance(pixels, np.ndarray) or (pixels.shape, pixels.dtype) != (shape, np.uint8):
-        raise FileError(path, f"is not of {shape} bytes")
-    return pixels
+        map_npy(place / "images.npy", (*size, 3), np.uint8),
+        map_npy(parts, size, np.uint8) if parts.exists() else None,
+        **vars(labels),
+    )

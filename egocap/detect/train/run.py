@@ -192,11 +192,15 @@ def _start(request: RunConfig, network: NetworkConfig) -> dict[str, torch.Tensor
     from egocap.detect.network import build_network
 
     wanted = build_network(network).state_dict()
-    if {k: v.shape for k, v in wanted.items()} != {k: v.shape for k, v in state.items()}:
+    if {k: v.shape for k, v in wanted.items()} != {
+        k: getattr(v, "shape", None) for k, v in state.items()
+    }:
         raise FileError(
             request.start, f"weights of another network than '{request.config}'",
             valid="weights trained with the same --config",
         )  # fmt: skip
+    if spoilt := [name for name, tensor in state.items() if not tensor.isfinite().all()]:
+        raise FileError(request.start, "holds values that are not finite", key=spoilt[0])
     return state
 
 

@@ -49,7 +49,12 @@ class _Registry(Strict):
 @cache
 def entries() -> Mapping[str, ResultEntry]:
     """All results by file name."""
-    return {e.file: e for e in checked(_Registry, read_toml(FILE), FILE).results}
+    return read_registry(FILE)
+
+
+def read_registry(path: Path) -> Mapping[str, ResultEntry]:
+    """The results that a file lists, by file name. Raises FileError."""
+    return {e.file: e for e in checked(_Registry, read_toml(path), path).results}
 
 
 def chosen(names: Sequence[str]) -> list[ResultEntry]:

@@ -78,9 +78,21 @@ def _json(content: bytes, rng: Random) -> bytes:
     lines = content.split(b"\n") if content.count(b"}\n{") else [content]
     row = int(rng.integers(len(lines)))
     data = json.loads(lines[row] or b"{}")
+    _change(data, rng)
+    lines[row] = json.dumps(data).encode()
+    return b"\n".join(lines)
+
+
+def _change(data: Any, rng: Random) -> None:
+    """Change a random value in place; a text that is JSON is mostly changed inside."""
     node, key = _place(data, rng)
     if node is None:
-        return b"[" + content + b"]"
+        raise ValueError
+    if isinstance(node[key], str) and node[key][:1] in ("{", "[") and rng.random() < 0.75:
+        inner = json.loads(node[key])
+        _change(inner, rng)
+        node[key] = json.dumps(inner)
+        return
     action = rng.integers(6)
     if action == 0:
         del node[key]
@@ -92,8 +104,6 @@ def _json(content: bytes, rng: Random) -> bytes:
         node[key] = node[key] * int(rng.integers(2, 5))
     else:
         node[key] = _VALUES[int(rng.integers(len(_VALUES)))]
-    lines[row] = json.dumps(data).encode()
-    return b"\n".join(lines)
 
 
 def _place(data: Any, rng: Random) -> tuple[Any, Any]:
@@ -164,12 +174,22 @@ def _spoilt(array: Array, rng: Random) -> Array:
         return np.concatenate([array, array], -1) if array.ndim else np.array([array, array])
     if action == 3 and array.dtype.kind != "U":
         return array.astype(rng.choice(["f4", "i8", "u1", "?", "U8"]))
+    if array.dtype.kind == "U" and array.shape == () and str(array)[:1] == "{":
+        return np.array(_json(str(array).encode(), rng).decode())
     changed = array.copy()
     if changed.size:
         extremes = [np.nan, np.inf, -1e300, 0.0] if array.dtype.kind == "f" else [0, 1, 100]
         value = "{" if array.dtype.kind == "U" else extremes[int(rng.integers(len(extremes)))]
         changed.flat[int(rng.integers(changed.size))] = value
     return changed
+
+
+def _npy_file(content: bytes, rng: Random) -> bytes:
+    """Damage the header of a single array, or replace the array."""
+    if rng.random() < 0.5:
+        old, new = _HEADERS[int(rng.integers(len(_HEADERS)))]
+        return content.replace(old, new, 1)
+    return _npy(_spoilt(np.load(io.BytesIO(content)), rng))
 
 
 def _npy(array: Array) -> bytes:
@@ -188,5 +208,5 @@ def _safetensors(content: bytes, rng: Random) -> bytes:
 _KINDS: dict[str, tuple[Mutation, ...]] = {
     ".json": (_json, _text), ".jsonl": (_json, _text), ".toml": (_text,), ".txt": (_text,),
     ".bvh": (_text,), ".csv": (_text,), ".npz": (_npz,), ".safetensors": (_safetensors,),
-    ".yaml": (_text,), ".xml": (_text,),
+    ".yaml": (_text,), ".yml": (_text,), ".xml": (_text,), ".npy": (_npy_file,),
 }  # fmt: skip

@@ -149,7 +149,7 @@ def fuzz(target: Target, work: Path, cases: range, seed: int = 0) -> Counts:
         shutil.copytree(target.folder, copy)
     else:
         copy.mkdir(parents=True)
-    file = copy / target.file.name
+    file = copy / target.file.relative_to(target.folder or target.file.parent)
     for case in cases:
         file.write_bytes(mutated(content, file.suffix, np.random.default_rng([seed, case])))
         begun, problem = time.perf_counter(), None

@@ -24,7 +24,8 @@ from egocap.data.detections import load_detections, save_detections
 from egocap.data.head_pose import in_world, read_head_poses
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track, save_track
-from egocap_eval.fuzz import result_targets
+from egocap_eval.fuzz import result_targets, work_targets
+from egocap_eval.fuzz.calibration_targets import calibrations
 
 Load = Callable[[Path], Any]
 
@@ -211,8 +212,12 @@ def _recordings(sequence: Sequence, work: Path) -> list[Target]:
 
 
 def _samples(sequence: Sequence, work: Path) -> list[Target]:
-    made = (result_targets.samples(work), result_targets.contacts(work),
-            result_targets.trajectories(work))  # fmt: skip
+    made = (
+        result_targets.samples(work), result_targets.contacts(work),
+        result_targets.trajectories(work), calibrations(sequence, work),
+        work_targets.training(sequence, work), work_targets.results(work),
+        work_targets.stores(sequence, work),
+    )  # fmt: skip
     folder = result_targets.footage(sequence, work)
     return [
         *(Target(*parts) for group in made for parts in group),

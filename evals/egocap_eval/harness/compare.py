@@ -22,7 +22,7 @@ from egocap.evaluation import MEASURES
 from egocap.evaluation.metrics import paired_interval
 from egocap.evaluation.scoring import MIN_BLOCKS, bootstrap_block
 from egocap.evaluation.table import Table, number
-from egocap.files import read_npz
+from egocap.files import LARGEST, read_npz
 from egocap_eval.harness.result_file import load_result
 from egocap_eval.harness.study import Outcome
 
@@ -153,7 +153,8 @@ def _beyond(x: float | None, y: float | None, spread: list[float | None]) -> boo
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) <= LARGEST
 
 
 def _as_number(value: Any) -> float | None:

@@ -73,7 +73,7 @@ def save_result(
 def load_result(path: str | Path) -> dict[str, Any]:
     """Read what `save_result` wrote; FileError for another file or a newer schema."""
     record = read_json(path)
-    if not {"schema", "command", "result"} <= record.keys():
+    if not ({"schema", "command"} <= record.keys() and isinstance(record.get("result"), dict)):
         raise FileError(path, "not a result", valid="a file written with --out FILE.json")
     if not isinstance(record["schema"], int) or record["schema"] > SCHEMA:
         raise FileError(path, f"of schema {record['schema']}", key="schema",

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,6 +41,16 @@ def test_detections_say_where_they_are_from(egocap, tiny_sequence, tiny_file, tm
                           "--frames", 3)  # fmt: skip
     assert code == 0 and "3 frames" in out
     assert np.array_equal(load_detections("det.npz").valid, found.valid[:3])
+
+
+def test_damaged_weights_are_named(egocap, tiny_sequence, tiny_file):
+    """Not the cache, to which the network is exported from them."""
+    content = bytearray(tiny_file.read_bytes())
+    content[-2:] = b"\xff\x7f"  # not a number, in half precision
+    Path("w.safetensors").write_bytes(bytes(content))
+    code, out, err = egocap("detect", tiny_sequence, "--out", "d.npz", "--weights", "w.safetensors")
+    assert (code, out) == (2, "") and err.startswith("egocap: w.safetensors, key "), err
+    assert "not finite" in err and len(err.splitlines()) == 1
 
 
 def test_tracking_from_learned_detections(egocap, tiny_sequence, tiny_file):

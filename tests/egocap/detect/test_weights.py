@@ -96,6 +96,13 @@ def test_names_follow_the_content(tiny_file, tmp_path):
         ({"config": json.dumps(CONFIGS["tiny"].to_dict() | {"view": {"width": 1}})}, "view"),
         ({"calibration": '{"scale": 99.0}'}, "calibration with scale 99"),
         ({"calibration": '{"what": 1}'}, "what"),
+        ({"calibration": "[]"}, "key 'calibration': holds a list"),
+        ({"training": "[1]"}, "key 'training': holds a list"),
+        ({"training": '"text"'}, "key 'training': holds a str"),
+        ({"training": "[" * 100_000}, "key 'training': JSON nested too deeply"),
+        ({"training": '{"a":' * 300 + "1" + "}" * 300}, "deeper than 200 levels"),
+        ({"config": json.dumps(CONFIGS["tiny"].to_dict() | {"name": 3})}, "name 3"),
+        ({"config": json.dumps(CONFIGS["tiny"].to_dict() | {"name": "\x1b[31m"})}, "name"),
     ],
 )
 def test_foreign_metadata_is_refused(tiny_file, tmp_path, change, says):

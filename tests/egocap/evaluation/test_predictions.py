@@ -94,6 +94,8 @@ def test_joints_that_are_not_scored_are_said(tmp_path, caplog):
         ({"positions": np.zeros((4, 3, 17))}, r"\(4, 3, 17\)"),
         ({"positions": np.zeros((0, 17, 3)), "times": np.zeros(0)}, r"\(0, 17, 3\)"),
         ({"positions": np.full((4, 17, 3), np.nan)}, "head in row 0.*68 places"),
+        ({"positions": np.full((4, 17, 3), 1e300)}, "too large, for head in row 0.*68 places"),
+        ({"seconds_per_frame": 1e-320}, "key 'seconds_per_frame'"),
         ({"valid": np.ones((4, 16), bool)}, "key 'valid'"),
         ({"times": None}, "neither frame numbers nor times"),
         ({"times": np.zeros(3)}, "key 'times'"),

@@ -79,6 +79,19 @@ def test_damaged_files_are_refused(tmp_path):
     save_motion_prior(replace(good, covariances=-good.covariances), tmp_path / "q.npz")
     with pytest.raises(FileError, match="positive"):
         load_motion_prior(tmp_path / "q.npz")
+    rng = np.random.default_rng(0)
+    skewed, singular = good.covariances.copy(), good.covariances.copy()
+    skewed[0, 3, 5] += 0.1
+    singular[:, A] = singular[:, :, A] = 0.0
+    random = rng.normal(size=good.covariances.shape)
+    for covariances in (skewed, singular, random + np.swapaxes(random, 1, 2)):
+        save_motion_prior(replace(good, covariances=covariances), tmp_path / "q.npz")
+        with pytest.raises(FileError, match="'covariances': not positive definite"):
+            load_motion_prior.__wrapped__(tmp_path / "q.npz")
+    for value in (np.nan, 1e30):
+        save_motion_prior(replace(good, mean=good.mean + value), tmp_path / "q.npz")
+        with pytest.raises(FileError, match="not finite, or too large"):
+            load_motion_prior.__wrapped__(tmp_path / "q.npz")
 
 
 def test_guide_agrees_with_what_is_seen(motion):

@@ -13,7 +13,9 @@ import pytest
 
 from egocap.data.sequence import Sequence
 from egocap.data.truth import OUT_OF_VIEW, Truth
+from egocap.detect.canonical_view import ViewSpec
 from egocap.detect.input_images import recorded_pictures
+from egocap.detect.train.examples import build_store
 from egocap.errors import FileError
 from egocap.files import sha256
 from egocap.head_pose.pictures import grey_frames
@@ -145,6 +147,31 @@ def test_a_preview_of_pictures_of_another_size_is_refused(folder, name, tmp_path
     rewrite_shard(folder, name, image((64, 80, 3)[: 3 - name.count("mask")], Path(name).suffix))
     with pytest.raises(FileError, match=r"shard-00001.tar: frame 2: .* 80 x 64 .*valid: 160 x 128"):
         contact_sheet(Sequence(folder), rows=7, tile_width=80)
+
+
+def test_a_preview_of_frames_without_part_labels(folder):
+    rewrite_shard(folder, ".mask.png", None)
+    sheet = contact_sheet(Sequence(folder), rows=7, tile_width=80)
+    rows = np.split(sheet, 7)
+    assert [bool(row[:, 240:].any()) for row in rows] == [True] * 2 + [False] * 2 + [True] * 3
+
+
+@pytest.mark.parametrize(
+    "content", [b"[]", b"", b"[" * 10_000, b'{"joints_2d": null}', b'{"visibility": {}}', b"\xff"]
+)
+def test_damaged_annotations_are_left_out_of_training(folder, content, tmp_path, caplog):
+    rewrite_shard(folder, ".json", content)
+    store = build_store([folder], ViewSpec(64, 64, 28.0), tmp_path)
+    assert len(store) == 2 * 5 and store.skipped == 2 * 2
+    assert "shard-00001.tar" in caplog.text
+
+
+def test_a_shard_that_is_no_archive_is_said(folder):
+    path = folder / "shard-00001.tar"
+    path.write_bytes(b"x" * 1024)
+    entry = {"bytes": 1024, "sha256": sha256(path)}
+    edit_manifest(folder, lambda m: m["shards"][1].update(entry))
+    assert "shard-00001.tar: not a whole tar archive" in verify(folder).problems[0]
 
 
 def test_a_missing_picture_leaves_the_other_view(folder):

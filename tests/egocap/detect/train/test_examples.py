@@ -1,6 +1,7 @@
 """Canonical views of sequences: labels where the truth is, damage left out and counted."""
 
 import shutil
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,31 @@ def _of_another_type(file):
         np.savez(file, **dict(np.load(file)) | {"skipped": np.array("many")})
 
 
+def _a_zip_archive(file):
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("x.npy", b"x")
+
+
+def _of_huge_shape(file):
+    with file.open("wb") as out:
+        np.lib.format.write_array_header_1_0(
+            out, {"descr": "|u1", "fortran_order": False, "shape": (10**30, 64, 64, 3)}
+        )
+
+
+def _of_labels_out_of_range(file):
+    if file.suffix == ".npy":
+        np.save(file, np.load(file).astype("U1"))
+    else:
+        found = dict(np.load(file))
+        np.savez(file, **found | {"points": np.full_like(found["points"], np.inf)})
+
+
+def _a_file_for_the_folder(file):
+    shutil.rmtree(file.parent)
+    file.parent.write_text("")
+
+
 def _short_of_a_view(file):
     if file.suffix == ".npy":
         np.save(file, np.load(file)[1:])
@@ -81,8 +107,12 @@ def _short_of_a_view(file):
         np.savez(file, **dict(np.load(file)) | {"points": np.zeros((3, 18, 2), np.float32)})
 
 
+DAMAGES = [_cut, _empty, _of_another_type, _a_zip_archive, _of_huge_shape, _of_labels_out_of_range,
+           _a_file_for_the_folder, _short_of_a_view, Path.unlink]  # fmt: skip
+
+
 @pytest.mark.parametrize("name", ["labels.npz", "images.npy"])
-@pytest.mark.parametrize("damage", [_cut, _empty, _of_another_type, _short_of_a_view, Path.unlink])
+@pytest.mark.parametrize("damage", DAMAGES)
 def test_damaged_store_is_made_again(tiny_sequence, tmp_path, caplog, name, damage):
     whole = build_store([tiny_sequence], SPEC, tmp_path)
     wanted = whole.sequences[0].images.copy()

@@ -7,8 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from egocap.cli import main
+from egocap.detect.network import build_network, config_named
+from egocap.detect.train.checkpoint import save_run_weights
 from egocap.detect.train.config import RunConfig
 from egocap.detect.train.run import split
 from egocap.detect.weights import load_weights, open_weights
@@ -49,6 +52,20 @@ def test_weights_tell_what_they_began_from(tiny_sequence, tiny_file, tmp_path, m
     training = open_weights(tmp_path / "detector.safetensors").training
     assert training["shares"] == [1, 3]
     assert training["start"]["sha256"] == open_weights(tiny_file).sha256
+
+
+@pytest.mark.parametrize("name", ["final.safetensors", "checkpoint.pt"])
+def test_damaged_initial_weights_are_refused(tiny_sequence, tmp_path, name, monkeypatch, capsys):
+    network = build_network(config_named("tiny"))
+    with torch.no_grad():
+        network.heat.bias[3] = torch.nan
+    save_run_weights(tmp_path, network, None)
+    torch.save({"network": {}, "average": [1], "optimiser": {}, "state": {}, "config": "{}"},
+               tmp_path / "checkpoint.pt")  # fmt: skip
+    words = ["train", tiny_sequence, "--config", "tiny", "--out", tmp_path / "run"]
+    assert egocap(*words, "--start", tmp_path / name, monkeypatch=monkeypatch) == 2
+    err = capsys.readouterr().err
+    assert name in err and len(err.splitlines()) == 1, err
 
 
 def test_start_of_another_network_is_refused(

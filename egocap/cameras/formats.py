@@ -24,6 +24,8 @@ from egocap.schema import MOST_TOML, parsed, read_json, read_text
 YAML = (".yaml", ".yml")
 FOREIGN_SUFFIXES = (*YAML, ".xml", ".jsonl")
 """Of files that never hold a rig of ours."""
+MOST_VALUES = 100_000
+"""In a YAML file, with its aliases written out."""
 
 Text = Callable[[CameraSet], tuple[str, float]]
 """Writes cameras as text; the number is the largest error of a lens, pixels."""
@@ -50,17 +52,26 @@ def _first_line(path: Path) -> dict[str, Any]:
     return data
 
 
+def _written_out(value: Any, known: dict[int, int]) -> int:
+    """Number of values in a tree with its aliases written out. ValueError if it holds itself."""
+    if not isinstance(value, dict | list):
+        return 1
+    if id(value) not in known:
+        known[id(value)] = -1  # in work
+        inside = value.values() if isinstance(value, dict) else value
+        known[id(value)] = 1 + sum(_written_out(item, known) for item in inside)
+    if known[id(value)] < 0:
+        raise ValueError("an alias (*name) holds itself")
+    return known[id(value)]
+
+
 def _yaml(text: str, path: Path) -> CameraSet:
     import yaml
 
-    class Loader(yaml.SafeLoader):
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.AliasEvent):  # a few lines of them make gigabytes
-                raise ValueError("aliases (*name) are not read")
-            return super().compose_node(parent, index)
-
     try:
-        data = yaml.load(text, Loader)
+        data = yaml.safe_load(text)
+        if _written_out(data, {}) > MOST_VALUES:
+            raise ValueError(f"aliases (*name) stand for more than {MOST_VALUES:,} values")
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not readable"

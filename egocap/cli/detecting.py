@@ -18,7 +18,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
 from egocap.detect.train.config import FOR_A_RIG, RunConfig, TrainingConfig
 from egocap.errors import InputError, require
-from egocap.locks import holding, locks
+from egocap.locks import holding, locks, require_distinct
 
 if TYPE_CHECKING:
     from egocap.adaptation.adapt import Adaptation
@@ -58,6 +58,7 @@ def detect(
     """
     settings = {"weights": weights, "engine": engine, "frames": frames}
     if not are_several(sequences, several := (workers, cluster)):
+        require_distinct({"out": out}, {"weights": weights})
         with holding(out):
             report = _detect(sequences, out, threads, **settings)
         print_report("detections", out, report, json)

@@ -19,7 +19,7 @@ from egocap.commandline import DONE, MISSED, progress
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
-from egocap.locks import holding, locks
+from egocap.locks import holding, locks, require_distinct
 from egocap.paper.config import SolverName
 from egocap.pose.config import TrackerConfig
 
@@ -102,8 +102,12 @@ def track(
                          valid="--solver fast, no --head-pose")  # fmt: skip
     how = _Tracking(detections, solver, settings, seed, body, rig, head_pose, mount_drift)
     if not are_several(sequences, several := (workers, cluster)):
+        outputs = {"out": out, "save_detections": save_detections}
+        outputs = {name: path for name, path in outputs.items() if path is not None}
+        require_distinct(outputs, {"detections": detections, "body": body, "rig": rig,
+                                   "head_pose": head_pose})  # fmt: skip
         with ExitStack() as held:
-            for path in sorted({out, save_detections} - {None}):
+            for path in sorted(outputs.values()):
                 held.enter_context(holding(path))
             report = _track(sequences, out, how, save_detections)
         print_report("track", out, report, json)

@@ -146,12 +146,14 @@ def test_names_of_cameras_stay_in_the_folder(egocap, tiny_sequence):
     assert sorted(p.name for p in Path().glob("o.*")) == ["o._x.yaml", "o.a_b.yaml"]
 
 
-def test_aliases_of_yaml_are_refused(egocap):
+def test_aliases_of_yaml_that_make_gigabytes_are_refused(egocap):
     bomb = "a0: &a0 [x, x]\n" + "".join(
         f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 40)
     )
     Path("chain.yaml").write_text(bomb)
     assert "aliases" in complaint(egocap("rig", "convert", "chain.yaml", "o.toml"))
+    Path("chain.yaml").write_text("cam0: &a {inside: *a}\n")
+    assert "holds itself" in complaint(egocap("rig", "convert", "chain.yaml", "o.toml"))
 
 
 def nothing_found(found):

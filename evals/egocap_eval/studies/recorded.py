@@ -30,7 +30,6 @@ from egocap.evaluation.metrics import bootstrap_interval
 from egocap.evaluation.report import Report
 from egocap.evaluation.table import Table, number
 from egocap.fitting.fit_body import fit_body
-from egocap.head_pose.from_pictures import find_head_poses
 from egocap_eval.detection.detector import accuracy, score
 from egocap_eval.harness.cases import ScoreLog, Scores, run_cases
 from egocap_eval.harness.footage import prepare_sequence
@@ -90,6 +89,8 @@ class Recording:
     @cached_property
     def heads(self) -> HeadPoses | None:
         """Head poses that the odometry finds in the pictures; None where it finds none."""
+        from egocap.head_pose.from_pictures import find_head_poses
+
         code = "-".join(h[:8] for h in source_hashes(ODOMETRY).values())
         path = self.footage.folder.with_suffix(f".heads-{code}.npz")
         if not path.is_file():

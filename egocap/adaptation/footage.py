@@ -57,7 +57,7 @@ def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step
     wearer = MocapOptions(height=options.height, body=options.body, weights=options.weights)
     found = steps.detections(stages, sequence, wearer, on_step)
     body, _ = steps.body(stages, sequence, found, wearer)
-    track = steps.track(stages, sequence, found, body, TrackerConfig(), wearer, on_step)
+    track = steps.track(stages, sequence, found, body, TrackerConfig(), None, on_step)
     return Recording(sequence, _labels(sequence, found, track))
 
 

@@ -244,6 +244,7 @@ def test_ctrl_c_in_a_callback_of_compiled_code_ends_the_command(tmp_path):
         "from tyro.extras import SubcommandApp\n"
         "from egocap.commandline import run\n"
         "def compiled():\n"
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "    call = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))\n"
         "    call()\n"
         "    time.sleep(60)\n"

@@ -85,7 +85,7 @@ def test_structure_from_motion_has_the_sequence_the_body_and_its_settings(
         return MapPoses(frames, sequence.times[frames], poses, None, np.zeros((0, 3)),
                         {"method": "sfm", "points": 0}, {0: "dark"})  # fmt: skip
 
-    name = "egocap.head_pose.structure_from_motion.by_structure_from_motion"
+    name = "egocap.head_pose.from_pictures.by_structure_from_motion"
     monkeypatch.setattr(name, solve)
     words = ["--method", "sfm", "--sfm.every", "2", "--out", tmp_path / "h.npz", "--json"]
     code, printed, err = egocap("head-pose", tiny_sequence, *words)

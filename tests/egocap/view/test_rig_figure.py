@@ -49,5 +49,5 @@ def test_what_does_not_fit_is_refused(tmp_path):
         draw_rig(RIG, tmp_path / "r.png", PERSON, 5, view="top")
     with pytest.raises(InputError, match=r"\.png"):
         draw_rig(RIG, tmp_path / "r.jpg", PERSON, 5)
-    with pytest.raises(FileError, match="no such picture"):
+    with pytest.raises(FileError, match="no such file"):
         load_photo(tmp_path / "none.png")

@@ -39,7 +39,7 @@ def test_shipped_table_equals_a_new_export():
     for uv, face_uv in (("vertices", "faces"), ("uv", "face_uv")):
         corners = [{tuple(map(tuple, f)) for f in t[uv].round(7)[t[face_uv]]}
                    for t in (shipped, exported)]  # fmt: skip
-        assert len(corners[0] & corners[1]) > 0.998 * len(shipped[face_uv]), face_uv
+        assert len(corners[0] & corners[1]) > 0.995 * len(shipped[face_uv]), face_uv
 
 
 def same(ours, theirs, name):

@@ -56,7 +56,7 @@ def card(
         _listed(weights.training.get("calibration", {"none": "as trained"})),
         "## How good it is",
         f"On {result['frames']} validation frames, of people, places and clips unseen in training; "
-        "weights were chosen by this score "
+        "weights are chosen by such scores and by tracked validation clips "
         f"(`{record['command']}`, commit `{record['commit']}`):",
         *(table.markdown() for table in tables(result)),
         *([_other_rigs(others).markdown()] if others else []),

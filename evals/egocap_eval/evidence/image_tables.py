@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from egocap_eval.detection.detector import PAPER
@@ -81,21 +81,9 @@ def poses(results: Results) -> str:
         "feet_mm",
         "p95_mm",
     )
-    rows: list[Row] = []
-    for file, name in SETS.items():
-        rows += results.rows(
-            file,
-            f"{name} set",
-            lambda r: [
-                (
-                    f"{set_label(r)}, {case}",
-                    interval(r["mean"][case]["mpjpe_mm"]),
-                    *(number(r["mean"][case][m]["mean"]) for m in parts[1:]),
-                )
-                for case in TRACKED
-                if case in r["mean"]
-            ],
-        )
+    rows = _by_case(results, TRACKED, lambda mean: (
+        interval(mean["mpjpe_mm"]), *(number(mean[m]["mean"]) for m in parts[1:])
+    ))  # fmt: skip
     header = (
         "mean error, mm",
         "all",
@@ -115,24 +103,26 @@ def in_world(results: Results) -> str:
     units = {"world_aligned_mpjpe_mm": "mean error in the world, mm",
              "root_translation_percent": "hips' way, %", "foot_skate": "foot skate, m/s",
              "penetration_mm": "penetration, mm", "contact_f1": "contact F1"}  # fmt: skip
-    rows: list[Row] = []
-    for file, name in SETS.items():
-        rows += results.rows(
+    rows = _by_case(results, (WORLD, FITTED_WORLD), lambda mean: tuple(
+        number((mean[m] or {}).get("mean"), DIGITS.get(m, 1)) for m in units
+    ))  # fmt: skip
+    return markdown(("recorded clips", *units.values()), rows, results)
+
+
+def _by_case(
+    results: Results, cases: Sequence[str], cells: Callable[[Mapping[str, Any]], tuple[str, ...]]
+) -> list[Row]:
+    """A row for each set and case, with `cells` of the case's means."""
+    return [
+        row
+        for file, name in SETS.items()
+        for row in results.rows(
             file,
             f"{name} set",
-            lambda r: [
-                (
-                    f"{set_label(r)}, {case}",
-                    *(
-                        number((r["mean"][case][m] or {}).get("mean"), DIGITS.get(m, 1))
-                        for m in units
-                    ),
-                )
-                for case in (WORLD, FITTED_WORLD)
-                if case in r["mean"]
-            ],
+            lambda r: [(f"{set_label(r)}, {case}", *cells(r["mean"][case]))
+                       for case in cases if case in r["mean"]],
         )
-    return markdown(("recorded clips", *units.values()), rows, results)
+    ]  # fmt: skip
 
 
 def clips(results: Results) -> str:

@@ -1,11 +1,13 @@
-"""A smooth made-up motion of an average person, seen by the paper's rig at 640 x 512."""
+"""The command egocap, and a smooth made-up motion seen by the paper's rig at 640 x 512."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from egocap import cli
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import LIMITS, SPREAD, forward
 from egocap.cameras.rig import Rig
@@ -15,6 +17,19 @@ from egocap.pose.pose_prior import load_posture
 
 RIG = Path(__file__).parents[2] / "scenes/rigs/egorig1.toml"
 FPS = 30.0
+
+
+@pytest.fixture
+def egocap(monkeypatch, capsys, tmp_path):
+    """Run egocap in an empty folder; gives its exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["egocap", *map(str, words)])
+        code = cli.main()
+        return code, *capsys.readouterr()
+
+    return run
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,10 @@ from egocap.fitting.fit_body import fit_body
 from egocap.paper.tracker import PaperTracker
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import Tracker
-from tests.egocap.cli.test_cli import complaint, egocap, tracked
+from tests.egocap.cli.test_cli import complaint, tracked
 from tests.egocap.conftest import make_motion
 
-__all__ = ["egocap", "tracked"]  # fixtures
+__all__ = ["tracked"]  # a fixture
 
 
 def rewritten(source: Path, target: str, **changes) -> str:

@@ -20,19 +20,6 @@ from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
 
 
-@pytest.fixture
-def egocap(monkeypatch, capsys, tmp_path):
-    """Run egocap in an empty folder; gives its exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["egocap", *map(str, words)])
-        code = cli.main()
-        return code, *capsys.readouterr()
-
-    return run
-
-
 def complaint(result: tuple[int, str, str]) -> str:
     """The one line on stderr of a command that was asked something wrong."""
     code, out, err = result

@@ -10,7 +10,7 @@ from egocap.data.sequence import Sequence
 from egocap.geometry import inverse
 from egocap.head_pose.config import SfmConfig
 from egocap.head_pose.estimate import MapPoses
-from tests.egocap.cli.test_cli import complaint, egocap  # noqa: F401 (a fixture)
+from tests.egocap.cli.test_cli import complaint
 from tests.egocap.head_pose.motion import T_DEVICE_HEAD, head_motion, quaternions
 
 
@@ -20,7 +20,7 @@ def tum(path, time, poses):
     return path
 
 
-def test_a_trajectory_is_read_at_the_frames_that_it_covers(egocap, tiny_sequence, tmp_path):  # noqa: F811
+def test_a_trajectory_is_read_at_the_frames_that_it_covers(egocap, tiny_sequence, tmp_path):
     times = Sequence(tiny_sequence).times
     known = np.arange(-3, 4) / 30.0
     file = tum(tmp_path / "t.txt", known + 100.0, head_motion(known))
@@ -36,7 +36,7 @@ def test_a_trajectory_is_read_at_the_frames_that_it_covers(egocap, tiny_sequence
     assert poses == pytest.approx(head_motion(times[:4]), abs=1e-6)
 
 
-def test_a_reference_gives_clock_and_mount(egocap, tiny_sequence, tmp_path):  # noqa: F811
+def test_a_reference_gives_clock_and_mount(egocap, tiny_sequence, tmp_path):
     reference = np.arange(300) / 30.0
     np.savez(tmp_path / "ref.npz", time=reference, T_world_head=head_motion(reference))
     own = np.arange(0.0, 9.5, 0.02)
@@ -66,7 +66,7 @@ def test_a_reference_gives_clock_and_mount(egocap, tiny_sequence, tmp_path):  # 
      (["--sfm.every", "2"], "settings of another method with --method odometry"),
      (["--method", "sfm", "--sfm.every", "0"], "below 1")],
 )  # fmt: skip
-def test_what_cannot_be_used_is_one_line(egocap, tiny_sequence, tmp_path, words, says):  # noqa: F811
+def test_what_cannot_be_used_is_one_line(egocap, tiny_sequence, tmp_path, words, says):
     tum(tmp_path / "t.txt", 50.0 + np.arange(9) / 30.0, head_motion(np.arange(9)))
     out = tmp_path / "h.npz"
     assert says in complaint(egocap("head-pose", tiny_sequence, "--out", out, *words))
@@ -74,7 +74,7 @@ def test_what_cannot_be_used_is_one_line(egocap, tiny_sequence, tmp_path, words,
 
 
 def test_structure_from_motion_has_the_sequence_the_body_and_its_settings(
-    egocap, tiny_sequence, tmp_path, monkeypatch  # noqa: F811
+    egocap, tiny_sequence, tmp_path, monkeypatch
 ):  # fmt: skip
     asked = []
 

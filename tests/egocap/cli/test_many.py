@@ -2,26 +2,11 @@
 
 import json
 import shutil
-import sys
 
 import numpy as np
 import pytest
 
-from egocap import cli
 from egocap.data.track import load_track
-
-
-@pytest.fixture
-def egocap(monkeypatch, capsys, tmp_path):
-    """Run egocap in an empty folder; gives its exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["egocap", *map(str, words)])
-        code = cli.main()
-        return code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture

@@ -2,29 +2,14 @@
 
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from egocap import cli
 from egocap.data.detections import load_detections
 from egocap.data.track import load_track
 from egocap.detect.weights import open_weights
-
-
-@pytest.fixture
-def egocap(monkeypatch, capsys, tmp_path):
-    """Run egocap in an empty folder; gives its exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["egocap", *map(str, words)])
-        code = cli.main()
-        return code, *capsys.readouterr()
-
-    return run
 
 
 def test_detections_say_where_they_are_from(egocap, tiny_sequence, tiny_file, tmp_path):

@@ -60,7 +60,8 @@ def check_prop(table: ThingTable, motion: str | None) -> None:
         raise InputError(f"unknown kind '{name}'", valid=[*KINDS, *HELD])
     needed = KINDS[name].motion if name in KINDS else None
     if needed is not None and needed != motion:
-        raise InputError(f"a {name} needs the motion '{needed}', not '{motion}'")
+        other = "a motion file" if motion is None else f"'{motion}'"
+        raise InputError(f"a {name} needs the motion '{needed}', not {other}")
     if table.hand is not None and name not in HELD:
         raise InputError(f"a {name} is not held in a hand", valid="no 'hand'")
 

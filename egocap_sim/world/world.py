@@ -179,8 +179,18 @@ def build_world(scene: Scene) -> World:
 
         for i, thing in enumerate(scene.things):
             with errors_name_key(scene.name, f"things.{i}"):
-                check_prop(thing, scene.motion.name)
+                for motion in _drawn_motions(scene):
+                    check_prop(thing, motion)
     return World(scene)
+
+
+def _drawn_motions(scene: Scene) -> list[str | None]:
+    """The motions that may be played: names of built-in ones, and None for a motion file."""
+    table = scene.episodes
+    if table is None:
+        return [scene.motion.name]
+    clips = [None] if table.clips is not None and table.clip_share else []
+    return [*(table.motions or (scene.motion.name,)), *clips]
 
 
 def load_world(scene: Scene, drafts: Path | Mapping[str, bytes]) -> World:

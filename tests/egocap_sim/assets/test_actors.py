@@ -69,3 +69,12 @@ def test_prop_with_unsuitable_motion_raises_before_writing(tmp_path):
     with pytest.raises(InputError, match=r"things\.0.*needs the motion 'dribble'"):
         generate(wrong, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("episodes, drawn", [
+    ({"motions": ["dribble", "walk"]}, "'walk'"), ({"clips": "clips"}, "a motion file"),
+])  # fmt: skip
+def test_prop_that_an_episode_cannot_use_raises_before_writing(tmp_path, episodes, drawn):
+    with pytest.raises(InputError, match=rf"things\.0.*needs the motion 'dribble', not {drawn}"):
+        generate(scene(episodes=episodes), tmp_path / "none")
+    assert not (tmp_path / "none").exists()

@@ -19,7 +19,7 @@ from egocap.odometry.surface_patches import surface_slope
 from egocap.odometry.views import Views
 
 STEEP = 0.3  # least cosine of a ray to straight down
-BELOW = 0.5, 2.3  # m of the floor below the head
+BELOW = 0.5, 3.2  # m of the floor below the head; more than 2 m on ladders and stairs
 STEP = 0.02  # m
 SPACING = 3.0  # px between a patch's samples
 GRID = 12  # px between patches

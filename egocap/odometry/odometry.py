@@ -31,10 +31,15 @@ WIDTHS = np.array([30.0, 12.0, 5.0, 3.0])
 """Widths of the loss in a pose's successive rounds, standard deviations."""
 LEAST_KEPT = 0.55  # of a keyframe's observations; with fewer left, the next keyframe follows
 GATE = 4.0  # sigmas beyond which an observation is an outlier
-LEAST_SHARE = 0.35  # of the followed points that agree with a pose
+LEAST_SHARE = 0.5  # of the followed points that agree with a pose
 MOST_SIGMA = 0.05  # m; a pose less certain is none
 _OLDER = 4  # fixed keyframes before the window
 
+FLOW_NOISE_PX = 0.5
+"""Standard deviation of a corner as the optical flow follows it, pixels at the reduced width: it
+moves pictures without turning or stretching them, so that fast turns shift it."""
+FAST_TURN = np.deg2rad(3.0)
+"""Turn from frame to frame above which the last picture is turned before corners are followed."""
 GREY_NOISE = 1.0
 """Standard deviation of grey values, against which weak texture is weighed."""
 
@@ -136,6 +141,8 @@ class Odometry:
     ) -> Observations:  # fmt: skip
         """Followed points in the new pictures, from their places at the predicted pose."""
         found = Observations.empty()
+        assert self._last is not None
+        turn = self._last.R.T @ R
         for v, image in enumerate(images):
             rows = np.flatnonzero(self._followed.view == v)
             last = self._images[v]
@@ -143,19 +150,25 @@ class Odometry:
                 continue
             old = self._followed[rows]
             guess, ahead = self.views.project(v, (self.map.points[old.point] - t) @ R)
-            pixels, good = _lucas_kanade(last, image, old.pixel, guess)
+            start = old.pixel
+            if np.trace(turn) < 1.0 + 2.0 * np.cos(FAST_TURN):
+                last = self.views.turned(v, last, turn)
+                start, _ = self.views.project_directions(v, self.views.rays(v, start)[0] @ turn)
+            pixels, good = _lucas_kanade(last, image, start, guess)
             last_pixel = np.array(image.shape)[::-1] - 1
             u, w = np.clip(pixels.round().astype(int), 0, last_pixel).T
             good &= ahead & (masks[v][w, u] > 0)
-            found = found.joined(self._observed(v, old.point[good], pixels[good]))
+            found = found.joined(self._observed(v, old.point[good], pixels[good], FLOW_NOISE_PX))
         return found
 
-    def _observed(self, view: int, points: Array, pixels: Float[Array, "n 2"]) -> Observations:
+    def _observed(
+        self, view: int, points: Array, pixels: Float[Array, "n 2"], noise_px: float | None = None
+    ) -> Observations:
         rays, valid = self.views.rays(view, pixels)
         points, pixels, rays = points[valid], pixels[valid], rays[valid]
         _, density = self.views.ray_derivative(view, rays)
         blur = GREY_NOISE / np.maximum(self.map.patches.sharpness[points], 1e-3)
-        sigma = np.hypot(self.config.noise_px, blur)
+        sigma = np.hypot(noise_px or self.config.noise_px, blur)
         return Observations(points, np.full(len(points), view), pixels, rays, density / sigma)
 
     def _pose(

@@ -15,6 +15,8 @@ from egocap.errors import InputError
 
 RIM = np.deg2rad(3.0)
 """Outermost part of the field of view, left out."""
+_GRID = 8
+"""Pixels between those whose rays are computed when a picture is turned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,40 @@ class Views:
         T = self.T_camera_head[view]
         return self.cameras[view].project(points_head @ T[:3, :3].T + T[:3, 3])
 
+    def turned(
+        self, view: int, image: UInt8[Array, "H W"], turn: Float[Array, "3 3"]
+    ) -> UInt8[Array, "H W"]:
+        """A picture as the view would have seen it after the head turned, without parallax.
+
+        `turn` maps directions in the turned head's frame to those in the picture's. To a tenth of a
+        pixel; black where the picture does not reach.
+        """
+        import cv2
+
+        height, width = image.shape
+        shape = _grid_size(height), _grid_size(width)
+        found, _ = self.project_directions(view, self._grid_rays[view] @ turn.T)
+        u, v = np.meshgrid(np.arange(width) / _GRID, np.arange(height) / _GRID)
+        grid = found.reshape(*shape, 2).astype(np.float32)
+        at = cv2.remap(grid, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+        return cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+
+    def project_directions(
+        self, view: int, rays: Float[Array, "n 3"]
+    ) -> tuple[Float[Array, "n 2"], Bool[Array, "n"]]:
+        """Pixels of rays in the head frame, as `rays` gives them."""
+        return self.cameras[view].project(rays @ self.rig.T_head_camera[view, :3, :3])
+
+    @cached_property
+    def _grid_rays(self) -> tuple[Float[Array, "n 3"], ...]:
+        """Rays of every `_GRID`th pixel of each view, row by row, to beyond the picture's edge."""
+        found = []
+        for v, camera in enumerate(self.cameras):
+            u = _GRID * np.arange(_grid_size(camera.width))
+            w = _GRID * np.arange(_grid_size(camera.height))
+            found.append(self.rays(v, np.stack(np.meshgrid(u, w), -1).reshape(-1, 2))[0])
+        return tuple(found)
+
     def project_jacobian(
         self, view: int, points_head: Float[Array, "*n 3"]
     ) -> tuple[Float[Array, "*n 2"], Float[Array, "*n 2 3"], Bool[Array, "*n"]]:
@@ -100,3 +136,7 @@ class Views:
         square = J @ J.transpose(0, 2, 1)
         density = np.linalg.det(square) ** 0.25
         return J.transpose(0, 2, 1) @ np.linalg.inv(square), density
+
+
+def _grid_size(pixels: int) -> int:
+    return -(-pixels // _GRID) + 1

@@ -25,9 +25,10 @@ def small_rig(width=320, height=256):
 class BoxWorld:
     """A room whose faces carry smooth random texture."""
 
-    def __init__(self, seed=0, contrast=60.0):
+    def __init__(self, seed=0, contrast=60.0, scale=1.0):
         rng = np.random.default_rng(seed)
         side = int(12.0 / TEXEL)
+        self.low, self.high, self.texel = scale * LOW, scale * HIGH, scale * TEXEL
         self.texture = 128.0 + contrast * rng.normal(size=(6, side, side)).clip(-2, 2)
 
     def picture(self, rig, view, T_world_head):
@@ -46,13 +47,13 @@ class BoxWorld:
 
     def _seen(self, origin, d):
         with np.errstate(divide="ignore", invalid="ignore"):
-            reach = np.where(d > 0, (HIGH - origin) / d, (LOW - origin) / d)
+            reach = np.where(d > 0, (self.high - origin) / d, (self.low - origin) / d)
         axis = np.nanargmin(np.where(np.isfinite(reach), reach, np.inf), axis=1)
         rows = np.arange(len(d))
         points = origin + reach[rows, axis, None] * d
         face = 2 * axis + (d[rows, axis] > 0)
         others = np.array([[1, 2], [0, 2], [0, 1]])[axis]
-        u, v = (np.take_along_axis(points - LOW, others, 1) / TEXEL).T
+        u, v = (np.take_along_axis(points - self.low, others, 1) / self.texel).T
         return self._texture(face, u, v)
 
     def _texture(self, face, u, v):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from egocap.errors import InputError
-from egocap.geometry import inverse
+from egocap.geometry import inverse, rigid
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import finish
 from egocap.odometry.odometry import Odometry, is_wearer
+from egocap.odometry.ray_kernel import exponential
 from egocap.odometry.views import Views
 from tests.egocap.odometry.box_world import BoxWorld, small_rig, walk
 
@@ -77,6 +78,37 @@ def test_turning_on_the_spot_does_not_move_the_head():
     assert len(distance) == 25
     assert distance.max() < 0.005
     assert angle.max() < np.deg2rad(0.2)
+
+
+def whirl(frames, fps=30.0):
+    """T_world_head of a head that turns ever faster, up to 600 degrees a second, and back."""
+    t = np.arange(frames) / fps
+    rate = np.deg2rad(600.0) * np.sin(np.pi * t / t[-1]) ** 2
+    yaw = np.cumsum(rate) / fps
+    poses = walk(frames, turn=0.0)
+    R = np.stack([exponential(np.array([0.0, 0.0, angle])) for angle in yaw])
+    return rigid(R @ poses[:, :3, :3], poses[:, :3, 3])
+
+
+def test_a_fast_turn_is_followed():
+    poses = whirl(30)
+    _, found = run(poses)
+    assert [f.problem for f in found] == [""] * 30
+    distance, angle = errors(poses, found)
+    assert distance.max() < 0.01
+    assert angle.max() < np.deg2rad(0.3)
+
+
+def test_a_turned_picture_is_that_of_a_turned_head():
+    views, T = Views.of(RIG, 320), walk(1)[0]
+    turned = T @ rigid(exponential(np.array([0.1, -0.2, 0.3])), np.zeros(3))
+    far = BoxWorld(scale=1e3)  # without parallax
+    for v in range(2):
+        expected = far.picture(RIG, v, turned).astype(float)
+        made = views.turned(v, far.picture(RIG, v, T), T[:3, :3].T @ turned[:3, :3]).astype(float)
+        both = (views.lens_masks[v] > 0) & (made > 0)
+        assert both.mean() > 0.5
+        assert np.median(np.abs(made - expected)[both]) < 2.0
 
 
 @pytest.mark.parametrize("what", ["dark", "featureless", "noise"])

@@ -105,9 +105,11 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
     """
     from dataclasses import asdict
 
+    from egocap_sim.verification.integrity import frames_to_check
     from egocap_sim.verification.integrity import verify as check
 
-    result = check(sequence, rays)
+    with progress("verify", frames_to_check(sequence, rays)) as advance:
+        result = check(sequence, rays, advance)
     if json:
         _print_json({"folder": str(sequence), "clean": result.clean, "frames": result.frames,
                      "shards": result.shards, "bytes": result.bytes,

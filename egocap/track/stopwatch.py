@@ -14,8 +14,8 @@ from egocap.pose.config import TrackerConfig
 OnFrames = Callable[[int], None]
 
 _WORK = {
-    "observe": 0.04, "frames": 0.45, "smoothing": 0.85, "covariance": 0.3, "appearance check": 5.0,
-    "world": 2.0, "colour": 40.0, "joints": 0.5,
+    "observe": 0.04, "frames": 0.45, "smoothing": 0.5, "covariance": 0.2, "appearance check": 4.5,
+    "world": 2.2, "colour": 15.0, "joints": 0.5,
 }  # fmt: skip
 """Milliseconds a frame of a lap, measured on one core; `palette` does not grow with the frames."""
 _MOST = 0.98

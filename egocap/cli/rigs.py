@@ -177,8 +177,9 @@ def show(options: Show) -> int:
     else:
         person = average_body(options.height)
     photo = None if options.beside is None else load_photo(options.beside)
-    found = draw_rig(load_rig(options.rig), options.out, person, options.poses, options.sigma,
-                     photo, options.view)  # fmt: skip
+    with progress("rig show", 0):
+        found = draw_rig(load_rig(options.rig), options.out, person, options.poses, options.sigma,
+                         photo, options.view)  # fmt: skip
     if options.json:
         print(json.dumps({"rig": str(options.rig)} | found.to_dict(), indent=1))
         return DONE

@@ -211,6 +211,9 @@ def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
     try:
         with _repeated(show_if_due, min(every, _BEAT_S)):
             yield advance
+    except EgocapError:
+        shown = pace.done  # its message is enough
+        raise
     finally:
         if pace.done != shown:
             show()

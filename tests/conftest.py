@@ -60,6 +60,6 @@ def cluster() -> Iterator[str]:
     """Address of a Dask scheduler with one worker, both in threads of this process."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=1, processes=False, dashboard_address=None, silence_logs=50
+        n_workers=1, processes=False, dashboard_address=":0", silence_logs=50
     ) as running:
         yield running.scheduler_address

@@ -226,6 +226,13 @@ def test_progress_says_how_far_it_came_when_stopped(capsys):
     assert "render: 1/10 frames" in capsys.readouterr().err
 
 
+def test_an_error_of_the_user_stays_one_line(capsys):
+    with pytest.raises(InputError), progress("fit-body", 10) as advance:
+        advance()
+        raise InputError("no detection to fit a body to")
+    assert capsys.readouterr().err == ""
+
+
 def test_progress_draws_a_bar_on_a_terminal(monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):

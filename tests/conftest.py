@@ -17,7 +17,8 @@ from egocap_sim.scene.config import Scene, load_scene
 
 _NEEDS_TORCH = re.compile(
     r"^(import torch|from torch|from safetensors.torch"
-    r"|from egocap.detect.(network|train.(loss|trainer|run|validation|checkpoint)) )",
+    r"|from egocap.detect.(network|train.(loss|trainer|run|validation|checkpoint)) "
+    r"|from egocap_eval.(detection.train_for_rig|image_model.exactness) )",
     re.MULTILINE,
 )
 

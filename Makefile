@@ -41,7 +41,7 @@ test: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
-# The tests, without those of training, on each other supported Python that is on the PATH.
+# The tests, without those of training, on each other supported Python of the PATH, pyenv or uv.
 test-all: test
 	sh tools/test-pythons.sh $(OUT)/pythons
 

@@ -31,6 +31,7 @@ DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 _ALLOCATIONS = 100_000
 """Between collections of garbage; a start makes many objects, and most of them stay."""
 
+_BEAT_S = 1.0  # between looks at whether a sign of life is due
 _REPEAT_S = 0.05  # until an interrupt that was discarded is raised again
 
 _WRONG_PATH = (FileNotFoundError, NotADirectoryError, IsADirectoryError, FileExistsError)
@@ -126,7 +127,8 @@ def progress(
     """Show progress on stderr: a bar on a terminal, otherwise a line every `every` seconds.
 
     Yields a function to call with the number of units just finished (1 by default). The rate is
-    measured from its first call on, which may report units finished by an earlier run.
+    measured from its first call on, which may report units finished by an earlier run. Until there
+    is a rate, the time so far is shown; without units (`total` 0) always.
     """
     report = _bar if sys.stderr.isatty() else _lines
     with report(what, _Pace(total, unit), every) as advance:
@@ -147,11 +149,12 @@ class _Pace:
             self._from = self.done, time.monotonic()
 
     def __str__(self) -> str:
-        shown = f"{self.done}/{self.total} {self.unit}"
+        shown = f"{self.done}/{self.total} {self.unit}" if self.total else "running"
         before, since = self._from or (0, self._start)
         if before == self.done:
-            if self.done < self.total:  # no rate yet
-                return shown
+            if self.done < self.total or not self.total:  # no rate yet
+                so_far = round(time.monotonic() - self._start)
+                return f"{shown}, {timedelta(seconds=so_far)} so far" if so_far else shown
             before, since = 0, self._start
         rate = (self.done - before) / max(time.monotonic() - since, 1e-9)
         shown += f", {rate:.1f} {self.unit}/s"
@@ -171,13 +174,18 @@ def _bar(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
         columns.TextColumn("{task.fields[pace]}"),
         console=Console(stderr=True),
     ) as bar:
-        task = bar.add_task(what, total=pace.total, pace="")
+        task = bar.add_task(what, total=pace.total or None, pace="")
+
+        def show() -> None:
+            bar.update(task, completed=pace.done, pace=str(pace))
 
         def advance(count: int = 1) -> None:
             pace.add(count)
-            bar.update(task, completed=pace.done, pace=str(pace))
+            show()
 
-        yield advance
+        with _repeated(show, _BEAT_S):
+            yield advance
+        show()
 
 
 @contextmanager
@@ -185,9 +193,13 @@ def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
     last, shown = time.monotonic(), 0
 
     def advance(count: int = 1) -> None:
-        nonlocal last
         pace.add(count)
-        if pace.done < pace.total and time.monotonic() - last >= every:
+        show_if_due()
+
+    def show_if_due() -> None:
+        nonlocal last
+        unfinished = pace.done < pace.total or not pace.total
+        if unfinished and time.monotonic() - last >= every:
             last = time.monotonic()
             show()
 
@@ -197,10 +209,32 @@ def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
         print(f"{what}: {pace}", file=sys.stderr, flush=True)
 
     try:
-        yield advance
+        with _repeated(show_if_due, min(every, _BEAT_S)):
+            yield advance
+    except EgocapError:
+        shown = pace.done  # its message is enough
+        raise
     finally:
         if pace.done != shown:
             show()
+
+
+@contextmanager
+def _repeated(function: Callable[[], None], every: float) -> Iterator[None]:
+    """Call a function every so many seconds in a thread."""
+    ended = threading.Event()
+
+    def repeat() -> None:
+        while not ended.wait(every):
+            function()
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @contextmanager

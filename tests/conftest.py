@@ -1,9 +1,10 @@
-"""One small sequence for the whole session: generated once, read by many tests, changed by none."""
+"""One small sequence and one cluster for the whole session: used by many tests, changed by none."""
 
 from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from egocap_sim.scene.config import Scene, load_scene
 
 _NEEDS_TORCH = re.compile(
     r"^(import torch|from torch|from safetensors.torch"
-    r"|from egocap.detect.(network|train.(loss|trainer|run|validation|checkpoint)) )",
+    r"|from egocap.detect.(network|train.(loss|trainer|run|validation|checkpoint)) "
+    r"|from egocap_eval.(detection.train_for_rig|image_model.exactness) )",
     re.MULTILINE,
 )
 
@@ -52,3 +54,13 @@ def tiny_sequence(tiny_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -
         warnings.warn(f"NO TEST OF SEQUENCES RUNS HERE: {error}", stacklevel=1)
         pytest.skip(f"no OpenGL: {error}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def cluster() -> Iterator[str]:
+    """Address of a Dask scheduler with one worker, both in threads of this process."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, processes=False, dashboard_address=":0", silence_logs=50
+    ) as running:
+        yield running.scheduler_address

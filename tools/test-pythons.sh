@@ -4,14 +4,25 @@
 #
 #     sh tools/test-pythons.sh WORK ["3.12 3.13" [PYTEST-ARGUMENTS...]]
 #
-# WORK keeps an environment for each version. Exit code 1 if no version is found or a test fails.
+# WORK keeps an environment for each version. Pythons are looked for on the PATH, and among those of
+# pyenv and uv. Exit code 1 if no version is found or a test fails.
 set -eu
 work=$1 versions=${2:-3.12 3.13}
 [ $# -lt 2 ] || shift
 shift
+
+find_python() {
+    for python in "$(command -v "python$1")" "${PYENV_ROOT:-$HOME/.pyenv}/versions/$1".*/bin/python \
+        "$(uv python find --no-python-downloads "$1" 2>/dev/null)"; do
+        # a shim of pyenv may be there without its Python
+        "$python" --version >/dev/null 2>&1 && echo "$python" && return
+    done
+    return 1
+}
+
 found=
 for version in $versions; do
-    python=$(command -v "python$version") && "$python" --version >/dev/null 2>&1 || {
+    python=$(find_python "$version") || {
         echo "python$version: not found"
         continue
     }
@@ -22,5 +33,5 @@ for version in $versions; do
     echo "$("$venv/bin/python" --version): $("$venv/bin/python" -m pip list 2>/dev/null | wc -l) packages"
     "$venv/bin/python" -m pytest -n auto --dist loadfile "$@"
 done
-[ -n "$found" ] || { echo "none of Python $versions is on the PATH" >&2; exit 1; }
+[ -n "$found" ] || { echo "none of Python $versions was found" >&2; exit 1; }
 echo "passed on Python$found"

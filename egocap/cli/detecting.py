@@ -138,7 +138,8 @@ def train(
     """Train a detector on footage with annotations.
 
     Writes detector.safetensors, curves.png, log.csv and validation.csv into the folder of the run.
-    SIGTERM and Ctrl-C stop it after a step; --resume continues it.
+    SIGTERM and Ctrl-C stop it after a step; --resume continues it. All GPUs of the machine take
+    part; start several machines with torchrun.
 
     Args:
         run: what to train.
@@ -158,11 +159,13 @@ def train(
     if command is not None:
         return subprocess.call(command)
     runs.join_processes()
+    first = os.environ.get("RANK", "0") == "0"  # of several processes: it writes and prints
     with ExitStack() as stack:
-        if os.environ.get("RANK", "0") == "0":  # the first process of several holds the lock
+        if first:
             stack.enter_context(holding(run.out, folder=True))
         outcome = runs.train_detector(run, training)
-    _print_run(run, outcome, json)
+    if first:
+        _print_run(run, outcome, json)
     return DONE if outcome.finished else INTERRUPTED
 
 

@@ -11,7 +11,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from egocap.cli.registry import app
-from egocap.commandline import DONE, MISSED
+from egocap.commandline import DONE, MISSED, progress
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
@@ -177,8 +177,9 @@ def show(options: Show) -> int:
     else:
         person = average_body(options.height)
     photo = None if options.beside is None else load_photo(options.beside)
-    found = draw_rig(load_rig(options.rig), options.out, person, options.poses, options.sigma,
-                     photo, options.view)  # fmt: skip
+    with progress("rig show", 0):
+        found = draw_rig(load_rig(options.rig), options.out, person, options.poses, options.sigma,
+                         photo, options.view)  # fmt: skip
     if options.json:
         print(json.dumps({"rig": str(options.rig)} | found.to_dict(), indent=1))
         return DONE
@@ -232,14 +233,16 @@ def fit_rig(
     from egocap.data.sequence import Sequence
     from egocap.files import disk_errors, make_folder
     from egocap.fitting.fit_body import first_seconds
-    from egocap.fitting.fit_rig import MountError
+    from egocap.fitting.fit_rig import RIG_PASSES, MountError
     from egocap.fitting.fit_rig import fit_rig as fit
 
     opened = Sequence(footage)
     given = opened.rig if rig is None else load_rig(rig)
     found = first_seconds(detections_from(opened, detections, seed, given), seconds)
-    result = fit(found, given, height, None if no_neutral else neutral,
-                 MountError(position_error, rotation_error), config)  # fmt: skip
+    with progress("fit-rig", RIG_PASSES * len(found.times)) as advance:
+        result = fit(found, given, height, None if no_neutral else neutral,
+                     MountError(position_error, rotation_error), config,
+                     on_frames=advance)  # fmt: skip
     write_rig(out, result.rig)
     if body is not None:
         make_folder(body.parent)

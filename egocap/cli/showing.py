@@ -188,8 +188,10 @@ def draw_model(
         gaussians: volumetric body to draw, json; by default one coloured by the frame itself.
         size: width and height at which a view is evaluated, pixels.
     """
+    from egocap.commandline import progress
     from egocap.view.render import view_model
 
-    summary = view_model(sequence, frame, out, track, gaussians, size)
+    with progress("draw-model", 0):
+        summary = view_model(sequence, frame, out, track, gaussians, size)
     print(f"{out}: energy {summary['energy']:.1f}, {summary['covered_pixels']:.0f} pixels covered")
     return DONE

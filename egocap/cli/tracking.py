@@ -145,17 +145,17 @@ def _track(
     proportions = opened.body if how.body is None else find_body(how.body, cameras, found)
     heads = None if how.head_pose is None else read_head_poses(how.head_pose, found.times)
     drift = None
-    with progress("track", len(found.times)) as advance:
+    passes = 2 if how.mount_drift else 1
+    with progress("track", passes * len(found.times)) as advance:
         if how.mount_drift:
             from egocap.fitting.mount_drift import track_with_drift
 
             result, drift = track_with_drift(
-                found, cameras, proportions, how.settings, opened.images
+                found, cameras, proportions, how.settings, opened.images, advance
             )
         else:
             tracker = make_tracker(cameras, proportions, how.solver, how.settings)
-            result = tracker.track(found, opened.images, heads)
-        advance(len(found.times))
+            result = tracker.track(found, opened.images, heads, advance)
     # So that no other sequence is scored with it, and scores name the body.
     origin = {"sequence": opened.manifest.config_sha256, "body": how.body or "sequence"}
     result = replace(result, config=result.config | origin)
@@ -195,18 +195,20 @@ def fit_body(
     """
     from egocap.data.sequence import Sequence
     from egocap.files import disk_errors
-    from egocap.fitting.fit_body import first_seconds
+    from egocap.fitting.fit_body import BODY_PASSES, first_seconds
     from egocap.fitting.fit_body import fit_body as fit
 
     opened = Sequence(sequence)
     found = first_seconds(detections_from(opened, detections, seed), seconds)
-    result = fit(found, opened.rig, height, config)
+    with progress("fit-body", BODY_PASSES * len(found.times)) as advance:
+        result = fit(found, opened.rig, height, config, on_frames=advance)
     sizes = None
     if shape is not None:
         from egocap.fitting.appearance_fit import fit_shape
 
         frames = [(opened.frame(int(t)).images, result.angles[i]) for i, t in result.spread(6)]
-        fitted = fit_shape(result.proportions, opened.rig, frames)
+        with progress("fit shape", 0):
+            fitted = fit_shape(result.proportions, opened.rig, frames)
         sizes = fitted.scales
         with disk_errors(shape.parent):
             fitted.body.save(shape)

@@ -25,7 +25,7 @@ from egocap.data.manifest import (
     shard_name,
 )
 from egocap.data.truth import Truth
-from egocap.errors import InputError
+from egocap.errors import FileError, InputError
 from egocap.files import replacing, write_atomically
 from egocap.locks import IN_FOLDER, OutputLock
 
@@ -69,7 +69,7 @@ class SequenceWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None = None, *_: object) -> None:
-        if kind is not None and self._new and not self.manifest.shards:
+        if kind is not None and self._new and not self._holds_shards():
             for path in self.folder.iterdir():  # all of this run: the folder was empty
                 if path.is_file() and path.name != IN_FOLDER:
                     path.unlink()
@@ -132,6 +132,13 @@ class SequenceWriter:
         for name, content in self._side_files.items():
             if name not in files:
                 self.write_file(name, content)
+
+    def _holds_shards(self) -> bool:
+        """By the manifest on disk: an interruption may come before `self.manifest` is the same."""
+        try:
+            return bool(load_manifest(self.folder).shards)
+        except FileError:  # changed by others
+            return True
 
     def _replace(self, manifest: Manifest) -> None:
         text = json.dumps(manifest.model_dump(mode="json"), indent=None, separators=(",", ":"))

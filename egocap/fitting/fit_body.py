@@ -9,6 +9,7 @@ Source: EgoCap 2016, section 4.1 (personalisation from few poses).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,6 +34,8 @@ from egocap.fitting.config import FitConfig
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 
+BODY_PASSES = 2
+"""Times that the work on all frames is told: their track, and the fit, which takes as long."""
 SYSTEMATIC_M = 0.003
 """Standard deviation of a bone's length that more frames do not reduce: detectors mark the skin."""
 WELL = 0.03
@@ -103,18 +106,20 @@ def fit_body(
     height: float | None = None,
     config: FitConfig = FitConfig(),  # noqa: B008 (frozen)
     tracker: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
+    on_frames: Callable[[int], None] = lambda count: None,
 ) -> BodyFit:
     """The proportions of the person whom detections in all views of a rig show.
 
-    `height` in metres, where it is known, is a strong prior. Bones without detections stay at
-    the prior, as `report` states. Raises InputError for a height that no adult has, when there
-    are no detections at all, and as `tracker.track`.
+    `height` in metres, where it is known, is a strong prior. Bones without detections stay at the
+    prior, as `report` states. `on_frames` is called with frames worked on, `BODY_PASSES` times all
+    of them. Raises InputError for a height that no adult has, when there are no detections at all,
+    and as `tracker.track`.
     """
     from egocap.track.tracker import Tracker
 
     prior = BodyPrior.for_height(height)
     average = to_proportions(prior.mean)
-    followed = Tracker(rig, average, tracker).track(detections)
+    followed = Tracker(rig, average, tracker).track(detections, on_frames=on_frames)
     observations = observe(detections, rig, average, tracker)
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():
@@ -123,9 +128,12 @@ def fit_body(
     of_frames = select_frames(observations, frames)
     problem = FitProblem(of_frames, prior, tracker)
     poses, components, converged = solve(problem, followed.angles[frames], prior.mean, config)
+    on_frames(len(detections.times) // 2)
     poses, unbiased = without_bias(problem, poses, components)
     usual = length_spread(unbiased, prior.individual)
-    return _finished(problem, poses, unbiased, unbiased - components, converged, frames, usual)
+    fit = _finished(problem, poses, unbiased, unbiased - components, converged, frames, usual)
+    on_frames(-(-len(detections.times) // 2))
+    return fit
 
 
 def first_seconds(detections: Detections, seconds: float) -> Detections:

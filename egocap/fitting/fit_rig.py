@@ -9,6 +9,7 @@ are met within 1.9 degrees of yaw and pitch and 1.0 of roll leave a standard dev
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -27,13 +28,15 @@ from egocap.fitting.bundle_adjustment import (
     solve,
 )
 from egocap.fitting.config import FitConfig
-from egocap.fitting.fit_body import BodyFit, choose_frames, fit_body
+from egocap.fitting.fit_body import BODY_PASSES, BodyFit, choose_frames, fit_body
 from egocap.fitting.mount import PARAMETERS, MountPrior, MountProblem
 from egocap.fitting.stance import neutral_weights
 from egocap.geometry import exponential, rigid
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import observe
 
+RIG_PASSES = 2 + BODY_PASSES
+"""Times that the work on all frames is told: their track, the fit of the rig, that of the body."""
 SYSTEMATIC = np.repeat([np.deg2rad(0.5), 0.002], 3)
 """Standard deviations that more frames do not reduce: habits of stance, marks on the skin."""
 OBSERVED = 0.5
@@ -125,13 +128,15 @@ def fit_rig(
     error: MountError = MountError(),  # noqa: B008 (immutable)
     config: FitConfig = FitConfig(),  # noqa: B008 (frozen)
     tracker: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
+    on_frames: Callable[[int], None] = lambda count: None,
 ) -> RigFit:
     """The pose of a rig on the head of the person whom its detections show, and the person's body.
 
     `rig` is the rig as built or guessed, right within `error`; `height` in metres. In the seconds
     `neutral`, first to last, the person stands upright and looks at the horizon; None: never. Later
-    returns to that stance are found and count as further, independent ones. Raises InputError for
-    impossible values, without detections, and as `tracker.track`.
+    returns to that stance are found and count as further, independent ones. `on_frames` is called
+    with frames worked on, `RIG_PASSES` times all of them. Raises InputError for impossible values,
+    without detections, and as `tracker.track`.
     """
     from egocap.track.tracker import Tracker
 
@@ -140,7 +145,7 @@ def fit_rig(
                          valid="above 0, to 2 m and 180 degrees")  # fmt: skip
     body = BodyPrior.for_height(height)
     average = to_proportions(body.mean)
-    followed = Tracker(rig, average, tracker).track(detections)
+    followed = Tracker(rig, average, tracker).track(detections, on_frames=on_frames)
     observations = observe(detections, rig, average, tracker)
     used = np.count_nonzero(observations.weights, axis=(1, 2))
     if not used.any():
@@ -152,8 +157,9 @@ def fit_rig(
     prior = MountPrior.around(body.mean, body.covariance, *spread)
     problem = MountProblem(select_frames(observations, frames), prior, tracker, weights[frames])
     poses, shared, converged = solve(problem, followed.angles[frames], prior.mean, config)
+    on_frames(len(detections.times))
     fitted = moved_rig(rig, shared[-6:])
-    person = fit_body(detections, fitted, height, config, tracker)
+    person = fit_body(detections, fitted, height, config, tracker, on_frames)
     return _finished(problem, poses, shared, fitted, person, converged)
 
 

@@ -11,6 +11,7 @@ generalised likelihood ratio test for jumps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -87,15 +88,17 @@ def track_with_drift(
     proportions: Proportions,
     config: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
     images: Images | None = None,
+    on_frames: Callable[[int], None] = lambda count: None,
 ) -> tuple[Track, MountDrift]:
     """Track with a rig that slips. `Track.config["mount_drift"]` holds the drift.
 
-    Raises InputError for footage shorter than two windows, and as `tracker.track`.
+    `on_frames` is called with the frames tracked; all frames are tracked twice. Raises InputError
+    for footage shorter than two windows, and as `tracker.track`.
     """
     from egocap.track.tracker import Tracker
 
     windows = split(detections.times)
-    first = Tracker(rig, proportions, config).track(detections)
+    first = Tracker(rig, proportions, config).track(detections, on_frames=on_frames)
     drift = mount_drift(detections, first.angles, rig, proportions, config, windows)
     parts, times = [], np.asarray(detections.times, float)
     for window, shift in zip(windows, drift.shift, strict=True):
@@ -107,6 +110,7 @@ def track_with_drift(
         part = moved.track(detections[start:end], own)
         rows = {name: values[window - start] for name, values in part.by_frame.items()}
         parts.append(replace(part, **rows))
+        on_frames(len(window))
     return _joined(parts, first.config | {"mount_drift": drift.to_dict()}), drift
 
 

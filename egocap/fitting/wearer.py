@@ -33,10 +33,12 @@ def find_body(source: str, rig: Rig | None = None, found: Detections | None = No
             raise InputError(
                 "--body fit without a recording to fit", valid="a file or average:HEIGHT"
             )
-        from egocap.fitting.fit_body import first_seconds, fit_body
+        from egocap.commandline import progress
+        from egocap.fitting.fit_body import BODY_PASSES, first_seconds, fit_body
 
-        height = _height(rest) if rest else None
-        return fit_body(first_seconds(found, _FIT_S), rig, height).proportions
+        height, first = _height(rest) if rest else None, first_seconds(found, _FIT_S)
+        with progress("fit-body", BODY_PASSES * len(first.times)) as advance:
+            return fit_body(first, rig, height, on_frames=advance).proportions
     if not source.endswith(".json"):
         raise InputError(f"no body '{source}'", valid=FORM)
     return Proportions.load(Path(source))

@@ -6,14 +6,20 @@ import numpy as np
 
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
-from egocap.fitting.fit_body import BodyFit, fit_body
+from egocap.fitting.fit_body import BODY_PASSES, BodyFit, fit_body
+from egocap.footage.sources import Step
 
 SECONDS = 20.0
 
 
-def fit_wearer(found: Detections, rig: Rig, height: float | None) -> BodyFit:
+def fit_wearer(
+    found: Detections, rig: Rig, height: float | None,
+    on_step: Step = lambda name, total: lambda count: None,
+) -> BodyFit:  # fmt: skip
     """Fit bone lengths to the 20 s in which the detections move most. Raises as `fit_body`."""
-    return fit_body(found[liveliest(found)], rig, height)
+    part = found[liveliest(found)]
+    advance = on_step("fit-body", BODY_PASSES * len(part.times))
+    return fit_body(part, rig, height, on_frames=advance)
 
 
 def liveliest(found: Detections) -> slice:

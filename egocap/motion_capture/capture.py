@@ -95,7 +95,7 @@ def mocap(
             f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other order",
             valid="the files in the order of the rig, or --accept-swapped",
         )
-    body, bones = steps.body(stages, sequence, found, options)
+    body, bones = steps.body(stages, sequence, found, options, on_step)
     heads = steps.head_poses(stages, sequence, options, on_step)
     track = steps.track(stages, sequence, found, body, tracker, heads, on_step)
     assert sequence.footage is not None

@@ -47,7 +47,7 @@ def detections(
 
 
 def body(
-    stages: Stages, sequence: Recording, found: Detections, options: MocapOptions
+    stages: Stages, sequence: Recording, found: Detections, options: MocapOptions, on_step: Step
 ) -> tuple[Proportions, dict[str, Any]]:
     """Proportions (body.json), and the report of their fit; empty where they were given."""
     report = stages.folder / "body-report.json"
@@ -57,7 +57,7 @@ def body(
             find_body(options.body).save(path)
             write_json(report, {})
             return
-        fit = fit_wearer(found, sequence.rig, options.height)
+        fit = fit_wearer(found, sequence.rig, options.height, on_step)
         fit.proportions.save(path)
         write_json(report, fit.report())
 

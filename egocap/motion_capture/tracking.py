@@ -49,9 +49,7 @@ def track_in_windows(
         for w in windows
     ]  # fmt: skip
     if len(jobs) == 1:
-        track = _track(*jobs[0])
-        on_frames(len(found.times))
-        return track
+        return _track(*jobs[0], on_frames)
     parts = []
     workers = min(available_cores(), len(jobs))
     with WorkerPool(workers) as pool:
@@ -99,15 +97,15 @@ def join(windows: list[range], parts: list[Track], body: Proportions) -> Track:
 
 def _track(
     folder: Path, found: Detections, first: int, body: Proportions, config: TrackerConfig,
-    heads: HeadPoses | None,
+    heads: HeadPoses | None, on_frames: Callable[[int], None] = lambda count: None,
 ) -> Track:  # fmt: skip
     sequence = Sequence(folder)
     tracker = Tracker(sequence.rig, body, config)
     if not (config.colour or config.checks_appearance):
-        return tracker.track(found, heads=heads)
+        return tracker.track(found, heads=heads, on_frames=on_frames)
     rows = range(first, first + len(found.times))
     images = reduced_images(sequence, rows, config.colour_size)
-    return tracker.track(found, images.__getitem__, heads)
+    return tracker.track(found, images.__getitem__, heads, on_frames)
 
 
 def reduced_images(

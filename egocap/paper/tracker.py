@@ -36,7 +36,7 @@ from egocap.track.consistency import with_consistency
 from egocap.track.joint_occlusion import occlusion_causes
 from egocap.track.online_filter import filter_sequence
 from egocap.track.smoother import smooth_gaussian
-from egocap.track.stopwatch import Stopwatch
+from egocap.track.stopwatch import OnFrames, Stopwatch
 from egocap.track.tracker import Tracker, require_increasing_times
 from egocap.track.uncertainty import causal_covariances
 
@@ -90,16 +90,17 @@ class PaperTracker:
             raise InputError(f"solver '{solver}'", valid=("fast", *PAPER_SOLVERS))
 
     def track(
-        self, detections: Detections, images: Images | None = None, heads: HeadPoses | None = None
-    ) -> Track:
+        self, detections: Detections, images: Images | None = None, heads: HeadPoses | None = None,
+        on_frames: OnFrames = lambda count: None,
+    ) -> Track:  # fmt: skip
         """Track from detections and images of all views.
 
         With `heads`, the head poses of the frames, the track is moved into the world, too. `images`
         gives the RGB images of all views at a frame. `Track.energies` are those before the
         low-pass. The time per frame is that of preparing and solving frames on numba's threads;
         `config["seconds"]` has it by stage, besides that of reading images, personalisation and
-        energies. Raises InputError as `Tracker.track`, without images, and for images of another
-        aspect than the rig's.
+        energies. `on_frames` is called with 1 after every frame. Raises InputError as
+        `Tracker.track`, without images, and for images of another aspect than the rig's.
         """
         require_increasing_times(detections)
         if images is None:
@@ -116,7 +117,7 @@ class PaperTracker:
         warm_up_s = _warm_up(solver, start, len(seen.centres))
         confidence = np.where(valid, np.nan_to_num(detections.confidence), 0.0)
         angles, converged, energies = self._solve(
-            solver, seen, confidence, images, start, stopwatch
+            solver, seen, confidence, images, start, stopwatch, on_frames
         )
         if self.low_pass > 0.0:
             angles = smooth_gaussian(angles, self.low_pass)
@@ -138,7 +139,7 @@ class PaperTracker:
 
     def _solve(
         self, solver: PaperSolver, seen: Observations, confidence: Float[Array, "T V 18"],
-        images: Images, start: Float[Array, "37"], stopwatch: Stopwatch,
+        images: Images, start: Float[Array, "37"], stopwatch: Stopwatch, on_frames: OnFrames,
     ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"], Float[Array, "T 4"]]:  # fmt: skip
         """Angles, convergence and energies of one frame after another."""
         frames, rng = len(seen.times), np.random.default_rng(self.seed)
@@ -157,6 +158,7 @@ class PaperTracker:
             stopwatch.lap("energies")
             angles[t], converged[t] = found.angles, found.converged
             last, before = found.angles, last
+            on_frames(1)
         return angles, converged, energies
 
     def _personalise(

@@ -66,9 +66,7 @@ class BatchSolver:
         if config.smoothing == "interval":
             angles, _ = filter_both_ways(*known)
             stopwatch.lap("frames")
-            solution = self._solve_interval(angles, observations, heads)
-            stopwatch.lap("smoothing")
-            return solution
+            return self._solve_interval(angles, observations, heads, stopwatch)
         if config.smoothing == "fixed-lag":
             solution = self._solve_fixed_lag(observations)
             stopwatch.lap("smoothing")
@@ -101,16 +99,19 @@ class BatchSolver:
         )  # fmt: skip
 
     def _solve_interval(
-        self, angles: Float[Array, "T 37"], observations: Observations, heads: HeadPoses | None
-    ) -> Solution:
+        self, angles: Float[Array, "T 37"], observations: Observations, heads: HeadPoses | None,
+        stopwatch: Stopwatch,
+    ) -> Solution:  # fmt: skip
         config, known = self.config, (self.model, self.config)
         angles, converged, chosen, changed = self._associate(angles, observations)
+        stopwatch.lap("smoothing")
         estimated: dict[str, object] = {}
         if (config.synchronise or config.align_cameras) and chosen.weights.shape[1] > 1:
             angles, chosen, alignment = self._align(angles, chosen)
             estimated["lag_s"] = alignment.lag_s.round(5).tolist()
             estimated["rotation_deg"] = np.rad2deg(alignment.rotation).round(4).tolist()
             changed = True
+            stopwatch.lap("smoothing")
         noise = None
         if config.estimate_noise:
             noise = estimate_noise(angles, chosen, self.proportions)
@@ -119,11 +120,15 @@ class BatchSolver:
             chosen, changed = apply_noise(chosen, noise), changed or noise.is_significant
         if changed:
             angles, converged = smooth_interval(angles, chosen, *known)
+        stopwatch.lap("smoothing")
         if config.multistart:
-            angles, others = solve_multistart(angles, chosen, *known)
+            angles, others = solve_multistart(
+                angles, chosen, *known, lambda: stopwatch.lap("smoothing")
+            )
             estimated["multistart_frames"] = int(np.count_nonzero(others))
             if others.any():
                 angles, converged = smooth_interval(angles, chosen, *known)
+            stopwatch.lap("smoothing")
         prediction = separate = NO_MOTION_PREDICTION
         independent = chosen if noise is None else weight_as_independent(chosen, noise)
         if config.lambda_motion > 0.0 and config.motion_prior == "network":
@@ -131,6 +136,7 @@ class BatchSolver:
         elif config.lambda_motion > 0.0:
             angles, converged, prediction = self._apply_motion_prior(angles, chosen)
             separate = prediction
+        stopwatch.lap("smoothing")
         return Solution(angles, converged, chosen, independent, estimated, prediction, separate)
 
     def _associate(

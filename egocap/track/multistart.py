@@ -10,7 +10,7 @@ general and adaptive robust loss function", section 3, for widening a robust sca
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -44,9 +44,13 @@ LIMBS = _limbs()
 
 
 def solve_multistart(
-    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig
-) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
-    """A motion of no more energy, and the frames in which it differs."""
+    angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
+    on_solved: Callable[[], None] = lambda: None,
+) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
+    """A motion of no more energy, and the frames in which it differs.
+
+    `on_solved` is called after every other solution.
+    """
     posture = np.repeat(model.posture_mean[None], len(angles), axis=0)
     best = angles
     for start, factors in ((angles, _NEAR), (posture, _FAR)):
@@ -54,6 +58,7 @@ def solve_multistart(
         for factor in factors:
             wide = replace(config, robust_scale=factor * config.robust_scale)
             other, _ = smooth_interval(other, observations, model, wide)
+            on_solved()
         best = merge_segments(best, other, observations, model, config)
     return best, changed_frames(angles, best)
 

@@ -35,7 +35,7 @@ from egocap.track.colour_refinement import Images, learn_colour_term, refine_by_
 from egocap.track.consistency import with_consistency
 from egocap.track.joint_occlusion import occlusion_causes
 from egocap.track.online_filter import term_energies
-from egocap.track.stopwatch import Stopwatch
+from egocap.track.stopwatch import OnFrames, StageProgress, Stopwatch
 from egocap.track.uncertainty import joint_covariances
 from egocap.track.world_solver import WorldSolver
 from egocap.world.contact_network import contact_probabilities
@@ -62,8 +62,9 @@ class Tracker:
         self._solver = BatchSolver(proportions, self._model, config)
 
     def track(
-        self, detections: Detections, images: Images | None = None, heads: HeadPoses | None = None
-    ) -> Track:
+        self, detections: Detections, images: Images | None = None, heads: HeadPoses | None = None,
+        on_frames: OnFrames = lambda count: None,
+    ) -> Track:  # fmt: skip
         """Track from detections in all views of the rig, and from images if there are any.
 
         With `heads`, the head poses of the frames, the track is in the world, too, z up; contacts
@@ -71,16 +72,21 @@ class Tracker:
         motion prior uses them, too.
 
         `images` gives the RGB images of all views at a frame, for the appearance check and the
-        colour term. `Track.energy` is each frame's own: detections, limits and pose prior. The time
-        per frame leaves out compilation, which is `config["warm_up_s"]`. Raises InputError when
-        there are no frames, the views do not match the rig, the times do not increase, or colour
-        has no images.
+        colour term. `on_frames` is called after every stage with the frames that its work is worth,
+        which add up to all frames. `Track.energy` is each frame's own: detections, limits and pose
+        prior. The time per frame leaves out compilation, which is `config["warm_up_s"]`. Raises
+        InputError when there are no frames, the views do not match the rig, the times do not
+        increase, or colour has no images.
         """
         require_increasing_times(detections)
         if self.config.colour and images is None:
             raise InputError("colour without images", valid="images of every frame")
         warm_up_s = self._warm_up(with_images=images is not None)
-        stopwatch = Stopwatch()
+        progress = StageProgress(
+            len(detections.times), self.config, on_frames,
+            images=images is not None, world=heads is not None,
+        )  # fmt: skip
+        stopwatch = Stopwatch(progress.lap)
         # Matrices of 37 rows gain nothing from BLAS threads.
         with threadpool_limits(1, user_api="blas"):
             observations = observe(detections, self.rig, self.proportions, self.config)
@@ -118,6 +124,7 @@ class Tracker:
         )
         rig = turned_rig(self.rig, estimate.solution.estimated)
         track = with_consistency(track, detections, rig, self.proportions, self.config)
+        progress.finish()
         if heads is None:
             return track
         return in_world(replace(track, contacts=world and world[1]), world[0] if world else heads)

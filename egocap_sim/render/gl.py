@@ -16,7 +16,10 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
+from contextlib import suppress
 from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 
@@ -76,6 +79,7 @@ class Context:
     """
 
     def __init__(self) -> None:
+        _load_triton_first()
         self._platform = _first_working()
         self.renderer = _text(GL.GL_RENDERER)
         self.version = _text(GL.GL_VERSION)
@@ -163,6 +167,18 @@ def make_depth_target(width: int, height: int, values: np.ndarray | None = None)
 
 def _text(name: int) -> str:
     return GL.glGetString(name).decode()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _load_triton_first() -> None:
+    """Load the compiler that comes with torch for CUDA, where it is installed.
+
+    It holds its own LLVM. Loaded after Mesa's, whose symbols are global, it ends the process by a
+    segmentation fault, as soon as torch makes a layer.
+    """
+    found = find_spec("triton")
+    for folder in found.submodule_search_locations or () if found else ():
+        with suppress(OSError):
+            ctypes.CDLL(str(Path(folder) / "_C" / "libtriton.so"))
 
 
 def _first_working() -> _platform.EGLPlatform:

@@ -5,7 +5,7 @@ Each check returns figures; `integrity` has the thresholds. The recorder does no
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,11 +141,13 @@ class RayCheck:
         )
 
 
-def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
+def check_rays(
+    sequence: Sequence, frames: int = 10, on_frames: Callable[[int], None] = lambda count: None
+) -> RayCheck:
     """Recompute visibility by rays, in frames spread over the sequence.
 
-    Rebuilds the world from scene.toml. Raises InputError for a sensor whose images are not of one
-    instant, since the poses between frames are not stored.
+    `on_frames` is called with 1 after each. Rebuilds the world from scene.toml. Raises InputError
+    for a sensor whose images are not of one instant, since the poses between frames are not stored.
     """
     from egocap_sim.scene.config import load_scene
     from egocap_sim.truth.raycast import BORDER, RayVisibility, Surfaces
@@ -174,6 +176,7 @@ def check_rays(sequence: Sequence, frames: int = 10) -> RayCheck:
         borderline += int((in_view & ~alike & near).sum())
         for j in np.nonzero(in_view & ~alike & ~near)[1]:
             left[LABELS[j]] = left.get(LABELS[j], 0) + 1
+        on_frames(1)
     return RayCheck(joints, agree, same, borderline, left)
 
 

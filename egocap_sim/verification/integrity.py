@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
@@ -46,19 +46,33 @@ class Verification:
         return not self.problems
 
 
-def verify(folder: str | Path, ray_frames: int = 0) -> Verification:
+def frames_to_check(folder: str | Path, ray_frames: int = 0) -> int:
+    """Number of frames that `verify` tells of. Raises FileError as `verify`."""
+    folder = Path(folder)
+    if (folder / EPISODES).exists():
+        lengths = [entry.frames for entry in load_dataset(folder).episodes]
+    else:
+        lengths = [load_manifest(folder).frames]
+    return sum(min(frames, ray_frames) if ray_frames else frames for frames in lengths)
+
+
+def verify(
+    folder: str | Path, ray_frames: int = 0, on_frames: Callable[[int], None] = lambda count: None
+) -> Verification:
     """Check manifest, checksums, shard structure, images and truth of a sequence, or of episodes.
 
     With `ray_frames`, joint visibility is recomputed by rays in that many frames, in one to two
-    seconds a frame. Raises FileError if the folder holds no sequence; lists any other problem.
+    seconds a frame. `on_frames` is called with the frames checked, those by rays if there are any.
+    Raises FileError if the folder holds no sequence; lists any other problem.
     """
     folder = Path(folder)
     if (folder / EPISODES).exists():
-        return _verify_episodes(folder, ray_frames)
+        return _verify_episodes(folder, ray_frames, on_frames)
     manifest = load_manifest(folder)
-    problems, rays = list(_problems(folder, manifest)), None
+    advance = (lambda count: None) if ray_frames else on_frames
+    problems, rays = list(_problems(folder, manifest, advance)), None
     if ray_frames and not problems:
-        rays = check_rays(Sequence(folder), ray_frames)
+        rays = check_rays(Sequence(folder), ray_frames, on_frames)
         if rays.share < _LEAST_BY_RAYS:
             problems.append(f"truth.npz: 'visibility' differs from rays: {rays.text()}")
     size = sum(shard.bytes for shard in manifest.shards)
@@ -66,7 +80,9 @@ def verify(folder: str | Path, ray_frames: int = 0) -> Verification:
     return Verification(folder, manifest.frames, len(manifest.shards), size, tuple(problems), rays)
 
 
-def _verify_episodes(folder: Path, ray_frames: int) -> Verification:
+def _verify_episodes(
+    folder: Path, ray_frames: int, on_frames: Callable[[int], None]
+) -> Verification:
     recording, problems = load_dataset(folder), []
     frames, shards, size = 0, 0, 0
     for entry in recording.episodes:
@@ -74,7 +90,7 @@ def _verify_episodes(folder: Path, ray_frames: int) -> Verification:
         if not manifest.exists():
             problems.append(f"{entry.name}: is missing")
             continue
-        result = verify(folder / entry.name, ray_frames)
+        result = verify(folder / entry.name, ray_frames, on_frames)
         if sha256(manifest) != entry.sha256:
             problems.append(f"{entry.name}: its manifest differs from the recorded one")
         if result.frames != entry.frames:
@@ -92,7 +108,7 @@ def _verify_episodes(folder: Path, ray_frames: int) -> Verification:
     return Verification(folder, frames, shards, size, tuple(problems))
 
 
-def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
+def _problems(folder: Path, manifest: Manifest, on_frames: Callable[[int], None]) -> Iterator[str]:
     if digest(manifest.config) != manifest.config_sha256:
         yield "manifest.json: the configuration does not match its checksum"
     damaged = False  # damaged files are not opened
@@ -114,7 +130,7 @@ def _problems(folder: Path, manifest: Manifest) -> Iterator[str]:
     elif not damaged:
         try:
             sequence = Sequence(folder)
-            wrong = list(_image_problems(sequence))
+            wrong = list(_image_problems(sequence, on_frames))
             yield from wrong
             if wrong or not manifest.truth:
                 return
@@ -146,7 +162,7 @@ def _shard_problems(folder: Path, shard: ShardEntry) -> Iterator[str]:
         yield f"{shard.name}: its members differ from the manifest's index ({names[0]})"
 
 
-def _image_problems(sequence: Sequence) -> Iterator[str]:
+def _image_problems(sequence: Sequence, on_frames: Callable[[int], None]) -> Iterator[str]:
     """Compare every image's header with the rig, and decode the first frame of every shard."""
     if not sequence.manifest.shards_hold_images:
         return
@@ -162,6 +178,7 @@ def _image_problems(sequence: Sequence) -> Iterator[str]:
             sequence.frame(shard.first)  # raises FileError for what cannot be decoded
             for view, plane in product(sequence.manifest.views, (sequence.mask, sequence.depth)):
                 plane(shard.first, view)
+        on_frames(len(shard.frames))
 
 
 def _frame_problems(sequence: Sequence, index: int) -> Iterator[str]:

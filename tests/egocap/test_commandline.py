@@ -207,11 +207,30 @@ def test_progress_goes_by_the_rate_of_this_run(capsys, clock):
     assert last == "render: 1000/1000 frames, 2.0 frames/s"
 
 
+@pytest.mark.parametrize(
+    ("total", "shown"), [(10, "track: 0/10 frames, 0:00:12 so far"), (0, "track: running, 0:00:12")]
+)
+def test_progress_shows_life_before_anything_is_finished(total, shown, capsys, monkeypatch, clock):
+    monkeypatch.setattr(commandline, "_BEAT_S", 0.01)
+    with progress("track", total):
+        clock.now += 12.0
+        time.sleep(0.2)
+    first, *_ = capsys.readouterr().err.splitlines()
+    assert first.startswith(shown)
+
+
 def test_progress_says_how_far_it_came_when_stopped(capsys):
     with pytest.raises(KeyboardInterrupt), progress("render", 10) as advance:
         advance()
         raise KeyboardInterrupt
     assert "render: 1/10 frames" in capsys.readouterr().err
+
+
+def test_an_error_of_the_user_stays_one_line(capsys):
+    with pytest.raises(InputError), progress("fit-body", 10) as advance:
+        advance()
+        raise InputError("no detection to fit a body to")
+    assert capsys.readouterr().err == ""
 
 
 def test_progress_draws_a_bar_on_a_terminal(monkeypatch):

@@ -89,7 +89,7 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                                  "benchmarks/generation.py"),
     "benchmarks/image_model.py": (*GEOMETRY, *IMAGE_MODEL, "benchmarks/image_model.py"),
     "benchmarks/start_up.py": (*FOOTAGE_TRACKED, "egocap_sim/record", "egocap/execution",
-                               "egocap/cli", "egocap/commandline.py", "egocap_sim/cli.py",
+                               "egocap/cli", "egocap/commandline.py", "egocap_sim/cli",
                                "benchmarks/start_up.py"),
     "benchmarks/rendering.py": (*WORLD, "benchmarks/rendering.py"),
 }  # fmt: skip

@@ -29,6 +29,8 @@ cli.main()
 @pytest.fixture(params=COMMANDS)
 def words(request, tiny_sequence, tmp_path, monkeypatch):
     """A command in an empty folder."""
+    if request.param == "train":
+        pytest.importorskip("torch")
     monkeypatch.chdir(tmp_path)
     return words_of(COMMANDS[request.param], tiny_sequence)
 

@@ -10,15 +10,6 @@ from egocap.data.track import load_track
 
 
 @pytest.fixture
-def cluster():
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=1, processes=False, dashboard_address=None, silence_logs=50
-    ) as cluster:
-        yield cluster.scheduler_address
-
-
-@pytest.fixture
 def two(tiny_sequence, tmp_path):
     """Folders of two sequences."""
     return [shutil.copytree(tiny_sequence, tmp_path / name) for name in ("walk", "run")]

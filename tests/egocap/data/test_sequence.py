@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
-from egocap.data.manifest import SCHEMA, Manifest
+from egocap.data.manifest import SCHEMA, Manifest, load_manifest
 from egocap.data.sequence import Sequence
 from egocap.data.sequence_writer import SequenceWriter, write_shard
 from egocap.data.truth import Truth
@@ -197,6 +197,20 @@ def test_two_processes_do_not_write_one_folder(folder):
         pytest.raises(MachineError, match="another process"),
     ):
         SequenceWriter(folder, manifest(), side_files()).__enter__()
+
+
+def test_a_shard_that_was_listed_just_before_an_interruption_is_kept(tmp_path, monkeypatch):
+    def interrupted(path, content):
+        write_atomically(path, content)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), SequenceWriter(tmp_path, manifest(), {}) as writer:
+        writer.begin()
+        entry = write_shard(tmp_path, 0, 0, [frame_files(i) for i in writer.shard_range(0)])
+        monkeypatch.setattr("egocap.data.sequence_writer.write_atomically", interrupted)
+        writer.add_shard(entry)
+    assert list(load_manifest(tmp_path).shards) == [entry]
+    assert (tmp_path / entry.name).exists()
 
 
 def test_a_full_disk_is_said_and_leaves_nothing_half_written(tmp_path, monkeypatch):

@@ -38,12 +38,8 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def cluster():
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=1, processes=False, dashboard_address=None, silence_logs=50
-    ) as cluster:
-        yield DaskCluster(cluster.scheduler_address)
+def executor(cluster):
+    return DaskCluster(cluster)
 
 
 def results(folder: Path) -> dict[str, str]:
@@ -111,8 +107,8 @@ def test_a_file_among_the_settings_counts_by_its_content(folder):
         asked("2")
 
 
-def test_a_cluster_gives_the_same_results(folder, cluster):
-    found = run(folder, cluster)
+def test_a_cluster_gives_the_same_results(folder, executor):
+    found = run(folder, executor)
     assert results(folder) == {"a": "aa", "d": "dddd"} and len(found.errors) == 2
     index = read_json(folder / "out" / INDEX)
     (folder / "out" / INDEX).unlink()
@@ -120,16 +116,16 @@ def test_a_cluster_gives_the_same_results(folder, cluster):
     assert read_json(folder / "out" / INDEX) == index
 
 
-def test_a_folder_that_a_worker_makes_is_brought_whole(folder, cluster):
+def test_a_folder_that_a_worker_makes_is_brought_whole(folder, executor):
     def tree(sources, out):
         (out / "inner").mkdir(parents=True)
         (out / "inner" / "file").write_text("deep")
         return Report({}, ())
 
     recordings = list_recordings([("tree", (str(folder / "a.txt"),))])
-    assert not run_recordings("tree", tree, {}, recordings, folder / "out", cluster).errors
+    assert not run_recordings("tree", tree, {}, recordings, folder / "out", executor).errors
     assert (folder / "out" / "tree" / "inner" / "file").read_text() == "deep"
-    assert run_recordings("tree", tree, {}, recordings, folder / "out", cluster).before == 1
+    assert run_recordings("tree", tree, {}, recordings, folder / "out", executor).before == 1
 
 
 def test_results_are_called_like_the_sequences(tmp_path, monkeypatch):

@@ -19,7 +19,8 @@ from egocap.fitting.body_prior import (
 )
 from egocap.fitting.bundle_adjustment import joint_derivatives
 from egocap.fitting.config import FitConfig
-from egocap.fitting.fit_body import first_seconds, fit_body
+from egocap.fitting.fit_body import BODY_PASSES, first_seconds, fit_body
+from egocap.fitting.fit_rig import RIG_PASSES, fit_rig
 
 FEW = FitConfig(frames=30)
 LIMBS = ("left_elbow", "left_wrist", "left_knee", "left_ankle")
@@ -123,6 +124,15 @@ def test_components_are_those_of_a_symmetric_person():
     body = to_proportions(BodyPrior.for_height(1.8).mean)
     np.testing.assert_allclose(body.mirrored.offsets, body.offsets)
     np.testing.assert_allclose(to_components(body), BodyPrior.for_height(1.8).mean, atol=1e-12)
+
+
+def test_the_fits_tell_of_all_their_work(seen):
+    moving, _ = seen
+    detections = moving.detect("simulated:1.0")
+    for function, passes in ((fit_body, BODY_PASSES), (fit_rig, RIG_PASSES)):
+        told = []
+        function(detections, moving.rig, config=FEW, on_frames=told.append)
+        assert sum(told) == passes * len(detections.times) and len(told) > 4
 
 
 def test_nothing_to_fit_is_refused(seen):

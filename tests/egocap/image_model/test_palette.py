@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from egocap.body.gaussians import GaussianBody
 from egocap.body.labels import LABELS
@@ -19,7 +18,6 @@ from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import BINS, Background, Palette, colour_bins, learn_palette
-from egocap.image_model.torch_visibility import along_rays, cell_visibility, pose_gaussians
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
 RAYS = image_rays(RIG, 40, 40)
@@ -82,6 +80,9 @@ def test_a_background_like_the_body_tells_nothing(palette):
 
 
 def test_kernel_is_the_reference():
+    torch = pytest.importorskip("torch")
+    from egocap.image_model.torch_visibility import along_rays, cell_visibility, pose_gaussians
+
     rng = np.random.default_rng(0)
     rays = image_rays(RIG, 20, 20)
     colours = Palettes(

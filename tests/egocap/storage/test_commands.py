@@ -113,17 +113,13 @@ def test_a_server_that_is_down_at_the_end_gets_the_rest_later(bucket, server, tm
         server.start()
 
 
-def test_workers_of_a_cluster_fetch_what_they_track(bucket, tiny_sequence, monkeypatch, tmp_path):
-    distributed = pytest.importorskip("distributed")
+def test_workers_of_a_cluster_fetch_what_they_track(bucket, tiny_sequence, monkeypatch, cluster):
     fsspec.filesystem("s3").put(str(tiny_sequence), f"{bucket}/data/walk", recursive=True)
-    with distributed.LocalCluster(
-        n_workers=1, processes=False, dashboard_address=None, silence_logs=50
-    ) as cluster:
-        monkeypatch.setattr(sys, "argv", [
-            "egocap", "track", f"{bucket}/data", "--cluster", cluster.scheduler_address,
-            "--detections", "simulated:2", f"--out={bucket}/tracks",
-        ])  # fmt: skip
-        assert cli.main() == 0
+    monkeypatch.setattr(sys, "argv", [
+        "egocap", "track", f"{bucket}/data", "--cluster", cluster,
+        "--detections", "simulated:2", f"--out={bucket}/tracks",
+    ])  # fmt: skip
+    assert cli.main() == 0
     assert len(load_track(fetch(f"{bucket}/tracks/data-walk.track.npz")).times) == 7
     assert fetch(f"{bucket}/tracks/recordings.json").is_file()
 

@@ -120,9 +120,7 @@ def test_a_worker_of_another_commit_is_refused(tmp_path, monkeypatch):
         refresh.make(SPEED, tmp_path, tmp_path, "a" * 40)
 
 
-def test_results_are_made_on_a_cluster(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed")
-
+def test_results_are_made_on_a_cluster(cluster, tmp_path, monkeypatch):
     def make(entry, work, motions, commit):
         if entry.file == "stress.json":
             raise MachineError("a worker is at b")
@@ -133,9 +131,6 @@ def test_results_are_made_on_a_cluster(tmp_path, monkeypatch):
     monkeypatch.setattr(refresh, "git_commit", lambda: "a" * 40)
     (tmp_path / refresh.RESULTS).mkdir(parents=True)
     todo = [entries()["runtime.json"], entries()["stress.json"]]
-    with distributed.LocalCluster(
-        n_workers=1, processes=False, dashboard_address=None, silence_logs=50
-    ) as cluster:
-        failed = refresh._on_cluster(cluster.scheduler_address)(todo, tmp_path, tmp_path)
+    failed = refresh._on_cluster(cluster)(todo, tmp_path, tmp_path)
     assert failed == {"stress.json": "a worker is at b"}
     assert (tmp_path / refresh.RESULTS / "runtime.json").read_text() == "a" * 40

@@ -43,3 +43,10 @@ def test_a_context_says_what_draws(gl):
     assert context.renderer and int(context.version.split(".")[0]) >= 4
     context.close()
     context.close()
+
+
+def test_torch_for_cuda_can_be_imported_after_a_context_was_made():
+    """Its triton and Mesa's software renderer each bring their own LLVM."""
+    pytest.importorskip("triton", reason="torch is not the build for CUDA")
+    code = "from egocap_sim.render.gl import Context; context = Context(); import triton"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=600)

@@ -20,7 +20,7 @@ from egocap.errors import FileError
 from egocap.files import sha256
 from egocap.head_pose.pictures import grey_frames
 from egocap_sim.export.preview import contact_sheet
-from egocap_sim.verification.integrity import verify
+from egocap_sim.verification.integrity import frames_to_check, verify
 
 
 @pytest.fixture
@@ -52,6 +52,13 @@ def resave_truth(folder: Path, **arrays: np.ndarray) -> None:
     data = path.read_bytes()
     entry = FileEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
     edit_manifest(folder, lambda m: m["files"].update({"truth.npz": entry.model_dump()}))
+
+
+@pytest.mark.parametrize("rays", [0, 2])
+def test_every_frame_to_check_is_told(folder, rays):
+    told = []
+    assert verify(folder, rays, told.append).clean
+    assert sum(told) == frames_to_check(folder, rays) == (rays or 7)
 
 
 def test_a_generated_sequence_is_clean(folder):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -105,12 +106,36 @@ def test_a_rig_alone_is_referred_to_the_simulator(tiny_sequence, tmp_path, monke
         assert "egocap-eval train --rig" in capsys.readouterr().err
 
 
-def test_two_processes_train_one_network(tiny_sequence, tmp_path):
-    out = tmp_path / "run"
-    words = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    words += ["-m", "egocap", "train", str(tiny_sequence), "--out", str(out), "--config", "tiny"]
+def torchrun(sequence, out, *options):
+    """A start of two steps of the tiny network."""
+    words = [sys.executable, "-m", "torch.distributed.run", *options]
+    words += ["-m", "egocap", "train", str(sequence), "--out", str(out), "--config", "tiny"]
     words += ["--steps", "2", "--batch", "2", "--held-out", "0", "--json"]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
-    done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
-    assert done.returncode == 0, done.stderr
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                            env=environment)  # fmt: skip
+
+
+def test_two_processes_train_one_network(tiny_sequence, tmp_path):
+    out = tmp_path / "run"
+    with torchrun(tiny_sequence, out, "--standalone", "--nproc-per-node", "2") as started:
+        printed, said = started.communicate()
+    assert started.returncode == 0, said
+    assert json.loads(printed)["views"] == 2 * 2 * 2  # one process prints
+    assert open_weights(out / "detector.safetensors").training["views_seen"] == 2 * 2 * 2
+
+
+def test_two_machines_train_one_network(tiny_sequence, tmp_path):
+    """As two machines that share a folder, each with its own torchrun, on this one's loopback."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    out = tmp_path / "run"
+    options = ["--nnodes", "2", "--nproc-per-node", "1", "--master-addr", "127.0.0.1",
+               "--master-port", str(port)]  # fmt: skip
+    nodes = [torchrun(tiny_sequence, out, *options, "--node-rank", str(i)) for i in (0, 1)]
+    ended = [node.communicate() for node in nodes]
+    assert [node.returncode for node in nodes] == [0, 0], ended
+    assert json.loads(ended[0][0])["views"] == 2 * 2 * 2
+    assert not ended[1][0]  # the first machine's first process prints
     assert open_weights(out / "detector.safetensors").training["views_seen"] == 2 * 2 * 2

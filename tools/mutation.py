@@ -45,6 +45,12 @@ also_copy = ["evals", "egocap_sim", "scenes", "tests", "pyproject.toml"]
 pytest_add_cli_args_test_selection = {tests}
 pytest_add_cli_args = ["-p", "no:cacheprovider", "-p", "no:xdist"]
 """
+SHOW = """
+import json, sys
+from mutmut.mutation.diff_apply import get_diff_for_mutant
+print(json.dumps({name: get_diff_for_mutant(name) for name in sys.argv[1:]}))
+"""
+"""`mutmut show` of many mutants in one process."""
 
 
 def main() -> None:
@@ -107,17 +113,19 @@ def mutate(module: str, work: Path, children: int) -> dict[str, Any]:
     told = subprocess.run([*command, "results", "--all", "true"], cwd=work, env=environment,
                           check=True, capture_output=True, text=True).stdout  # fmt: skip
     states = dict(line.strip().rsplit(": ", 1) for line in told.splitlines() if ": " in line)
-    survivors = {name: {"state": state, "change": change(work, name, environment)}
-                 for name, state in states.items() if state not in KILLED}  # fmt: skip
+    alive = {name: state for name, state in states.items() if state not in KILLED}
+    changed = changes(work, list(alive), environment)
+    survivors = {name: {"state": alive[name], "change": changed[name]} for name in alive}
     return {"inputs": before, "mutants": len(states), "survivors": survivors}
 
 
-def change(work: Path, name: str, environment: dict[str, str]) -> list[str]:
-    """The lines that a mutant takes away and adds."""
-    command = [sys.executable, "-m", "mutmut", "show", name]
-    shown = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True)
-    lines = shown.stdout.splitlines()
-    return [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
+def changes(work: Path, names: list[str], environment: dict[str, str]) -> dict[str, list[str]]:
+    """The lines that each mutant takes away and adds."""
+    told = subprocess.run([sys.executable, "-c", SHOW, *names], cwd=work, env=environment,
+                          check=True, capture_output=True, text=True).stdout  # fmt: skip
+    return {name: [line for line in text.splitlines()
+                   if line[:1] in ("+", "-") and line[:3] not in ("+++", "---")]
+            for name, text in json.loads(told).items()}  # fmt: skip
 
 
 def judge(

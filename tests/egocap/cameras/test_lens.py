@@ -8,13 +8,18 @@ from egocap.errors import InputError
 
 OCAM = (-283.0247, 0.0, 1.130153e-3, -1.870746e-7, 1.54814e-9)
 LENSES = {
-    "equidistant": MODELS["equidistant"]((), 1.9, 1.0),
-    "kannala_brandt": MODELS["kannala_brandt"]((0.05, -0.01, 0.004, -0.0005), 1.8, 1.0),
-    "ocam": MODELS["ocam"](OCAM, 1.8, 600.0),
+    "equidistant": ((), 1.9, 1.0),
+    "kannala_brandt": ((0.05, -0.01, 0.004, -0.0005), 1.8, 1.0),
+    "ocam": (OCAM, 1.8, 600.0),
 }
 
 
-@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
+@pytest.fixture(params=LENSES)
+def lens(request) -> Radial:
+    """Each lens in turn."""
+    return MODELS[request.param](*LENSES[request.param])
+
+
 def test_radius_grows_at_its_slope_and_goes_straight_on_outside(lens: Radial) -> None:
     theta = np.linspace(0.0, np.pi, 800)
     r, slope = lens.radius(theta)
@@ -25,7 +30,6 @@ def test_radius_grows_at_its_slope_and_goes_straight_on_outside(lens: Radial) ->
     assert np.ptp(slope[theta > lens.limit]) < 1e-9
 
 
-@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
 def test_angle_inverts_radius_at_every_angle(lens: Radial) -> None:
     theta = np.concatenate([[0.0, 1e-12, 1e-6, lens.limit], np.linspace(0.0, np.pi, 500)])
     np.testing.assert_allclose(lens.angle(lens.radius(theta)[0]), theta, atol=1e-13)

@@ -61,6 +61,8 @@ def test_landing_and_lifting_are_no_skating():
     planted[2:6] = True
     # frame 3: (9 + 0.1) / 0.2 s, frame 4: 0.2 / 0.2 s
     assert foot_skate(feet, planted, times) == pytest.approx((45.5 + 1.0) / 2)
+    planted[3] = False  # and with it its neighbours
+    assert np.isnan(foot_skate(feet, planted, times))
     planted[:] = True
     speeds = np.gradient(feet[:, 0, 0], times)
     assert foot_skate(feet, planted, times) == pytest.approx(speeds.mean())
@@ -80,7 +82,8 @@ def test_foot_stands_up_to_its_speed_and_height():
         feet[:, 1, 1], feet[:, 1, 2] = speed * times, height
         return estimate_planted(feet, times)[2]
 
-    np.testing.assert_array_equal(standing(speed=0.599), [True, True])
+    second = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [1.2, 0.0, 0.0]])[:, None]
+    assert estimate_planted(second, np.arange(3.0)).all()
     np.testing.assert_array_equal(standing(speed=0.601), [True, False])
     np.testing.assert_array_equal(standing(height=0.03), [True, True])
     np.testing.assert_array_equal(standing(height=0.031), [True, False])

@@ -258,3 +258,81 @@ def test_any_growing_lens_round_trips(k, focal, angle, theta, phi):
     ray = rays_at(theta * angle, phi)
     pixels, _ = camera.project(ray)
     np.testing.assert_allclose(camera.ray(pixels)[0], ray, atol=1e-9)
+
+
+SMALL = {"model": "equidistant", "width": 10, "height": 8, "centre": (4.5, 3.5),
+         "affine": ((3.0, 0.0), (0.0, 3.0)), "max_angle": 1.0}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": "pinhole"}, "unknown camera model 'pinhole' "
+                               "(valid: equidistant, kannala_brandt, ocam)"),
+        ({"width": 0}, "image width is 0 (valid: 1 to 65536 pixels)"),
+        ({"width": 10.0}, "image width is 10.0 (valid: 1 to 65536 pixels)"),
+        ({"height": 65537}, "image height is 65537 (valid: 1 to 65536 pixels)"),
+        ({"centre": (0.0, -1e12)}, "a camera number is not finite, or beyond 1e12"),
+        ({"affine": ((1.0, np.nan), (0.0, 1.0))}, "a camera number is not finite, or beyond 1e12"),
+        ({"affine": ((1.0, 0.0), (np.inf, 1.0))}, "a camera number is not finite, or beyond 1e12"),
+        ({"affine": ((1.0, 2.0), (2.0, 1.0))},
+         "the focal lengths or affine matrix have the determinant -3 "
+         "(valid: above zero: an image neither flat nor mirrored)"),
+        ({"affine": ((0.9e-9, 0.0), (0.0, 1.0))},
+         "the focal lengths or affine matrix have the determinant 9e-10 "
+         "(valid: above zero: an image neither flat nor mirrored)"),
+        ({"max_angle": 3.15}, "half the field of view is 3.15 rad (valid: above 0, up to pi)"),
+    ],
+)  # fmt: skip
+def test_refusals_say_what_is_wrong_and_what_is_valid(change, message):
+    with pytest.raises(InputError) as error:
+        Camera(**(SMALL | change))
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"width": 65536}, {"width": 1, "height": 1}, {"max_angle": np.pi},
+        {"affine": ((1.1e-9, 0.0), (0.0, 1.0))}, {"centre": (-0.9e12, 0.0)},
+    ],
+)  # fmt: skip
+def test_extreme_cameras_are_still_cameras(change):
+    camera = Camera(**(SMALL | change))
+    assert camera == Camera(**(SMALL | change)) and camera.max_angle in (1.0, np.pi)
+
+
+def test_camera_is_shown_in_a_line():
+    assert repr(made("equidistant")) == "Camera(equidistant, 1280 x 1024, 229 degrees)"
+
+
+@pytest.mark.parametrize("centre", [(2, 1), (2, 6), (7, 1), (7, 6)])
+def test_whole_image_is_seen_without_a_stated_angle(centre):
+    """The widest angle is that of the corner farthest off the axis, under any affine matrix."""
+    camera = Camera("equidistant", 10, 8, centre, ((4.0, 0.7), (-0.4, 3.0)))
+    corners = np.array([[-0.5, -0.5], [9.5, -0.5], [-0.5, 7.5], [9.5, 7.5]])
+    rays, _ = camera.ray(corners)
+    assert np.arccos(rays[:, 2]).max() == pytest.approx(camera.max_angle)
+
+
+def test_image_ends_half_a_pixel_beyond_its_outermost_pixels():
+    camera = Camera(**(SMALL | {"affine": ((20.0, 0.0), (0.0, 20.0))}))
+    for axis, size in ((0, 10), (1, 8)):
+        for end, outwards in ((-0.5, -1), (size - 0.5, 1)):
+            pixel = np.array(camera.centre)
+            pixel[axis] = end
+            assert camera.ray(pixel)[1]
+            pixel[axis] += outwards * 1e-9
+            assert not camera.ray(pixel)[1]
+
+
+def test_field_of_view_and_camera_centre_bound_what_is_seen():
+    camera = Camera(**(SMALL | {"max_angle": 0.5}))
+    for theta, seen in ((0.5, True), (0.5 + 2e-9, False)):
+        ray = rays_at(theta, 0.3)
+        assert camera.project(ray)[1] == camera.project_jacobian(ray)[2] == seen
+        assert camera.ray(np.array(camera.centre) + [3.0 * theta, 0.0])[1] == seen
+    for distance, seen in ((1e-16, False), (2e-15, True)):
+        for direction in ([0.0, 0.0, 1.0], rays_at(0.4, 0.0), rays_at(0.4, 1.5)):
+            point = distance * np.array(direction)
+            assert camera.project(point)[1] == seen

@@ -91,18 +91,17 @@ def test_a_triangulated_joint_scatters_as_bounded(rig, person):
     joints = forward(person, load_posture().mean[None])
     seen = np.ones((1, 2, 18), bool)
     bound = np.linalg.inv(place_information(joints, rig, seen, Noise(1.0))[0])
-    rng = np.random.default_rng(1)
-    label, errors = 4, []
+    label, count = 4, 4000
     X = joints[0, label]
-    pixels, J, _ = rig.project_jacobian(X)
-    for noise in rng.standard_normal((4000, 2, 2)):
-        at = X.copy()
-        for _ in range(3):
-            now, J, _ = rig.project_jacobian(at)
-            step, *_ = np.linalg.lstsq(J.reshape(4, 3), (pixels + noise - now).ravel(), rcond=None)
-            at = at + step
-        errors.append(at - X)
-    scatter = np.cov(np.array(errors).T)
+    pixels, _, _ = rig.project_jacobian(X)
+    noisy = pixels[:, None] + np.random.default_rng(1).standard_normal((2, count, 2))
+    at = np.repeat(X[None], count, axis=0)
+    for _ in range(3):
+        now, J, _ = rig.project_jacobian(at)
+        rows = np.moveaxis(J, 0, 1).reshape(count, 4, 3)
+        residual = np.moveaxis(noisy - now, 0, 1).reshape(count, 4, 1)
+        at = at + (np.linalg.pinv(rows) @ residual)[..., 0]
+    scatter = np.cov((at - X).T)
     np.testing.assert_allclose(scatter, bound[label], rtol=0.1, atol=0.05 * bound[label].max())
 
 

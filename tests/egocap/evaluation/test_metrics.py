@@ -387,8 +387,10 @@ def test_pairs_must_be_of_the_same_frames():
 def test_single_precision_is_scored_in_double():
     """The same as of the same numbers in float64."""
     rng = np.random.default_rng(14)
-    points, truth = rng.normal(1.0, 1e-3, (2, 40, 3, 3)).astype(np.float32)
-    times = np.cumsum(rng.uniform(0.01, 0.05, 40)).astype(np.float32)
+    points, truth = rng.normal(size=(2, 40, 3, 3)).astype(np.float32)
+    times = np.cumsum([1e-2, 1.0, *rng.uniform(0.01, 0.05, 38)]).astype(np.float32)
+    apart = np.array([0.1, 0.6], np.float32)  # by 22 nanoseconds more than half a second
+    dip = np.array([[[0.0, 0.0, -1.0], [0.0] * 3], [[0.0] * 3, [0.0] * 3]], np.float32)
     image, width = points[:, None, :, :2], np.array([1111.1], np.float32)
     errors = points[..., 0]
 
@@ -399,8 +401,13 @@ def test_single_precision_is_scored_in_double():
             metrics.bone_lengths(real(points), ((0, 1), (1, 2))),
             *metrics.foot_speed(real(points), real(times)),
             metrics.pixel_errors(real(image), real(image[::-1]), real(width)),
+            metrics.velocity_error(real(points), real(truth), real(times)),
+            metrics.estimate_planted(real(dip), real(apart)).astype(float),
             metrics.mean_error(real(errors)),
             metrics.bootstrap_interval(real(errors[:, 0]), np.random.default_rng(0)),
+            metrics.paired_interval(
+                real(errors[:, 0]), real(errors[:, 1]), np.random.default_rng(0)
+            ),
         ]
 
     for single, double in zip(scored(np.float32), scored(np.float64), strict=True):

@@ -137,14 +137,14 @@ def judge(
 ) -> tuple[dict[str, Any], list[dict[str, str]]]:
     """A module's scores and its survivors, unexplained and explained; explanations of no survivor.
 
-    An explanation names the function, and the change as it is listed.
+    An explanation names the function, and the change as it is listed, up to indentation.
     """
     unused, open_, equivalent = list(explained), {}, {}
     for name, survivor in found["survivors"].items():
-        text = "\n".join(survivor["change"])
+        lines = unindented(survivor["change"])
         same = [entry for entry in explained
                 if entry["function"] == function_of(name)
-                and text == entry["change"].strip("\n")]  # fmt: skip
+                and lines == unindented(entry["change"].strip().splitlines())]  # fmt: skip
         unused = [entry for entry in unused if entry not in same]
         if same:
             equivalent[name] = {"change": survivor["change"], "reason": same[0]["reason"]}
@@ -153,6 +153,11 @@ def judge(
     counts = {"mutants": found["mutants"], "killed": found["mutants"] - len(found["survivors"]),
               "equivalent": len(equivalent)}  # fmt: skip
     return {**counts, **scores(counts), "survivors": open_, "equivalents": equivalent}, unused
+
+
+def unindented(change: list[str]) -> list[str]:
+    """Lines that begin with + or -, without their indentation."""
+    return [line[0] + line[1:].strip() for line in change]
 
 
 def function_of(mutant: str) -> str:

@@ -160,6 +160,27 @@ def test_jacobian_is_the_derivative(camera):
         assert (abs(J[..., axis] - numeric) / scale).max() < 1e-5  # the slope kinks at the rim
 
 
+def test_points_and_their_derivatives_come_with_the_same_pixels(camera):
+    points, _ = everywhere(camera, np.random.default_rng(10), n=500, to=2.6)
+    pixels, valid = camera.project(points)
+    again, _, valid_again = camera.project_jacobian(points)
+    np.testing.assert_allclose(again, pixels, rtol=1e-12)
+    np.testing.assert_array_equal(valid_again, valid)
+
+
+def test_lists_and_single_precision_are_computed_in_double(camera):
+    points, _ = everywhere(camera, np.random.default_rng(11), n=50)
+    points = points.astype(np.float32)
+    pixels, _ = camera.project(points.astype(np.float64))
+    for form in (points, points.tolist()):
+        np.testing.assert_array_equal(camera.project(form)[0], pixels)
+        np.testing.assert_array_equal(camera.project_jacobian(form)[0].shape, pixels.shape)
+    near = pixels.astype(np.float32)
+    rays, _ = camera.ray(near.astype(np.float64))
+    for form in (near, near.tolist()):
+        np.testing.assert_array_equal(camera.ray(form)[0], rays)
+
+
 def test_torch_gives_the_same_and_autograd_the_same_jacobian(camera):
     points, _ = everywhere(camera, np.random.default_rng(6), n=200, to=2.6)
     points = np.concatenate([points, [[0, 0, 1.0]]]).reshape(3, 67, 3)
@@ -219,6 +240,14 @@ def test_dictionary_round_trip_is_exact(camera):
     again = camera_from_dict(json.loads(json.dumps(camera.to_dict())))
     assert again == camera and hash(again) == hash(camera)
     assert again != camera.resized(100, 100)
+
+
+def test_dictionary_is_plain_and_leaves_out_parameters_that_are_not_there():
+    assert Camera(**SMALL).to_dict() == {
+        "model": "equidistant", "width": 10, "height": 8, "centre": [4.5, 3.5],
+        "affine": [[3.0, 0.0], [0.0, 3.0]], "max_angle": 1.0,
+    }  # fmt: skip
+    assert made("kannala_brandt").to_dict()["parameters"] == list(KB)
 
 
 def test_the_widest_angle_is_found_from_the_image():
@@ -332,6 +361,7 @@ def test_field_of_view_and_camera_centre_bound_what_is_seen():
         ray = rays_at(theta, 0.3)
         assert camera.project(ray)[1] == camera.project_jacobian(ray)[2] == seen
         assert camera.ray(np.array(camera.centre) + [3.0 * theta, 0.0])[1] == seen
+    camera = made("equidistant")
     for distance, seen in ((1e-16, False), (2e-15, True)):
         for direction in ([0.0, 0.0, 1.0], rays_at(0.4, 0.0), rays_at(0.4, 1.5)):
             point = distance * np.array(direction)

@@ -74,8 +74,8 @@ def main() -> None:
         if (found := kept(options.work, module)) is not None:
             results[module], missing = judge(found, explained.get(module, []))
             unused += [f"{module}, {entry['function']}: {entry['change']}" for entry in missing]
-            scores = (f"{100.0 * results[module][key]:.1f} %" for key in ("score", "adjusted"))
-            print(module, " raw, without equivalents ".join(scores), flush=True)
+            raw, adjusted = (100.0 * results[module][key] for key in ("score", "adjusted"))
+            print(f"{module}: {raw:.1f} % raw, {adjusted:.1f} % without explained equivalents")
     missed = [f"{module}: {100.0 * r['score']:.1f} % of the mutants killed, not {100.0 * LEAST:.0f}"
               for module, r in results.items() if r["score"] < LEAST]  # fmt: skip
     write(options.out, {"modules": results, "total": total(results), "missed": missed})

@@ -1,6 +1,7 @@
 """Lenses: r(theta) and its inverse, against closed forms."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -117,11 +118,16 @@ def test_kannala_brandt_ends_at_the_image_corner_or_before_its_turn() -> None:
     growing, turning = (0.05, 0.0, 0.0, 0.0), (-0.2, 0.0, 0.0, 0.0)
     lens = MODELS["kannala_brandt"](growing, None, 1.3)
     assert lens.radius(np.float64(lens.limit))[0] == pytest.approx(1.3, rel=1e-12)
-    assert MODELS["kannala_brandt"](growing, None, 9.0).limit == pytest.approx(0.98 * np.pi)
+    for radius in (9.0, 90.0):
+        lens = MODELS["kannala_brandt"](growing, None, radius)
+        assert lens.limit == pytest.approx(0.98 * np.pi)
+    assert MODELS["kannala_brandt"](growing, np.pi, 1.3).limit == np.pi
     turn = np.sqrt(1 / 0.6)
     edge = turn - 0.2 * turn**3  # radius at which it turns
     assert MODELS["kannala_brandt"](turning, None, 1.9 * edge).limit == pytest.approx(0.98 * turn)
-    with pytest.raises(InputError, match="the image extends further"):
+    with pytest.raises(
+        InputError, match=r"axis only, and the image extends further \(valid: a field"
+    ):
         MODELS["kannala_brandt"](turning, None, 2.1 * edge)
 
 
@@ -136,6 +142,8 @@ def test_refusal_states_the_angle_up_to_which_the_lens_grows() -> None:
     )
     with pytest.raises(InputError, match=r"up to 86\.42 degrees.*reaches 91\.67"):
         ocam((-500.0,), 1.6, 500.0)  # a pinhole: atan2(16 * 500, 500)
+    with pytest.raises(InputError, match="not monotone"):
+        ocam((-500.0,), np.arctan2(8000.0, 500.0), 500.0)
     with pytest.raises(InputError) as error:
         ocam((1.0,), 1.0, 500.0)
     assert str(error.value) == (
@@ -181,10 +189,17 @@ def test_shortest_ocam_lens_is_accepted() -> None:
     )
 
 
-def test_polynomials_that_overflow_are_refused() -> None:
-    with pytest.raises(InputError) as error:
-        ocam((-300.0, 0.0, 1e306), 1.0, 500.0)
+@pytest.mark.parametrize("more", [(0.0, 1e306), (*[0.0] * 90, 1e-300)], ids=["large", "long"])
+def test_polynomials_that_overflow_are_refused_without_a_warning(more) -> None:
+    with warnings.catch_warnings(), pytest.raises(InputError) as error:
+        warnings.simplefilter("error")
+        ocam((-300.0, *more), 1.0, 500.0)
     assert str(error.value) == "the lens polynomial overflows inside the image"
+
+
+def test_ocam_divides_by_nothing() -> None:
+    with np.errstate(divide="raise", invalid="raise"):
+        assert ocam(OCAM, 1.8, 600.0).limit == 1.8
 
 
 @settings(deadline=None, max_examples=40)
@@ -205,6 +220,14 @@ def test_constants_have_no_root() -> None:
     assert _first_root([2.0], 1.0) == _first_root([0.0], 1.0) == np.inf
     assert _first_root([0.0, 0.0, 0.0], 1.0) == np.inf
     assert _first_root([-1.0, 1.0], 1.0) == pytest.approx(1.0)  # the end counts
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-10, 1.0, 1e200])
+def test_first_root_is_above_zero_real_and_of_any_scale(scale) -> None:
+    beside = np.polynomial.polynomial.polyfromroots([0.5, 1e-6 + 5e-7j, 1e-6 - 5e-7j]).real
+    for coefficients in ([0.0, -1.0, 2.0], [-1.0, 2.0], [-1.0, 2.0, 1e-18], beside):
+        found = _first_root([float(scale * c) for c in coefficients], 1.0)
+        assert found == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("kind", ["numpy", "torch", "torch32"])
@@ -232,3 +255,64 @@ def test_inversion_converges_fast_from_a_good_start_and_surely_from_a_bad_one(ki
         np.testing.assert_allclose(found, truth, atol=flat)
         np.testing.assert_allclose(found[2:4], truth[2:4], atol=1e-6 if flat > 1e-3 else 1e-14)
         assert calls <= most
+
+
+def test_inversion_knows_no_direction_at_a_flat_start() -> None:
+    """x^3 from 0, where it is flat, and for the target 0; the target may exceed the bracket."""
+    target = np.array([0.0, 0.3, 1.0, 27.0])
+    with np.errstate(divide="raise", invalid="raise"):
+        found = invert(lambda x: (x**3, 3 * x**2), target, 4.0, np.zeros(4))
+    np.testing.assert_allclose(found, np.cbrt(target), atol=1e-9)
+
+
+def test_inversion_keeps_to_its_bracket() -> None:
+    """A steep sigmoid of other units than its argument, from its flat ends."""
+    most = 0.0
+
+    def sigmoid(x):
+        nonlocal most
+        most = max(most, abs(x).max())
+        value = 50.0 + 50.0 * np.tanh(8.0 * (x - 1.0))
+        return value, 400.0 / np.cosh(8.0 * (x - 1.0)) ** 2
+
+    truth = np.array([0.6, 0.9, 1.0, 1.3, 1.4])
+    target = 50.0 + 50.0 * np.tanh(8.0 * (truth - 1.0))
+    np.testing.assert_allclose(invert(sigmoid, target, 2.0, 2.0 - truth), truth, atol=1e-9)
+    assert most <= 2.0
+
+
+class Counted(Radial):
+    """A lens that counts the evaluations of its radius."""
+
+    calls = 0
+
+    def radius(self, theta):
+        Counted.calls += 1
+        return super().radius(theta)
+
+
+def test_angles_are_found_in_a_few_steps() -> None:
+    """The lens is nearly equidistant: the search starts at the angle in proportion."""
+    lens = MODELS["ocam"](*LENSES["ocam"])
+    counted = Counted(lens.coefficients, lens.limit, lens.middle, lens.half)
+    radii = np.linspace(0.0, float(lens.radius(np.float64(lens.limit))[0]), 50)
+    Counted.calls = 0
+    np.testing.assert_allclose(counted.radius(counted.angle(radii))[0], radii, atol=1e-9)
+    assert Counted.calls <= 10
+
+
+def test_search_for_angles_is_not_in_the_autograd_graph(lens) -> None:
+    """Only the last Newton step is: two subtractions, a division and their input."""
+    radii = torch.linspace(0.1, 0.9, 5, dtype=torch.float64, requires_grad=True)
+    assert graph_size(lens.angle(radii)) == 4
+
+
+def graph_size(tensor):
+    """Number of operations in the graph of a tensor."""
+    found, todo = set(), [tensor.grad_fn]
+    while todo:
+        node = todo.pop()
+        if node is not None and node not in found:
+            found.add(node)
+            todo += [parent for parent, _ in node.next_functions]
+    return len(found)

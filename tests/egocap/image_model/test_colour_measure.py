@@ -129,7 +129,7 @@ def test_cone_has_its_axis_in_the_greys_and_its_rim_in_the_full_colours():
     np.testing.assert_allclose(cone(torch.tensor(hsv)).numpy(), expected, atol=1e-15)
 
 
-@pytest.mark.parametrize("reach", [0.2, 0.5])
+@pytest.mark.parametrize("reach", [0.4, 0.6])
 def test_cone_measure_is_the_smooth_step_of_the_squared_distance_in_reaches(reach):
     measure = ColourMeasure("cone", reach)
     model, image = np.array([0.0, 0.5, 0.6]), np.array([0.5, 0.1, 0.7])
@@ -161,6 +161,9 @@ def test_hsv_of_every_kind_of_numbers(kind):
     np.testing.assert_allclose(found, expected, atol=1e-12 if kind is not np.float32 else 1e-6)
     assert rgb_to_hsv([1.0, 0.0, 0.0]).tolist() == [0.0, 1.0, 1.0]
     assert hsv_to_rgb([0.0, 1.0, 1.0]).tolist() == [1.0, 0.0, 0.0]
+    again = hsv_to_rgb(found.astype(np.float32))
+    assert again.dtype == np.float64
+    np.testing.assert_allclose(again, rgb / 255, atol=1e-6)
 
 
 def test_images_keep_their_shape():
@@ -177,3 +180,26 @@ def test_faint_colours_keep_their_hue():
         np.testing.assert_allclose(
             rgb_to_hsv(value * np.array([1.0, 0.5, 0.25])), [1 / 18, 0.75, value]
         )
+
+
+def test_greys_and_black_are_no_division_by_zero():
+    with np.errstate(divide="raise", invalid="raise"):
+        found = rgb_to_hsv(np.array([[0.0, 0, 0], [0.4, 0.4, 0.4]]))
+    np.testing.assert_array_equal(found, [[0, 0, 0], [0, 0, 0.4]])
+
+
+def test_hue_a_rounding_error_below_red_is_red():
+    assert rgb_to_hsv(np.array([1.0, 0.0, 1e-17]))[0] == 0.0
+    assert 0.999 < rgb_to_hsv(np.array([1.0, 0.0, 1e-3]))[0] < 1.0
+
+
+@pytest.mark.parametrize("measure", [PAPER, ColourMeasure("cone", 0.9)], ids=["paper", "cone"])
+def test_measure_is_differentiable_by_both_colours(measure):
+    """Autograd against finite differences, away from the kinks of the paper's blend."""
+    model = torch.tensor([[0.2, 0.3, 0.4], [0.9, 0.7, 0.6]], dtype=torch.float64)
+    image = torch.tensor([[0.3, 0.4, 0.3], [0.1, 0.6, 0.7]], dtype=torch.float64)
+
+    def compare(m, i):
+        return measure.compare(m, measure.features(i))
+
+    assert torch.autograd.gradcheck(compare, (model.requires_grad_(), image.requires_grad_()))

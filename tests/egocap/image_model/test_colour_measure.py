@@ -161,9 +161,9 @@ def test_hsv_of_every_kind_of_numbers(kind):
     np.testing.assert_allclose(found, expected, atol=1e-12 if kind is not np.float32 else 1e-6)
     assert rgb_to_hsv([1.0, 0.0, 0.0]).tolist() == [0.0, 1.0, 1.0]
     assert hsv_to_rgb([0.0, 1.0, 1.0]).tolist() == [1.0, 0.0, 0.0]
-    again = hsv_to_rgb(found.astype(np.float32))
-    assert again.dtype == np.float64
-    np.testing.assert_allclose(again, rgb / 255, atol=1e-6)
+    single = found.astype(np.float32)
+    np.testing.assert_array_equal(hsv_to_rgb(single), hsv_to_rgb(single.astype(np.float64)))
+    np.testing.assert_allclose(hsv_to_rgb(single), rgb / 255, atol=1e-6)
 
 
 def test_images_keep_their_shape():

@@ -69,6 +69,22 @@ def summary(results: Results) -> str:
     return markdown(header, rows, results, in_line=True)
 
 
+def mutation(results: Results) -> str:
+    """Mutants of the formula modules that tests kill."""
+
+    def rows_of(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
+        for name, module in {**result["modules"], "all": result["total"]}.items():
+            yield (
+                f"`{name}`" if name != "all" else name,
+                *(str(module[count]) for count in ("mutants", "killed", "equivalent")),
+                *(f"{100.0 * module[score]:.1f}" for score in ("score", "adjusted")),
+            )
+
+    header = ("module", "mutants", "killed", "explained as equivalent", "killed, % of all",
+              "% without the explained")  # fmt: skip
+    return markdown(header, results.rows("mutation.json", "mutants", rows_of), results)
+
+
 def missed(results: Results) -> str:
     """Targets that results miss, in their own words."""
     rows = [
@@ -114,6 +130,7 @@ TABLES: Mapping[str, Page] = {
         start_up,
         physics,
         image_model,
+        mutation,
         missed,
         reproduce,
     )

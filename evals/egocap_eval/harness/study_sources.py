@@ -30,6 +30,14 @@ VALIDATION_FRAMES = ("egocap_eval/detection/validation_frames.py",)
 
 IMPORTED = ("egocap/data", "egocap/footage", "egocap/media", "egocap_sim/export",
             "egocap_eval/footage/synchronisation.py")  # fmt: skip
+FORMULAS = (
+    "egocap/cameras/lens.py", "egocap/cameras/camera.py", "egocap/image_model/colour_measure.py",
+    "egocap/pose/energy.py", "egocap/evaluation/metrics.py", "egocap/evaluation/alignment.py",
+    "egocap/posterior/information.py")  # fmt: skip
+FORMULA_TESTS = tuple(f"tests/egocap/{name}.py" for name in (
+    "cameras/test_lens", "cameras/test_camera", "image_model/test_colour_measure",
+    "pose/test_energy", "evaluation/test_metrics", "evaluation/test_foot_contact",
+    "evaluation/test_alignment", "posterior/test_information"))  # fmt: skip
 CAPTURED = (*FOOTAGE_TRACKED, *IMPORTED, *FITTED, "egocap/motion_capture")
 
 STUDY_SOURCES: dict[str, tuple[str, ...]] = {
@@ -92,6 +100,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                                "egocap/cli", "egocap/commandline.py", "egocap_sim/cli",
                                "benchmarks/start_up.py"),
     "benchmarks/rendering.py": (*WORLD, "benchmarks/rendering.py"),
+    "tools/mutation.py": (*FORMULAS, *FORMULA_TESTS, "tools/mutation.py",
+                          "tools/mutation-equivalents.toml"),
 }  # fmt: skip
 
 

@@ -192,3 +192,33 @@ def test_bones_of_several_short_poses_are_resized_one_by_one():
             bone / lengths[:, k, None],
             before / np.linalg.norm(before, axis=1, keepdims=True), atol=1e-6,
         )  # fmt: skip
+
+
+def test_single_precision_and_whole_numbers_are_fitted_in_double():
+    rng = np.random.default_rng(7)
+    source, target = (100.0 + rng.normal(size=(2, 5, 17, 3))).astype(np.float32)
+    single = fit_similarity(source, target)
+    for found, expected in zip(
+        single, fit_similarity(source.astype(float), target.astype(float)), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
+    whole = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0]])
+    resized = resize_bones(whole, np.array([0.5, 1.5]), ((0, 1), (1, 2)))
+    np.testing.assert_allclose(resized, [[0, 0, 0], [0.5, 0, 0], [0.5, 1.5, 0]])
+
+
+@pytest.mark.parametrize("batch", [(), (4,), (2, 3)])
+def test_any_batch_is_fitted_and_resized_alike(batch):
+    rng = np.random.default_rng(8)
+    source, target = rng.normal(size=(2, *batch, 5, 3))
+    bones, lengths = ((0, 1), (1, 3)), rng.uniform(0.2, 0.5, (*batch, 2))
+    resized = resize_bones(source, lengths, bones)
+    for k, (parent, child) in enumerate(bones):
+        bone = resized[..., child, :] - resized[..., parent, :]
+        np.testing.assert_allclose(np.linalg.norm(bone, axis=-1), lengths[..., k])
+    for scaled in (True, False):
+        s, R, t = fit_similarity(source, target, scaled=scaled)
+        assert s.shape == batch and R.shape == (*batch, 3, 3) and t.shape == (*batch, 3)
+        assert scaled or (s == 1.0).all()
+        aligned = align_similarity(source, target) if scaled else align_rigid(source, target)
+        np.testing.assert_allclose(aligned.mean(-2), target.mean(-2))

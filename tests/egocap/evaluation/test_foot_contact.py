@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from egocap.evaluation.metrics import estimate_planted, f1_score, foot_skate
+from egocap.evaluation.metrics import estimate_planted, f1_score, foot_skate, foot_speed
 
 
 def steps(frames=120):
@@ -39,3 +39,60 @@ def test_f1_by_hand():
     found = np.array([1, 1, 0, 1, 0, 0], bool)
     assert f1_score(found, truth) == pytest.approx(2 * (2 / 3) * (2 / 3) / (4 / 3))
     assert f1_score(truth, truth) == 1 and np.isnan(f1_score(~truth & truth, ~truth & truth))
+
+
+def test_speeds_of_a_parabola_at_uneven_times_are_exact():
+    """Central differences that take the spacing into account know parabolas inside."""
+    times = np.array([0.0, 0.1, 0.15, 0.35, 0.5])
+    feet = np.zeros((5, 1, 3))
+    feet[:, 0] = times[:, None] * [3.0, 4.0, 0.0] + times[:, None] ** 2 * [0.0, 0.0, 6.0]
+    horizontal, whole = foot_speed(feet, times)
+    np.testing.assert_allclose(horizontal[:, 0], 5.0)
+    np.testing.assert_allclose(whole[1:-1, 0], np.hypot(5.0, 12.0 * times[1:-1]))
+
+
+def test_landing_and_lifting_are_no_skating():
+    """Planted in frames 2 to 5: their first and last are left out, at either end of the motion
+    as well as inside."""
+    times = np.arange(8) / 10
+    feet = np.zeros((8, 1, 3))
+    feet[:, 0, 0] = np.cumsum([0, 9, 9, 9, 0.1, 0.1, 9, 9])  # slow from frame 3 to 5 only
+    planted = np.zeros((8, 1), bool)
+    planted[2:6] = True
+    # frame 3: (9 + 0.1) / 0.2 s, frame 4: 0.2 / 0.2 s
+    assert foot_skate(feet, planted, times) == pytest.approx((45.5 + 1.0) / 2)
+    planted[3] = False  # and with it its neighbours
+    assert np.isnan(foot_skate(feet, planted, times))
+    planted[:] = True
+    speeds = np.gradient(feet[:, 0, 0], times)
+    assert foot_skate(feet, planted, times) == pytest.approx(speeds.mean())
+
+
+def test_skating_needs_three_frames():
+    feet = np.zeros((3, 1, 3))
+    assert foot_skate(feet, np.ones((3, 1), bool), np.arange(3.0)) == 0.0
+    assert np.isnan(foot_skate(feet[:2], np.ones((2, 1), bool), np.arange(2.0)))
+
+
+def test_foot_stands_up_to_its_speed_and_height():
+    times = np.arange(5) / 4  # each frame sees those half a second before and behind
+
+    def standing(speed=0.0, height=0.0):
+        feet = np.zeros((5, 2, 3))
+        feet[:, 1, 1], feet[:, 1, 2] = speed * times, height
+        return estimate_planted(feet, times)[2]
+
+    second = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [1.2, 0.0, 0.0]])[:, None]
+    assert estimate_planted(second, np.arange(3.0)).all()
+    np.testing.assert_array_equal(standing(speed=0.601), [True, False])
+    np.testing.assert_array_equal(standing(height=0.03), [True, True])
+    np.testing.assert_array_equal(standing(height=0.031), [True, False])
+
+
+@pytest.mark.parametrize(("away", "stands"), [(2, False), (3, True)])
+def test_floor_is_the_lowest_toe_within_half_a_second(away, stands):
+    """A dip to 1 m below counts at 0.5 s, before or behind, and not at 0.75 s."""
+    times, feet = np.arange(13) / 4, np.zeros((13, 2, 3))
+    feet[6, 0, 2] = -1.0
+    for frame in (6 - away, 6 + away):
+        assert estimate_planted(feet, times)[frame, 1] == stands

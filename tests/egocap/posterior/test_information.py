@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from egocap.body.skeleton import AGILITY, forward, jacobian
+from egocap.body.skeleton import AGILITY, LIMITS, forward, jacobian
 from egocap.errors import InputError
 from egocap.pose.config import TrackerConfig
-from egocap.pose.energy import acceleration_stencil
+from egocap.pose.energy import acceleration_stencil, limit_energy, posture_energy
 from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.information import (
@@ -91,18 +91,17 @@ def test_a_triangulated_joint_scatters_as_bounded(rig, person):
     joints = forward(person, load_posture().mean[None])
     seen = np.ones((1, 2, 18), bool)
     bound = np.linalg.inv(place_information(joints, rig, seen, Noise(1.0))[0])
-    rng = np.random.default_rng(1)
-    label, errors = 4, []
+    label, count = 4, 4000
     X = joints[0, label]
-    pixels, J, _ = rig.project_jacobian(X)
-    for noise in rng.standard_normal((4000, 2, 2)):
-        at = X.copy()
-        for _ in range(3):
-            now, J, _ = rig.project_jacobian(at)
-            step, *_ = np.linalg.lstsq(J.reshape(4, 3), (pixels + noise - now).ravel(), rcond=None)
-            at = at + step
-        errors.append(at - X)
-    scatter = np.cov(np.array(errors).T)
+    pixels, _, _ = rig.project_jacobian(X)
+    noisy = pixels[:, None] + np.random.default_rng(1).standard_normal((2, count, 2))
+    at = np.repeat(X[None], count, axis=0)
+    for _ in range(3):
+        now, J, _ = rig.project_jacobian(at)
+        rows = np.moveaxis(J, 0, 1).reshape(count, 4, 3)
+        residual = np.moveaxis(noisy - now, 0, 1).reshape(count, 4, 1)
+        at = at + (np.linalg.pinv(rows) @ residual)[..., 0]
+    scatter = np.cov((at - X).T)
     np.testing.assert_allclose(scatter, bound[label], rtol=0.1, atol=0.05 * bound[label].max())
 
 
@@ -146,13 +145,15 @@ def test_what_nothing_sees_has_no_bound(rig, person):
     assert rms_mm(covariance)[0, 13] > 3 * rms_mm(covariance)[0, 17]
 
 
-def blocks_of_inverse(whole, times):
+def blocks_of_inverse(whole, times, acceleration=1.0):
     """Each frame's covariance, all written out: information (37 T, 37 T) and accelerations."""
     frames, stencil, total = len(times), acceleration_stencil(times), whole.copy()
     for t in range(frames - 2):
         row = np.zeros((37, frames * 37))
         for k in range(3):
-            row[np.arange(37), 37 * (t + k) + np.arange(37)] = stencil[t, k] / AGILITY
+            row[np.arange(37), 37 * (t + k) + np.arange(37)] = stencil[t, k] / (
+                acceleration * AGILITY
+            )
         total += row.T @ row
     inverse = np.linalg.inv(total)
     return [inverse[37 * t : 37 * t + 37, 37 * t : 37 * t + 37] for t in range(frames)]
@@ -226,12 +227,138 @@ def test_errors_without_memory_tell_what_single_frames_do(rig, person):
 
 
 def test_bad_input_is_refused(rig, person):
-    with pytest.raises(InputError, match="sigma 0"):
-        Noise(0.0)
-    with pytest.raises(InputError, match="correlation = 1"):
-        Noise(correlation=1.0)
     information = np.repeat(np.eye(37)[None], 2, axis=0)
-    with pytest.raises(InputError, match="do not increase"):
-        smoothed_covariance(information, np.array([0.0, 0.0]))
-    with pytest.raises(InputError, match="nothing fixes"):
+    for times in ([0.0, 0.0], [0.0, 0.1, 0.2]):
+        with pytest.raises(InputError, match=r"^the times do not increase from frame to frame$"):
+            smoothed_covariance(information, np.array(times))
+    with pytest.raises(InputError) as error:
         smoothed_covariance(0.0 * information, np.array([0.0, 0.1]))
+    assert str(error.value) == (
+        "nothing fixes the motion: some angles are unknown in every frame "
+        "(valid: a prior, or more detections)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"sigma": 0.0}, "detections with sigma 0.0 (valid: 0.001 to 1e6 px)"),
+        ({"sigma": 1e6 + 0.5}, "detections with sigma 1000000.5 (valid: 0.001 to 1e6 px)"),
+        ({"degrees": 2.0}, "degrees = 2.0 (valid: above 2, inf for Gaussian errors)"),
+        ({"degrees": np.nan}, "degrees = nan (valid: above 2, inf for Gaussian errors)"),
+        ({"model_error_m": -0.1}, "model_error_m = -0.1 (valid: from 0)"),
+        ({"model_error_m": np.inf}, "model_error_m = inf (valid: from 0)"),
+        ({"correlation": 1.0}, "correlation = 1.0 (valid: 0 to below 1)"),
+        ({"correlation": -0.1}, "correlation = -0.1 (valid: 0 to below 1)"),
+    ],
+)
+def test_impossible_noise_is_refused(values, message):
+    with pytest.raises(InputError) as error:
+        Noise(**values)
+    assert str(error.value) == message
+
+
+def test_noise_at_its_limits_is_accepted():
+    assert Noise(1e-3).sigma == 1e-3 and Noise(1e6).sigma == 1e6
+    assert Noise(degrees=2.5).gain == pytest.approx(4.5 / 6.5 * 2.5 / 0.5)
+
+
+def test_model_error_adds_its_variance_to_what_one_view_sees(rig, person):
+    """Across the ray, that is; along it, one view knows nothing with or without."""
+    joints, seen = forward(person, load_posture().mean[None]), np.zeros((1, 2, 18), bool)
+    seen[:, 0] = True
+    exact = place_information(joints, rig, seen, Noise(2.0))[0]
+    scattered = place_information(joints, rig, seen, Noise(2.0, model_error_m=0.03))[0]
+    for label in range(1, 18):
+        values, axes = np.linalg.eigh(exact[label])
+        assert abs(values[0]) < 1e-9 * values[2]
+        across = axes[:, 1:] @ axes[:, 1:].T
+        expected = np.linalg.pinv(exact[label], 1e-9, hermitian=True) + 0.03**2 * across
+        found = np.linalg.pinv(scattered[label], 1e-9, hermitian=True)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+
+
+def test_sensitivities_add_up_to_the_information(rig, person):
+    """Also by the detections' own spreads, to which a sensitivity is inverse."""
+    rng = np.random.default_rng(4)
+    pose, seen = 0.3 * draw_poses(2, PosteriorConfig(), rng), rng.random((2, 2, 18)) < 0.8
+    spreads, noise = rng.uniform(1.0, 6.0, seen.shape), Noise(2.0, degrees=5.0)
+    by_spread = image_sensitivity(pose, person, rig, seen, noise, spreads)
+    stated = 2.0 * rig.cameras[0].width / 640
+    by_noise = image_sensitivity(pose, person, rig, seen, noise)
+    np.testing.assert_allclose(by_spread * spreads[..., None, None], by_noise * stated)
+    for W, given in ((by_spread, spreads), (by_noise, None)):
+        total = np.einsum("bvlpi,bvlpj->bij", W, W)
+        information = fisher_information(pose, person, rig, seen, noise, given)
+        np.testing.assert_allclose(information, total, rtol=1e-9, atol=1e-6)
+
+
+def test_prior_information_is_the_curvature_of_the_prior_energy():
+    """By second differences of the posture's and limits' energies; at a limit there is no wall."""
+    posture, step = load_posture(), 1e-3
+    pose = LIMITS.mean(1)
+    pose[[2, 11]] = LIMITS[[2, 11], 1] + 0.1
+    pose[30] = LIMITS[30, 0] - 0.1
+
+    def energy(angles):
+        return posture_energy(angles, posture, 0.7) + limit_energy(angles, 40.0)
+
+    nudges = step * np.eye(37)
+    curvature = [(energy(pose + d) - 2 * energy(pose) + energy(pose - d)) / step**2 for d in nudges]
+    (information,) = prior_information(pose[None], 0.7, 40.0)
+    np.testing.assert_allclose(np.diag(information), curvature, rtol=1e-5)
+    np.testing.assert_allclose(information[2, 30], 0.7 * posture.precision[2, 30])
+    without = prior_information(np.stack([pose, LIMITS[:, 0], LIMITS[:, 1]]))
+    np.testing.assert_array_equal(without, np.repeat(posture.precision[None], 3, axis=0))
+    for at in LIMITS.T:
+        np.testing.assert_array_equal(prior_information(at[None], 1.0, 40.0)[0], posture.precision)
+
+
+def test_bound_of_a_wholly_known_pose_is_its_inverse_information(rig, person):
+    """In any unit of information: a thousand million times less leaves the same joints known."""
+    pose, seen = load_posture().mean[None], np.ones((1, 2, 18), bool)
+    information = fisher_information(pose, person, rig, seen, Noise()) + prior_information(pose)
+    expected = joint_covariance(pose, person, np.linalg.inv(information))
+    for scale in (1.0, 1e-12):
+        covariance, known = joint_bound(pose, person, scale * information)
+        assert known.all()
+        np.testing.assert_allclose(scale * covariance, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_without_information_no_joint_but_the_root_has_a_bound(person):
+    pose = load_posture().mean[None]
+    covariance, known = joint_bound(pose, person, np.zeros((1, 37, 37)))
+    assert np.isfinite(covariance).all()
+    assert not known[0, 2:].any()
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (2, 3), (2, 2, 2)])
+def test_root_mean_square_of_a_covariance_in_millimetres(batch):
+    covariance = np.broadcast_to(np.diag([4e-6, 4e-6, 1e-6]), (*batch, 3, 3))
+    np.testing.assert_allclose(rms_mm(covariance), np.full(batch, 3.0))
+
+
+def test_smoothed_bound_is_of_the_trackers_priors(rig, person):
+    """Against the whole inverse: its posture weight, its accelerations, lasting errors."""
+    rng, frames = np.random.default_rng(5), 4
+    config = TrackerConfig(lambda_posture=0.05, acceleration_sigma=2.0)
+    poses, times = draw_poses(frames, PosteriorConfig(), rng), np.arange(frames) / 30
+    seen = np.ones((frames, 2, 18), bool)
+    noise = Noise(correlation=0.6)
+    own, between = lasting_information(poses, person, rig, seen, noise)
+    whole = np.zeros((frames, 37, frames, 37))
+    for t in range(frames):
+        whole[t, :, t] = own[t] + 0.05 * load_posture().precision
+    for t in range(frames - 1):
+        whole[t, :, t + 1], whole[t + 1, :, t] = between[t], between[t].T
+    blocks = blocks_of_inverse(whole.reshape(frames * 37, -1), times, 2.0)
+    _, J = jacobian(person, poses)
+    expected = 1e3 * np.sqrt(np.einsum("tlci,tij,tlcj->tl", J, np.array(blocks), J))
+    found = smoothed_bound(poses, person, times, own, config, between)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
+    for t in range(frames - 1):
+        whole[t, :, t + 1], whole[t + 1, :, t] = 0.0, 0.0
+    blocks = blocks_of_inverse(whole.reshape(frames * 37, -1), times, 2.0)
+    expected = 1e3 * np.sqrt(np.einsum("tlci,tij,tlcj->tl", J, np.array(blocks), J))
+    found = smoothed_bound(poses, person, times, own, config)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)

@@ -13,6 +13,7 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.adaptation.config import AdaptOptions
+from egocap.cli.checks import check_weights
 from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
@@ -65,6 +66,8 @@ def detect(
         return DONE
     from egocap.execution.recordings import find_recordings
 
+    if cluster is None:
+        check_weights(weights)
     if workers and cluster is None and threads is None:
         threads = max(1, len(os.sched_getaffinity(0)) // workers)
     return run_several(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from tyro.conf import Positional
 
+from egocap.cli.checks import check_body, check_head_pose, check_weights
 from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED, progress
@@ -158,6 +159,10 @@ def mocap(
         return MISSED if strict and report.missed else DONE
     from egocap.execution.recordings import list_recordings
 
+    if cluster is None:
+        check_body(options.body)
+        check_weights(options.weights)
+        check_head_pose(options.head_pose)
     return run_several("mocap", _mocap, settings, list_recordings(found), out, several,
                        strict=strict, as_json=json)  # fmt: skip
 

@@ -69,9 +69,11 @@ def head_pose(
         if (track, imu, method, settings, sfm) != (None, None, "odometry", CONFIG, SFM):
             raise InputError("--track, --imu, --method or its settings with --trajectory",
                              valid="one of pictures and trajectory")  # fmt: skip
+        from egocap.data.head_pose import require_near
         from egocap.head_pose.foreign import foreign_trajectory
 
         result = foreign_trajectory(trajectory, foreign, cameras, opened.times)
+        require_near(trajectory, result.T_world_head)
     else:
         _refuse(foreign, method, settings, sfm)
         from egocap.data.track import load_track

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional
 
+from egocap.cli.checks import check_body, check_checkpoint
 from egocap.cli.registry import app
 from egocap.commandline import DONE
 from egocap.detect.sources import detections_from
@@ -110,14 +111,20 @@ def posterior(
     if sampling.walkers * sampling.most_steps > MOST_DRAWS:
         raise InputError(f"{sampling.walkers} walkers of {sampling.most_steps} steps",
                          valid=f"{MOST_DRAWS:,} draws or fewer")  # fmt: skip
+    if page is not None and page.suffix not in (".html", ".htm"):
+        raise InputError(f"--page {page}", valid="the name of an .html file")
     opened = Sequence(sequence)
+    if not 0 <= frame < len(opened):
+        raise InputError(f"no frame {frame} in {sequence}", valid=f"0 to {len(opened) - 1}")
+    if body is None:
+        _ = opened.body  # or refuse now
+    check_body(body)
+    check_checkpoint(checkpoint)
     found = detections_from(opened, detections, 0)
     if not stated_errors:
         found, config = with_error_model(found, config)
     if body is not None:
         opened.body = find_body(body, opened.rig, found)
-    if page is not None and page.suffix not in (".html", ".htm"):
-        raise InputError(f"--page {page}", valid="the name of an .html file")
     with progress("sampling", sampling.most_steps, unit="steps") as advance:
         result = sample_posterior(
             opened, frame, found, config, sampling, checkpoint=checkpoint, colour=colour,

@@ -13,6 +13,7 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.body.labels import LABELS
+from egocap.cli.checks import check_body, check_head_pose, check_rig
 from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED, progress
@@ -101,6 +102,10 @@ def track(
         raise InputError("mount drift with another solver or head poses",
                          valid="--solver fast, no --head-pose")  # fmt: skip
     how = _Tracking(detections, solver, settings, seed, body, rig, head_pose, mount_drift)
+    if cluster is None:
+        check_body(body)
+        check_rig(rig)
+        check_head_pose(head_pose)
     if not are_several(sequences, several := (workers, cluster)):
         outputs = {"out": out, "save_detections": save_detections}
         outputs = {name: path for name, path in outputs.items() if path is not None}

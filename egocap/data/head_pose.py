@@ -1,9 +1,10 @@
 """Head poses from other sources (SLAM, structure from motion, a headset).
 
 A file is an npz with `time` (N,) in seconds, increasing, and `T_world_head` (N, 4, 4): rigid maps
-from the head frame to a world frame with z up. If the floor is at height 0, `floor_std` is the
-standard deviation of that height, m. Other arrays are ignored. Where no pose is near in time, there
-is a gap: nothing is interpolated, and the motion stays in the head frame.
+from the head frame to a world frame with z up, at most `FARTHEST_M` from its origin. If the floor
+is at height 0, `floor_std` is the standard deviation of that height, m. Other arrays are ignored.
+Where no pose is near in time, there is a gap: nothing is interpolated, and the motion stays in the
+head frame.
 """
 
 from __future__ import annotations
@@ -25,6 +26,10 @@ _UNSURE_M = 10.0  # largest standard deviation of the floor's height
 _SLACK = 1.0  # allowed extrapolation, in median steps between poses
 GAP_S = 0.2
 """Seconds between poses above which there is a gap, if their median step is not longer."""
+FARTHEST_M = 1e5
+"""Largest coordinate of a head, m; exported motions are float32, which there resolves 8 mm."""
+
+Poses = tuple[Float[Array, "N"], Float[Array, "N 4 4"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +46,14 @@ class HeadPoses:
         return HeadPoses(self.T_world_head[frames], self.known[frames], self.floor_std)
 
 
-def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N 4 4"]]:
+def load_head_pose(path: str | Path) -> Poses:
     """Read times and poses. FileError names an array that is missing, damaged or not rigid."""
-    found = read_npz(Path(path), only=("time", "T_world_head"))
+    return _read(path)[0]
+
+
+def _read(path: str | Path) -> tuple[Poses, float | None]:
+    """Times and poses, and the standard deviation of the floor's height where it is stated."""
+    found = read_npz(Path(path), only=("time", "T_world_head", "floor_std"))
     for name in ("time", "T_world_head"):
         if name not in found:
             raise FileError(path, "missing", key=name)
@@ -55,12 +65,26 @@ def load_head_pose(path: str | Path) -> tuple[Float[Array, "N"], Float[Array, "N
     if poses.shape != (len(times), 4, 4):
         raise FileError(path, f"has shape {poses.shape}", key="T_world_head",
                         valid=f"({len(times)}, 4, 4)")  # fmt: skip
+    _check_poses(path, poses)
+    return (times, poses), _floor_std(path, found.get("floor_std"))
+
+
+def _check_poses(path: str | Path, poses: Float[Array, "N 4 4"]) -> None:
+    """Raise FileError unless they are rigid and near the origin."""
     R = poses[:, :3, :3]
     bottom = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(poses), 4))
     square = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max()
     if square > 1e-3 or (np.linalg.det(R) < 0).any() or not np.allclose(poses[:, 3], bottom):
         raise FileError(path, "not rigid", key="T_world_head", valid="rotation and translation")
-    return times, poses
+    require_near(path, poses, "T_world_head")
+
+
+def require_near(path: str | Path, poses: Float[Array, "N 4 4"], key: str | None = None) -> None:
+    """Raise FileError for heads farther from the origin than results can state."""
+    farthest = float(np.abs(poses[:, :3, 3]).max())
+    if not farthest <= FARTHEST_M:
+        raise FileError(path, f"a head is {farthest:.3g} m from the origin", key=key,
+                        valid=f"up to {FARTHEST_M:,.0f} m; an origin near the motion")  # fmt: skip
 
 
 def interpolate_poses(
@@ -112,12 +136,11 @@ def head_poses_at(
 
 def read_head_poses(path: str | Path, times: Float[Array, "T"]) -> HeadPoses:
     """The head poses of a file at the times of frames. Raises FileError, or InputError for none."""
-    poses = head_poses_at(times, *load_head_pose(path))
-    return replace(poses, floor_std=_floor_std(Path(path)))
+    known, floor_std = _read(path)
+    return replace(head_poses_at(times, *known), floor_std=floor_std)
 
 
-def _floor_std(path: Path) -> float | None:
-    found = read_npz(path, only=("floor_std",)).get("floor_std")
+def _floor_std(path: str | Path, found: Array | None) -> float | None:
     if found is None:
         return None
     if found.dtype.kind != "f" or found.shape != () or not 0.0 <= float(found) <= _UNSURE_M:

@@ -13,9 +13,12 @@ from typing import Any
 
 from egocap.cameras.rig import Rig
 from egocap.data.bvh import write_bvh
+from egocap.data.head_pose import load_head_pose, read_head_poses
 from egocap.data.resampling import evenly
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track
+from egocap.detect.engine import open_engine
+from egocap.detect.weights import open_weights
 from egocap.errors import InputError
 from egocap.files import make_folder, write_json
 from egocap.fitting.wearer import average_body, find_body
@@ -80,12 +83,14 @@ def mocap(
         raise InputError("--height and --body", valid="one of them")
     if options.world and options.head_pose is not None:
         raise InputError("--world and --head-pose", valid="one of them")
-    _ = find_body(options.body) if options.body else average_body(options.height)  # or refuse now
+    _refuse_early(options)
     folder = Path(out)
     make_folder(folder)
     sequence = import_footage(sources, rig, folder / "sequence", footage, on_step)
     if options.world:
         Views.of(sequence.rig, sequence.rig.cameras[0].width)  # or refuse now
+    if options.head_pose is not None:
+        _ = read_head_poses(options.head_pose, sequence.times)  # or refuse now
     stages = Stages(folder)
     found = steps.detections(stages, sequence, options, on_step)
     agreement = check_agreement(found, sequence.rig)
@@ -102,6 +107,15 @@ def mocap(
     findings = find(track, found, sequence.rig, sequence.footage, agreement, options.height)
     _results(stages, sequence, track, findings, bones, options, on_step)
     return Capture(folder, sequence, track, findings)
+
+
+def _refuse_early(options: MocapOptions) -> None:
+    """Raise FileError or InputError now for what a later stage would refuse."""
+    _ = find_body(options.body) if options.body else average_body(options.height)
+    if options.weights is not None:
+        open_engine(open_weights(options.weights))
+    if options.head_pose is not None:
+        load_head_pose(options.head_pose)
 
 
 def _results(

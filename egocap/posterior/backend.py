@@ -26,7 +26,7 @@ EVERY_S = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Chain:
+class Chain:
     """The file's arrays: S steps of W walkers, and the random state of MT19937."""
 
     kind: str
@@ -37,6 +37,17 @@ class _Chain:
     keys: UInt32[Array, "624"]
     position: int
     gauss: Float[Array, "2"]  # whether there is a second normal number, and that number
+
+
+def read_chain(path: Path) -> Chain:
+    """Read a chain's file. Raises FileError unless it holds a chain and a random state."""
+    found = read_npz(path)
+    if str(found.get("kind")) != KIND:
+        raise FileError(path, "not a chain of this sampler")
+    there = record_of(path, Chain, found)
+    if not 0 <= there.position <= len(there.keys) or not np.isfinite(there.gauss).all():
+        raise FileError(path, "not a random state", key="position")
+    return there
 
 
 class NpzBackend(Backend):
@@ -70,12 +81,7 @@ class NpzBackend(Backend):
         self._saved = time.monotonic()
 
     def _load(self) -> None:
-        found = read_npz(self.path)
-        if str(found.get("kind")) != KIND:
-            raise FileError(self.path, "not a chain of this sampler")
-        there = record_of(self.path, _Chain, found)
-        if not 0 <= there.position <= len(there.keys) or not np.isfinite(there.gauss).all():
-            raise FileError(self.path, "not a random state", key="position")
+        there = read_chain(self.path)
         if there.fingerprint != self.fingerprint:
             raise FileError(
                 self.path, "holds the chain of another frame, or of other settings or seed",

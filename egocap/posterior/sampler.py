@@ -27,6 +27,7 @@ from emcee.backends import Backend
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.errors import FileError
 from egocap.posterior.backend import NpzBackend
 from egocap.posterior.config import FIRST_CHECK, SamplerConfig
 from egocap.posterior.convergence import Health, examine
@@ -78,6 +79,9 @@ def sample(
     backend: Backend = Backend()
     if checkpoint is not None:
         backend = NpzBackend(checkpoint, fingerprint(density, config, starts))
+        if backend.initialized and backend.shape != (config.walkers, density.size):
+            raise FileError(checkpoint, f"a chain of shape {backend.shape}",
+                            valid=f"{(config.walkers, density.size)}")  # fmt: skip
     sampler = _sampler(density, config.walkers, moves, backend)
     if backend.initialized and backend.iteration > 0:
         state = backend.get_last_sample()

@@ -11,6 +11,7 @@ from egocap.data.head_pose import (
     read_head_poses,
 )
 from egocap.errors import FileError, InputError
+from egocap.files import read_npz
 from egocap.geometry import axis_angle, rigid, transform
 from tests.egocap.data.test_bvh import made
 
@@ -74,6 +75,7 @@ def test_frames_outside_the_known_poses_are_a_gap():
      ({"T_world_head": np.zeros((5, 4, 4))}, "rigid"), ({"T_world_head": np.eye(4)}, "shape"),
      ({"T_world_head": np.full((5, 4, 4), np.nan)}, "finite"),
      ({"T_world_head": np.full((5, 4, 4), 1e200)}, "too large"),
+     ({"T_world_head": np.tile(rigid(np.eye(3), [1.1e5, 0, 0]), (5, 1, 1))}, "from the origin"),
      ({"time": np.arange(5)}, "numbers")],
 )  # fmt: skip
 def test_bad_files_name_the_array(tmp_path, changes, says):
@@ -95,6 +97,16 @@ def test_a_file_may_state_where_the_floor_is(tmp_path):
         np.savez(tmp_path / "h.npz", time=times, T_world_head=poses, floor_std=wrong)
         with pytest.raises(FileError, match="floor_std"):
             read_head_poses(tmp_path / "h.npz", times)
+
+
+def test_a_file_is_opened_once(tmp_path, monkeypatch):
+    times, poses = known()
+    np.savez(tmp_path / "h.npz", time=times, T_world_head=poses, floor_std=0.004)
+    opened = []
+    monkeypatch.setattr("egocap.data.head_pose.read_npz",
+                        lambda path, only: opened.append(path) or read_npz(path, only))  # fmt: skip
+    read_head_poses(tmp_path / "h.npz", times)
+    assert len(opened) == 1
 
 
 def test_garbage_is_a_file_error(tmp_path):

@@ -70,6 +70,18 @@ def test_recordings_are_called_like_their_files(monkeypatch, capsys, footage, tm
         assert len(load_track(tmp_path / "out" / name / "track.npz").times) == 7
 
 
+def test_head_poses_of_other_times_are_refused_before_detection(
+    monkeypatch, capsys, footage, tmp_path
+):
+    times = 50.0 + np.arange(9) / 30.0
+    np.savez(tmp_path / "h.npz", time=times, T_world_head=np.tile(np.eye(4), (9, 1, 1)))
+    code, shown = mocap(
+        monkeypatch, capsys, footage, tmp_path / "o", "--head-pose", str(tmp_path / "h.npz")
+    )
+    assert code == 2 and "head poses from 50 to" in shown.err.splitlines()[-1]
+    assert not (tmp_path / "o/detections.npz").exists()
+
+
 def test_exchanged_views_are_refused(monkeypatch, capsys, footage, tmp_path):
     code, shown = mocap(
         monkeypatch, capsys, footage, tmp_path / "x", "--body", "average:1.79", "--skip-film",

@@ -196,7 +196,7 @@ class Tracker:
         estimate = replace(
             estimate, solution=solution, angles=world.angles, covariances=world.covariances
         )
-        return estimate, (replace(heads, T_world_head=world.T_world_head), contacts)
+        return estimate, (replace(heads, T_world_head=world.T_world_head), world.contacts)
 
     def _refine_by_colour(
         self, estimate: _Estimate, images: Images, stopwatch: Stopwatch

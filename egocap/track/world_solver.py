@@ -1,9 +1,10 @@
 """Motion in the world: a solved motion and head poses in; both, with contacts and the ground, out.
 
-Contact probabilities come from the motion (`egocap.world.contact_network`). The interval energy is
-then minimised with the terms of `egocap.world.contact_energy`, over the angles and small
-corrections of the head poses. This is repeated while the allowed speed of a planted point shrinks
-(graduated non-convexity); before each round the ground is learned again from the feet that stand.
+Contact probabilities come from the motion (`egocap.world.contact_network`); points that it places
+off the ground lose theirs. The interval energy is then minimised with the terms of
+`egocap.world.contact_energy`, over the angles and small corrections of the head poses. This is
+repeated while the allowed speed of a planted point shrinks (graduated non-convexity); before each
+round the ground is learned again from the feet that stand, and points that still slide are let go.
 
 Source: Blake & Zisserman 1987, "Visual Reconstruction".
 """
@@ -27,7 +28,7 @@ from egocap.track.smoother import BandedSystem, interval_system, minimise, windo
 from egocap.track.uncertainty import banded_inverse
 from egocap.world.contact_energy import ContactTerms, contact_system, widen
 from egocap.world.foot_points import SOLE_M, STATE, FootPoints, correct
-from egocap.world.ground import Ground, footholds
+from egocap.world.ground import UNEVEN_M, Ground, footholds
 
 _ROUNDS = (0.3, 0.1, 0.03)
 """Standard deviation of a planted point's speed in each round, m/s."""
@@ -36,6 +37,9 @@ _HEIGHT_M, _SINK_M = 0.01, 0.004
 _HEIGHT_TAIL_M = 0.05  # planted points farther than this from the ground are outliers
 _LEAST = 0.1  # contact probability below which a point is free
 _TRAVELS = 1.5  # speed of a point, m/s, at which its contact is half as probable
+_SLIDES = 20.0
+"""Speed of a planted point, in the round's deviations, at which it holds half as firmly: it
+slides."""
 _LONGEST_S = 0.2  # between frames of one contact
 _HEAD_CORRELATION_S = 1.0
 
@@ -48,6 +52,7 @@ class WorldSolution:
     T_world_head: Float[Array, "T 4 4"]
     converged: Bool[Array, "T"]
     ground: Ground
+    contacts: Float[Array, "T 4"]  # probabilities, given the heights
     covariances: Float[Array, "T 37 37"]  # of the angles, rad^2
 
 
@@ -75,18 +80,20 @@ class WorldSolver:
         """
         feet = FootPoints.of(self.proportions)
         state = np.concatenate([angles, np.zeros((len(angles), STATE - DOF_COUNT))], 1)
-        converged, terms, ground = np.ones(len(angles), bool), None, None
-        contacts = contacts * self._plausible(state, feet)
+        converged, terms = np.ones(len(angles), bool), None
+        slow = self._slow(state, feet)
+        points, ground = self._ground(state, feet, slow * contacts, spread)
+        contacts, firm = self._on_ground(points, ground, contacts, spread)
         for speed in _ROUNDS:
-            ground, terms = self._terms(state, feet, contacts, spread, speed)
+            ground, terms = self._terms(state, feet, slow * contacts, spread, firm, speed)
             state, converged = self._minimise(state, feet, terms)
-        assert terms is not None and ground is not None
+        assert terms is not None
         separate = replace(self, observations=independent, prediction=independent_prediction)
         covariances = separate._covariances(state, feet, terms)
         poses = correct(self.heads.T_world_head, state[:, DOF_COUNT:], self.heads.known)
-        return WorldSolution(state[:, :DOF_COUNT], poses, converged, ground, covariances)
+        return WorldSolution(state[:, :DOF_COUNT], poses, converged, ground, contacts, covariances)
 
-    def _plausible(self, state: Float[Array, "T 43"], feet: FootPoints) -> Float[Array, "T 4"]:
+    def _slow(self, state: Float[Array, "T 43"], feet: FootPoints) -> Float[Array, "T 4"]:
         """Factor of the contact probabilities: a point that travels does not stand."""
         if len(state) < 2:
             return np.ones((len(state), 4))
@@ -94,18 +101,44 @@ class WorldSolver:
         speed = np.linalg.norm(np.gradient(points, self.observations.times, axis=0), axis=-1)
         return 1.0 / (1.0 + np.square(speed / _TRAVELS))
 
+    def _on_ground(
+        self, points: Float[Array, "T 4 3"], ground: Ground, contacts: Float[Array, "T 4"],
+        spread: Float[Array, "T 4"],
+    ) -> tuple[Float[Array, "T 4"], Float[Array, "T 4"]]:  # fmt: skip
+        """Contact probabilities given the heights without contacts, and how firm the ground is.
+
+        The odds fall as the likelihood of the height does from its value on the ground. Ground that
+        points are seen to be below, as on a ladder, is not there for them, unless it is the floor.
+        """
+        height = ground.height(points[..., :2])
+        off = points[..., 2] - SOLE_M - height
+        likelihood = np.exp(-0.5 * off**2 / (spread**2 + UNEVEN_M**2 + _HEIGHT_M**2))
+        likely = contacts * likelihood
+        floor = (height < 2.0 * UNEVEN_M) & (self.heads.floor_std is not None)
+        firm = np.where((off > 0.0) | floor, 1.0, likelihood)
+        return likely / np.maximum(likely + 1.0 - contacts, 1e-9), firm
+
+    def _ground(
+        self, state: Float[Array, "T 43"], feet: FootPoints, contacts: Float[Array, "T 4"],
+        spread: Float[Array, "T 4"],
+    ) -> tuple[Float[Array, "T 4 3"], Ground]:  # fmt: skip
+        """The points in the world, and the ground where they touch."""
+        points, _ = feet.in_world(state, self.heads.T_world_head)
+        probable = np.where((contacts >= _LEAST) & self.heads.known[:, None], contacts, 0.0)
+        found, floor = footholds(points, probable, spread, SOLE_M), self.heads.floor_std
+        return points, Ground.learn(found if floor is None else found.on_floor(floor))
+
     def _terms(
         self, state: Float[Array, "T 43"], feet: FootPoints, contacts: Float[Array, "T 4"],
-        spread: Float[Array, "T 4"], speed: float,
+        spread: Float[Array, "T 4"], firm: Float[Array, "T 4"], speed: float,
     ) -> tuple[Ground, ContactTerms]:  # fmt: skip
         """The ground, and what the contacts ask for, at a motion."""
-        points, _ = feet.in_world(state, self.heads.T_world_head)
+        points, ground = self._ground(state, feet, contacts, spread)
         known, steps = self.heads.known, np.diff(self.observations.times)
         probable = np.where((contacts >= _LEAST) & known[:, None], contacts, 0.0)
         slide = np.sqrt(probable[1:] * probable[:-1]) * (steps <= _LONGEST_S)[:, None]
-        found = footholds(points, probable, spread, SOLE_M)
-        floor = self.heads.floor_std
-        ground = Ground.learn(found if floor is None else found.on_floor(floor))
+        moving = np.linalg.norm(np.diff(points, axis=0), axis=-1) / steps[:, None]
+        slide = slide / (1.0 + np.square(moving / (_SLIDES * speed)))
         height = ground.height(points[..., :2])
         off = points[..., 2] - SOLE_M - height
         near = ground.known(points[..., :2]) & known[:, None]
@@ -114,7 +147,7 @@ class WorldSolver:
         sigma = np.repeat([self.config.head_turn_sigma, self.config.head_shift_sigma], 3)
         return ground, ContactTerms(
             self.heads.T_world_head, slide / (speed * steps[:, None]), planted / _HEIGHT_M,
-            near / _SINK_M, height, keep, sigma,
+            near * firm / _SINK_M, height, keep, sigma,
         )  # fmt: skip
 
     def _minimise(

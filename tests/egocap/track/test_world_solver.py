@@ -15,6 +15,7 @@ from egocap.track.smoother import interval_system, smooth_interval
 from egocap.track.uncertainty import interval_covariances
 from egocap.track.world_solver import WorldSolver
 from egocap.world.foot_points import SOLE_M, FootPoints
+from egocap.world.ground import Footholds, Ground
 
 FRAMES = 24
 PERSON, CONFIG = Proportions.from_lengths(1.75), TrackerConfig(lambda_motion=0.0)
@@ -127,3 +128,49 @@ def test_covariances_take_the_prediction_of_independent_frames():
     found = solver.solve(angles, none, none, seen, separate)
     expected = interval_covariances(found.angles, seen, MODEL, config, separate)
     assert np.allclose(found.covariances, expected, rtol=1e-6)
+
+
+def on_ground(foothold_m, height, floor_std=0.003):
+    """What points at heights over one foothold are told: probability of a contact, firmness."""
+    seen, _, T, _ = standing()
+    heads = HeadPoses(T, np.ones(FRAMES, bool), floor_std)
+    solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
+    places = np.array([[0.0, 0.0, foothold_m]])
+    ground = Ground.learn(Footholds(places, np.ones(1), np.full(1, 0.02)))
+    points = np.tile([0.0, 0.0, foothold_m + height + SOLE_M], (1, 4, 1))
+    contact, firm = solver._on_ground(points, ground, np.full((1, 4), 0.9), np.full((1, 4), 0.02))
+    return contact[0, 0], firm[0, 0]
+
+
+def test_a_point_seen_above_the_ground_does_not_stand():
+    assert on_ground(0.0, 0.0) == pytest.approx((0.9, 1.0))
+    contact, firm = on_ground(0.0, 0.15)
+    assert contact < 0.01 and firm == 1.0
+
+
+def test_ground_that_a_point_is_seen_below_is_not_there_unless_it_is_the_floor():
+    contact, firm = on_ground(0.6, -0.3)  # a rung above
+    assert contact < 0.01 and firm < 0.01
+    assert on_ground(0.0, -0.3)[1] == 1.0
+    assert on_ground(0.0, -0.3, floor_std=None)[1] < 0.01
+
+
+def test_certain_contacts_stay_finite():
+    found, *_ = solved(contacts=1.0, lifted=5.0, floor_std=0.003)
+    assert np.isfinite(found.angles).all() and np.isfinite(found.contacts).all()
+
+
+def test_a_foot_that_slides_fast_is_let_go():
+    """At 2 m/s the last round holds a planted point with less than a tenth of its weight."""
+    seen, _, T, _ = standing()
+    T = T.copy()
+    T[:, 0, 3] += 2.0 * seen.times
+    heads = HeadPoses(T, np.ones(FRAMES, bool), None)
+    solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
+    state = np.concatenate([np.zeros((FRAMES, DOF_COUNT)), np.zeros((FRAMES, 6))], 1)
+    full = np.ones((FRAMES, 4))
+    _, terms = solver._terms(state, FEET, full, 0.01 * full, full, 0.03)
+    still = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION,
+                        HeadPoses(standing()[2], np.ones(FRAMES, bool), None))  # fmt: skip
+    _, firm = still._terms(state, FEET, full, 0.01 * full, full, 0.03)
+    assert (terms.slide < 0.1 * firm.slide).all()

@@ -183,7 +183,7 @@ def _bar(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
             pace.add(count)
             show()
 
-        with _repeated(show, _BEAT_S):
+        with repeated(show, lambda: _BEAT_S):
             yield advance
         show()
 
@@ -209,7 +209,7 @@ def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
         print(f"{what}: {pace}", file=sys.stderr, flush=True)
 
     try:
-        with _repeated(show_if_due, min(every, _BEAT_S)):
+        with repeated(show_if_due, lambda: min(every, _BEAT_S)):
             yield advance
     except EgocapError:
         shown = pace.done  # its message is enough
@@ -220,12 +220,12 @@ def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
 
 
 @contextmanager
-def _repeated(function: Callable[[], None], every: float) -> Iterator[None]:
-    """Call a function every so many seconds in a thread."""
+def repeated(function: Callable[[], None], wait: Callable[[], float]) -> Iterator[None]:
+    """Call a function in a thread meanwhile, each time after the seconds that `wait` tells."""
     ended = threading.Event()
 
     def repeat() -> None:
-        while not ended.wait(every):
+        while not ended.wait(wait()):
             function()
 
     thread = threading.Thread(target=repeat, daemon=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from egocap.commandline import progress
+from egocap.commandline import progress, repeated
 from egocap.errors import EgocapError, FileError, MachineError
 from egocap.files import cache_folder, make_folder, replacing, sha256, write_json
 from egocap.locks import IN_FOLDER, HeldError, holding
@@ -129,28 +128,22 @@ class Copy:
     @contextmanager
     def sending(self) -> Iterator[None]:
         """Send finished files every second meanwhile, on a thread."""
-        done = threading.Event()
+        said, spent = False, 0.0
 
-        def keep_sending() -> None:
-            said, spent = False, 0.0
-            while not done.wait(max(EVERY_S, _IDLE_SHARE * spent)):
-                start = time.monotonic()
-                try:
-                    self.send()
-                    said = False
-                except EgocapError as error:
-                    if not said:
-                        log.warning("%s; it is tried again", error)
-                    said = True
-                spent = time.monotonic() - start
+        def send() -> None:
+            nonlocal said, spent
+            start = time.monotonic()
+            try:
+                self.send()
+                said = False
+            except EgocapError as error:
+                if not said:
+                    log.warning("%s; it is tried again", error)
+                said = True
+            spent = time.monotonic() - start
 
-        thread = threading.Thread(target=keep_sending, daemon=True)
-        thread.start()
-        try:
+        with repeated(send, lambda: max(EVERY_S, _IDLE_SHARE * spent)):
             yield
-        finally:
-            done.set()
-            thread.join()
 
     def _indices(self) -> list[_Index]:
         """Innermost first; outer ones are read first, so that they list nothing that is newer."""

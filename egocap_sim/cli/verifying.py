@@ -34,9 +34,9 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
         result = check(sequence, rays, advance)
     if json:
         print_json({"folder": str(sequence), "clean": result.clean, "frames": result.frames,
-                     "shards": result.shards, "bytes": result.bytes,
-                     "problems": list(result.problems),
-                     "rays": asdict(result.rays) if result.rays else None})  # fmt: skip
+                    "shards": result.shards, "bytes": result.bytes,
+                    "problems": list(result.problems),
+                    "rays": asdict(result.rays) if result.rays else None})  # fmt: skip
     elif result.clean:
         size = result.bytes / 1e6
         print(f"{sequence}: {result.frames} frames in {result.shards} shards, {size:.0f} MB, clean")
@@ -123,8 +123,8 @@ def check_motion(
     reports = [(path, motion.report) for path, motion in motions]
     if json:
         print_json([{"file": path, **report.to_dict()} for path, report in reports]
-                    + [{"file": path, "verdict": "unreadable", "error": text}
-                       for path, text in unreadable])  # fmt: skip
+                   + [{"file": path, "verdict": "unreadable", "error": text}
+                      for path, text in unreadable])  # fmt: skip
     else:
         _print_reports(reports, unreadable)
     bad = bool(unreadable) or any(report.suspect for _, report in reports)

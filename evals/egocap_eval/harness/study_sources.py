@@ -6,6 +6,8 @@ line here has results of its own input only (`pose`, `compare`), which are not k
 
 from __future__ import annotations
 
+from itertools import chain
+
 DETECTOR = ("egocap/detect/*.py", "egocap/detect/shipped/*.safetensors")
 GEOMETRY = ("egocap/geometry.py", "egocap/cameras", "egocap/body")
 TRACKER = (*GEOMETRY, "egocap/pose", "egocap/track")
@@ -30,14 +32,18 @@ VALIDATION_FRAMES = ("egocap_eval/detection/validation_frames.py",)
 
 IMPORTED = ("egocap/data", "egocap/footage", "egocap/media", "egocap_sim/export",
             "egocap_eval/footage/synchronisation.py")  # fmt: skip
-FORMULAS = (
-    "egocap/cameras/lens.py", "egocap/cameras/camera.py", "egocap/image_model/colour_measure.py",
-    "egocap/pose/energy.py", "egocap/evaluation/metrics.py", "egocap/evaluation/alignment.py",
-    "egocap/posterior/information.py")  # fmt: skip
-FORMULA_TESTS = tuple(f"tests/egocap/{name}.py" for name in (
-    "cameras/test_lens", "cameras/test_camera", "image_model/test_colour_measure",
-    "pose/test_energy", "evaluation/test_metrics", "evaluation/test_foot_contact",
-    "evaluation/test_alignment", "posterior/test_information"))  # fmt: skip
+FORMULA_TESTS: dict[str, tuple[str, ...]] = {
+    "egocap/cameras/lens.py": ("tests/egocap/cameras/test_lens.py",
+                               "tests/egocap/cameras/test_camera.py"),
+    "egocap/cameras/camera.py": ("tests/egocap/cameras/test_camera.py",),
+    "egocap/image_model/colour_measure.py": ("tests/egocap/image_model/test_colour_measure.py",),
+    "egocap/pose/energy.py": ("tests/egocap/pose/test_energy.py",),
+    "egocap/evaluation/metrics.py": ("tests/egocap/evaluation/test_metrics.py",
+                                     "tests/egocap/evaluation/test_foot_contact.py"),
+    "egocap/evaluation/alignment.py": ("tests/egocap/evaluation/test_alignment.py",),
+    "egocap/posterior/information.py": ("tests/egocap/posterior/test_information.py",),
+}  # fmt: skip
+"""The formula modules, and the tests of each that must notice its mutants."""
 CAPTURED = (*FOOTAGE_TRACKED, *IMPORTED, *FITTED, "egocap/motion_capture")
 
 STUDY_SOURCES: dict[str, tuple[str, ...]] = {
@@ -100,8 +106,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                                "egocap/cli", "egocap/commandline.py", "egocap_sim/cli",
                                "benchmarks/start_up.py"),
     "benchmarks/rendering.py": (*WORLD, "benchmarks/rendering.py"),
-    "tools/mutation.py": (*FORMULAS, *FORMULA_TESTS, "tools/mutation.py",
-                          "tools/mutation-equivalents.toml"),
+    "tools/mutation.py": (*FORMULA_TESTS, *chain.from_iterable(FORMULA_TESTS.values()),
+                          "tools/mutation.py", "tools/mutation-equivalents.toml"),
 }  # fmt: skip
 
 

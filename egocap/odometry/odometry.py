@@ -143,6 +143,7 @@ class Odometry:
         found = Observations.empty()
         assert self._last is not None
         turn = self._last.R.T @ R
+        fast = np.trace(turn) < 1.0 + 2.0 * np.cos(FAST_TURN)
         for v, image in enumerate(images):
             rows = np.flatnonzero(self._followed.view == v)
             last = self._images[v]
@@ -151,7 +152,7 @@ class Odometry:
             old = self._followed[rows]
             guess, ahead = self.views.project(v, (self.map.points[old.point] - t) @ R)
             start = old.pixel
-            if np.trace(turn) < 1.0 + 2.0 * np.cos(FAST_TURN):
+            if fast:
                 last = self.views.turned(v, last, turn)
                 start, _ = self.views.project_directions(v, self.views.rays(v, start)[0] @ turn)
             pixels, good = _lucas_kanade(last, image, start, guess)

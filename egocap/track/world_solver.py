@@ -81,11 +81,13 @@ class WorldSolver:
         feet = FootPoints.of(self.proportions)
         state = np.concatenate([angles, np.zeros((len(angles), STATE - DOF_COUNT))], 1)
         converged, terms = np.ones(len(angles), bool), None
-        slow = self._slow(state, feet)
-        points, ground = self._ground(state, feet, slow * contacts, spread)
+        points, _ = feet.in_world(state, self.heads.T_world_head)
+        slow = self._slow(points)
+        ground = self._ground(points, self._probable(slow * contacts), spread)
         contacts, firm = self._on_ground(points, ground, contacts, spread)
+        probable = self._probable(slow * contacts)
         for speed in _ROUNDS:
-            ground, terms = self._terms(state, feet, slow * contacts, spread, firm, speed)
+            ground, terms = self._terms(state, feet, probable, spread, firm, speed)
             state, converged = self._minimise(state, feet, terms)
         assert terms is not None
         separate = replace(self, observations=independent, prediction=independent_prediction)
@@ -93,11 +95,10 @@ class WorldSolver:
         poses = correct(self.heads.T_world_head, state[:, DOF_COUNT:], self.heads.known)
         return WorldSolution(state[:, :DOF_COUNT], poses, converged, ground, contacts, covariances)
 
-    def _slow(self, state: Float[Array, "T 43"], feet: FootPoints) -> Float[Array, "T 4"]:
+    def _slow(self, points: Float[Array, "T 4 3"]) -> Float[Array, "T 4"]:
         """Factor of the contact probabilities: a point that travels does not stand."""
-        if len(state) < 2:
-            return np.ones((len(state), 4))
-        points, _ = feet.in_world(state, self.heads.T_world_head)
+        if len(points) < 2:
+            return np.ones((len(points), 4))
         speed = np.linalg.norm(np.gradient(points, self.observations.times, axis=0), axis=-1)
         return 1.0 / (1.0 + np.square(speed / _TRAVELS))
 
@@ -118,24 +119,26 @@ class WorldSolver:
         firm = np.where((off > 0.0) | floor, 1.0, likelihood)
         return likely / np.maximum(likely + 1.0 - contacts, 1e-9), firm
 
+    def _probable(self, contacts: Float[Array, "T 4"]) -> Float[Array, "T 4"]:
+        """The contact probabilities; 0 where they are small, or the head pose is not known."""
+        return np.where((contacts >= _LEAST) & self.heads.known[:, None], contacts, 0.0)
+
     def _ground(
-        self, state: Float[Array, "T 43"], feet: FootPoints, contacts: Float[Array, "T 4"],
+        self, points: Float[Array, "T 4 3"], probable: Float[Array, "T 4"],
         spread: Float[Array, "T 4"],
-    ) -> tuple[Float[Array, "T 4 3"], Ground]:  # fmt: skip
-        """The points in the world, and the ground where they touch."""
-        points, _ = feet.in_world(state, self.heads.T_world_head)
-        probable = np.where((contacts >= _LEAST) & self.heads.known[:, None], contacts, 0.0)
+    ) -> Ground:  # fmt: skip
+        """The ground where points touch."""
         found, floor = footholds(points, probable, spread, SOLE_M), self.heads.floor_std
-        return points, Ground.learn(found if floor is None else found.on_floor(floor))
+        return Ground.learn(found if floor is None else found.on_floor(floor))
 
     def _terms(
-        self, state: Float[Array, "T 43"], feet: FootPoints, contacts: Float[Array, "T 4"],
+        self, state: Float[Array, "T 43"], feet: FootPoints, probable: Float[Array, "T 4"],
         spread: Float[Array, "T 4"], firm: Float[Array, "T 4"], speed: float,
     ) -> tuple[Ground, ContactTerms]:  # fmt: skip
         """The ground, and what the contacts ask for, at a motion."""
-        points, ground = self._ground(state, feet, contacts, spread)
+        points, _ = feet.in_world(state, self.heads.T_world_head)
+        ground = self._ground(points, probable, spread)
         known, steps = self.heads.known, np.diff(self.observations.times)
-        probable = np.where((contacts >= _LEAST) & known[:, None], contacts, 0.0)
         slide = np.sqrt(probable[1:] * probable[:-1]) * (steps <= _LONGEST_S)[:, None]
         moving = np.linalg.norm(np.diff(points, axis=0), axis=-1) / steps[:, None]
         slide = slide / (1.0 + np.square(moving / (_SLIDES * speed)))

@@ -14,7 +14,7 @@ from egocap.pose.observations import Observations, tangent_basis
 from egocap.track.smoother import interval_system, smooth_interval
 from egocap.track.uncertainty import interval_covariances
 from egocap.track.world_solver import WorldSolver
-from egocap.world.foot_points import SOLE_M, FootPoints
+from egocap.world.foot_points import SOLE_M, STATE, FootPoints
 from egocap.world.ground import Footholds, Ground
 
 FRAMES = 24
@@ -39,14 +39,19 @@ def standing(seed=0):
     return seen, joints, T, angles
 
 
+def solver_of(T, known=None, floor_std=None):
+    """The solver of a standing person whose head poses are these."""
+    heads = HeadPoses(T, np.ones(FRAMES, bool) if known is None else known, floor_std)
+    return WorldSolver(PERSON, MODEL, CONFIG, standing()[0], NO_MOTION_PREDICTION, heads)
+
+
 def solved(known=None, contacts=1.0, speed=0.0, lifted=0.0, floor_std=None):
     seen, joints, T, angles = standing()
     T = T.copy()
     T[:, 2, 3] += lifted
     T[:, 0, 3] += speed * seen.times
     known = np.ones(FRAMES, bool) if known is None else known
-    heads = HeadPoses(T, known, floor_std)
-    solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
+    solver = solver_of(T, known, floor_std)
     probable = np.where(known[:, None], contacts, 0.0) * np.ones((FRAMES, 4))
     spread = np.full((FRAMES, 4), 0.06)
     return solver.solve(angles, probable, spread, seen, NO_MOTION_PREDICTION), joints, T, angles
@@ -132,9 +137,7 @@ def test_covariances_take_the_prediction_of_independent_frames():
 
 def on_ground(foothold_m, height, floor_std=0.003):
     """What points at heights over one foothold are told: probability of a contact, firmness."""
-    seen, _, T, _ = standing()
-    heads = HeadPoses(T, np.ones(FRAMES, bool), floor_std)
-    solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
+    solver = solver_of(standing()[2], floor_std=floor_std)
     places = np.array([[0.0, 0.0, foothold_m]])
     ground = Ground.learn(Footholds(places, np.ones(1), np.full(1, 0.02)))
     points = np.tile([0.0, 0.0, foothold_m + height + SOLE_M], (1, 4, 1))
@@ -163,14 +166,11 @@ def test_certain_contacts_stay_finite():
 def test_a_foot_that_slides_fast_is_let_go():
     """At 2 m/s the last round holds a planted point with less than a tenth of its weight."""
     seen, _, T, _ = standing()
-    T = T.copy()
-    T[:, 0, 3] += 2.0 * seen.times
-    heads = HeadPoses(T, np.ones(FRAMES, bool), None)
-    solver = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION, heads)
-    state = np.concatenate([np.zeros((FRAMES, DOF_COUNT)), np.zeros((FRAMES, 6))], 1)
-    full = np.ones((FRAMES, 4))
-    _, terms = solver._terms(state, FEET, full, 0.01 * full, full, 0.03)
-    still = WorldSolver(PERSON, MODEL, CONFIG, seen, NO_MOTION_PREDICTION,
-                        HeadPoses(standing()[2], np.ones(FRAMES, bool), None))  # fmt: skip
-    _, firm = still._terms(state, FEET, full, 0.01 * full, full, 0.03)
-    assert (terms.slide < 0.1 * firm.slide).all()
+    sliding = T.copy()
+    sliding[:, 0, 3] += 2.0 * seen.times
+    state, full = np.zeros((FRAMES, STATE)), np.ones((FRAMES, 4))
+    loose, firm = (
+        solver_of(poses)._terms(state, FEET, full, 0.01 * full, full, 0.03)[1].slide
+        for poses in (sliding, T)
+    )
+    assert (loose < 0.1 * firm).all()

@@ -43,6 +43,9 @@ def parse_opencv(text: str, where: str | Path, size: tuple[int, int] | None = No
         raise FileError(where, f"OpenCV cannot read it: {str(error).strip()[:200]}") from None
     read = {name: _value(storage.getNode(name)) for name in names}
     values = {name: value for name, value in read.items() if value is not None}
+    for name in sorted(values):
+        if not np.isfinite(values[name]).all():
+            raise FileError(where, "holds numbers that are not finite", key=name)
     file = _File(values, Path(where), size)
     if "R" in values and "T" in values:
         first, second = file.lens("1"), file.lens("2")

@@ -209,6 +209,23 @@ def test_opencv_stereo_maps_the_first_camera_to_the_second(tmp_path: Path) -> No
     np.testing.assert_allclose(inverse(place), rigid(R, np.array([-0.35, 0.01, 0.02])), atol=1e-12)
 
 
+def test_opencv_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "stereo.xml"
+    entry = (
+        '<{0} type_id="opencv-matrix"><rows>{1}</rows><cols>{2}</cols><dt>d</dt>'
+        "<data>{3}</data></{0}>"
+    )
+    path.write_text(
+        '<?xml version="1.0"?><opencv_storage><image_width>160</image_width>'
+        + "<image_height>128</image_height>"
+        + entry.format("R", 3, 3, "1. 0. 0. 0. 1. 0. 1e999 0. 1.")
+        + entry.format("T", 3, 1, "-0.3 0. 0.")
+        + "</opencv_storage>"
+    )
+    with pytest.raises(FileError, match="key 'R': holds numbers that are not finite"):
+        read_cameras(path)
+
+
 def test_four_opencv_coefficients_need_to_be_told(tmp_path: Path) -> None:
     K = matrix(402.0, 401.0, 630.2, 520.7)
     values = {"camera_matrix": K, "distortion_coefficients": list(K4)}

@@ -209,7 +209,7 @@ def _lines(what: str, pace: _Pace, every: float) -> Iterator[Advance]:
         print(f"{what}: {pace}", file=sys.stderr, flush=True)
 
     try:
-        with repeated(show_if_due, lambda: min(every, _BEAT_S)):
+        with repeated(show_if_due, lambda: _BEAT_S):
             yield advance
     except EgocapError:
         shown = pace.done  # its message is enough

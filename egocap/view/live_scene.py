@@ -116,6 +116,11 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     """End the viewer, which its start-up script runs as a process of its own."""
     os.killpg(process.pid, signal.SIGTERM)
     process.wait()
+    end = time.monotonic() + _PATIENCE_S
+    with suppress(ProcessLookupError):  # the last process of the group has ended
+        while time.monotonic() < end:
+            os.killpg(process.pid, 0)
+            time.sleep(0.02)
 
 
 def _command(port: int, page: int, where: Where) -> list[str]:

@@ -31,6 +31,7 @@ DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 _ALLOCATIONS = 100_000
 """Between collections of garbage; a start makes many objects, and most of them stay."""
 
+_EVERY_S = 5.0  # between lines of progress
 _BEAT_S = 1.0  # between looks at whether a sign of life is due
 _REPEAT_S = 0.05  # until an interrupt that was discarded is raised again
 
@@ -122,16 +123,17 @@ def start(prog: str, program: Callable[[], int]) -> int:
 
 @contextmanager
 def progress(
-    what: str, total: int, *, unit: str = "frames", every: float = 5.0
+    what: str, total: int, *, unit: str = "frames", every: float | None = None
 ) -> Iterator[Advance]:
-    """Show progress on stderr: a bar on a terminal, otherwise a line every `every` seconds.
+    """Show progress on stderr: a bar on a terminal, otherwise a line every `every` seconds
+    (5 by default).
 
     Yields a function to call with the number of units just finished (1 by default). The rate is
     measured from its first call on, which may report units finished by an earlier run. Until there
     is a rate, the time so far is shown; without units (`total` 0) always.
     """
     report = _bar if sys.stderr.isatty() else _lines
-    with report(what, _Pace(total, unit), every) as advance:
+    with report(what, _Pace(total, unit), _EVERY_S if every is None else every) as advance:
         yield advance
 
 

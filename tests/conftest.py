@@ -56,10 +56,10 @@ def tiny_sequence(tiny_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -
     return folder
 
 
-@pytest.fixture(autouse=True)
-def _no_sign_of_life(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def no_lines_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a command prints depends on what it does, not on how fast the machine is."""
-    monkeypatch.setattr("egocap.commandline._BEAT_S", 1e6)
+    monkeypatch.setattr("egocap.commandline._EVERY_S", 1e6)
 
 
 @pytest.fixture(scope="session")

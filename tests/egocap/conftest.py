@@ -20,7 +20,7 @@ FPS = 30.0
 
 
 @pytest.fixture
-def egocap(monkeypatch, capsys, tmp_path):
+def egocap(monkeypatch, capsys, tmp_path, no_lines_by_the_clock):
     """Run egocap in an empty folder; gives its exit code, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
 

@@ -25,7 +25,7 @@ GOOD = 'name = "x"\nframes = 2\n[motion]\nname = "idle"\n[rig]\nsize = [96, 64]\
 
 
 @pytest.fixture
-def sim(monkeypatch, capsys, tmp_path):
+def sim(monkeypatch, capsys, tmp_path, no_lines_by_the_clock):
     """Run egocap-sim in an empty folder; gives its exit code, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
 

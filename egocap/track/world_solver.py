@@ -37,7 +37,7 @@ _HEIGHT_M, _SINK_M = 0.01, 0.004
 _HEIGHT_TAIL_M = 0.05  # planted points farther than this from the ground are outliers
 _LEAST = 0.1  # contact probability below which a point is free
 _TRAVELS = 1.5  # speed of a point, m/s, at which its contact is half as probable
-_SLIDES = 20.0
+_SLIDES = 40.0
 """Speed of a planted point, in the round's deviations, at which it holds half as firmly: it
 slides."""
 _LONGEST_S = 0.2  # between frames of one contact

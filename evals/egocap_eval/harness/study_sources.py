@@ -9,7 +9,10 @@ from __future__ import annotations
 from itertools import chain
 
 DETECTOR = ("egocap/detect/*.py", "egocap/detect/shipped/*.safetensors")
-GEOMETRY = ("egocap/geometry.py", "egocap/cameras", "egocap/body")
+CAMERAS = tuple(f"egocap/cameras/{module}.py" for module in (
+    "camera", "camera_files", "camera_set", "lens", "rig", "rig_files"))  # fmt: skip
+"""Without the formats of other programs."""
+GEOMETRY = ("egocap/geometry.py", *CAMERAS, "egocap/body")
 TRACKER = (*GEOMETRY, "egocap/pose", "egocap/track")
 IN_WORLD = ("egocap/world", "egocap/data/head_pose.py")
 SCORES = ("egocap/evaluation/*.py",)
@@ -72,7 +75,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                "egocap_eval/fuzz/faults.py", "egocap_eval/fuzz/outputs.py"),
     "fit-rig": (*FOOTAGE_TRACKED, *NOISE, *MOTION_TRUTH, "egocap/fitting",
                 "egocap_eval/studies/fit_rig.py"),
-    "fuzz": (*GEOMETRY, "egocap/files.py", "egocap/schema.py", "egocap/data", "egocap/media",
+    "fuzz": (*GEOMETRY, "egocap/cameras", "egocap/files.py", "egocap/schema.py", "egocap/data",
+             "egocap/media",
              "egocap_eval/fuzz/mutations.py", "egocap_eval/fuzz/result_targets.py",
              "egocap_eval/fuzz/study.py", "egocap_eval/fuzz/targets.py"),
     "head-pose": (*GEOMETRY, *WORLD, *HARNESS, *HEAD_POSE, "egocap_eval/studies/head_pose.py"),

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from egocap.detect import weights_card
 from egocap.detect.weights import Weights, open_weights
 from egocap.errors import FileError
 from egocap.evaluation.table import Table, number
@@ -44,14 +45,14 @@ def card(
         if scored != weights.sha256:
             raise FileError(weights.path, "the result is of other weights", valid=str(scored))
     view, result = weights.view, record["result"]
-    training = {k: v for k, v in weights.training.items() if k != "calibration"}
     parts = [
         f"# Detector weights `{weights.name}`",
         f"sha256 `{weights.sha256}`, {weights.path.stat().st_size / 1e6:.1f} MB. Finds the 18 "
         "labels of `body.labels` in fisheye views of a head-worn rig, in a canonical view of "
         f"{view.width} x {view.height} pixels (`egocap.detect.canonical_view`).",
         "## How it was made",
-        _listed(training),
+        "Stages of training, the last one first; all their settings are in the file's metadata.",
+        "\n".join(map(_stage, weights_card.card(weights)["stages"])),
         "Calibration (`egocap calibrate-detector`), on footage it was not trained on:",
         _listed(weights.training.get("calibration", {"none": "as trained"})),
         "## How good it is",
@@ -75,6 +76,16 @@ def _other_rigs(records: Mapping[str, Mapping[str, Any]]) -> Table:
         rows.append((rig, str(result["frames"]), *map(number, scores)))
     header = ("rig", "frames", "PCK", "AUC", "PCK in view", "AUC")
     return Table("Other rigs (evals/rig-families.toml)", header, tuple(rows))
+
+
+def _stage(stage: Mapping[str, Any]) -> str:
+    counts = [f"{stage[key]} {key}" for key in ("steps", "views") if key in stage]
+    if "seconds" in stage:
+        counts.append(f"{stage['seconds'] / 60.0:.0f} min")
+    for key in ("averaged_with", "adapted_from"):
+        if key in stage:
+            counts.append(f"{key.replace('_', ' ')} {stage[key]['name']}")
+    return f"- `{stage.get('command', 'unknown')}`: {', '.join(counts)}"
 
 
 def _listed(values: Mapping[str, Any]) -> str:

@@ -53,6 +53,11 @@ def make_targets(sequence: Path, work: Path) -> list[Target]:
     return [target for group in made for target in group]
 
 
+def make_target(sequence: Path, name: str, work: Path) -> Target:
+    """The target of this name, with the valid files of all of them below `work`."""
+    return next(target for target in make_targets(sequence, work) if target.name == name)
+
+
 def _cameras(sequence: Sequence, work: Path) -> list[Target]:
     from egocap_sim.core.resources import builtin_file
 

@@ -218,7 +218,7 @@ def _recordings(sequence: Sequence, work: Path) -> list[Target]:
 
 def _samples(sequence: Sequence, work: Path) -> list[Target]:
     made = (
-        result_targets.samples(work), result_targets.contacts(work),
+        result_targets.samples(work), result_targets.live(work), result_targets.contacts(work),
         result_targets.trajectories(work), calibrations(sequence, work),
         work_targets.training(sequence, work), work_targets.results(work),
         work_targets.stores(sequence, work),

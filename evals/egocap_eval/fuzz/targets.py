@@ -221,7 +221,7 @@ def _samples(sequence: Sequence, work: Path) -> list[Target]:
         result_targets.samples(work), result_targets.live(work), result_targets.contacts(work),
         result_targets.trajectories(work), calibrations(sequence, work),
         work_targets.training(sequence, work), work_targets.results(work),
-        work_targets.stores(sequence, work),
+        work_targets.datasets(sequence, work), work_targets.stores(sequence, work),
     )  # fmt: skip
     folder = result_targets.footage(sequence, work)
     return [

@@ -6,9 +6,8 @@ Each function writes valid files below a folder and returns what reads them, as 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -55,6 +54,13 @@ def samples(work: Path) -> list[tuple[str, Path, Any]]:
     ]
 
 
+@dataclass
+class _Wearer:
+    """What a live run says of its tracker."""
+
+    proportions: Proportions
+
+
 def live(work: Path) -> list[tuple[str, Path, Any]]:
     """A track as a short live run writes it, and one that is exported as BVH."""
     from egocap.data.bvh import bvh_text
@@ -69,8 +75,7 @@ def live(work: Path) -> list[tuple[str, Path, Any]]:
     by_frame = zip(tracked.times, tracked.angles, tracked.joints_head, tracked.covariance,
                    tracked.confidence, tracked.converged, strict=True)  # fmt: skip
     report = LiveReport([PoseEstimate(*values) for values in by_frame], seconds=0.1)
-    person = SimpleNamespace(proportions=Proportions(tracked.offsets))
-    save_track(file, report.track(person, "simulated"))
+    save_track(file, report.track(_Wearer(Proportions(tracked.offsets)), "simulated"))
     save_track(exported, tracked)
     return [
         (file.name, file, load_track),

@@ -19,7 +19,12 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.adaptation.config import AdaptOptions
-from egocap.adaptation.footage import Recording, labelled_views, track_footage
+from egocap.adaptation.footage import (
+    Recording,
+    check_footage,
+    labelled_views,
+    track_footage,
+)
 from egocap.data.sequence_writer import digest
 from egocap.detect.detector import Detector
 from egocap.detect.train.config import LossConfig, TrainingConfig
@@ -27,6 +32,7 @@ from egocap.detect.train.examples import HIDDEN, ViewStore
 from egocap.detect.weights import Weights, open_weights, save_weights
 from egocap.errors import InputError, require
 from egocap.files import make_folder, write_json
+from egocap.fitting.wearer import find_body
 from egocap.footage.sources import Step
 
 if TYPE_CHECKING:
@@ -96,16 +102,21 @@ def adapt(
         on_step: called at the beginning of every step.
 
     Raises:
-        FileError: a sequence or the weights are missing or damaged.
-        InputError: footage shorter than 10 s, or without a joint of which the tracker is sure.
+        FileError: a sequence, the weights or the body are missing or damaged.
+        InputError: footage shorter than 10 s, or without a joint of which the tracker is sure. All
+            but the last is found before the work begins.
         MachineError: torch is missing.
     """
     require("torch", "train")
     if not footage:
         raise InputError("no footage", valid="folders of sequences, or of egocap mocap")
+    weights = open_weights(options.weights)
+    if options.body is not None:
+        find_body(options.body)
+    for source in footage:
+        check_footage(Path(source))
     folder = Path(out)
     make_folder(folder)
-    weights = open_weights(options.weights)
     recordings = [
         track_footage(Path(source), folder / f"footage-{number}", options, on_step)
         for number, source in enumerate(footage)

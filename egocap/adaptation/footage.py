@@ -42,15 +42,25 @@ class Recording:
     labels: Labels
 
 
+def check_footage(folder: Path) -> None:
+    """Raise FileError or InputError for footage of which `track_footage` makes no use later.
+
+    The pictures are not read.
+    """
+    sequence = open_sequence(_sequence(folder))
+    assert len(sequence.rig.mounts) > 0
+    stretches(sequence.times)
+    if _is_tracked(folder):
+        _read(folder)
+
+
 def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step) -> Recording:
     """Detections, track and labels of a sequence, made in `work`; or those of a folder of `mocap`.
 
     Raises FileError, and InputError as `Tracker`.
     """
-    if (folder / "sequence").is_dir():
-        sequence = open_sequence(folder / "sequence")
-        found = load_detections(folder / "detections.npz")
-        return Recording(sequence, _labels(sequence, found, load_track(folder / "track.npz")))
+    if _is_tracked(folder):
+        return _read(folder)
     sequence = open_sequence(folder)
     make_folder(work)
     stages = Stages(work)
@@ -59,6 +69,22 @@ def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step
     body, _ = steps.body(stages, sequence, found, wearer, on_step)
     track = steps.track(stages, sequence, found, body, TrackerConfig(), None, on_step)
     return Recording(sequence, _labels(sequence, found, track))
+
+
+def _is_tracked(folder: Path) -> bool:
+    """Whether it is a folder of `mocap`."""
+    return (folder / "sequence").is_dir()
+
+
+def _sequence(folder: Path) -> Path:
+    return folder / "sequence" if _is_tracked(folder) else folder
+
+
+def _read(folder: Path) -> Recording:
+    """The recording of a folder of `mocap`."""
+    sequence = open_sequence(_sequence(folder))
+    found = load_detections(folder / "detections.npz")
+    return Recording(sequence, _labels(sequence, found, load_track(folder / "track.npz")))
 
 
 def _labels(sequence: Sequence, found: Detections, track: Track) -> Labels:

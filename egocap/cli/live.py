@@ -250,8 +250,10 @@ def _print_live(report: LiveReport, as_json: bool) -> None:
     if as_json:
         print(jsons.dumps(summary, indent=1))
         return
-    print(f"{summary['poses']} poses, {summary['poses_per_second']:.1f} a second, latency "
-          f"{summary['latency_ms']:.0f} ms (95 %: {summary['latency_95_ms']:.0f}), "
+    latency = "latency unknown"
+    if report.latency_ms is not None:
+        latency = f"latency {report.latency_ms[0]:.0f} ms (95 %: {report.latency_ms[1]:.0f})"
+    print(f"{summary['poses']} poses, {summary['poses_per_second']:.1f} a second, {latency}, "
           f"{summary['skipped_pictures']} pictures skipped, "
           f"{summary['missing_pictures']} missing; "
           + ", ".join(f"{stage} {summary[f'{stage}_ms']:.0f}" for stage in report.stages)

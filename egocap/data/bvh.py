@@ -25,6 +25,8 @@ from egocap.files import write_atomically
 
 TO_FILE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes of the project (x forward, y left, z up) to those of the file (x left, y up, z forward)."""
+SHORTEST_S, LONGEST_S = 1e-5, 1.0
+"""Time between frames that readers of the format take; the file states eight decimals of it."""
 _CHANNELS = "Zrotation Xrotation Yrotation"
 _HEAD = "skull"  # the body above the neck joint
 _SIDES = {"left": "Left", "right": "Right"}
@@ -56,7 +58,7 @@ def write_bvh(path: str | Path, track: Track) -> None:
 
 
 def bvh_text(track: Track) -> str:
-    """Content of the file. Raises InputError for a track without skeleton or with uneven times."""
+    """Content of the file. Raises InputError for a track without skeleton, and as `frame_time`."""
     if track.offsets is None:
         raise InputError("the track does not hold its skeleton", valid="a track of schema 2")
     root = joint_tree(np.asarray(track.offsets))
@@ -156,10 +158,13 @@ def _euler_degrees(R: Float[Array, "T 3 3"]) -> Float[Array, "T 3"]:
 
 
 def frame_time(track: Track) -> float:
-    """Seconds per frame. Raises InputError for uneven times."""
+    """Seconds per frame. Raises InputError for uneven times, and for frames too near or far."""
     if len(track.times) < 2:
         return 1.0 / 30.0
     steps = np.diff(track.times)
     if steps.max() - steps.min() > 0.02 * steps.mean():
         raise InputError("the track's frames are not evenly spaced", valid="an even frame rate")
+    if not SHORTEST_S <= steps.mean() <= LONGEST_S:
+        raise InputError(f"the track's frames are {steps.mean():g} s apart",
+                         valid=f"{SHORTEST_S:g} to {LONGEST_S:g} s")  # fmt: skip
     return float(steps.mean())

@@ -18,13 +18,16 @@ from egocap.series import interpolate
 
 EVEN = 0.02
 """Relative difference between the longest and the shortest step of times that count as even."""
+MOST_FRAMES, MOST_RATIO = 100_000, 10
+"""Even times may be so many, or so many times the track's own: one wrong time makes billions."""
 
 
 def evenly(track: Track, fps: float | None = None) -> Track:
     """The track at even times, from its first to its last; the same track if it is even already.
 
     Angles are interpolated linearly, head poses along their rotations. `fps` is the median rate of
-    the track by default. Raises InputError for times that do not increase.
+    the track by default. Raises InputError for times that do not increase, or that are so far
+    apart that they need more frames than MOST_FRAMES and MOST_RATIO allow.
     """
     steps = np.diff(track.times)
     if not len(steps):
@@ -34,7 +37,11 @@ def evenly(track: Track, fps: float | None = None) -> Track:
     if fps is None and np.ptp(steps) <= EVEN * steps.mean():
         return track
     step = float(np.median(steps)) if fps is None else 1.0 / fps
-    count = int(np.ptp(track.times) / step + 1e-6) + 1
+    span, most = float(np.ptp(track.times)), max(MOST_FRAMES, MOST_RATIO * len(track.times))
+    if not span / step < most:
+        raise InputError(f"the track's times span {span:g} s, {span / step:.3g} even steps",
+                         valid=f"at most {most:,} steps of {step:g} s")  # fmt: skip
+    count = int(span / step + 1e-6) + 1
     return resampled(track, track.times[0] + step * np.arange(count))
 
 

@@ -50,10 +50,10 @@ class LiveReport:
     seconds: float = 0.0  # from the first picture to the last pose
 
     @property
-    def latency_ms(self) -> tuple[float, float]:
-        """Median and 95th percentile of the latency, milliseconds; nan before the first pose."""
+    def latency_ms(self) -> tuple[float, float] | None:
+        """Median and 95th percentile of the latency, milliseconds; None before the first pose."""
         if not self.latencies:
-            return float("nan"), float("nan")
+            return None
         low, high = np.percentile(self.latencies, [50, 95])
         return 1e3 * float(low), 1e3 * float(high)
 
@@ -62,13 +62,13 @@ class LiveReport:
         """Poses per second."""
         return len(self.poses) / self.seconds if self.seconds else 0.0
 
-    def summary(self) -> dict[str, float]:
-        """Numbers for people and machines."""
-        middle, late = self.latency_ms
-        skew = float(np.median(self.skews)) if self.skews else float("nan")
+    def summary(self) -> dict[str, float | None]:
+        """Numbers for people and machines, JSON-ready; None for what no pose had."""
+        middle, late = self.latency_ms or (None, None)
+        skew = 1e3 * float(np.median(self.skews)) if self.skews else None
         return {"poses": len(self.poses), "poses_per_second": round(self.rate, 2),
                 "skipped_pictures": self.skipped, "missing_pictures": self.missing,
-                "latency_ms": middle, "latency_95_ms": late, "skew_ms": 1e3 * skew,
+                "latency_ms": middle, "latency_95_ms": late, "skew_ms": skew,
                 } | {f"{stage}_ms": 1e3 * float(np.median(spent))
                      for stage, spent in self.stages.items()}  # fmt: skip
 

@@ -134,7 +134,7 @@ def _problems(folder: Path, manifest: Manifest, on_frames: Callable[[int], None]
             yield from wrong
             if wrong or not manifest.truth:
                 return
-            contradictions = list(_truth_problems(sequence))
+            contradictions = list(_truth_problems(sequence)) or list(_annotation_problems(sequence))
             yield from contradictions or _crosscheck_problems(sequence)
         except EgocapError as error:
             yield str(error)
@@ -260,3 +260,20 @@ def _truth_problems(sequence: Sequence) -> Iterator[str]:
             yield f"truth.npz: 'joints_2d' of {mount.name} does not follow from the rig"
     if not np.array_equal(truth.visibility == OUT_OF_VIEW, ~truth.in_view):
         yield "truth.npz: 'visibility' contradicts 'in_view'"
+
+
+def _annotation_problems(sequence: Sequence) -> Iterator[str]:
+    """Compare joints and visibility in the annotations of simulated frames with the truth."""
+    if "scene.toml" not in sequence.manifest.files:
+        return
+    truth, views = sequence.truth, sequence.manifest.views
+    for shard in sequence.manifest.shards:
+        for index in range(shard.first, shard.first + len(shard.frames)):
+            said = sequence.annotation(index)
+            visibility = dict(zip(views, truth.visibility[index].tolist(), strict=True))
+            joints = truth.joints_head[index].tolist()
+            wrong = [key for key, true in (("visibility", visibility), ("joints_head", joints))
+                     if said.get(key) != true]  # fmt: skip
+            if wrong:
+                yield f"{shard.name}: '{wrong[0]}' of frame {index} differs from truth.npz"
+                break

@@ -61,7 +61,9 @@ def study(
     report = json.loads(live.pop("printed"))
     live |= {key: report[key] for key in ("poses", "latency_ms", "latency_95_ms")}
     missed = _missed("live", live)
-    if live["latency_95_ms"] > MOST_LATENCY_MS:
+    if live["latency_95_ms"] is None:
+        missed.append("live: no pose before the end of the films")
+    elif live["latency_95_ms"] > MOST_LATENCY_MS:
         missed.append(f"live: latency {live['latency_95_ms']:.0f} ms (95 %, target "
                       f"{MOST_LATENCY_MS:g})")  # fmt: skip
     result = {"minutes": minutes, "live": live}
@@ -128,7 +130,7 @@ def _table(result: dict[str, Any]) -> Table:
     for name in ("live", "generate"):
         if name in result:
             run = result[name]
-            late = number(run["latency_95_ms"], 0) if "latency_95_ms" in run else ""
+            late = number(run["latency_95_ms"], 0) if run.get("latency_95_ms") else ""
             rows.append((name, number(run["peak_mb"], 0), number(run["growth_mb"], 1),
                          number(run["files_growth"], 0), late))  # fmt: skip
     head = ("command", "peak MB", "growth MB", "files", "latency 95 % ms")

@@ -52,6 +52,7 @@ COMMANDS = {
     "--most-steps 500 --out o/p.npz --checkpoint o/c.npz",
     "train": "egocap train {in}/sequence --out o/run --config tiny --steps 3 --batch 2 "
     "--held-out 0 --resume",
+    "adapt": "egocap adapt {in}/long --out o/adapted --height 1.75 --steps 3 --views 20",
     "export": "egocap export {in}/t.npz --out o/motion.glb",
     "suite": "egocap_eval run {in}/suite.toml --work o/suite",
 }
@@ -331,6 +332,9 @@ def make_inputs(folder: Path, commands: tuple[str, ...]) -> Path:
     """The inputs of these commands, where they are missing."""
     scene = builtin_scene("validation-walk", (160, 128), frames=12)
     prepare_sequence(scene, folder / "sequence")
+    if "adapt" in commands:  # needs 10 s
+        scene = builtin_scene("validation-walk", (160, 128), frames=55, fps=5.0)
+        prepare_sequence(scene, folder / "long")
     (folder / "suite.toml").write_text(_SUITE.replace("{folder}", str(folder)))
     makers = {
         "films": f"egocap_sim export {folder}/sequence --format videos --out {folder}/films",

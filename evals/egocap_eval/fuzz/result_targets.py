@@ -6,13 +6,14 @@ Each function writes valid files below a folder and returns what reads them, as 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from egocap.body.labels import LABELS
+from egocap.body.proportions import Proportions
 from egocap.data.footage import Footage, FootageView, FrameTimes
 from egocap.data.head_pose import HeadPoses, in_world
 from egocap.data.sequence import Sequence
@@ -50,6 +51,35 @@ def samples(work: Path) -> list[tuple[str, Path, Any]]:
     return [
         ("chain.npz", chain, lambda path: NpzBackend(path, FINGERPRINT).get_last_sample()),
         ("posterior.npz", result, lambda path: load_posterior(path).summary()),
+    ]
+
+
+@dataclass
+class _Wearer:
+    """What a live run says of its tracker."""
+
+    proportions: Proportions
+
+
+def live(work: Path) -> list[tuple[str, Path, Any]]:
+    """A track as a short live run writes it, and one that is exported as BVH."""
+    from egocap.data.bvh import bvh_text
+    from egocap.data.resampling import evenly
+    from egocap.track.online import PoseEstimate
+    from egocap.view.live_run import LiveReport
+
+    track, file, exported = (work / f"track{n}.npz" for n in ("", "-live", "-exported"))
+    tracked = load_track(track)
+    assert tracked.covariance is not None and tracked.confidence is not None
+    assert tracked.offsets is not None
+    by_frame = zip(tracked.times, tracked.angles, tracked.joints_head, tracked.covariance,
+                   tracked.confidence, tracked.converged, strict=True)  # fmt: skip
+    report = LiveReport([PoseEstimate(*values) for values in by_frame], seconds=0.1)
+    save_track(file, report.track(_Wearer(Proportions(tracked.offsets)), "simulated"))
+    save_track(exported, tracked)
+    return [
+        (file.name, file, load_track),
+        (exported.name, exported, lambda path: bvh_text(evenly(load_track(path)))),
     ]
 
 

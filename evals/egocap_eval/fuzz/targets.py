@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,11 @@ def make_targets(sequence: Path, work: Path) -> list[Target]:
         _samples,
     )]  # fmt: skip
     return [target for group in made for target in group]
+
+
+def make_target(sequence: Path, name: str, work: Path) -> Target:
+    """The target of this name, with the valid files of all of them below `work`."""
+    return next(target for target in make_targets(sequence, work) if target.name == name)
 
 
 def _cameras(sequence: Sequence, work: Path) -> list[Target]:
@@ -212,12 +217,12 @@ def _recordings(sequence: Sequence, work: Path) -> list[Target]:
 
 
 def _samples(sequence: Sequence, work: Path) -> list[Target]:
-    made = (
-        result_targets.samples(work), result_targets.contacts(work),
+    made: list[Iterable[tuple[Any, ...]]] = [
+        result_targets.samples(work), result_targets.live(work), result_targets.contacts(work),
         result_targets.trajectories(work), calibrations(sequence, work),
         work_targets.training(sequence, work), work_targets.results(work),
-        work_targets.stores(sequence, work),
-    )  # fmt: skip
+        work_targets.datasets(sequence, work), work_targets.stores(sequence, work),
+    ]  # fmt: skip
     folder = result_targets.footage(sequence, work)
     return [
         *(Target(*parts) for group in made for parts in group),

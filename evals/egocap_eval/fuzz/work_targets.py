@@ -1,4 +1,4 @@
-"""More formats under test: what runs leave behind and read again, and copies of stores.
+"""More formats under test: what runs leave behind and read again, data sets, copies of stores.
 
 Each function writes valid files below a folder and returns what reads them, as in `targets`.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import os
 import shutil
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from egocap.data.sequence import Sequence
+from egocap.data.sequence_writer import digest
 
 Parts = tuple[Any, ...]
 """Name, file, reader, and the folder that is copied with the file, if any."""
@@ -97,6 +99,44 @@ def results(work: Path) -> list[Parts]:
         ("cases.jsonl", cases, ScoreLog),
         ("results.toml", FILE, read_registry),
     ]
+
+
+def datasets(sequence: Sequence, work: Path) -> list[Parts]:
+    """A data set of one episode: verified, resumed, and its sequences found and read."""
+    from egocap.data.dataset import EPISODES, SCHEMA, Dataset, episode_name, find_sequences
+    from egocap.data.dataset_writer import DatasetWriter, episode_entry
+    from egocap_sim.verification.integrity import verify
+
+    folder, episode = work / "dataset", episode_name(0)
+    shutil.copytree(sequence.folder, folder / episode, dirs_exist_ok=True)
+    entry, config = episode_entry(folder / episode, 0), {"a": 1}
+    assert entry is not None
+    asked = Dataset(
+        schema_version=SCHEMA, name="a", frames=entry.frames, parts=[entry.frames], seed=0,
+        config=config, config_sha256=digest(config), code_version="1",
+    )  # fmt: skip
+    listed = asked.model_copy(update={"episodes": [entry]})
+    (folder / EPISODES).write_text(listed.model_dump_json())
+
+    def use(copy: Path) -> None:
+        verify(copy)
+        with _without_warnings(), DatasetWriter(copy, asked, append=False) as writer:
+            assert writer.done() <= {0}
+        for found in find_sequences([copy]):
+            assert len(Sequence(found).truth.time) > 0
+
+    return [(f"dataset/{name}", folder / name, use, folder)
+            for name in (EPISODES, f"{episode}/manifest.json", f"{episode}/truth.npz")]  # fmt: skip
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Log no episode that is damaged: most are."""
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
 
 
 def stores(sequence: Sequence, work: Path) -> list[Parts]:

@@ -76,9 +76,9 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "fit-rig": (*FOOTAGE_TRACKED, *NOISE, *MOTION_TRUTH, "egocap/fitting",
                 "egocap_eval/studies/fit_rig.py"),
     "fuzz": (*GEOMETRY, "egocap/cameras", "egocap/files.py", "egocap/schema.py", "egocap/data",
-             "egocap/media",
-             "egocap_eval/fuzz/mutations.py", "egocap_eval/fuzz/result_targets.py",
-             "egocap_eval/fuzz/study.py", "egocap_eval/fuzz/targets.py"),
+             "egocap/media", *(f"egocap_eval/fuzz/{module}.py" for module in (
+                 "calibration_targets", "mutations", "result_targets", "study", "targets", "trials",
+                 "watchdog", "work_targets"))),
     "head-pose": (*GEOMETRY, *WORLD, *HARNESS, *HEAD_POSE, "egocap_eval/studies/head_pose.py"),
     "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),
     "personalised": (*FOOTAGE_TRACKED, *FITTED, "egocap_eval/studies/personalised.py"),

@@ -1,5 +1,9 @@
 """Files that a command needs late are refused at its start, in one line."""
 
+import json
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -15,7 +19,8 @@ def bad(tmp_path, tiny_sequence, monkeypatch):
         raise AssertionError("the file was refused too late")
 
     for name in ("egocap.cli.tracking.detections_from", "egocap.cli.showing.detections_from",
-                 "egocap.motion_capture.capture.import_footage"):  # fmt: skip
+                 "egocap.motion_capture.capture.import_footage",
+                 "egocap.adaptation.adapt.track_footage"):  # fmt: skip
         monkeypatch.setattr(name, late)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.json").write_text("{")
@@ -26,6 +31,11 @@ def bad(tmp_path, tiny_sequence, monkeypatch):
     far[:, 0, 3] = 1e9
     np.savez("far.npz", time=times, T_world_head=far)
     Sequence(tiny_sequence).rig.to_json(tmp_path / "rig.json")
+    shutil.copytree(tiny_sequence, "LONG")
+    manifest = json.loads(Path("LONG/manifest.json").read_text())
+    Path("LONG/manifest.json").write_text(json.dumps(manifest | {"fps": 0.5}))  # 7 frames, 12 s
+    Path("tracked").mkdir()
+    Path("tracked/sequence").symlink_to(tmp_path / "LONG")
 
 
 @pytest.mark.parametrize(
@@ -43,7 +53,13 @@ def bad(tmp_path, tiny_sequence, monkeypatch):
      ("mocap a b --rig rig.json --out o --head-pose far.npz", "1e+09 m from the origin"),
      ("mocap a b --rig rig.json --out o --weights bad.safetensors", "bad.safetensors: "),
      ("mocap a b --rig rig.json --out o --weights none.safetensors", "no such file"),
-     ("mocap a b --rig rig.json --out o --body bad.json", "bad.json, line 1: not JSON")],
+     ("mocap a b --rig rig.json --out o --body bad.json", "bad.json, line 1: not JSON"),
+     ("adapt LONG --out o --weights bad.safetensors", "bad.safetensors: "),
+     ("adapt LONG --out o --body bad.json", "bad.json, line 1: not JSON"),
+     ("adapt LONG --out o --body fit", "--body fit"),
+     ("adapt LONG none --out o", "none: no such folder"),
+     ("adapt LONG SEQ --out o", "footage of 0.2 s (valid: 10 s or more)"),
+     ("adapt LONG tracked --out o", "detections.npz: no such file")],
 )  # fmt: skip
 def test_bad_files_are_refused_before_the_work(egocap, bad, tiny_sequence, tmp_path, words, says):
     (tmp_path / "SEQ").symlink_to(tiny_sequence)

@@ -85,4 +85,7 @@ def test_what_cannot_be_written_is_named(tmp_path):
     uneven = track.times + np.linspace(0, 1, 12) ** 2
     with pytest.raises(InputError, match="evenly"):
         write_bvh(tmp_path / "t.bvh", replace(track, times=uneven))
+    for step in (1e-9, 1e9, 1e13):
+        with pytest.raises(InputError, match="s apart"):
+            write_bvh(tmp_path / "t.bvh", replace(track, times=step * np.arange(12)))
     assert not list(tmp_path.iterdir())

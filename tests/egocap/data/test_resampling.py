@@ -50,3 +50,6 @@ def test_a_rate_can_be_chosen_and_even_tracks_stay():
     assert evenly(even) is even
     with pytest.raises(InputError, match="do not increase"):
         evenly(replace(track, times=track.times[::-1].copy()))
+    far = np.concatenate([track.times[:-1], [1e11]])
+    with pytest.raises(InputError, match=r"span 1e\+11 s, .* even steps \(valid: at most 100,000"):
+        evenly(replace(track, times=far))

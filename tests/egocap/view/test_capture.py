@@ -1,11 +1,13 @@
 """Live: the causal pass's poses, the newest picture wins, and sources that end or fail."""
 
+import json
 import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from egocap.cli.live import _print_live
 from egocap.errors import InputError, MachineError
 from egocap.pose.config import TrackerConfig
 from egocap.track.online import OnlineTracker
@@ -123,6 +125,19 @@ def test_late_poses_are_shown_with_their_own_pictures(tmp_path):
     assert {len(spent) for spent in report.stages.values()} == {12}
     assert list(report.stages) == ["pictures", "detect", "track", "show"]
     assert report.summary()["track_ms"] > 0.0
+
+
+def test_a_run_whose_poses_all_come_at_the_end_has_no_latency_and_valid_json(tmp_path, capsys):
+    made = make_motion(frames=60)
+    names = [video(tmp_path / f"{side}.avi", 2) for side in ("left", "right")]
+    tracker = OnlineTracker(made.rig, made.person, TrackerConfig(smoothing="fixed-lag", lag=0.1))
+    report = follow_live(RecordedFeed(names), Slow(made, 0.0), tracker)
+    assert len(report.poses) == 2 and report.summary()["latency_ms"] is None
+    json.dumps(report.summary(), allow_nan=False)
+    json.dumps(LiveReport().summary(), allow_nan=False)
+    json.dumps(report.track(tracker, "test").config, allow_nan=False)
+    _print_live(report, as_json=False)
+    assert "2 poses" in (said := capsys.readouterr().out) and "latency unknown" in said
 
 
 def test_the_first_pictures_are_the_beginning(tmp_path):

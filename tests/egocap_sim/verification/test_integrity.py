@@ -173,6 +173,25 @@ def test_damaged_annotations_are_left_out_of_training(folder, content, tmp_path,
     assert "shard-00001.tar" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"{}", "'visibility' of frame 2 differs"), (b'{"visibility": {}}', "'visibility' of frame 2"),
+     (b"[]", "not"), (b"\xff", "not")],
+)  # fmt: skip
+def test_annotations_that_contradict_the_truth_are_seen(folder, content, says):
+    rewrite_shard(folder, ".json", content)
+    problems = verify(folder).problems
+    assert len(problems) == 1 and says in problems[0] and "shard-00001.tar" in problems[0]
+
+
+def test_a_joint_that_was_moved_in_an_annotation_is_seen(folder):
+    said = Sequence(folder).annotation(3)
+    said["joints_head"][5][2] += 1e-6
+    rewrite_shard(folder, "000003.json", json.dumps(said).encode())
+    (problem,) = verify(folder).problems
+    assert problem == "shard-00001.tar: 'joints_head' of frame 3 differs from truth.npz"
+
+
 def test_a_shard_that_is_no_archive_is_said(folder):
     path = folder / "shard-00001.tar"
     path.write_bytes(b"x" * 1024)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from egocap.errors import FileError
-from egocap_eval.fuzz import study as fuzzing
+from egocap_eval.fuzz import trials
 from egocap_eval.fuzz.mutations import mutated
-from egocap_eval.fuzz.study import fuzz
 from egocap_eval.fuzz.targets import Target, make_targets
+from egocap_eval.fuzz.trials import fuzz
 
 CASES, DOOR_CASES = 40, 1000
 DOORS = {
@@ -46,7 +46,7 @@ def test_mutations_are_reproducible_and_differ(targets):
 def test_failures_are_noticed_and_their_files_kept(tmp_path, monkeypatch):
     valid = tmp_path / "a.txt"
     valid.write_text("1 2 3")
-    monkeypatch.setattr(fuzzing, "LIMIT_S", 0.05)
+    monkeypatch.setattr(trials, "LIMIT_S", 0.05)
 
     def load(path):
         content = path.read_bytes()

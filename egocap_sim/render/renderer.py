@@ -86,10 +86,9 @@ class FisheyeRenderer(pyrender.Renderer):
         if place.meshes:
             self._batches[None] = merge(place.meshes)  # last: mostly occluded by the actors
         self._gpu = {name: GpuBatch(batch) for name, batch in self._batches.items()}
-        self._scene = pyrender.Scene()
         for gpu in self._gpu.values():
-            self._scene.add(gpu.mesh)
-        self._update_context(self._scene, _SCENE)
+            gpu.primitive._add_to_context()
+        self._meshes = {gpu.mesh for gpu in self._gpu.values()}  # which `delete` frees
         # Resolution on the floor similar to that of the image.
         finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = shadow_map(place.light.spread, fine=finest > 250)

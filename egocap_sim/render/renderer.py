@@ -99,6 +99,7 @@ class FisheyeRenderer(pyrender.Renderer):
         self._posed: dict[str, Array] = {}  # current vertex positions of actors
         self._shadowing: dict[str, Array] = {}  # and those of the shadow map
         self._views: Views | None = None
+        self._earlier: Views | None = None  # whose colours the next frame overwrites
 
     def render(
         self,
@@ -141,11 +142,16 @@ class FisheyeRenderer(pyrender.Renderer):
         if self._contact is not None:
             self._contact.pose(self._posed)
         self._draw_scene(self._shadow_from_world)
+        if self._earlier is not None:
+            _ = self._earlier.images  # resampled, if nobody has asked for them
         atlas = self._canvas.buffer.read_color()
         check_errors()
         if self._views is not None:
             self._views.expired = True
-        self._views = Views(self, self.rig.cameras, self._canvas.resampler, atlas, rows)
+        self._earlier, self._views = (
+            self._views,
+            Views(self, self.rig.cameras, self._canvas.resampler, atlas, rows),
+        )
         return self._views
 
     def _window(self, tile: int, rows: Mapping[int, slice] | None) -> Window | None:

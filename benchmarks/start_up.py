@@ -47,6 +47,7 @@ def measure(repeats: int) -> list[dict[str, Any]]:
 
 def _times(cache: Path) -> dict[str, float]:
     environment = os.environ | {"XDG_CACHE_HOME": str(cache), "NUMBA_CACHE_DIR": f"{cache}/numba"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     found = {}
     with tempfile.TemporaryDirectory() as work:
         for name, (module, *words) in COMMANDS.items():

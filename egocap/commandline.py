@@ -113,7 +113,15 @@ def _collect_rarely() -> None:
 
 
 def start(prog: str, program: Callable[[], int]) -> int:
-    """Run what imports a program and runs it; returns its exit code, also for Ctrl-C meanwhile."""
+    """Run what imports a program and runs it; returns its exit code, also for Ctrl-C meanwhile.
+
+    `--version` alone prints the version instead.
+    """
+    if sys.argv[1:] == ["--version"]:
+        from egocap import __version__
+
+        print(prog, __version__)
+        return DONE
     try:
         return program()
     except KeyboardInterrupt:

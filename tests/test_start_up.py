@@ -87,3 +87,12 @@ def test_help(module):
         "    assert main() == 0, words",
     )
     assert not loaded_after("\n".join(lines))
+
+
+@pytest.mark.parametrize("module", COMMANDS)
+def test_version(module):
+    from egocap import __version__
+
+    command = [sys.executable, "-m", module.split(".")[0], "--version"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == f"{module.split('.')[0].replace('_', '-')} {__version__}\n"

@@ -41,21 +41,19 @@ def export(
     Args:
         track: track, or detections, to read, npz.
         out: file to write.
-        format: what to write; by default the suffix of the file tells.
+        format: what to write; by default the suffix of the file tells, .smpl.npz for smpl.
     """
     from egocap.data.detections import load_detections
     from egocap.data.track import load_track
     from egocap.export.coco import write_coco
-    from egocap.export.formats import FORMATS
+    from egocap.export.formats import FORMATS, format_of
 
     if format == "coco" or (format is None and out.suffix == ".json"):
         detections = load_detections(track)
         write_coco(out, detections)
         print(f"{out}: {len(detections.times)} frames")
         return DONE
-    name = out.suffix.removeprefix(".").lower() if format is None else format
-    if name not in FORMATS:
-        raise InputError(f"cannot tell the format of '{out.name}'", valid=FORMATS)
+    name = format_of(out) if format is None else format
     found = load_track(track)
     FORMATS[name](out, found)
     print(f"{out}: {len(found.times)} frames")

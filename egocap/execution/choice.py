@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from egocap.errors import InputError
-from egocap.execution.cluster import DaskCluster
 from egocap.execution.jobs import Executor, InProcess
 from egocap.execution.process_pool import ProcessPool
 
@@ -13,5 +12,7 @@ def choose_executor(workers: int, cluster: str | None) -> Executor:
     if workers < 0:
         raise InputError(f"{workers} workers", valid="0 or more")
     if cluster is not None:
+        from egocap.execution.cluster import DaskCluster
+
         return DaskCluster(cluster)
     return ProcessPool(workers) if workers else InProcess()

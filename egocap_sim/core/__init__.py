@@ -1,4 +1,4 @@
-"""Shared by the whole simulator: body names, random generators, resources, trajectories.
+"""Shared by the whole simulator: body names, random generators, resources, trajectories, the cache.
 
 Plain values without rendering or physics.
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,6 +23,20 @@ from egocap_sim.world.world import World
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 _FLAT = [*_PNG, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]  # labels, three times as fast
+
+
+@dataclass(frozen=True, eq=False)
+class _Instant:
+    """A frame of perfect cameras, as `CapturedFrame`; its images are made when asked for."""
+
+    views: Views
+    parts: tuple[UInt8[Array, "H W"], ...]
+    depth: tuple[Float[Array, "H W"], ...]
+    visibility: UInt8[Array, "V 18"]
+
+    @property
+    def images(self) -> tuple[UInt8[Array, "H W 3"], ...]:
+        return self.views.images
 
 
 class FrameWriter:
@@ -52,7 +67,10 @@ class FrameWriter:
         self.renderer.close()
 
     def files(self, frames: Iterable[int]) -> Iterator[dict[str, bytes]]:
-        """Content of every file of each frame, by suffix; encoded while the next is drawn."""
+        """Content of every file of each frame, by suffix; encoded while the next is drawn.
+
+        Perfect cameras' images are also resampled meanwhile.
+        """
         with ThreadPoolExecutor(1) as pool:
             encoding: Future[dict[str, bytes]] | None = None
             for index in frames:
@@ -63,7 +81,7 @@ class FrameWriter:
             if encoding is not None:
                 yield encoding.result()
 
-    def _encoded(self, index: int, frame: CapturedFrame) -> dict[str, bytes]:
+    def _encoded(self, index: int, frame: CapturedFrame | _Instant) -> dict[str, bytes]:
         files: dict[str, bytes] = {}
         for view, image in zip(self.rig.views, frame.images, strict=True):
             files[f"{view}.{self.record.image_format}"] = self._encode(image)
@@ -76,12 +94,12 @@ class FrameWriter:
         files["json"] = self._annotation(index, frame.visibility)
         return files
 
-    def _instant(self, index: int) -> CapturedFrame:
+    def _instant(self, index: int) -> _Instant:
         """Capture the frame with perfect cameras."""
         views, find_visible = self._draw(index, self.truth.time[index])
         parts = views.parts() if self.record.masks else ()
         depth = views.depth() if self.record.depth else ()
-        return CapturedFrame(views.images, parts, depth, find_visible(range(len(self.rig.views))))
+        return _Instant(views, parts, depth, find_visible(range(len(self.rig.views))))
 
     def _draw(
         self,

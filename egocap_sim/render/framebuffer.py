@@ -27,7 +27,7 @@ class AtlasBuffer:
         self._renderbuffers: list[int] = []
         self._plain = self._make(0)
         self._drawn = self._make(samples) if samples else self._plain
-        self.color = np.empty((self.height, self.width, 4), np.uint8)
+        self.color, self._before = np.empty((2, self.height, self.width, 4), np.uint8)
         self.labels = np.empty((self.height, self.width), np.uint8)
         self.has_labels = False
         # Initial depth: far, but nearest where no pixel needs to be drawn, which culls everything.
@@ -66,7 +66,8 @@ class AtlasBuffer:
         self.has_labels = True
 
     def read_color(self) -> Array:
-        """The atlas (h, w, 4), bottom row first; overwritten by the next frame."""
+        """The atlas (h, w, 4), bottom row first; overwritten by the next frame but one."""
+        self.color, self._before = self._before, self.color
         self._read(self.color, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE)
         return self.color
 

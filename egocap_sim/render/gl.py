@@ -4,7 +4,9 @@ pyrender 0.1.45 pins PyOpenGL 3.1.0, which predates numpy 2, today's EGL and Pyt
 things must hold before pyrender is imported, so every module takes `GL` and `pyrender` from here:
 `PYOPENGL_PLATFORM=egl` is set, `np.infty` exists, `OpenGL.GL.shaders` is imported before
 `OpenGL.EGL`, `OpenGL.EGL` has an `EGLDeviceEXT` (mujoco's EGL requires it), and PyOpenGL knows the
-name that Python 3.12 gave to the type of `ctypes.byref`.
+name that Python 3.12 gave to the type of `ctypes.byref`. pyrender's window and the graph library of
+its scenes, which nothing here uses, take a third of its import: the one is left out and the other
+is loaded when it is first used.
 
 Mesa's software renderer uses one thread per core. With several worker processes, set
 `LP_NUM_THREADS=1` in each worker's environment before it creates a context; this module does not
@@ -15,11 +17,16 @@ from __future__ import annotations
 
 import ctypes
 import os
+import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +37,31 @@ REMEDY = "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri"
 os.environ["PYOPENGL_PLATFORM"] = "egl"
 os.environ.setdefault("MUJOCO_GL", "egl")
 np.__dict__.setdefault("infty", np.inf)
+
+
+class _Later(ModuleType):
+    """A module that is imported when one of its names is first used."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # the import system asks
+            raise AttributeError(name)
+        return getattr(import_module(self.__name__), name)
+
+
+@contextmanager
+def _imported_later(*modules: ModuleType) -> Iterator[None]:
+    """What is imported meanwhile finds these modules; imports afterwards find the real ones."""
+    new = {module.__name__: module for module in modules if module.__name__ not in sys.modules}
+    sys.modules.update(new)
+    try:
+        yield
+    finally:
+        for name in new:
+            del sys.modules[name]
+
+
+_window, _graphs = _Later("pyrender.viewer"), _Later("networkx")
+_window.__dict__["Viewer"] = None
 
 try:
     # isort: off
@@ -51,7 +83,8 @@ try:
 
     if not hasattr(EGL, "EGLDeviceEXT"):
         EGL.EGLDeviceEXT = ctypes.c_void_p  # pyright: ignore[reportAttributeAccessIssue]
-    import pyrender
+    with _imported_later(_window, _graphs):
+        import pyrender
     import pyrender.renderer
     import pyrender.shader_program
     from OpenGL import contextdata

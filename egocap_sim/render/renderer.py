@@ -86,10 +86,9 @@ class FisheyeRenderer(pyrender.Renderer):
         if place.meshes:
             self._batches[None] = merge(place.meshes)  # last: mostly occluded by the actors
         self._gpu = {name: GpuBatch(batch) for name, batch in self._batches.items()}
-        self._scene = pyrender.Scene()
         for gpu in self._gpu.values():
-            self._scene.add(gpu.mesh)
-        self._update_context(self._scene, _SCENE)
+            gpu.primitive._add_to_context()
+        self._meshes = {gpu.mesh for gpu in self._gpu.values()}  # which `delete` frees
         # Resolution on the floor similar to that of the image.
         finest = max(t.density for t in self._canvas.atlas.tiles)
         self._shadow = shadow_map(place.light.spread, fine=finest > 250)
@@ -100,6 +99,7 @@ class FisheyeRenderer(pyrender.Renderer):
         self._posed: dict[str, Array] = {}  # current vertex positions of actors
         self._shadowing: dict[str, Array] = {}  # and those of the shadow map
         self._views: Views | None = None
+        self._earlier: Views | None = None  # whose colours the next frame overwrites
 
     def render(
         self,
@@ -142,11 +142,16 @@ class FisheyeRenderer(pyrender.Renderer):
         if self._contact is not None:
             self._contact.pose(self._posed)
         self._draw_scene(self._shadow_from_world)
+        if self._earlier is not None:
+            _ = self._earlier.images  # resampled, if nobody has asked for them
         atlas = self._canvas.buffer.read_color()
         check_errors()
         if self._views is not None:
             self._views.expired = True
-        self._views = Views(self, self.rig.cameras, self._canvas.resampler, atlas, rows)
+        self._earlier, self._views = (
+            self._views,
+            Views(self, self.rig.cameras, self._canvas.resampler, atlas, rows),
+        )
         return self._views
 
     def _window(self, tile: int, rows: Mapping[int, slice] | None) -> Window | None:

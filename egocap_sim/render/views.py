@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Protocol
@@ -116,15 +117,27 @@ class Views:
         """With `rows`, images contain only these rows of these views."""
         self._reader, self._cameras, self._resampler = reader, cameras, resampler
         self._distance: Float[Array, "h w"] | None = None
-        drawn = [slice(None) if rows is None else rows.get(v, slice(0, 0))
-                 for v in range(len(resampler.atlas.lookup))]  # fmt: skip
-        self.images: tuple[UInt8[Array, "H W 3"], ...] = tuple(
-            resampler.colors(v, atlas_rgba, band) for v, band in enumerate(drawn)
-        )
+        self._drawn = [slice(None) if rows is None else rows.get(v, slice(0, 0))
+                       for v in range(len(resampler.atlas.lookup))]  # fmt: skip
+        self._atlas: UInt8[Array, "h w 4"] | None = atlas_rgba
+        self._images: tuple[UInt8[Array, "H W 3"], ...] = ()
+        self._resampling = threading.Lock()
+
+    @property
+    def images(self) -> tuple[UInt8[Array, "H W 3"], ...]:
+        """The image of every view, resampled when first asked for, in whichever thread."""
+        with self._resampling:
+            if self._atlas is not None:
+                self._images = tuple(
+                    self._resampler.colors(v, self._atlas, band)
+                    for v, band in enumerate(self._drawn)
+                )
+                self._atlas = None
+            return self._images
 
     def parts(self) -> tuple[UInt8[Array, "H W"], ...]:
         """Part label of every pixel of every view (`core.part_labels`), 0 outside the lens."""
-        return tuple(self.part_rows(v, slice(None)) for v in range(len(self.images)))
+        return tuple(self.part_rows(v, slice(None)) for v in range(len(self._drawn)))
 
     def part_rows(self, view: int, rows: slice) -> UInt8[Array, "h W"]:
         """Part labels of rows of one view."""
@@ -133,7 +146,7 @@ class Views:
 
     def depth(self) -> tuple[Float[Array, "H W"], ...]:
         """Distance along each pixel's ray in metres, float32; infinite without a surface."""
-        return tuple(self.depth_rows(v, slice(None)) for v in range(len(self.images)))
+        return tuple(self.depth_rows(v, slice(None)) for v in range(len(self._drawn)))
 
     def depth_rows(self, view: int, rows: slice) -> Float[Array, "h W"]:
         """Distances of rows of one view."""

@@ -3,6 +3,7 @@
 import csv
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from egocap.data.detections import Detections
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.export.coco import write_coco
-from egocap.export.formats import FORMATS
+from egocap.export.formats import FORMATS, format_of
 from egocap.geometry import axis_angle, rigid, transform
 
 NODES = {
@@ -218,3 +219,24 @@ def test_coco_results_number_images_as_the_sequence_does(tmp_path):
                                    atol=1e-3)  # fmt: skip
         assert ((score > 0) == valid[t, v]).all() and not x[~valid[t, v]].any()
         assert result["score"] == pytest.approx(confidence[t, v][valid[t, v]].mean(), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("a.bvh", "bvh"), ("a.GLB", "glb"), ("a.npz", "npz"), ("a.track.npz", "npz"),
+     ("a.smpl.npz", "smpl"), ("A.SMPL.NPZ", "smpl")],
+)  # fmt: skip
+def test_name_tells_the_format(name, told):
+    assert format_of(Path(name)) == told
+
+
+@pytest.mark.parametrize("name", ["a-smpl.npz", "a.smplx.npz", "AMASS_a.npz"])
+def test_name_that_may_mean_a_body_model_is_asked_about(name):
+    with pytest.raises(InputError, match=r"\.smpl\.npz; --format smpl"):
+        format_of(Path(name))
+
+
+@pytest.mark.parametrize("name", ["a", "a.pkl", "a.smpl"])
+def test_other_names_are_told_the_suffixes(name):
+    with pytest.raises(InputError, match=r"trc, csv, npz, smpl\.npz"):
+        format_of(Path(name))

@@ -50,3 +50,15 @@ def test_torch_for_cuda_can_be_imported_after_a_context_was_made():
     pytest.importorskip("triton", reason="torch is not the build for CUDA")
     code = "from egocap_sim.render.gl import Context; context = Context(); import triton"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=600)
+
+
+def test_libraries_for_scenes_and_windows_load_when_used():
+    code = (
+        "import sys, egocap_sim.render.gl\n"
+        "unused = {'networkx', 'pyglet', 'pyrender.viewer'}\n"
+        "assert not unused & set(sys.modules), unused & set(sys.modules)\n"
+        "import pyrender, trimesh.graph, networkx\n"
+        "assert len(trimesh.graph.nx.path_graph(3)) == len(networkx.path_graph(3)) == 3\n"
+        "assert pyrender.Scene().get_nodes() == set()\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

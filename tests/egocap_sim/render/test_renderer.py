@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -214,6 +215,21 @@ def test_the_same_inputs_give_the_same_bytes(gl, samples):
             pictures.append(views.images[0].tobytes())
             pictures.append(renderer.render(HEAD, {}).images[0].tobytes())
     assert len(set(pictures)) == 1
+
+
+@pytest.mark.parametrize("samples", [0, 4])
+def test_images_asked_for_late_or_in_another_thread_are_the_same(gl, samples):
+    place = place_of(_floor(), box("b", (1, 0.4, 0.5), (0.5, 0.5, 1), GREEN))
+    poses = [HEAD + np.eye(4, k=3) * 0.03 * i for i in range(4)]
+    renderer, _ = _draw(gl, place, samples=samples)
+    with renderer, ThreadPoolExecutor(1) as pool:
+        at_once = [renderer.render(pose, {}).images[0] for pose in poses]
+        late = [renderer.render(pose, {}) for pose in poses]
+        there = [pool.submit(lambda v: v.images, renderer.render(pose, {})) for pose in poses]
+        for image, views, future in zip(at_once, late, there, strict=True):
+            assert np.array_equal(image, views.images[0])
+            assert np.array_equal(image, future.result()[0])
+    assert not np.array_equal(at_once[0], at_once[-1])
 
 
 def test_anti_aliasing_only_touches_outlines(gl):

@@ -5,7 +5,7 @@ below the camera, a little behind and towards the middle of the body, with the h
 direction up. A camera near the face sees the body below and ahead of it, not behind: its axis
 points farther forward (`near_pitch_deg`). Cameras on the head's right side are mirrored. So the
 network's input is independent of lens, mounting angle and side, but not of the camera's position.
-Magnification is largest in the middle, where the legs are smallest.
+Magnification is largest in the middle, where the legs are smallest and pixels are worth most.
 Source: mirroring, EgoCap paper, section 4.3.1.
 """
 
@@ -35,8 +35,8 @@ class ViewSpec:
 
     width: int = 256  # pixels
     height: int = 224
-    focal: float = 104.0  # pixels per radian on the axis
-    compression: float = 0.75  # k of r = focal sin(k theta) / k; 0 is the equidistant lens
+    focal: float = 117.0  # pixels per radian on the axis
+    compression: float = 0.9  # k of r = focal sin(k theta) / k; 0 is the equidistant lens
     pitch_deg: float = 105.0  # of the axis, below the head's forward direction
     toe_in_deg: float = 8.0  # of the axis, towards the body's middle plane
     near_pitch_deg: float | None = None  # `pitch_deg` of cameras near the face; None: the same

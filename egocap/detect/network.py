@@ -90,7 +90,7 @@ CONFIGS: dict[str, NetworkConfig] = {
         "paper", ViewSpec(640, 512, 204.0, 0.0, 90.0, 0.0), kind="resnet101", stride=8
     ),
     "small": NetworkConfig(
-        "small", ViewSpec(128, 112, 52.0), widths=(16, 32, 64, 128), blocks=(0, 1, 1, 2),
+        "small", ViewSpec(128, 112, 58.5), widths=(16, 32, 64, 128), blocks=(0, 1, 1, 2),
         decoder=(32, 64),
     ),
     "tiny": NetworkConfig(

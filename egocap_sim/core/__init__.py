@@ -1,4 +1,4 @@
-"""Shared by the whole simulator: body names, random generators, resources, trajectories, the cache.
+"""Shared by the whole simulator: body names, random generators, resources, trajectories.
 
 Plain values without rendering or physics.
 """

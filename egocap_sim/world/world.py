@@ -13,7 +13,6 @@ from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
 from egocap.geometry import rigid
-from egocap_sim.core.content_cache import kept
 from egocap_sim.core.rng import make_rng
 from egocap_sim.scene.config import Scene
 from egocap_sim.scene.rig_source import resolve_headgear, resolve_rig
@@ -39,13 +38,10 @@ class World:
     others. A part that cannot be made raises SceneError or FileError.
     """
 
-    def __init__(self, scene: Scene, take: Take | None = None, *, cached: bool = False) -> None:
-        """`take`: an already simulated take; None: simulated when it is first used.
-
-        `cached`: take the wearer and the place from the user's cache, or keep them there.
-        """
+    def __init__(self, scene: Scene, take: Take | None = None) -> None:
+        """`take`: an already simulated take; None: simulated when it is first used."""
         self.scene = scene
-        self._given_take, self._cached = take, cached
+        self._given_take = take
 
     @cached_property
     def config(self) -> dict[str, Any]:
@@ -75,23 +71,18 @@ class World:
     @cached_property
     def person(self) -> Person:
         """The wearer; missing values are drawn from the seed."""
+        from egocap_sim.human.clothing.camera_mounts import with_cameras
+        from egocap_sim.human.clothing.wardrobe import make_person
+
         table, seed = self.scene.person, self.scene.seed
         headgear = table.headgear
         if headgear == "rig":
             headgear = resolve_headgear(self.scene.rig, self.rig, seed)
         given = table.model_dump(exclude={"headgear"}, exclude_none=True)
         worn = None if headgear == "none" else headgear
-
-        def make() -> Person:
-            from egocap_sim.human.clothing.camera_mounts import with_cameras
-            from egocap_sim.human.clothing.wardrobe import make_person
-
-            with errors_name_key(self.scene.name, "person"):
-                person = make_person(seed, headgear=worn, name="wearer", **given)
-            return with_cameras(person, self.rig, worn)
-
-        made_from = {"seed": seed, "headgear": worn, "given": given, "rig": self.rig.to_dict()}
-        return kept("person", made_from, make) if self._cached else make()
+        with errors_name_key(self.scene.name, "person"):
+            person = make_person(seed, headgear=worn, name="wearer", **given)
+        return with_cameras(person, self.rig, worn)
 
     @cached_property
     def motion(self) -> MotionSource:
@@ -136,15 +127,7 @@ class World:
     @cached_property
     def place(self) -> Place:
         """The surroundings."""
-        table, seed, clear_radius = self.scene.place, self.scene.seed, self.clear_radius
-
-        def make() -> Place:
-            return build_place(table, seed, clear_radius)
-
-        if not self._cached or table.textures or table.panorama:  # images may change
-            return make()
-        made_from = {"seed": seed, "table": table.model_dump(), "clear_radius": clear_radius}
-        return kept("place", made_from, make)
+        return build_place(self.scene.place, self.scene.seed, self.clear_radius)
 
     @cached_property
     def actors(self) -> list[AnimatedActor]:
@@ -198,7 +181,7 @@ def build_world(scene: Scene) -> World:
             with errors_name_key(scene.name, f"things.{i}"):
                 for motion in _drawn_motions(scene):
                     check_prop(thing, motion)
-    return World(scene, cached=scene.episodes is None)
+    return World(scene)
 
 
 def _drawn_motions(scene: Scene) -> list[str | None]:
@@ -213,7 +196,7 @@ def _drawn_motions(scene: Scene) -> list[str | None]:
 def load_world(scene: Scene, drafts: Path | Mapping[str, bytes]) -> World:
     """Make the world of a scene in a worker process, with the saved take."""
     world = World(scene)
-    return World(scene, Take.load(drafts, world.sensor, scene.seed), cached=True)
+    return World(scene, Take.load(drafts, world.sensor, scene.seed))
 
 
 def simulate_take(world: World) -> Take:

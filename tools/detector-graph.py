@@ -3,7 +3,7 @@
     python tools/detector-graph.py egocap/detect/shipped/default.onnx
 
 Needed when the network of the shipped weights changes, not for other weights of the same network:
-`sha256sum *.onnx *.safetensors > SHA256SUMS` in that folder first, for the weights, and again after.
+`sha256sum *.onnx *.safetensors > SHA256SUMS` in that folder first, for the weights, and after.
 Requires the extra `train`.
 """
 

@@ -85,7 +85,7 @@ def _stage(stage: Mapping[str, Any]) -> str:
     for key in ("averaged_with", "adapted_from"):
         if key in stage:
             counts.append(f"{key.replace('_', ' ')} {stage[key]['name']}")
-    return f"- `{stage.get('command', 'unknown')}`: {', '.join(counts)}"
+    return f"- `{stage.get('command', 'unknown')}`" + (f": {', '.join(counts)}" if counts else "")
 
 
 def _listed(values: Mapping[str, Any]) -> str:

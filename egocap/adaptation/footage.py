@@ -47,11 +47,9 @@ def check_footage(folder: Path) -> None:
 
     The pictures are not read.
     """
-    sequence = open_sequence(_sequence(folder))
-    assert len(sequence.rig.mounts) > 0
+    sequence = _read(folder).sequence if _is_tracked(folder) else open_sequence(folder)
+    _ = sequence.rig  # read when it is first used
     stretches(sequence.times)
-    if _is_tracked(folder):
-        _read(folder)
 
 
 def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step) -> Recording:
@@ -76,13 +74,9 @@ def _is_tracked(folder: Path) -> bool:
     return (folder / "sequence").is_dir()
 
 
-def _sequence(folder: Path) -> Path:
-    return folder / "sequence" if _is_tracked(folder) else folder
-
-
 def _read(folder: Path) -> Recording:
     """The recording of a folder of `mocap`."""
-    sequence = open_sequence(_sequence(folder))
+    sequence = open_sequence(folder / "sequence")
     found = load_detections(folder / "detections.npz")
     return Recording(sequence, _labels(sequence, found, load_track(folder / "track.npz")))
 

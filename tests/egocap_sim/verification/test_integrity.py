@@ -20,6 +20,7 @@ from egocap.errors import FileError
 from egocap.files import sha256
 from egocap.head_pose.pictures import grey_frames
 from egocap_sim.export.preview import contact_sheet
+from egocap_sim.record.recorder import generate
 from egocap_sim.verification.integrity import frames_to_check, verify
 
 
@@ -119,6 +120,14 @@ def rewrite_shard(folder: Path, name: str, content: bytes | None) -> None:
                 frames[int(member[:6]) - 2][member[7:]] = [start + 512, len(data)]
     entry = {"bytes": path.stat().st_size, "sha256": sha256(path), "frames": frames}
     edit_manifest(folder, lambda m: m["shards"][1].update(entry))
+
+
+@pytest.mark.parametrize("content", [b"{}", b'{"visibility": {"left": [1], "right": [1]}}'])
+def test_a_damaged_annotation_of_an_earlier_run_ends_the_next_one(folder, tiny_scene, content):
+    rewrite_shard(folder, ".json", content)
+    edit_manifest(folder, lambda m: m["files"].pop("truth.npz"))
+    with pytest.raises(FileError, match=r"shard-00001.tar.*frame 2: annotation damaged"):
+        generate(tiny_scene, folder)
 
 
 def image(shape, suffix=".png", dtype=np.uint8) -> bytes:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from egocap_sim.environment.place import Place
     from egocap_sim.props.performance import Performance
 
-_MARGIN_M = 0.3  # between the outermost joint of a clip and furniture
+_MARGIN_M = 0.3  # between the outermost joint and furniture
 
 
 def check_place(table: PlaceTable) -> None:
@@ -45,7 +45,7 @@ def check_place(table: PlaceTable) -> None:
 
 
 def radius_around(T_world_body: Float[Array, "T 21 4 4"], least_m: float) -> float:
-    """Radius around the origin that contains a clip's motion, at least `least_m` [m]."""
+    """Radius around the origin that contains a motion, at least `least_m` [m]."""
     from egocap_sim.environment.places import LARGEST_RADIUS_M
 
     reach = float(np.linalg.norm(T_world_body[..., :2, 3], axis=-1).max()) + _MARGIN_M

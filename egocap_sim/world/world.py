@@ -118,11 +118,8 @@ class World:
 
     @cached_property
     def clear_radius(self) -> float:
-        """Metres kept free around the origin."""
-        least = self.scene.place.clear_radius
-        if self.scene.motion.file is None:
-            return least
-        return radius_around(self.take.truth.T_world_body, least)
+        """Metres kept free around the origin: the scene's, or more where the motion goes farther."""
+        return radius_around(self.take.truth.T_world_body, self.scene.place.clear_radius)
 
     @cached_property
     def place(self) -> Place:

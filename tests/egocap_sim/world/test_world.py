@@ -93,19 +93,16 @@ def test_an_unknown_place_is_refused_before_it_is_made():
     build_world(scene())
 
 
-def test_a_place_is_as_large_as_a_recorded_motion():
-    """Furniture and walls keep clear of where a clip goes; a scene's own radius is the least."""
+def test_a_place_is_as_large_as_the_motion():
+    """Furniture and walls keep clear of the wearer's way; a scene's own radius is the least."""
 
     class Way:
         T_world_body = np.tile(np.eye(4), (3, 21, 1, 1))
 
-    def radius(scene):
-        return World(scene, Take(Way, None)).clear_radius
-
-    scene = load_scene(builtin_file("scene", "validation-walk"))
-    clip = scene.model_copy(update={"motion": type(scene.motion)(file="clip.bvh")})
-    Way.T_world_body[2, 0, 0, 3] = 4.0
-    assert radius(clip) == pytest.approx(4.3)
-    assert radius(scene) == scene.place.clear_radius
-    Way.T_world_body[2, 0, 0, 3] = 0.5
-    assert radius(clip) == scene.place.clear_radius
+    walk = load_scene(builtin_file("scene", "validation-walk"))
+    clip = walk.model_copy(update={"motion": type(walk.motion)(file="clip.bvh")})
+    for scene in (walk, clip):
+        Way.T_world_body[2, 0, 0, 3] = 4.0
+        assert World(scene, Take(Way, None)).clear_radius == pytest.approx(4.3)
+        Way.T_world_body[2, 0, 0, 3] = 0.5
+        assert World(scene, Take(Way, None)).clear_radius == scene.place.clear_radius

@@ -25,12 +25,12 @@ MOST_DRAWS = 2_000_000
 def export(
     track: Positional[Path],
     out: Path,
-    format: Literal["bvh", "glb", "c3d", "trc", "csv", "npz", "smpl", "coco"] | None = None,
+    format: Literal["bvh", "glb", "usda", "c3d", "trc", "csv", "npz", "smpl", "coco"] | None = None,
 ) -> int:
     """Write a track, or detections, for other programs.
 
     bvh: a skeleton from the hips for Blender and other animation tools; metres, y up.
-    glb: a skinned figure with its animation (glTF 2.0); metres, y up, facing z.
+    glb, usda: a skinned figure with its animation (glTF 2.0, USD); metres, y up, facing z.
     c3d: the joints as markers; millimetres, z up, x forward.
     trc: the joints as markers for OpenSim; millimetres, y up, x forward.
     csv: a row a frame, joints in metres and angles in degrees; npz: plain arrays with names.

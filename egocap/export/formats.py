@@ -14,6 +14,7 @@ from egocap.export.glb import write_glb
 from egocap.export.smpl import write_smpl
 from egocap.export.table import write_table
 from egocap.export.trc import write_trc
+from egocap.export.usd import write_usd
 
 
 def _write_bvh(path: Path, track: Track) -> None:
@@ -23,6 +24,7 @@ def _write_bvh(path: Path, track: Track) -> None:
 FORMATS: dict[str, Callable[[Path, Track], None]] = {
     "bvh": _write_bvh,
     "glb": write_glb,
+    "usda": write_usd,
     "c3d": write_c3d,
     "trc": write_trc,
     "csv": write_table,

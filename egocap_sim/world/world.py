@@ -118,7 +118,7 @@ class World:
 
     @cached_property
     def clear_radius(self) -> float:
-        """Metres kept free around the origin: the scene's, or more where the motion goes farther."""
+        """Metres kept free around the origin: the scene's, or as many as the motion needs."""
         return radius_around(self.take.truth.T_world_body, self.scene.place.clear_radius)
 
     @cached_property

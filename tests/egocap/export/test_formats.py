@@ -196,9 +196,40 @@ def test_another_reader_opens_the_glb(track, tmp_path):
     assert 1.5 < height < 1.9  # y up, metres, at rest
 
 
-def test_a_track_without_skeleton_is_refused(track, tmp_path):
+def test_usd_skeleton_moves_as_the_track_does(track, tmp_path):
+    """By OpenUSD: joints, units, rate, and a skin that follows the wrists."""
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom, UsdSkel
+
+    FORMATS["usda"](tmp_path / "t.usda", track)
+    stage = Usd.Stage.Open(str(tmp_path / "t.usda"))
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1 and UsdGeom.GetStageUpAxis(stage) == "Y"
+    assert stage.GetTimeCodesPerSecond() == 25 and stage.GetEndTimeCode() == 8
+    cache, root = UsdSkel.Cache(), UsdSkel.Root(stage.GetDefaultPrim())
+    assert cache.Populate(root, Usd.PrimDefaultPredicate)
+    query = cache.GetSkelQuery(UsdSkel.Skeleton.Get(stage, "/Figure/Skeleton"))
+    skin = cache.GetSkinningQuery(stage.GetPrimAtPath("/Figure/Body"))
+    names = [str(path).split("/")[-1] for path in query.GetJointOrder()]
+    joints = track.joints_head if track.joints_world is None else track.joints_world
+    mesh = UsdGeom.Mesh.Get(stage, "/Figure/Body")
+    bones = np.array(mesh.GetPrim().GetAttribute("primvars:skel:jointIndices").Get())
+    for frame in (0, 4, 8):
+        world = np.array(query.ComputeJointSkelTransforms(frame))[:, 3, :3]
+        for label, name in NODES.items():
+            place = GLTF_TO_OURS @ world[names.index(name)]
+            np.testing.assert_allclose(place, joints[frame, LABEL_INDEX[label]], atol=1e-4)
+        points = mesh.GetPointsAttr().Get()
+        assert skin.ComputeSkinnedPoints(query.ComputeSkinningTransforms(frame), points, frame)
+        hand = np.array(points)[bones == names.index("LeftHand")].mean(0)
+        middle = joints[frame, [LABEL_INDEX["left_wrist"], LABEL_INDEX["left_hand"]]].mean(0)
+        np.testing.assert_allclose(GLTF_TO_OURS @ hand, middle, atol=2e-3)
+    assert set(mesh.GetFaceVertexCountsAttr().Get()) == {3}
+
+
+@pytest.mark.parametrize("name", ["glb", "usda"])
+def test_a_track_without_skeleton_is_refused(track, tmp_path, name):
     with pytest.raises(InputError, match="skeleton"):
-        FORMATS["glb"](tmp_path / "t.glb", replace(track, offsets=None))
+        FORMATS[name](tmp_path / f"t.{name}", replace(track, offsets=None))
     assert not list(tmp_path.iterdir())
 
 

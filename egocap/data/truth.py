@@ -35,6 +35,17 @@ class Truth(FrameArrays):
     ground_force: Float[Array, "T 2 3"]  # left, right; newtons, world, on the person
     root_wrench: Float[Array, "T 6"]  # residual force (N) and torque (N m) at the pelvis
 
+    @property
+    def propped(self) -> Bool[Array, "T"]:
+        """Whether no foot touches, yet the wearer does not fall: contacts are not known.
+
+        The residual force carries half the weight or more, as on the rungs of a recorded ladder
+        that the simulated world does not have.
+        """
+        residual = self.root_wrench[:, 2]
+        weight = (self.ground_force.sum(1)[:, 2] + residual).mean()  # over time, they are equal
+        return ~self.contact.any(1) & (residual > 0.5 * weight)
+
 
 @dataclass(frozen=True, eq=False)
 class SensorTruth(FrameArrays):

@@ -39,6 +39,7 @@ class GroundTruth:
     seen: Bool[Array, "T 18"] | None = None  # by at least one camera
     T_world_head: Float[Array, "T 4 4"] | None = None
     contact: Bool[Array, "T 4"] | None = None  # left foot, left toe, right foot, right toe
+    propped: Bool[Array, "T"] | None = None  # by what is not simulated: contacts are not known
     labelled: Bool[Array, "T 18"] | None = None  # joints that the truth has; all, when None
 
     def __post_init__(self) -> None:
@@ -57,7 +58,9 @@ class GroundTruth:
     def from_truth(cls, truth: Truth) -> GroundTruth:
         """The ground truth of a simulated sequence."""
         seen = np.asarray((truth.visibility == VISIBLE).any(1))
-        return cls(truth.joints_head, truth.time, seen, truth.T_world_head, truth.contact)
+        return cls(
+            truth.joints_head, truth.time, seen, truth.T_world_head, truth.contact, truth.propped
+        )
 
 
 @dataclass(frozen=True, eq=False)

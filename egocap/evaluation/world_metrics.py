@@ -40,7 +40,8 @@ def skate(errors: PoseErrors) -> float:
 def contact_f1(errors: PoseErrors) -> float:
     """F1 of planted feet: those a method states, otherwise those of `metrics.estimate_planted`.
 
-    A foot is planted that touches with heel or toe; for a method, with a probability of 0.5.
+    A foot is planted that touches with heel or toe; for a method, with a probability of 0.5. Frames
+    count where true contacts are known (`GroundTruth.propped`).
     """
     world, contact, times = errors.world, errors.truth.contact, errors.truth.times
     if world is None or contact is None or len(times) < 2:
@@ -49,7 +50,8 @@ def contact_f1(errors: PoseErrors) -> float:
         found = metrics.estimate_planted(world.joints[:, TOES], times)
     else:
         found = _feet(world.contacts >= 0.5)
-    return metrics.f1_score(found[world.known], _feet(contact)[world.known])
+    counted = world.known if errors.truth.propped is None else world.known & ~errors.truth.propped
+    return metrics.f1_score(found[counted], _feet(contact)[counted])
 
 
 def sinking(errors: PoseErrors) -> float:

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egocap.body.labels import LABEL_INDEX
+from egocap.data.truth import Truth
 from egocap.evaluation.measures import measure
 from egocap.evaluation.pose_errors import GroundTruth, PoseErrors, WorldPrediction
 from egocap.evaluation.world_metrics import penetration
@@ -74,6 +75,27 @@ def test_frames_without_head_pose_do_not_count():
     assert measure(errors, "foot_skate") == pytest.approx(0.0, abs=1e-9)
     assert measure(errors, "contact_f1") == 1.0
     assert measure(compared(world, np.zeros(FRAMES, bool)), "world_mpjpe_mm") is None
+
+
+def test_contacts_that_the_simulation_does_not_know_do_not_count():
+    """A wearer on a ladder that is not there: a track may say that the feet stand."""
+    times, joints, T, contact = walked()
+    frames = len(times)
+    stands = contact.astype(float)
+    stands[:20] = 1.0  # on rungs
+    falls = np.zeros((frames, 6))
+    carried = np.where(contact.any(1)[:, None], [0.0, 0.0, 700.0], 0.0)
+    hung = np.where(contact.any(1)[:, None], 0.0, [0.0, 0.0, 700.0, 0.0, 0.0, 0.0])
+    for wrench, score in ((falls, 2 / 3), (hung, 1.0)):
+        given = {"contact": contact, "ground_force": carried[:, None], "root_wrench": wrench}
+        state = Truth(**dict.fromkeys(Truth.__annotations__) | given)
+        truth = GroundTruth(
+            transform(inverse(T), joints), times, T_world_head=T, contact=contact,
+            propped=state.propped,
+        )  # fmt: skip
+        world = WorldPrediction(joints, np.ones(frames, bool), stands)
+        errors = PoseErrors.between(truth.joints_head, truth, world=world)
+        assert measure(errors, "contact_f1") == pytest.approx(score)
 
 
 def test_without_a_world_of_its_own_there_is_no_drift():

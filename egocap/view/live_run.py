@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from queue import Empty, Queue
+from threading import Event, Thread
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -18,6 +20,8 @@ from egocap.data.track import Track
 from egocap.errors import MachineError
 from egocap.track.online import OnlineTracker, PoseEstimate
 from egocap.view.feeds import Feed, Images, Instant
+
+Made = TypeVar("Made")
 
 _WARM_UP_FRAMES = 10
 """More than the tracker solves together."""
@@ -102,26 +106,6 @@ class FollowsPictures(Protocol):
         ...
 
 
-class DetectAndTrack:
-    """Poses of pictures by a detector and an online tracker, and the time that each takes."""
-
-    def __init__(
-        self, detector: DetectsOne, tracker: OnlineTracker, stages: dict[str, list[float]]
-    ) -> None:
-        self.detector, self.tracker, self.stages = detector, tracker, stages
-
-    def step(self, images: Images, time: float) -> PoseEstimate | None:
-        """The tracker's pose; a view whose picture did not come in time is missing."""
-        with lap(self.stages, "detect"):
-            found = self.detector.detect_images(images, time)
-        with lap(self.stages, "track"):
-            return self.tracker.step(found)
-
-    def finish(self) -> list[PoseEstimate]:
-        """The poses that the tracker's lag withheld."""
-        return self.tracker.finish()
-
-
 def warm_up(detector: DetectsOne, tracker: OnlineTracker) -> None:
     """Detect and track once in black pictures, so that kernels are compiled or loaded.
 
@@ -139,39 +123,104 @@ def follow_live(
     feed: Feed, detector: DetectsOne, tracker: OnlineTracker,
     on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
 ) -> LiveReport:  # fmt: skip
-    """Track by detections until the feed ends."""
+    """Track by detections until the feed ends. Every pose goes to `on_pose`.
+
+    A thread detects in the next pictures while a pose is tracked and shown; a view whose picture
+    did not come in time is missing. A pose that follows its pictures by a lag is shown with them;
+    so it is for the latency.
+    """
     report = LiveReport()
-    return follow_pictures(feed, DetectAndTrack(detector, tracker, report.stages), on_pose, report)
+
+    def detect(instant: Instant) -> Detections:
+        with lap(report.stages, "detect"):
+            return detector.detect_images(instant.images, instant.time)
+
+    def track(_: Instant, found: Detections) -> PoseEstimate | None:
+        with lap(report.stages, "track"):
+            return tracker.step(found)
+
+    with closing(_made_ahead(_timed(feed, report), detect)) as detected:
+        return _follow(feed, detected, track, tracker.finish, on_pose, report)
 
 
 def follow_pictures(
     feed: Feed, follower: FollowsPictures,
     on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
-    report: LiveReport | None = None,
 ) -> LiveReport:  # fmt: skip
-    """As `follow_live`, with whatever makes poses of pictures. Every pose goes to `on_pose`.
+    """As `follow_live`, with whatever makes poses of pictures."""
+    report = LiveReport()
 
-    A pose that follows its pictures by a lag is shown with them; so it is for the latency.
-    """
-    report = report or LiveReport()
+    def step(instant: Instant, _: None) -> PoseEstimate | None:
+        return follower.step(instant.images, instant.time)
+
+    instants = ((instant, None) for instant in _timed(feed, report))
+    return _follow(feed, instants, step, follower.finish, on_pose, report)
+
+
+def _follow(
+    feed: Feed, instants: Iterator[tuple[Instant, Made]],
+    step: Callable[[Instant, Made], PoseEstimate | None],
+    finish: Callable[[], list[PoseEstimate]], on_pose: Callable[[PoseEstimate, Images], None],
+    report: LiveReport,
+) -> LiveReport:  # fmt: skip
     waiting: deque[Instant] = deque()
-    began, came = None, time.monotonic()
-    for instant in feed:
+    began = None
+    for instant, made in instants:
         began = instant.taken if began is None else began
-        report.stages.setdefault("pictures", []).append(time.monotonic() - came)
         report.missing += sum(image is None for image in instant.images)
         waiting.append(instant)
-        pose = follower.step(instant.images, instant.time)
+        pose = step(instant, made)
         if pose is not None:
             shown = _at(waiting, pose.time)
             report.latencies.append(time.monotonic() - shown.taken)
             _give(report, pose, shown, on_pose)
         report.seconds = time.monotonic() - began
-        came = time.monotonic()
-    for pose in follower.finish():
+    for pose in finish():
         _give(report, pose, _at(waiting, pose.time), on_pose)
     report.skipped = feed.skipped
     return report
+
+
+def _timed(feed: Feed, report: LiveReport) -> Iterator[Instant]:
+    """The instants of a feed; the time that each was waited for is a stage."""
+    instants = iter(feed)
+    while True:
+        started = time.perf_counter()
+        if (instant := next(instants, None)) is None:
+            return
+        report.stages.setdefault("pictures", []).append(time.perf_counter() - started)
+        yield instant
+
+
+def _made_ahead(
+    instants: Iterator[Instant], make: Callable[[Instant], Made]
+) -> Generator[tuple[Instant, Made]]:
+    """Each instant with what is made of it, by a thread that works on the next one meanwhile."""
+    ready: Queue[tuple[Instant, Made] | Exception | None] = Queue(1)
+    ended = Event()
+
+    def work() -> None:
+        try:
+            for instant in instants:
+                ready.put((instant, make(instant)))
+                if ended.is_set():
+                    return
+            ready.put(None)
+        except Exception as error:  # raised where the poses are wanted
+            ready.put(error)
+
+    thread = Thread(target=work, name="detections", daemon=True)
+    thread.start()
+    try:
+        while (found := ready.get()) is not None:
+            if isinstance(found, Exception):
+                raise found
+            yield found
+    finally:
+        ended.set()
+        while thread.is_alive():
+            with suppress(Empty):
+                ready.get(timeout=0.02)
 
 
 def _give(

@@ -1,6 +1,7 @@
 """Live: the causal pass's poses, the newest picture wins, and sources that end or fail."""
 
 import json
+import threading
 import time
 from dataclasses import replace
 
@@ -138,6 +139,27 @@ def test_a_run_whose_poses_all_come_at_the_end_has_no_latency_and_valid_json(tmp
     json.dumps(report.track(tracker, "test").config, allow_nan=False)
     _print_live(report, as_json=False)
     assert "2 poses" in (said := capsys.readouterr().out) and "latency unknown" in said
+
+
+def test_an_error_in_detecting_or_showing_ends_the_run(tmp_path):
+    made = make_motion(frames=60)
+    names = [video(tmp_path / f"{side}.avi", 12) for side in ("left", "right")]
+
+    class Broken(Slow):
+        def detect_images(self, images, when=0.0):
+            if len(self.calls) == 3:
+                raise MachineError("out of order")
+            return super().detect_images(images, when)
+
+    def shut(pose, images):
+        raise InputError("the page is gone")
+
+    first, second = (OnlineTracker(made.rig, made.person, LIVE) for _ in range(2))
+    with pytest.raises(MachineError, match="out of order"):
+        follow_live(RecordedFeed(names), Broken(made, 0.0), first)
+    with pytest.raises(InputError, match="page is gone"):
+        follow_live(RecordedFeed(names), Slow(made, 0.0), second, shut)
+    assert "detections" not in {thread.name for thread in threading.enumerate()}
 
 
 def test_the_first_pictures_are_the_beginning(tmp_path):

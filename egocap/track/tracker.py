@@ -35,7 +35,7 @@ from egocap.track.colour_refinement import Images, learn_colour_term, refine_by_
 from egocap.track.consistency import with_consistency
 from egocap.track.joint_occlusion import occlusion_causes
 from egocap.track.online_filter import term_energies
-from egocap.track.stopwatch import OnFrames, StageProgress, Stopwatch
+from egocap.track.stopwatch import WORLD_SOLUTIONS, OnFrames, StageProgress, Stopwatch
 from egocap.track.uncertainty import joint_covariances
 from egocap.track.world_solver import WorldSolver
 from egocap.world.contact_network import contact_probabilities
@@ -178,17 +178,21 @@ class Tracker:
         covariance = self._joint_covariances(estimate)
         assert covariance is not None  # `solves_world` requires it
         sigma = np.sqrt(np.trace(covariance, axis1=2, axis2=3) / 3.0)
-        contacts = contact_probabilities(solution.chosen.times, joints, sigma, heads)
         up = heads.T_world_head[:, 2, :3]
         height = np.sqrt(np.einsum("ti,tjik,tk->tj", up, covariance[:, _SOLES], up))
         solver = WorldSolver(
             self.proportions, self._model, self.config, solution.chosen, solution.prediction, heads
         )
-        world = solver.solve(
-            solution.angles, contacts, height, solution.independent,
-            solution.independent_prediction,
-        )  # fmt: skip
-        stopwatch.lap("world")
+        seen = heads
+        for _ in range(WORLD_SOLUTIONS):
+            contacts = contact_probabilities(solution.chosen.times, joints, sigma, seen)
+            world = solver.solve(
+                solution.angles, contacts, height, solution.independent,
+                solution.independent_prediction,
+            )  # fmt: skip
+            joints = forward(self.proportions, world.angles)
+            seen = replace(heads, T_world_head=world.T_world_head)
+            stopwatch.lap("world")
         solution.estimated["ground"] = {
             "footholds": len(world.ground.gains), "level_m": round(world.ground.level, 4),
         }  # fmt: skip
@@ -196,7 +200,7 @@ class Tracker:
         estimate = replace(
             estimate, solution=solution, angles=world.angles, covariances=world.covariances
         )
-        return estimate, (replace(heads, T_world_head=world.T_world_head), world.contacts)
+        return estimate, (seen, world.contacts)
 
     def _refine_by_colour(
         self, estimate: _Estimate, images: Images, stopwatch: Stopwatch

@@ -7,8 +7,7 @@
 Pictures are noise over a gradient, as JPEGs of quality 95 on disk in memory: decoding, the
 canonical view, the network and its maps are measured one by one (wall time of each alone) and
 together, as `egocap detect` runs them: pictures are prepared by a thread while the network works.
-Without weights, an untrained network of the default kind: as fast as a trained one. Other work on
-the machine disturbs the figures.
+Other work on the machine disturbs the figures.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -31,24 +29,14 @@ from egocap.cameras.rig_files import load_rig  # noqa: E402
 from egocap.detect.detector import Detector  # noqa: E402
 from egocap.detect.engine import Engine, available_cores, open_engine  # noqa: E402
 from egocap.detect.input_images import ahead  # noqa: E402
-from egocap.detect.weights import Weights, open_weights, save_weights  # noqa: E402
-from egocap.errors import MachineError  # noqa: E402
+from egocap.detect.weights import Weights, open_weights  # noqa: E402
+from egocap.errors import EgocapError  # noqa: E402
 
 SPINNING = "onnxruntime-spin"  # its threads wait busily within a call
-ENGINES = ("onnxruntime", SPINNING, "openvino", "torch", "cuda")
+ENGINES = (
+    "onnxruntime", SPINNING, "onnxruntime-int8", "openvino", "openvino-int8", "torch", "cuda",
+)  # fmt: skip
 TIMES = np.zeros(1)
-
-
-def untrained(folder: Path) -> Weights:
-    """Weights of the default network, drawn at random."""
-    import torch
-
-    from egocap.detect.network import CONFIGS, build_network
-
-    torch.manual_seed(0)
-    path = folder / "untrained.safetensors"
-    save_weights(path, build_network(CONFIGS["default"]))
-    return open_weights(path)
 
 
 def engine_named(weights: Weights, name: str, threads: int) -> Engine:
@@ -135,7 +123,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES))
-    parser.add_argument("--weights", type=Path, help="detector weights; untrained ones by default")
+    parser.add_argument(
+        "--weights", type=Path, help="detector weights; the shipped ones by default"
+    )
     parser.add_argument("--threads", type=int, default=available_cores())
     parser.add_argument("--size", type=int, nargs=2, default=(640, 512), metavar=("W", "H"))
     parser.add_argument("--pairs", type=int, default=300)
@@ -145,19 +135,18 @@ def main() -> None:
     options = parser.parse_args()
     report: dict[str, Any] = {"threads": options.threads, "size": list(options.size),
                               "batch": options.batch, "engines": {}}  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
-        weights = open_weights(options.weights) if options.weights else untrained(Path(folder))
-        report["weights"] = weights.name
-        for engine in options.engines:
-            try:
-                found = measure(weights, engine, options.threads, tuple(options.size),
-                                options.pairs, options.batch)  # fmt: skip
-                found["off_torch"] = deviation(weights, engine, options.threads)
-            except MachineError as error:
-                found = {"missing": str(error)}
-            report["engines"][engine] = found
-            if not options.json:
-                _show(engine, found)
+    weights = open_weights(options.weights)
+    report["weights"] = weights.name
+    for engine in options.engines:
+        try:
+            found = measure(weights, engine, options.threads, tuple(options.size),
+                            options.pairs, options.batch)  # fmt: skip
+            found["off_torch"] = deviation(weights, engine, options.threads)
+        except EgocapError as error:
+            found = {"missing": str(error)}
+        report["engines"][engine] = found
+        if not options.json:
+            _show(engine, found)
     if options.json:
         print(json.dumps(report, indent=1))
     if options.out:

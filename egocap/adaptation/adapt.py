@@ -29,6 +29,7 @@ from egocap.data.sequence_writer import digest
 from egocap.detect.detector import Detector
 from egocap.detect.train.config import LossConfig, TrainingConfig
 from egocap.detect.train.examples import HIDDEN, ViewStore
+from egocap.detect.train.quantise import eight_bit_graph, keep_eight_bit, some_views
 from egocap.detect.weights import Weights, open_weights, save_weights
 from egocap.errors import InputError, require
 from egocap.files import make_folder, write_json
@@ -105,9 +106,10 @@ def adapt(
         FileError: a sequence, the weights or the body are missing or damaged.
         InputError: footage shorter than 10 s, or without a joint of which the tracker is sure. All
             but the last is found before the work begins.
-        MachineError: torch is missing.
+        MachineError: torch or onnx is missing.
     """
-    require("torch", "train")
+    for package in ("torch", "onnx"):
+        require(package, "train")
     if not footage:
         raise InputError("no footage", valid="folders of sequences, or of egocap mocap")
     weights = open_weights(options.weights)
@@ -141,6 +143,8 @@ def adapt(
                    "options": asdict(options) | {"weights": None, "body": None},
                    "steps": steps}  # fmt: skip
         save_weights(folder / WEIGHTS, network, account, weights.calibration)
+        adapted = open_weights(folder / WEIGHTS)
+        keep_eight_bit(adapted, eight_bit_graph(adapted, some_views(kept)))
     write_json(folder / REPORT, result.to_dict())
     return result
 

@@ -50,7 +50,8 @@ def detect(
         out: detections to write, npz; of several sequences, and with --workers or --cluster, the
             folder of theirs.
         weights: detector weights, safetensors; those shipped by default.
-        engine: auto (the fastest installed), onnxruntime, openvino (an extra), torch or cuda.
+        engine: auto (the fastest installed), onnxruntime or openvino (an extra), each also with
+            -int8 (8-bit integers), torch or cuda.
         threads: threads of the network; all cores by default, shared among the workers.
         frames: only so many frames, from the first.
         workers: processes, each with a sequence at a time; 0, the default: this one.
@@ -111,7 +112,8 @@ def calibrate_detector(
 ) -> int:
     """Fit a detector's confidence and sigma on footage not used in training.
 
-    Writes the same weights with the fitted calibration.
+    Writes the same weights with the fitted calibration. On this machine, detection with them then
+    runs in 8-bit integers, two to three times as fast.
 
     Args:
         data: sequences, or folders of sequences.

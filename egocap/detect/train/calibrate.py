@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence as Several
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,11 @@ from numpy import ndarray as Array
 from egocap.commandline import progress
 from egocap.data.dataset import find_sequences
 from egocap.detect.calibration import Calibration, fit_calibration
-from egocap.detect.engine import Engine, EngineName, open_engine
+from egocap.detect.engine import Engine, eight_bit_engine
 from egocap.detect.heatmaps import decode
 from egocap.detect.train.examples import OUTSIDE, SEEN, ViewStore, build_store
-from egocap.detect.weights import Weights, with_calibration
+from egocap.detect.train.quantise import eight_bit_graph, keep_eight_bit, some_views
+from egocap.detect.weights import Weights, open_weights, with_calibration
 
 _BATCH = 8  # views at once
 
@@ -33,21 +35,22 @@ class AnnotatedOutputs:
 
 
 def calibrate(
-    weights: Weights,
-    paths: Several[Path],
-    store: Path,
-    out: Path,
-    engine: EngineName = "auto",
-    threads: int | None = None,
+    weights: Weights, paths: Several[Path], store: Path, out: Path, threads: int | None = None
 ) -> Calibration:
     """Fit the calibration of `weights` on annotated sequences and write both to `out`.
 
-    `paths` are sequences or folders of them, `store` is a folder for their canonical views. The
-    result is deterministic. Raises FileError or InputError without enough annotated views.
+    The network is calibrated in 8-bit integers, and kept so for this machine. `paths` are
+    sequences or folders of them, `store` is a folder for their canonical views. The result is
+    deterministic. Raises FileError or InputError without enough annotated views, MachineError
+    without the packages that make the network in 8 bits.
     """
     folders = find_sequences(paths)
     views = build_store(folders, weights.view, store)
-    outputs = run_on_store(open_engine(weights, engine, threads), weights.stride, views)
+    graph = eight_bit_graph(weights, some_views(views))
+    with TemporaryDirectory() as folder:
+        (path := Path(folder) / "int8.onnx").write_bytes(graph)
+        engine = eight_bit_engine(path, "onnxruntime-int8", threads)
+        outputs = run_on_store(engine, weights.stride, views)
     seen, in_view = outputs.state == SEEN, outputs.state != OUTSIDE
     found = fit_calibration(outputs.info, outputs.errors, seen, in_view)
     account: dict[str, Any] = {
@@ -56,6 +59,7 @@ def calibrate(
         "manifests_sha256": _checksum(folders),
     }  # fmt: skip
     with_calibration(weights, found, dict(weights.training) | {"calibration": account}, out)
+    keep_eight_bit(open_weights(out), graph)
     return found
 
 

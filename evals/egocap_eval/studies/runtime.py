@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from egocap.view.feeds import Instant
 
 SCENE, SOURCE = "validation-walk", "simulated:2.0"
-ENGINES = ("openvino", "onnxruntime", "cuda")
+ENGINES = ("openvino-int8", "openvino", "onnxruntime-int8", "onnxruntime", "cuda")
 PAPER = {"reference": 1 / 10.0, "stochastic, colours alone": 12.5}  # frames a second
 """The paper's rates of its own solvers on a CPU; of the second, 10 to 15."""
 

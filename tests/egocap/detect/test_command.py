@@ -9,6 +9,7 @@ import pytest
 
 from egocap.data.detections import load_detections
 from egocap.data.track import load_track
+from egocap.detect.engine import fastest_engine
 from egocap.detect.weights import open_weights
 
 
@@ -93,6 +94,7 @@ def test_calibration_is_written_and_repeatable(egocap, tiny_sequence, tiny_file)
         assert json.loads(out)["scale"] == written[-1].calibration.scale
     first, second = written
     assert first.sha256 == second.sha256
+    assert fastest_engine(first).endswith("-int8")
     assert first.training["calibration"]["views"] == 14
     assert first.training["command"] == "none"  # what it was trained with stays
     found = first.calibration

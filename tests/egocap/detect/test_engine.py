@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from egocap.detect import engine as engines
-from egocap.detect.engine import exported, fastest_engine, open_engine
+from egocap.detect.engine import eight_bit_cache, exported, fastest_engine, open_engine
 from egocap.detect.weights import open_weights
-from egocap.errors import InputError, MachineError
+from egocap.errors import FileError, InputError, MachineError
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +65,52 @@ assert "openvino.tools.ovc.telemetry_stub" in sys.modules
 @pytest.mark.parametrize(
     ("found", "engine"), [(object(), "openvino"), (None, "onnxruntime")], ids=["with", "without"]
 )
-def test_auto_takes_openvino_where_it_is(monkeypatch, found, engine):
+def test_auto_takes_openvino_where_it_is_and_8_bits_where_they_are(
+    monkeypatch, weights, rounded, found, engine
+):
     monkeypatch.setattr(engines, "find_spec", lambda name: found)
-    assert fastest_engine() == engine
+    assert fastest_engine(weights) == engine
+    assert fastest_engine(rounded) == f"{engine}-int8"
 
 
 def test_auto_says_which_engine_it_took(weights):
-    assert open_engine(weights, threads=1).name == fastest_engine()
+    assert open_engine(weights, threads=1).name == fastest_engine(weights)
+
+
+@pytest.fixture
+def rounded(weights, tmp_path):
+    """Weights that differ in a bit, and have a network in 8 bits."""
+    pytest.importorskip("onnx")
+    from egocap.detect.train.quantise import eight_bit_graph, keep_eight_bit
+
+    content = bytearray(weights.path.read_bytes())
+    content[-2] ^= 1
+    (tmp_path / "w.safetensors").write_bytes(bytes(content))
+    others = open_weights(tmp_path / "w.safetensors")
+    keep_eight_bit(others, eight_bit_graph(others, images(16)))
+    return others
+
+
+@pytest.mark.parametrize("engine", ["onnxruntime-int8", "openvino-int8"])
+def test_8_bits_are_close_to_floats(rounded, engine):
+    pytest.importorskip(engine.removesuffix("-int8"))
+    said = open_engine(rounded, engine, threads=1).run(images(3))
+    for a, b in zip(said, open_engine(rounded, "torch", threads=1).run(images(3)), strict=True):
+        assert 0.0 < np.abs(a - b).max() < 0.1 * np.abs(b).max()
+
+
+def test_weights_without_8_bits_say_how_to_get_them(weights):
+    with pytest.raises(InputError, match=r"no network in 8-bit .*calibrate-detector"):
+        open_engine(weights, "onnxruntime-int8")
+
+
+@pytest.mark.parametrize("engine", ["onnxruntime-int8", "openvino-int8"])
+def test_damaged_8_bits_are_named(rounded, engine):
+    pytest.importorskip(engine.removesuffix("-int8"))
+    path = eight_bit_cache(rounded)
+    path.write_bytes(path.read_bytes()[:-99])
+    with pytest.raises(FileError, match=r"int8\.onnx: damaged"):
+        open_engine(rounded, engine)
 
 
 def test_exported_once(weights, monkeypatch):
@@ -103,7 +142,10 @@ def test_cache_that_cannot_be_written_says_so(weights, monkeypatch, tmp_path):
 
 
 def test_impossible_wishes(weights):
-    with pytest.raises(InputError, match="auto, onnxruntime, openvino, torch, cuda"):
+    with pytest.raises(
+        InputError,
+        match="auto, onnxruntime, openvino, onnxruntime-int8, openvino-int8, torch, cuda",
+    ):
         open_engine(weights, "tflite")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="0 threads"):
         open_engine(weights, threads=0)

@@ -33,10 +33,10 @@ _MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
 class ViewSpec:
     """Size and projection of the canonical view. Raises InputError for values out of range."""
 
-    width: int = 256  # pixels
-    height: int = 224
-    focal: float = 117.0  # pixels per radian on the axis
-    compression: float = 0.9  # k of r = focal sin(k theta) / k; 0 is the equidistant lens
+    width: int = 288  # pixels
+    height: int = 256
+    focal: float = 137.0  # pixels per radian on the axis
+    compression: float = 0.95  # k of r = focal sin(k theta) / k; 0 is the equidistant lens
     pitch_deg: float = 105.0  # of the axis, below the head's forward direction
     toe_in_deg: float = 8.0  # of the axis, towards the body's middle plane
     near_pitch_deg: float | None = None  # `pitch_deg` of cameras near the face; None: the same

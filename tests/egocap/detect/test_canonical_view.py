@@ -56,7 +56,7 @@ def test_axis_and_head_forward_are_where_the_spec_says():
     spec = ViewSpec(pitch_deg=90.0, toe_in_deg=0.0)
     down, forward, right = (0, 0, -1.0), (0.5, 0, -1.0), (0, -0.5, -1.0)
     points, _ = spec.points(np.array([down, forward, right]))
-    centre = np.array([127.5, 111.5])
+    centre = (np.array(spec.size) - 1) / 2
     np.testing.assert_allclose(points[0], centre, atol=1e-9)
     assert points[1, 1] < centre[1] - 10 and abs(points[1, 0] - centre[0]) < 1e-9
     assert points[2, 0] > centre[0] + 10 and abs(points[2, 1] - centre[1]) < 1e-9

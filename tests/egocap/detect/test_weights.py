@@ -16,6 +16,7 @@ from safetensors.torch import load_file, save_file
 
 from egocap.detect.calibration import Calibration
 from egocap.detect.canonical_view import ViewSpec
+from egocap.detect.engine import eight_bit_file
 from egocap.detect.network import CONFIGS, build_network
 from egocap.detect.onnx_graph import filled_graph
 from egocap.detect.weights import (
@@ -211,10 +212,12 @@ def test_shipped_files_are_compared_with_their_checksums(tmp_path, monkeypatch):
     shutil.copytree(shipped_file().parent, folder)
     weights = open_weights()
     sums = subprocess.run(["sha256sum", "--check", SUMS], cwd=folder, capture_output=True)
-    assert sums.returncode == 0 and sums.stdout.count(b": OK") == 2
+    assert sums.returncode == 0 and sums.stdout.count(b": OK") == 3
     monkeypatch.setattr("egocap.detect.weights.files", lambda _: tmp_path)
     assert open_weights().sha256 == weights.sha256
-    for suffix, load in (".onnx", lambda: filled_graph(weights)), (".safetensors", open_weights):
+    loads = {".onnx": lambda: filled_graph(weights), ".safetensors": open_weights,
+             ".int8.onnx": lambda: eight_bit_file(open_weights())}  # fmt: skip
+    for suffix, load in loads.items():
         path = folder / f"default{suffix}"
         content = bytearray(path.read_bytes())
         content[-1] ^= 1  # the last bit of a tensor, or of a name

@@ -62,8 +62,9 @@ def evaluate_recording(
                          valid="a protocol with -rigid, -pa, -ba or -ba-rigid")  # fmt: skip
     joints, valid = joints_in_head(result, recording, missing)
     truth = GroundTruth(
-        labels.joints_head, recording.times, None, labels.T_world_head, None, labels.labelled
-    )
+        labels.joints_head, recording.times, T_world_head=labels.T_world_head,
+        labelled=labels.labelled,
+    )  # fmt: skip
     if isinstance(result, Predictions):
         known = valid & labels.labelled
         require_plausible_size(joints, known, labels.joints_head, result.unit)

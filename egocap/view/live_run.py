@@ -195,7 +195,11 @@ def _timed(feed: Feed, report: LiveReport) -> Iterator[Instant]:
 def _made_ahead(
     instants: Iterator[Instant], make: Callable[[Instant], Made]
 ) -> Generator[tuple[Instant, Made]]:
-    """Each instant with what is made of it, by a thread that works on the next one meanwhile."""
+    """Each instant with what is made of it, by a thread that works on the next one meanwhile.
+
+    It is given as soon as it is made: `egocap.detect.input_images.ahead` waits for the next job
+    first, which here is the next picture of a camera.
+    """
     ready: Queue[tuple[Instant, Made] | Exception | None] = Queue(1)
     ended = Event()
 

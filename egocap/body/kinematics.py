@@ -32,7 +32,7 @@ def kinematic_tree(proportions: HasOffsets) -> KinematicTree:
     )  # fmt: skip
 
 
-@njit(cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]
+@njit(cache=True, nogil=True, _nrt=False)  # pyright: ignore[reportCallIssue]
 def forward_kinematics(tree, angles, points, axes, R):
     """Pose a skeleton; all but the first two arguments are outputs, in the head frame.
 
@@ -70,7 +70,7 @@ def forward_kinematics(tree, angles, points, axes, R):
                 R[i, r, 2] = a * q02 + b * q12 + c * q22
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pose_skeleton(tree, angles):
     """Positions (22, 3) of all points and posed axes (37, 3) of all angles, as new arrays."""
     points, axes = np.empty((len(tree.parents), 3)), np.empty((len(angles), 3))

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABELS
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
@@ -200,6 +201,21 @@ class Sequence:
     def annotation(self, index: int) -> dict[str, Any]:
         """Content of the frame's KEY.json. Raises FileError unless it is an object."""
         return parsed(self.read(index, "json"), self.shard_path(index), key=f"{index:06d}.json")
+
+    def labels(self, index: int) -> tuple[Float[Array, "V 18 2"], UInt8[Array, "V 18"]]:
+        """Pixels and visibility codes of a frame's joints. Raises FileError if damaged."""
+        annotation, views = self.annotation(index), self.manifest.views
+        try:
+            pixels, seen = (
+                [annotation[key][view] for view in views] for key in ("joints_2d", "visibility")
+            )
+            shape = len(views), len(LABELS)
+            points = np.array(pixels, float).reshape(*shape, 2)
+            return points, np.array(seen, np.uint8).reshape(shape)
+        except (LookupError, TypeError, ValueError, OverflowError) as error:
+            raise FileError(
+                self.shard_path(index), f"frame {index}: annotation damaged: {error}"
+            ) from None
 
     def read(self, index: int, suffix: str) -> bytes:
         """Raw bytes of one file of one frame, e.g. suffix 'left.jpg'."""

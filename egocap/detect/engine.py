@@ -76,10 +76,10 @@ def open_engine(
     threads = available_cores() if threads is None else threads
     if not 1 <= threads <= 256:
         raise InputError(f"{threads} threads", valid="1 to 256")
+    path = eight_bit_file(weights) if name == "auto" or name.endswith("-int8") else None
     if name == "auto":
-        name = fastest_engine(weights)
+        name = _fastest(eight_bit=path is not None)
     if name.endswith("-int8"):
-        path = eight_bit_file(weights)
         if path is None:
             raise InputError(
                 f"this machine has no network in 8-bit integers of {weights.path}",
@@ -95,9 +95,13 @@ def open_engine(
 
 def fastest_engine(weights: Weights) -> EngineName:
     """The engine of `auto` in this installation."""
+    return _fastest(eight_bit=eight_bit_file(weights) is not None)
+
+
+def _fastest(*, eight_bit: bool) -> EngineName:
     if find_spec("openvino") is not None:
-        return "openvino" if eight_bit_file(weights) is None else "openvino-int8"
-    return "onnxruntime" if eight_bit_file(weights) is None else "onnxruntime-int8"
+        return "openvino-int8" if eight_bit else "openvino"
+    return "onnxruntime-int8" if eight_bit else "onnxruntime"
 
 
 def eight_bit_file(weights: Weights) -> Path | None:

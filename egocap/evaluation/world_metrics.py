@@ -49,9 +49,9 @@ def contact_f1(errors: PoseErrors) -> float:
     if world.contacts is None:
         found = metrics.estimate_planted(world.joints[:, TOES], times)
     else:
-        found = _feet(world.contacts >= 0.5)
+        found = touching_feet(world.contacts >= 0.5)
     counted = world.known if errors.truth.propped is None else world.known & ~errors.truth.propped
-    return metrics.f1_score(found[counted], _feet(contact)[counted])
+    return metrics.f1_score(found[counted], touching_feet(contact)[counted])
 
 
 def sinking(errors: PoseErrors) -> float:
@@ -157,5 +157,6 @@ def _aligned(
     return align_sequence(joints, truth, mask, scaled=False)
 
 
-def _feet(contact: Bool[Array, "T 4"]) -> Bool[Array, "T 2"]:
+def touching_feet(contact: Bool[Array, "T 4"]) -> Bool[Array, "T 2"]:
+    """Whether heel or toe of a foot touches."""
     return contact[:, [0, 2]] | contact[:, [1, 3]]

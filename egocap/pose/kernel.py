@@ -64,7 +64,7 @@ def make_model(proportions: Proportions, config: TrackerConfig) -> Model:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def detections(model, angles, seen, scale, H, g):
     """Add the detection term's Gauss-Newton matrix and gradient to H (37,37), g (37,).
 
@@ -138,7 +138,7 @@ def detections(model, angles, seen, scale, H, g):
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def priors(model, angles, H, g):
     """Add limits, pose and posture prior to H (37,37) and g (37,); return their energy.
 
@@ -179,7 +179,7 @@ def information(
     return H + np.tril(H, -1).T, g
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def motion_term(angles, mean, precision, H, g):
     """Add the motion prior's term for one frame to H (37,37) and g (37,); return its energy.
 
@@ -202,7 +202,7 @@ def motion_term(angles, mean, precision, H, g):
     return 0.5 * n * np.log1p(squared / n)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def smoothness(model, angles, predicted, scatter, H, g):
     """Add the smoothness term, about the predicted pose; return its energy."""
     energy = 0.0
@@ -215,7 +215,7 @@ def smoothness(model, angles, predicted, scatter, H, g):
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def squared_residuals(model, angles, seen, squared):
     """Squared residual of every detection in standard deviations, into (V, 18); missing: inf."""
     centres, rays, whiten, weights = seen

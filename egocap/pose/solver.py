@@ -26,7 +26,7 @@ class Prediction(NamedTuple):
 NO_PREDICTION = Prediction(np.zeros(0), np.zeros(0))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def cholesky_solve(H, damping, b, L, x):  # H (N,N) lower triangle, b (N,); L (N,N), x (N,): outputs
     """Solve (H + damping * diag(H)) x = b; False when the matrix is not positive definite."""
     n = len(b)
@@ -54,7 +54,7 @@ def cholesky_solve(H, damping, b, L, x):  # H (N,N) lower triangle, b (N,); L (N
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _energy(model, angles, prediction, seen, scale, H, g):
     H[:] = 0.0
     g[:] = 0.0
@@ -65,7 +65,7 @@ def _energy(model, angles, prediction, seen, scale, H, g):
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def solve_frame(model, start, prediction, seen, scale, iterations, tolerance):
     """Minimise one frame's energy from a start.
 

@@ -80,7 +80,7 @@ def _modes(modes: Modes | None, t: int, views: int) -> FrameModes:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _energy(point, centre, ray, whiten, weight, scale2):
     """Half the Geman-McClure loss of one detection."""
     if weight <= 0.0:
@@ -97,7 +97,7 @@ def _energy(point, centre, ray, whiten, weight, scale2):
     return 0.5 * weight * squared * scale2 / (squared + scale2)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _detection_energy(seen, v, label, point, scale2):
     return _energy(
         point, seen.centres[v], seen.rays[v, label], seen.whiten[v, label], seen.weights[v, label],
@@ -105,7 +105,7 @@ def _detection_energy(seen, v, label, point, scale2):
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _unswap(points, label_points, seen, v, sides, scale2, swap_cost, source):
     """Into `source` (18,): the label whose detection in view v is taken for each label."""
     for label in range(len(source)):
@@ -121,7 +121,7 @@ def _unswap(points, label_points, seen, v, sides, scale2, swap_cost, source):
                 source[label] = sides.mirror[label]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def associate_frame(model, angles, seen, modes, sides, scale, swap_cost, chosen):
     """Choose one frame's detections by its pose; whether the choice changed.
 

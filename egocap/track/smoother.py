@@ -132,7 +132,7 @@ def minimise(
     return states, np.abs(last_step).max(axis=1) < _SETTLED
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def assemble(model, angles, seen, scale, stencil, density, mean, precision, bands, gradient):
     """Energy of a window; its Gauss-Newton matrix into `bands` (75, T*37), gradient into (T*37,).
 
@@ -158,7 +158,7 @@ def assemble(model, angles, seen, scale, stencil, density, mean, precision, band
     return energy + accelerations(angles, stencil, density, bands, gradient)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def accelerations(angles, stencil, density, bands, gradient):
     """Energy of a window's accelerations; their terms are added as `assemble` does."""
     frames, dofs = angles.shape

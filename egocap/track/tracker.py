@@ -186,19 +186,20 @@ class Tracker:
         seen = heads
         for _ in range(WORLD_SOLUTIONS):
             contacts = contact_probabilities(solution.chosen.times, joints, sigma, seen)
-            world = solver.solve(
-                solution.angles, contacts, height, solution.independent,
-                solution.independent_prediction,
-            )  # fmt: skip
+            world = solver.solve(solution.angles, contacts, height)
             joints = forward(self.proportions, world.angles)
             seen = replace(heads, T_world_head=world.T_world_head)
             stopwatch.lap("world")
+        covariances = solver.covariances(
+            world, solution.independent, solution.independent_prediction
+        )
+        stopwatch.lap("covariance")
         solution.estimated["ground"] = {
             "footholds": len(world.ground.gains), "level_m": round(world.ground.level, 4),
         }  # fmt: skip
         solution = replace(solution, angles=world.angles, converged=world.converged)
         estimate = replace(
-            estimate, solution=solution, angles=world.angles, covariances=world.covariances
+            estimate, solution=solution, angles=world.angles, covariances=covariances
         )
         return estimate, (seen, world.contacts)
 

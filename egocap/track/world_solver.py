@@ -48,12 +48,17 @@ _HEAD_CORRELATION_S = 1.0
 class WorldSolution:
     """The motion of all frames in the world."""
 
-    angles: Float[Array, "T 37"]
+    state: Float[Array, "T 43"]  # the angles, and the corrections of the head poses
     T_world_head: Float[Array, "T 4 4"]
     converged: Bool[Array, "T"]
     ground: Ground
     contacts: Float[Array, "T 4"]  # probabilities, given the heights
-    covariances: Float[Array, "T 37 37"]  # of the angles, rad^2
+    terms: ContactTerms  # of the last round
+
+    @property
+    def angles(self) -> Float[Array, "T 37"]:
+        """Joint angles, rad."""
+        return self.state[:, :DOF_COUNT]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +74,12 @@ class WorldSolver:
 
     def solve(
         self, angles: Float[Array, "T 37"], contacts: Float[Array, "T 4"],
-        spread: Float[Array, "T 4"], independent: Observations,
-        independent_prediction: MotionPrediction,
+        spread: Float[Array, "T 4"],
     ) -> WorldSolution:  # fmt: skip
         """The motion that detections, priors, head poses and contacts agree on.
 
         `contacts` are the contact probabilities, `spread` the standard deviations of the points'
-        heights [m] without them; `independent` and `independent_prediction` are the observations
-        and the prediction for covariances, with the information of independent frames.
+        heights [m] without them.
         """
         feet = FootPoints.of(self.proportions)
         state = np.concatenate([angles, np.zeros((len(angles), STATE - DOF_COUNT))], 1)
@@ -90,10 +93,25 @@ class WorldSolver:
             ground, terms = self._terms(state, feet, probable, spread, firm, speed)
             state, converged = self._minimise(state, feet, terms)
         assert terms is not None
-        separate = replace(self, observations=independent, prediction=independent_prediction)
-        covariances = separate._covariances(state, feet, terms)
         poses = correct(self.heads.T_world_head, state[:, DOF_COUNT:], self.heads.known)
-        return WorldSolution(state[:, :DOF_COUNT], poses, converged, ground, contacts, covariances)
+        return WorldSolution(state, poses, converged, ground, contacts, terms)
+
+    def covariances(
+        self, solution: WorldSolution, independent: Observations,
+        independent_prediction: MotionPrediction,
+    ) -> Float[Array, "T 37 37"]:  # fmt: skip
+        """Covariances of the angles, rad^2, from the information of independent frames.
+
+        `independent` and `independent_prediction` are the observations and the prediction with it.
+        """
+        solver = replace(self, observations=independent, prediction=independent_prediction)
+        feet = FootPoints.of(self.proportions)
+        found = np.empty((len(solution.state), DOF_COUNT, DOF_COUNT))
+        for kept, window, within in windows(len(solution.state)):
+            _, bands, _ = solver._system(solution.state[window], window, feet, solution.terms)
+            inverse = banded_inverse(bands, STATE)
+            found[kept] = inverse[within, :DOF_COUNT, :DOF_COUNT]
+        return found
 
     def _slow(self, points: Float[Array, "T 4 3"]) -> Float[Array, "T 4"]:
         """Factor of the contact probabilities: a point that travels does not stand."""
@@ -165,16 +183,6 @@ class WorldSolver:
             solved, done = minimise(state[window], system, self.config)
             refined[kept], converged[kept] = solved[within], done[within]
         return refined, converged
-
-    def _covariances(
-        self, state: Float[Array, "T 43"], feet: FootPoints, terms: ContactTerms
-    ) -> Float[Array, "T 37 37"]:
-        found = np.empty((len(state), DOF_COUNT, DOF_COUNT))
-        for kept, window, within in windows(len(state)):
-            _, bands, _ = self._system(state[window], window, feet, terms)
-            inverse = banded_inverse(bands, STATE)
-            found[kept] = inverse[within, :DOF_COUNT, :DOF_COUNT]
-        return found
 
     def _system(
         self, state: Float[Array, "T 43"], window: slice, feet: FootPoints, terms: ContactTerms

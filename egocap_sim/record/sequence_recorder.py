@@ -10,19 +10,16 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray as Array
 
-from egocap.body.labels import LABELS
 from egocap.cameras.rig import Rig
 from egocap.data.manifest import SCHEMA, Manifest, ShardEntry
 from egocap.data.sequence import OTHERS, SENSOR, TRUE_RIG, Sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, write_shard
 from egocap.data.truth import Truth
-from egocap.errors import FileError, InputError
+from egocap.errors import InputError
 from egocap.execution.jobs import Executor
 from egocap.execution.process_pool import count_frames
 from egocap_sim.core.trajectory import PhysicsStats
@@ -189,7 +186,7 @@ def _finish(writer: SequenceWriter, take: Take) -> None:
     """Add the rendered visibility to the truth and write the truth as the last file."""
     shards = _Shards(writer)
     annotations = [shards.annotation(i) for i in range(writer.manifest.frames)]
-    visibility = [_visibility(shards, i, content) for i, content in enumerate(annotations)]
+    visibility = [shards.labels(i)[1] for i in range(writer.manifest.frames)]
     truth = replace(take.truth, visibility=np.array(visibility))
     if take.sensor_plan is not None:
         writer.write_file(SENSOR, take.sensor_plan.applied.content())
@@ -199,17 +196,6 @@ def _finish(writer: SequenceWriter, take: Take) -> None:
         writer.write_file(OTHERS, others.content())
     writer.write_file("truth.npz", truth.content())
     remove_drafts(writer.folder)
-
-
-def _visibility(shards: _Shards, frame: int, annotation: dict[str, Any]) -> UInt8[Array, "V 18"]:
-    """Visibility of a frame's labels. Raises FileError, as earlier shards may be damaged."""
-    try:
-        rows = [annotation["visibility"][view] for view in shards.manifest.views]
-        return np.array(rows, np.uint8).reshape(len(rows), len(LABELS))
-    except (LookupError, TypeError, ValueError, OverflowError) as error:
-        raise FileError(
-            shards.shard_path(frame), f"frame {frame}: annotation damaged: {error}"
-        ) from None
 
 
 class _Shards(Sequence):

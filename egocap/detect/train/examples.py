@@ -21,7 +21,6 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
-from egocap.body.labels import MIRROR
 from egocap.commandline import progress
 from egocap.data.arrays import record_of
 from egocap.data.sequence import Sequence, open_sequence
@@ -219,23 +218,16 @@ def _view(
         if mask is None:
             raise FileError(sequence.folder, f"frame {index} of '{name}' has no part labels")
         parts = view.image(mask, nearest=True)
-    return image, parts, _labels(sequence, index, name, view)
+    return image, parts, _labels(sequence, index, v, view)
 
 
 def _labels(
-    sequence: Sequence, index: int, name: str, view: CanonicalView
+    sequence: Sequence, index: int, v: int, view: CanonicalView
 ) -> tuple[Array, Array, Array]:
     """Points, states and magnification of the 18 labels in the network's order."""
-    annotation, count = sequence.annotation(index), len(MIRROR)
-    try:
-        pixels = np.array(annotation["joints_2d"][name], float).reshape(count, 2)
-        seen = np.array(annotation["visibility"][name], np.uint8).reshape(count)
-    except (LookupError, TypeError, ValueError, OverflowError) as error:
-        raise FileError(sequence.shard_path(index), f"frame {index}: annotation of '{name}' "
-                        f"damaged: {error}") from None  # fmt: skip
+    pixels, seen = (of_views[v] for of_views in sequence.labels(index))
     state = np.where(seen == VISIBLE, SEEN, np.where(seen == OUT_OF_VIEW, OUTSIDE, HIDDEN))
-    width = sequence.rig.mounts[sequence.rig.views.index(name)].camera.width
-    return canonical_labels(pixels, state, view, width)
+    return canonical_labels(pixels, state, view, sequence.rig.cameras[v].width)
 
 
 def canonical_labels(

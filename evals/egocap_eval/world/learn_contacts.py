@@ -29,6 +29,7 @@ from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import EgocapError, InputError
 from egocap.evaluation.metrics import f1_score
 from egocap.evaluation.table import Table
+from egocap.evaluation.world_metrics import touching_feet
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import Tracker
 from egocap.world import contact_network
@@ -214,16 +215,12 @@ def _example(name: str, motion: dict[str, Any], frames: int, index: int) -> Exam
 
 def _score(network: ContactNetwork, examples: list[Example]) -> list[float]:
     """F1 of planted feet over all known frames, of each kind of track."""
-    true = np.concatenate([_feet(e.contact)[e.known] for e in examples])
+    true = np.concatenate([touching_feet(e.contact)[e.known] for e in examples])
     scores = []
     for kind in range(len(examples[0].tracks)):
         found = [
             contact_probabilities(e.times, e.tracks[kind], e.sigma, e.heads, network)[e.known]
             for e in examples
         ]
-        scores.append(f1_score(_feet(np.concatenate(found) >= 0.5), true))
+        scores.append(f1_score(touching_feet(np.concatenate(found) >= 0.5), true))
     return scores
-
-
-def _feet(contact: Bool[Array, "T 4"]) -> Bool[Array, "T 2"]:
-    return np.asarray(contact.reshape(-1, 2, 2).any(-1))

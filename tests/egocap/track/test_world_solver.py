@@ -54,7 +54,7 @@ def solved(known=None, contacts=1.0, speed=0.0, lifted=0.0, floor_std=None):
     solver = solver_of(T, known, floor_std)
     probable = np.where(known[:, None], contacts, 0.0) * np.ones((FRAMES, 4))
     spread = np.full((FRAMES, 4), 0.06)
-    return solver.solve(angles, probable, spread, seen, NO_MOTION_PREDICTION), joints, T, angles
+    return solver.solve(angles, probable, spread), joints, T, angles
 
 
 def world_points(angles, T):
@@ -115,9 +115,12 @@ def test_a_gap_is_left_in_the_head_frame():
 
 
 def test_contacts_make_the_feet_more_certain():
-    with_contacts, without = solved()[0], solved(contacts=0.0)[0]
+    seen, _, T, _ = standing()
     knees = [DOF_INDEX["left_knee_flexion"], DOF_INDEX["right_knee_flexion"]]
-    one, other = (s.covariances[:, knees, knees].mean() for s in (with_contacts, without))
+    one, other = (
+        solver_of(T).covariances(found, seen, NO_MOTION_PREDICTION)[:, knees, knees].mean()
+        for found in (solved()[0], solved(contacts=0.0)[0])
+    )
     assert one < other
 
 
@@ -130,9 +133,9 @@ def test_covariances_take_the_prediction_of_independent_frames():
     heads = HeadPoses(T, np.ones(FRAMES, bool))
     solver = WorldSolver(PERSON, MODEL, config, seen, prediction, heads)
     none = np.zeros((FRAMES, 4))
-    found = solver.solve(angles, none, none, seen, separate)
+    found = solver.solve(angles, none, none)
     expected = interval_covariances(found.angles, seen, MODEL, config, separate)
-    assert np.allclose(found.covariances, expected, rtol=1e-6)
+    assert np.allclose(solver.covariances(found, seen, separate), expected, rtol=1e-6)
 
 
 def on_ground(foothold_m, height, floor_std=0.003):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from ctypes import c_void_p
 
 import cv2
 import numpy as np
@@ -80,11 +79,10 @@ class AtlasBuffer:
     def read_depth_at(self, at: Int[Array, "N 2"]) -> Float[Array, "N"]:
         """Depth buffer values 0..1 at atlas pixels (column, row)."""
         depth = np.empty(len(at), np.float32)
+        place, kind = depth.ctypes.data, (GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._plain)
         for i, (column, row) in enumerate(at.tolist()):
-            # The unwrapped call: PyOpenGL's wrapper takes three times as long as the read itself.
-            place = c_void_p(depth.ctypes.data + 4 * i)
-            read_pixels(column, row, 1, 1, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, place)
+            read_pixels(column, row, 1, 1, *kind, place + depth.itemsize * i)
         return depth
 
     def free(self) -> None:

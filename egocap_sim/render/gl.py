@@ -4,9 +4,9 @@ pyrender 0.1.45 pins PyOpenGL 3.1.0, which predates numpy 2, today's EGL and Pyt
 things must hold before pyrender is imported, so every module takes `GL` and `pyrender` from here:
 `PYOPENGL_PLATFORM=egl` is set, `np.infty` exists, `OpenGL.GL.shaders` is imported before
 `OpenGL.EGL`, `OpenGL.EGL` has an `EGLDeviceEXT` (mujoco's EGL requires it), and PyOpenGL knows the
-name that Python 3.12 gave to the type of `ctypes.byref`. pyrender's window and the graph library of
-its scenes, which nothing here uses, take a third of its import: the one is left out and the other
-is loaded when it is first used.
+name that Python 3.12 gave to the type of `ctypes.byref`. What nothing here uses takes most of
+pyrender's import: its window is left out, and the libraries of its scenes, meshes, fonts and
+textures are loaded when they are first used.
 
 Mesa's software renderer uses one thread per core. With several worker processes, set
 `LP_NUM_THREADS=1` in each worker's environment before it creates a context; this module does not
@@ -60,21 +60,27 @@ def _imported_later(*modules: ModuleType) -> Iterator[None]:
             del sys.modules[name]
 
 
-_window, _graphs = _Later("pyrender.viewer"), _Later("networkx")
+_window, _trimesh, _pillow = map(_Later, ("pyrender.viewer", "trimesh", "PIL"))
+_transformations, _picture = _Later("trimesh.transformations"), _Later("PIL.Image")
+_unused = (_window, _trimesh, _transformations, _pillow, _picture, _Later("networkx"),
+           _Later("freetype"))  # fmt: skip
 _window.__dict__["Viewer"] = None
+_trimesh.__dict__["transformations"] = _transformations
+_pillow.__dict__["Image"] = _picture
 
 try:
     # isort: off
     import OpenGL
-    import OpenGL.raw.EGL._errors as _egl_errors
     from OpenGL.plugins import FormatHandler
 
     _parameters = FormatHandler.by_name("ctypesparameter")
     assert _parameters is not None
     _parameters.check.append("_ctypes.CArgObject")
     # Errors are checked once per frame (`check_errors`): checking after each call takes longer than
-    # the calls. PyOpenGL 3.1.0 then lacks the error checker of EGL.
+    # the calls. It must be said before PyOpenGL makes its checkers; 3.1.0 then lacks that of EGL.
     OpenGL.ERROR_CHECKING = False
+    import OpenGL.raw.EGL._errors as _egl_errors
+
     _egl_errors.__dict__.setdefault("_error_checker", None)
     import OpenGL.GL as GL
     import OpenGL.GL.shaders  # before OpenGL.EGL, or PyOpenGL 3.1.0 fails
@@ -83,16 +89,21 @@ try:
 
     if not hasattr(EGL, "EGLDeviceEXT"):
         EGL.EGLDeviceEXT = ctypes.c_void_p  # pyright: ignore[reportAttributeAccessIssue]
-    with _imported_later(_window, _graphs):
+    with _imported_later(*_unused):
         import pyrender
     import pyrender.renderer
     import pyrender.shader_program
     from OpenGL import contextdata
-    from OpenGL.raw.GL.VERSION.GL_1_0 import glReadPixels as read_pixels
+    from OpenGL.platform import PLATFORM
     from OpenGL.raw.GL.VERSION.GL_1_4 import glMultiDrawElements as draw_runs
     from pyrender.platforms import egl as _platform
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...
     raise MachineError(f"no OpenGL/EGL library could be loaded ({error})", remedy=REMEDY) from error
+
+read_pixels = PLATFORM.GL["glReadPixels"]
+"""As glReadPixels, into an address: PyOpenGL's takes three times as long as to read one pixel."""
+read_pixels.argtypes = [*[ctypes.c_int] * 4, *[ctypes.c_uint] * 2, ctypes.c_void_p]
+read_pixels.restype = None
 
 _spare = threading.local()  # a context belongs to one thread
 

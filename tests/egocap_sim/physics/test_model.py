@@ -79,3 +79,12 @@ def test_physics_needs_no_opengl_whatever_the_environment_asks_of_mujoco(rendere
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout.strip()) == (0, renderer), done.stderr
+
+
+def test_physics_starts_no_search_for_a_library_of_windows():
+    code = (
+        "import os, sys, egocap_sim.physics.model as m\n"
+        "assert 'glfw' not in sys.modules and 'MUJOCO_GL' not in os.environ\n"
+    )
+    unasked = {key: value for key, value in os.environ.items() if key != "MUJOCO_GL"}
+    subprocess.run([sys.executable, "-c", code], env=unasked, check=True)

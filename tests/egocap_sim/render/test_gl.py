@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from egocap.errors import MachineError
+
 ASK = """
 import sys
 {setup}
@@ -55,10 +57,27 @@ def test_torch_for_cuda_can_be_imported_after_a_context_was_made():
 def test_libraries_for_scenes_and_windows_load_when_used():
     code = (
         "import sys, egocap_sim.render.gl\n"
-        "unused = {'networkx', 'pyglet', 'pyrender.viewer'}\n"
+        "unused = {'networkx', 'pyglet', 'pyrender.viewer', 'trimesh', 'PIL', 'freetype'}\n"
         "assert not unused & set(sys.modules), unused & set(sys.modules)\n"
-        "import pyrender, trimesh.graph, networkx\n"
+        "import pyrender\n"
+        "box = pyrender.mesh.trimesh.creation.box()\n"
+        "assert len(pyrender.Mesh.from_trimesh(box).primitives) == 1\n"
+        "assert (pyrender.node.transformations.identity_matrix() == pyrender.Node().matrix).all()\n"
+        "import trimesh.graph, networkx\n"
         "assert len(trimesh.graph.nx.path_graph(3)) == len(networkx.path_graph(3)) == 3\n"
         "assert pyrender.Scene().get_nodes() == set()\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_errors_are_checked_once_per_frame_and_not_after_each_call(gl):
+    from OpenGL import error
+
+    from egocap_sim.render.gl import GL, Context, check_errors
+
+    assert error._ErrorChecker is None
+    context = Context()
+    GL.glEnable(GL.GL_RGBA8)  # not a capability
+    with pytest.raises(MachineError, match="0x500"):
+        check_errors()
+    context.close()

@@ -22,12 +22,12 @@ from egocap_eval.priors.takes import FPS, Take
 
 REFERENCE_WIDTH = 640  # px
 _SEEN_PX = {
-    "head": 1.1, "neck": 1.5, "shoulder": 2.2, "elbow": 2.6, "wrist": 2.3, "hand": 2.6,
-    "hip": 2.9, "knee": 2.6, "ankle": 1.7, "foot": 1.3,
+    "head": 1.3, "neck": 1.6, "shoulder": 2.2, "elbow": 2.7, "wrist": 1.9, "hand": 2.1,
+    "hip": 2.4, "knee": 2.4, "ankle": 1.3, "foot": 0.9,
 }  # fmt: skip
 _HIDDEN_PX = {
-    "head": 1.5, "neck": 2.6, "shoulder": 2.6, "elbow": 4.0, "wrist": 6.3, "hand": 8.0,
-    "hip": 3.2, "knee": 5.9, "ankle": 6.3, "foot": 8.5,
+    "head": 1.4, "neck": 2.2, "shoulder": 2.4, "elbow": 4.3, "wrist": 7.6, "hand": 8.4,
+    "hip": 3.0, "knee": 5.4, "ankle": 5.8, "foot": 8.4,
 }  # fmt: skip
 """Stated standard deviations, pixels at that width."""
 _OVERCONFIDENCE, _DEGREES = 1.05, 4  # of visible joints; Student's t

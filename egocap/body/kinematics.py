@@ -12,7 +12,15 @@ from jaxtyping import Float, Int
 from numba import njit
 from numpy import ndarray as Array
 
-from egocap.body.skeleton import AXES, DOF_JOINT, JOINTS, POINT_PARENTS, HasOffsets
+from egocap.body.skeleton import (
+    AXES,
+    DOF_JOINT,
+    JOINTS,
+    LABEL_POINTS,
+    MOVES,
+    POINT_PARENTS,
+    HasOffsets,
+)
 
 
 class KinematicTree(NamedTuple):
@@ -24,12 +32,44 @@ class KinematicTree(NamedTuple):
     first_dof: Int[Array, "18"]  # of each joint; the last entry is the total
 
 
+class LabelChains(NamedTuple):
+    """What moves the labels. An argument, as numba's cache misses changed tables."""
+
+    points: Int[Array, "18"]  # of the labels
+    dof_joint: Int[Array, "37"]  # the joint of each angle
+    chains: Int[Array, "18 D"]  # the angles that move each label, -1 after the last
+
+
+_PARENTS, _FIRST_DOF = (
+    np.array(POINT_PARENTS), np.searchsorted(DOF_JOINT, np.arange(len(JOINTS) + 1))
+)  # fmt: skip
+
+
+def _label_chains() -> LabelChains:
+    moves = [np.flatnonzero(MOVES[i]) for i in LABEL_POINTS]
+    chains = np.full((len(moves), max(map(len, moves))), -1)
+    for row, angles in zip(chains, moves, strict=True):
+        row[: len(angles)] = angles
+    return LabelChains(np.array(LABEL_POINTS), np.array(DOF_JOINT), chains)
+
+
+LABEL_CHAINS = _label_chains()
+
+
 def kinematic_tree(proportions: HasOffsets) -> KinematicTree:
     """The arrays for a person's proportions."""
-    return KinematicTree(
-        np.array(proportions.offsets), np.array(POINT_PARENTS), np.array(AXES),
-        np.searchsorted(DOF_JOINT, np.arange(len(JOINTS) + 1)),
-    )  # fmt: skip
+    return KinematicTree(np.array(proportions.offsets), _PARENTS, AXES, _FIRST_DOF)
+
+
+def label_positions(
+    proportions: HasOffsets, angles: Float[Array, "T 37"]
+) -> Float[Array, "T 18 3"]:
+    """Positions of the labels in the head frame, metres, as `skeleton.forward` gives them."""
+    found = np.empty((len(angles), len(LABEL_POINTS), 3))
+    _pose_labels(
+        kinematic_tree(proportions), LABEL_CHAINS.points, np.ascontiguousarray(angles, float), found
+    )
+    return found
 
 
 @njit(cache=True, nogil=True, _nrt=False)  # pyright: ignore[reportCallIssue]
@@ -76,3 +116,11 @@ def pose_skeleton(tree, angles):
     points, axes = np.empty((len(tree.parents), 3)), np.empty((len(angles), 3))
     forward_kinematics(tree, angles, points, axes, np.empty((len(tree.first_dof) - 1, 3, 3)))
     return points, axes
+
+
+@njit(cache=True, nogil=True)
+def _pose_labels(tree, labels, angles, found):
+    for t in range(len(angles)):
+        points, _ = pose_skeleton(tree, angles[t])
+        for i in range(len(labels)):
+            found[t, i] = points[labels[i]]

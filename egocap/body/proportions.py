@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -90,10 +91,12 @@ class Proportions:
         """The labelled points of the rest pose in the head frame, metres."""
         return self.rest_points[list(LABEL_POINTS)]
 
-    @property
+    @cached_property
     def rest_points(self) -> Float[Array, "22 3"]:
         """All `skeleton.POINTS` of the rest pose in the head frame, metres."""
-        return rest_points(self)
+        points = rest_points(self)
+        points.flags.writeable = False
+        return points
 
     @property
     def mirrored(self) -> Proportions:

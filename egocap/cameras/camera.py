@@ -21,8 +21,8 @@ from egocap.errors import InputError
 Affine = tuple[tuple[float, float], tuple[float, float]]
 
 MAX_PIXELS = 65536  # largest side of an image
-_TINY = 1e-30  # squared distance below which a point is on the optical axis, or at the camera
-_ANGLE_SLACK = 1e-9  # rad; includes points on the edge of the field of view
+TINY = 1e-30  # squared distance below which a point is on the optical axis, or at the camera
+ANGLE_SLACK = 1e-9  # rad; includes points on the edge of the field of view
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Camera:
         theta = self.radial.angle(radius)
         s = xp.sin(theta) / radius
         rays = xp.stack([x * s, y * s, xp.cos(theta)], -1)
-        return rays, (theta <= self.max_angle + _ANGLE_SLACK) & self._inside(pixels)
+        return rays, (theta <= self.max_angle + ANGLE_SLACK) & self._inside(pixels)
 
     def resized(self, width: int, height: int) -> Camera:
         """The same camera with its image scaled to width x height pixels.
@@ -160,7 +160,7 @@ class Camera:
         return namespace(x).stack([u, v], -1)
 
     def _in_field(self, x: Any, y: Any, z: Any, theta: Any) -> Any:
-        return (x * x + y * y + z * z > _TINY) & (theta <= self.max_angle + _ANGLE_SLACK)
+        return (x * x + y * y + z * z > TINY) & (theta <= self.max_angle + ANGLE_SLACK)
 
     def _inside(self, pixels: Any) -> Any:
         u, v = pixels[..., 0], pixels[..., 1]
@@ -175,7 +175,7 @@ def _length(x: Any, y: Any) -> Any:
     """|(x, y)|, bounded away from zero so that ratios and derivatives stay finite."""
     xp = namespace(x)
     squared = x * x + y * y
-    return xp.sqrt(xp.where(squared > _TINY, squared, xp.full_like(squared, _TINY)))
+    return xp.sqrt(xp.where(squared > TINY, squared, xp.full_like(squared, TINY)))
 
 
 def _polar(x: Any, y: Any, z: Any) -> tuple[Any, Any]:

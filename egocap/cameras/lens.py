@@ -23,7 +23,7 @@ FIT_TOLERANCE = 1e-5  # pixels; largest error of an inverted OCam polynomial
 _FIT_DEGREES = (8, 12, 16, 20, 24, 28, 32)
 _SHORTEST = 0.001  # pixels; smallest OCam focal length
 _REACH = 16.0  # search range of an OCam polynomial, times the radius of the farthest corner
-_NEWTON_STEPS = 60  # bisection alone needs about 52 in float64
+NEWTON_STEPS = 60  # bisection alone needs about 52 in float64
 
 
 def namespace(array: Any) -> ModuleType:
@@ -81,7 +81,7 @@ def invert(function: Callable[[Any], tuple[Any, Any]], target: Any, high: float,
     xp = namespace(target)
     low, x, top = 0.0 * target, start, 0.0 * target + high
     tolerance = 4.0 * float(xp.finfo(target.dtype).eps) * high
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(NEWTON_STEPS):
         value, slope = function(x)
         low, top = xp.where(value <= target, x, low), xp.where(value >= target, x, top)
         step = x - (value - target) / xp.where(slope > 0, slope, xp.ones_like(slope))

@@ -16,15 +16,9 @@ from jaxtyping import Float, Int
 from numba import njit
 from numpy import ndarray as Array
 
-from egocap.body.kinematics import kinematic_tree, pose_skeleton
+from egocap.body.kinematics import LABEL_CHAINS, kinematic_tree, pose_skeleton
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import (
-    DOF_JOINT,
-    LABEL_POINTS,
-    LIMITS,
-    MOVES,
-    SPREAD,
-)
+from egocap.body.skeleton import LIMITS, SPREAD
 from egocap.pose.config import TrackerConfig
 from egocap.pose.observations import OPPOSITE, Rays
 from egocap.pose.pose_prior import load_posture
@@ -51,14 +45,10 @@ class Model(NamedTuple):
 
 def make_model(proportions: Proportions, config: TrackerConfig) -> Model:
     """Gather what the kernels need."""
-    moves = [np.flatnonzero(MOVES[i]) for i in LABEL_POINTS]
-    chains = np.full((len(moves), max(map(len, moves))), -1)
-    for row, angles in zip(chains, moves, strict=True):
-        row[: len(angles)] = angles
-    posture = load_posture()
+    posture, labels = load_posture(), LABEL_CHAINS
     return Model(
-        *kinematic_tree(proportions), np.array(DOF_JOINT), np.array(LABEL_POINTS), chains,
-        np.array(LIMITS), np.array(SPREAD),
+        *kinematic_tree(proportions), labels.dof_joint, labels.points, labels.chains,
+        LIMITS, SPREAD,
         float(config.lambda_limit), float(config.lambda_pose), float(config.lambda_smooth),
         posture.mean, config.lambda_posture * posture.precision,
     )  # fmt: skip

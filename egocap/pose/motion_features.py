@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from egocap.body.kinematics import label_positions
 from egocap.body.labels import LABEL_INDEX
 from egocap.body.skeleton import (
     DOF_COUNT,
     LABEL_POINTS,
     SPREAD,
     HasOffsets,
-    forward,
     rest_points,
 )
 from egocap.data.head_pose import HeadPoses
@@ -44,7 +44,7 @@ def pose_features(
     angles: Float[Array, "T 37"], std: Float[Array, "T 18"], proportions: HasOffsets
 ) -> Float[Array, "T 109"]:
     """Angles, joints in the head frame, and logarithms of the joints' standard deviations [m]."""
-    joints = forward(proportions, angles) / stature(proportions)
+    joints = label_positions(proportions, angles) / stature(proportions)
     return np.concatenate([
         0.7 * angles / SPREAD, 2.0 * joints.reshape(len(angles), -1),
         np.log(np.maximum(std, _LEAST_STD) / _USUAL_STD),
@@ -61,7 +61,7 @@ def head_features(
     if heads is None or not heads.known.any():
         return np.zeros((len(angles), HEAD_COUNT))
     T, length = heads.T_world_head, stature(proportions)
-    joints = transform(T, forward(proportions, angles))
+    joints = transform(T, label_positions(proportions, angles))
     points = np.concatenate([T[:, None, :3, 3], joints[:, _FEET]], 1)
     along = _along_heading(T, _rate(times, points)) / length
     along *= np.array([1.5, 0.5, 0.5, 0.5, 0.5])[:, None]

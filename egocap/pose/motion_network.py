@@ -12,8 +12,8 @@ et al. 2017, "Simple and scalable predictive uncertainty estimation using deep e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -62,27 +62,25 @@ class MotionNetwork:
         self, inputs: Float[Array, "N 152"]
     ) -> tuple[Float[Array, "N 37"], Float[Array, "N 37"]]:
         """Corrections of the angles and their standard deviations, rad, at every step."""
-        means, variances = [], []
-        for member in range(len(self.into)):
-            mean, log_std = np.split(self._member(member, inputs), 2, axis=1)
-            means.append(mean)
-            variances.append(np.exp(2.0 * np.clip(log_std, -MOST_LOG_STD, MOST_LOG_STD)))
-        mean = np.mean(means, axis=0)
-        spread = np.mean(variances, axis=0) + np.var(means, axis=0)
-        return UNIT * mean, UNIT * np.sqrt(spread)
-
-    def _member(self, m: int, inputs: Float[Array, "N 152"]) -> Float[Array, "N 74"]:
-        hidden = inputs @ self.into[m] + self.into_bias[m]
+        hidden = inputs @ self.into + self.into_bias[:, None]
         for b, dilation in enumerate(DILATIONS):
-            hidden = hidden + self.block_biases[m, b] + _convolve(
-                _silu(hidden), self.blocks[m, b], dilation
+            hidden = hidden + self.block_biases[:, b, None] + _convolve(
+                _silu(hidden), self.blocks[:, b], dilation
             )  # fmt: skip
-        return _silu(hidden) @ self.out[m] + self.out_bias[m]
+        means, log_std = np.split(_silu(hidden) @ self.out + self.out_bias[:, None], 2, axis=-1)
+        variances = np.exp(2.0 * np.clip(log_std, -MOST_LOG_STD, MOST_LOG_STD))
+        spread = variances.mean(axis=0) + means.var(axis=0)
+        return UNIT * means.mean(axis=0), UNIT * np.sqrt(spread)
+
+    @cached_property
+    def precision(self) -> Float[Array, "37 37"]:
+        """Inverse of the errors' correlation."""
+        return np.linalg.inv(self.correlation.astype(float))
 
 
 def save_motion_network(network: MotionNetwork, path: Path = FILE) -> None:
     """Write a learned network as npz, in half precision."""
-    arrays = {name: array.astype(np.float16) for name, array in vars(network).items()}
+    arrays = {f.name: getattr(network, f.name).astype(np.float16) for f in fields(network)}
     write_npz(path, dofs=np.array(DOFS), **arrays)
 
 
@@ -131,7 +129,7 @@ def network_precision(
     spread: Float[Array, "T 37"], network: MotionNetwork | None = None
 ) -> Float[Array, "T 37 37"]:
     """Precision [rad^-2] of corrected angles of these standard deviations."""
-    between = np.linalg.inv((network or load_motion_network()).correlation.astype(float))
+    between = (network or load_motion_network()).precision
     return between / (spread[:, :, None] * spread[:, None, :])
 
 
@@ -149,12 +147,15 @@ def network_inputs(
 
 
 def _convolve(
-    values: Float[Array, "N C"], taps: Float[Array, "3 C C"], dilation: int
-) -> Float[Array, "N C"]:
+    values: Float[Array, "M N C"], taps: Float[Array, "M 3 C C"], dilation: int
+) -> Float[Array, "M N C"]:
     """Dilated convolution over time, padded with zeros."""
-    padded = np.pad(values, ((dilation, dilation), (0, 0)))
-    count = len(values)
-    return sum(padded[k * dilation : k * dilation + count] @ taps[k] for k in range(len(taps)))  # type: ignore[return-value]
+    members, count, channels = values.shape
+    near = np.zeros((members, count, 3, channels), values.dtype)
+    near[:, dilation:, 0] = values[:, :-dilation]
+    near[:, :, 1] = values
+    near[:, :-dilation, 2] = values[:, dilation:]
+    return near.reshape(members, count, -1) @ taps.reshape(members, -1, channels)
 
 
 def _silu(x: Float[Array, "*any"]) -> Float[Array, "*any"]:

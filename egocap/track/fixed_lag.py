@@ -13,14 +13,14 @@ Sukhatme 2010, "Sliding window filter with application to planetary landing", J.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import AGILITY, DOF_COUNT, SPREAD
+from egocap.pose.banded import add_block, add_quadratic, banded_inverse, eliminate
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
 from egocap.pose.kernel import Model, information
@@ -30,8 +30,14 @@ from egocap.pose.observations import Observations, joined
 from egocap.track.association import associate, needs_association
 from egocap.track.motion_prediction import INDEPENDENT, undetected
 from egocap.track.online_filter import OnlineFilter
-from egocap.track.smoother import BandedSystem, accelerations, interval_system, minimise
-from egocap.track.uncertainty import banded_inverse, joint_deviations
+from egocap.track.smoother import (
+    BandedSystem,
+    Minimum,
+    accelerations,
+    interval_energy,
+    minimise,
+)
+from egocap.track.uncertainty import joint_deviations
 
 WINDOW = 6
 """Frames solved together, at least; with a long lag, those that it needs."""
@@ -49,10 +55,6 @@ _MEMORY_S = 0.8
 _HELD = 1.0
 """Standard deviation of poses in the dark about the filter's, in each angle's prior deviation."""
 _PAIR = 2 * DOF_COUNT
-_ROW = np.add.outer(np.arange(_PAIR + 1), np.arange(3 * DOF_COUNT))
-"""Row in the matrix of every element of a lower band of three frames."""
-_THREE, _TWO = (np.nonzero(_ROW[:, :size] < size) for size in (3 * DOF_COUNT, _PAIR))
-"""Elements of a lower band of three and of two frames."""
 _UNKNOWN = np.zeros((DOF_COUNT, DOF_COUNT))
 _HOLD = np.diag((_HELD * SPREAD) ** -2.0)
 
@@ -76,18 +78,12 @@ class LaggedPose:
 class Past:
     """What earlier frames say of the first two of a window: a Gaussian in information form.
 
-    The energy of a departure d from `mean` is d (information d / 2 + gradient).
+    The energy of a departure d from `mean` is d (A d / 2 + gradient), A the band's matrix.
     """
 
     mean: Float[Array, "2 37"]
-    information: Float[Array, "74 74"]
+    bands: Float[Array, "75 74"]
     gradient: Float[Array, "74"]
-
-    @cached_property
-    def _bands(self) -> Float[Array, "75 74"]:
-        found = np.zeros((_PAIR + 1, _PAIR), order="F")
-        found[_TWO] = self.information[_ROW[_TWO], _TWO[1]]
-        return found
 
     def add(
         self, angles: Float[Array, "T 37"], bands: Float[Array, "75 N"],
@@ -95,10 +91,7 @@ class Past:
     ) -> float:  # fmt: skip
         """Add its terms to a window's banded system; their energy."""
         off = (angles[:2] - self.mean).ravel()
-        pull = self.information @ off
-        bands[:, :_PAIR] += self._bands
-        gradient[:_PAIR] += pull + self.gradient
-        return float(off @ (0.5 * pull + self.gradient))
+        return add_quadratic(self.bands, self.gradient, off, bands, gradient)
 
 
 def marginalise(
@@ -110,20 +103,16 @@ def marginalise(
     The terms are linearised at `angles`; `observations` are those of the three frames.
     """
     n = DOF_COUNT
-    bands, g = np.zeros((_PAIR + 1, 3 * n)), np.zeros(3 * n)
+    bands, g = np.zeros((_PAIR + 1, 3 * n), order="F"), np.zeros(3 * n)
     accelerations(np.ascontiguousarray(angles), acceleration_stencil(observations.times),
                   config.acceleration_sigma * AGILITY, bands, g)  # fmt: skip
     if past is not None:
         past.add(angles, bands, g)
-    H = np.zeros((3 * n, 3 * n))
-    row, column = _ROW[_THREE], _THREE[1]
-    H[row, column] = H[column, row] = bands[_THREE]
     own, pull = information(model, angles[0], observations.frame(0), config.robust_scale)
-    H[:n, :n] += own
-    g[:n] += pull
-    solved = np.linalg.solve(H[:n, :n], np.column_stack([H[:n, n:], g[:n]]))
-    rest = H[n:, n:] - H[n:, :n] @ solved[:, :-1]
-    return Past(angles[1:].copy(), 0.5 * (rest + rest.T), g[n:] - H[n:, :n] @ solved[:, -1])
+    add_block(own, pull, 0, bands, g)
+    if not eliminate(bands, g, n):
+        raise np.linalg.LinAlgError("a frame's information is not positive definite")
+    return Past(angles[1:].copy(), bands[:, n:].copy(order="F"), g[n:].copy())
 
 
 @dataclass(eq=False)
@@ -208,35 +197,35 @@ class FixedLagSmoother:
         window = self._window
         seen = joined([frame.chosen for frame in window])
         held = self._held(seen)
-        angles, done = self._minimised(np.array([f.angles for f in window]), seen, _STEPS, held)
+        found = self._minimised(np.array([f.angles for f in window]), seen, _STEPS, held)
         if self.config.multistart and window[-1].time >= self._tried + _RESTART_S:
             self._tried = window[-1].time
-            angles, seen = self._restarted(angles, seen, held)
-        covariances = banded_inverse(self._system(angles, seen, held)[1])
-        std = joint_deviations(self.proportions, angles, covariances, self.config.model_error_m)
+            found, seen = self._restarted(found, seen, held)
+        covariances = banded_inverse(found.system[1], DOF_COUNT)
+        std = joint_deviations(
+            self.proportions, found.states, covariances, self.config.model_error_m
+        )
         for t, frame in enumerate(window):
-            frame.angles, frame.std = angles[t], std[t]
+            frame.angles, frame.std = found.states[t], std[t]
         window[-1].covariance = covariances[-1]
-        motion = angles
         if self.config.lambda_motion > 0.0:
-            motion, done = self._apply_motion_prior(seen, held)
+            found = self._apply_motion_prior(seen, held)
         for t, frame in enumerate(window):
-            frame.motion, frame.settled = motion[t], bool(done[t])
+            frame.motion, frame.settled = found.states[t], bool(found.converged[t])
 
     def _restarted(
-        self, angles: Float[Array, "T 37"], seen: Observations, held: MotionPrediction
-    ) -> tuple[Float[Array, "T 37"], Observations]:
-        """The window's angles and detections, from the filter's poses if that saves energy."""
+        self, found: Minimum, seen: Observations, held: MotionPrediction
+    ) -> tuple[Minimum, Observations]:
+        """The window's solution and detections, from the filter's poses if that saves energy."""
         start = np.array([frame.filtered for frame in self._window])
         chosen = [replace(frame.proposed[:], modes=None) for frame in self._window]
         for pose, frame, detected in zip(start, self._window, chosen, strict=True):
             if needs_association(frame.proposed, self.config):
                 associate(pose[None], frame.proposed, detected, self.model, self.config)
         others = joined(chosen)
-        other, _ = self._minimised(start, others, _RESTART_STEPS, held)
-        gain = self._system(angles, seen, held)[0] - self._system(other, others, held)[0]
-        if gain < _MIN_GAIN:
-            return angles, seen
+        other = self._minimised(start, others, _RESTART_STEPS, held)
+        if found.system[0] - other.system[0] < _MIN_GAIN:
+            return found, seen
         for frame, detected in zip(self._window, chosen, strict=True):
             frame.chosen = detected
         return other, others
@@ -249,10 +238,8 @@ class FixedLagSmoother:
         mean = np.array([frame.filtered for frame in self._window])
         return MotionPrediction(mean, dark[:, None, None] * _HOLD)
 
-    def _apply_motion_prior(
-        self, seen: Observations, held: MotionPrediction
-    ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:
-        """The window's motion with the network's prediction, and convergence.
+    def _apply_motion_prior(self, seen: Observations, held: MotionPrediction) -> Minimum:
+        """The window's motion with the network's prediction.
 
         The network was learned from detectors that guess hidden joints: there is no prediction for
         frames in which a joint has no detection at all.
@@ -273,20 +260,18 @@ class FixedLagSmoother:
 
     def _minimised(
         self, start: Float[Array, "T 37"], seen: Observations, steps: int,
-        prediction: MotionPrediction = NO_MOTION_PREDICTION,
-    ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
-        config = replace(self.config, max_iterations=steps)
-        return minimise(start, lambda angles: self._system(angles, seen, prediction), config)
+        prediction: MotionPrediction,
+    ) -> Minimum:  # fmt: skip
+        """The window's solution: the interval smoother's energy, with what the past says."""
+        of_window, past = interval_energy(seen, self.model, self.config, prediction), self._past
 
-    def _system(
-        self, angles: Float[Array, "T 37"], seen: Observations,
-        prediction: MotionPrediction = NO_MOTION_PREDICTION,
-    ) -> BandedSystem:  # fmt: skip
-        """The interval smoother's system of the window, with what the past says."""
-        energy, bands, gradient = interval_system(angles, seen, self.model, self.config, prediction)
-        if self._past is not None:
-            energy += self._past.add(angles, bands, gradient)
-        return energy, bands, gradient
+        def system(angles: Float[Array, "T 37"]) -> BandedSystem:
+            energy, bands, gradient = of_window(angles)
+            if past is not None:
+                energy += past.add(angles, bands, gradient)
+            return energy, bands, gradient
+
+        return minimise(start, system, steps, self.config.tolerance)
 
     def _due(self) -> _Frame | None:
         """The frame nearest to the lag before the newest, if it is to be given."""

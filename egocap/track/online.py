@@ -9,8 +9,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from threadpoolctl import ThreadpoolController
 
+from egocap.body.kinematics import label_positions
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import forward
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
@@ -84,7 +84,7 @@ class OnlineTracker:
         covariance = joint_covariances(
             self.proportions, pose.angles[None], pose.covariance[None], self.config.model_error_m
         )
-        joints = forward(self.proportions, pose.angles)
+        joints = label_positions(self.proportions, pose.angles[None])[0]
         return PoseEstimate(
             pose.time, pose.angles, joints, covariance[0], confidences(covariance)[0],
             pose.converged,

@@ -11,7 +11,7 @@ Gaussian low-pass: EgoCap 2016, section 4.4.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,6 +19,7 @@ from numba import njit
 from numpy import ndarray as Array
 
 from egocap.body.skeleton import AGILITY, DOF_COUNT
+from egocap.pose.banded import add_block, solve_damped
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
 from egocap.pose.kernel import Model, detections, motion_term, priors
@@ -30,8 +31,18 @@ WINDOW, MARGIN = 400, 40
 BAND = 2 * DOF_COUNT
 BandedSystem: TypeAlias = tuple[float, Float[Array, "K M"], Float[Array, "M"]]
 """Energy, Gauss-Newton matrix as LAPACK's lower band, and gradient."""
+System: TypeAlias = Callable[[Float[Array, "T N"]], BandedSystem]
+"""The banded system at some states."""
 _SETTLED = 1e-3
 """Last step of a frame, rad, below which it has converged even if its window has not."""
+
+
+class Minimum(NamedTuple):
+    """States that minimise an energy."""
+
+    states: Float[Array, "T N"]
+    converged: Bool[Array, "T"]
+    system: BandedSystem  # at the states
 
 
 def smooth_interval(
@@ -64,16 +75,29 @@ def windows(frames: int) -> list[tuple[slice, slice, slice]]:
 def interval_system(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
     prediction: MotionPrediction = NO_MOTION_PREDICTION,
-) -> tuple[float, Float[Array, "75 N"], Float[Array, "N"]]:  # fmt: skip
+) -> BandedSystem:  # fmt: skip
     """Energy of all frames, its Gauss-Newton matrix as LAPACK's band, and its gradient."""
-    size = len(angles) * DOF_COUNT
-    bands, gradient = np.zeros((BAND + 1, size), order="F"), np.zeros(size)
-    energy = assemble(
-        model, np.ascontiguousarray(angles), observations.arrays, float(config.robust_scale),
-        acceleration_stencil(observations.times), config.acceleration_sigma * AGILITY,
-        prediction.mean, config.lambda_motion * prediction.precision, bands, gradient,
-    )  # fmt: skip
-    return float(energy), bands, gradient
+    return interval_energy(observations, model, config, prediction)(angles)
+
+
+def interval_energy(
+    observations: Observations, model: Model, config: TrackerConfig,
+    prediction: MotionPrediction = NO_MOTION_PREDICTION,
+) -> System:  # fmt: skip
+    """`interval_system` as a function of the angles; what they do not change is made once."""
+    seen, stencil = observations.arrays, acceleration_stencil(observations.times)
+    scale, density = float(config.robust_scale), config.acceleration_sigma * AGILITY
+    precision = config.lambda_motion * prediction.precision
+
+    def system(angles: Float[Array, "T 37"]) -> BandedSystem:
+        bands, gradient = np.zeros((BAND + 1, angles.size), order="F"), np.zeros(angles.size)
+        energy = assemble(
+            model, np.ascontiguousarray(angles), seen, scale, stencil, density, prediction.mean,
+            precision, bands, gradient,
+        )  # fmt: skip
+        return float(energy), bands, gradient
+
+    return system
 
 
 def smooth_gaussian(angles: Float[Array, "T 37"], sigma_frames: float) -> Float[Array, "T 37"]:
@@ -94,42 +118,36 @@ def _solve_window(
     angles: Float[Array, "T 37"], observations: Observations, model: Model, config: TrackerConfig,
     prediction: MotionPrediction,
 ) -> tuple[Float[Array, "T 37"], Bool[Array, "T"]]:  # fmt: skip
-    def system(trial: Float[Array, "T 37"]) -> BandedSystem:
-        return interval_system(trial, observations, model, config, prediction)
-
-    return minimise(angles, system, config)
+    system = interval_energy(observations, model, config, prediction)
+    return minimise(angles, system, config.max_iterations, config.tolerance)[:2]
 
 
 def minimise(
-    start: Float[Array, "T N"], system: Callable[[Float[Array, "T N"]], BandedSystem],
-    config: TrackerConfig,
-) -> tuple[Float[Array, "T N"], Bool[Array, "T"]]:  # fmt: skip
-    """Damped Gauss-Newton on a banded system. Returns states and convergence of every frame."""
-    from scipy.linalg import LinAlgError, solveh_banded
+    start: Float[Array, "T N"], system: System, max_steps: int, tolerance: float
+) -> Minimum:
+    """Damped Gauss-Newton on a banded system.
 
-    states = start
-    energy, bands, gradient = system(states)
+    Converged: a step lowered the energy by less than `tolerance` of itself.
+    """
+    states, found = start, system(start)
     damping, last_step = 1e-4, np.full(states.shape, np.inf)
-    for _ in range(int(config.max_iterations)):
-        damped = bands.copy(order="F")
-        damped[0] *= 1.0 + damping
-        try:
-            step = solveh_banded(damped, -gradient, lower=True, overwrite_ab=True)
-        except LinAlgError:
+    for _ in range(int(max_steps)):
+        energy, bands, gradient = found
+        step = solve_damped(bands, -gradient, damping)
+        if step is None:
             damping = max(10.0 * damping, 1e-6)
             continue
         step = np.clip(step, -0.5, 0.5).reshape(states.shape)
         trial = states + step
-        new, new_bands, new_gradient = system(trial)
-        if new > energy:
+        new = system(trial)
+        if new[0] > energy:
             damping = max(10.0 * damping, 1e-3)
             continue
-        gain, energy, last_step = energy - new, new, step
-        states, bands, gradient = trial, new_bands, new_gradient
+        states, found, last_step = trial, new, step
         damping = max(0.1 * damping, 1e-9)
-        if gain <= config.tolerance * energy:
-            return states, np.ones(len(states), bool)
-    return states, np.abs(last_step).max(axis=1) < _SETTLED
+        if energy - new[0] <= tolerance * new[0]:
+            return Minimum(states, np.ones(len(states), bool), found)
+    return Minimum(states, np.abs(last_step).max(axis=1) < _SETTLED, found)
 
 
 @njit(cache=True, nogil=True)
@@ -151,10 +169,7 @@ def assemble(model, angles, seen, scale, stencil, density, mean, precision, band
         energy += priors(model, angles[t], H, g)
         if len(mean) > 0:
             energy += motion_term(angles[t], mean[t], precision[t], H, g)
-        for c in range(dofs):
-            gradient[t * dofs + c] += g[c]
-            for r in range(c, dofs):
-                bands[r - c, t * dofs + c] += H[r, c]
+        add_block(H, g, t * dofs, bands, gradient)
     return energy + accelerations(angles, stencil, density, bands, gradient)
 
 

@@ -4,17 +4,20 @@ The inverse of the energy's Gauss-Newton matrix at its minimum is the covariance
 given all frames where they were solved together, given the past where they were solved one by one.
 The skeleton's model error is added to the joints' covariances.
 
-Source: Laplace's approximation; blocks of the inverse: Takahashi et al. 1973, as the recursion of
-Rauch, Tung & Striebel 1965 runs it for a chain.
+Source: Laplace's approximation.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from numpy import ndarray as Array
 
-from egocap.body.skeleton import DOF_COUNT, SPREAD, HasOffsets, jacobian
+from egocap.body.kinematics import LABEL_CHAINS, kinematic_tree, pose_skeleton
+from egocap.body.labels import LABELS
+from egocap.body.skeleton import DOF_COUNT, SPREAD, HasOffsets
+from egocap.pose.banded import banded_inverse
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model, information
 from egocap.pose.motion_prior import NO_MOTION_PREDICTION, MotionPrediction
@@ -35,57 +38,8 @@ def interval_covariances(
         _, bands, _ = interval_system(
             angles[window], observations[window], model, config, prediction[window]
         )
-        covariances[kept] = banded_inverse(bands)[within]
+        covariances[kept] = banded_inverse(bands, DOF_COUNT)[within]
     return covariances
-
-
-def banded_inverse(
-    bands: Float[Array, "K N"], size: int = DOF_COUNT
-) -> Float[Array, "T {size} {size}"]:
-    """Diagonal blocks of the inverse of a matrix that couples each frame to the next two.
-
-    A frame has `size` unknowns. Two frames make a block of a block-tridiagonal matrix; an odd last
-    one is padded.
-    """
-    frames = bands.shape[1] // size
-    blocks = -(-frames // 2)
-    diagonal, below = _blocks(bands, blocks, size)
-    gains, reduced = np.empty_like(diagonal), np.empty_like(diagonal)
-    information = diagonal[0]
-    for k in range(blocks):
-        reduced[k] = np.linalg.inv(information)
-        if k + 1 < blocks:
-            gains[k] = below[k] @ reduced[k]
-            information = diagonal[k + 1] - gains[k] @ below[k].T
-    inverse = reduced
-    for k in range(blocks - 2, -1, -1):
-        inverse[k] += gains[k].T @ inverse[k + 1] @ gains[k]
-    n = size
-    pairs = np.stack([inverse[:, :n, :n], inverse[:, n:, n:]], 1).reshape(-1, n, n)
-    return pairs[:frames]
-
-
-def _blocks(
-    bands: Float[Array, "K N"], blocks: int, unknowns: int
-) -> tuple[Float[Array, "B M M"], Float[Array, "B-1 M M"]]:
-    """The blocks on and below the diagonal of a symmetric band."""
-    n, size = 2 * unknowns, bands.shape[1]
-    padded = np.zeros((n + 1, blocks * n))
-    padded[:, :size] = bands
-    padded[0, size:] = 1.0
-    at = np.arange(n)
-    row, column = np.meshgrid(at, at, indexing="ij")
-    inside = row >= column
-    diagonal = np.zeros((blocks, n, n))
-    below = np.zeros((max(blocks - 1, 0), n, n))
-    starts = n * np.arange(blocks)[:, None]
-    diagonal[:, row[inside], column[inside]] = padded[(row - column)[inside],
-                                                      starts + column[inside]]  # fmt: skip
-    diagonal += np.swapaxes(np.tril(diagonal, -1), 1, 2)
-    near = row + n - column <= n
-    below[:, row[near], column[near]] = padded[(row + n - column)[near],
-                                               starts[:-1] + column[near]]  # fmt: skip
-    return diagonal, below
 
 
 def causal_covariances(
@@ -119,10 +73,49 @@ def joint_covariances(
     covariances: Float[Array, "T 37 37"], model_error_m: float,
 ) -> Float[Array, "T 18 3 3"]:  # fmt: skip
     """Covariance [m^2] of the joints' positions in the head frame."""
-    _, J = jacobian(proportions, angles)
-    spread = np.matmul(J.reshape(len(angles), -1, DOF_COUNT), covariances)
-    spread = spread.reshape(J.shape) @ np.swapaxes(J, -1, -2)
-    return spread + model_error_m**2 * np.eye(3)
+    found = np.empty((len(angles), len(LABELS), 3, 3))
+    _propagate(
+        kinematic_tree(proportions), LABEL_CHAINS, np.ascontiguousarray(angles),
+        np.ascontiguousarray(covariances), float(model_error_m), found,
+    )  # fmt: skip
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _propagate(tree, labels, angles, covariances, model_error, found):
+    """J C J^T and the model error's variance, into `found` (T, 18, 3, 3), of every label.
+
+    J is `egocap.body.skeleton.jacobian` with the angles alone that move the label.
+    """
+    J = np.empty((labels.chains.shape[1], 3))
+    for t in range(len(angles)):
+        points, axes = pose_skeleton(tree, angles[t])
+        for label in range(len(found[t])):
+            chain, P = labels.chains[label], found[t, label]
+            P[:] = 0.0
+            X, count = points[labels.points[label]], 0
+            while count < len(chain) and chain[count] >= 0:
+                d = chain[count]
+                o, a = points[labels.dof_joint[d]], axes[d]
+                x, y, z = X[0] - o[0], X[1] - o[1], X[2] - o[2]
+                J[count, 0] = a[1] * z - a[2] * y
+                J[count, 1] = a[2] * x - a[0] * z
+                J[count, 2] = a[0] * y - a[1] * x
+                count += 1
+            for n in range(count):
+                of_angle = covariances[t, chain[n]]
+                x = y = z = 0.0  # row n of C J^T
+                for m in range(count):
+                    c = of_angle[chain[m]]
+                    x += c * J[m, 0]
+                    y += c * J[m, 1]
+                    z += c * J[m, 2]
+                for r in range(3):
+                    P[r, 0] += J[n, r] * x
+                    P[r, 1] += J[n, r] * y
+                    P[r, 2] += J[n, r] * z
+            for r in range(3):
+                P[r, r] += model_error**2
 
 
 def joint_deviations(

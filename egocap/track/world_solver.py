@@ -20,12 +20,12 @@ from numpy import ndarray as Array
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT
 from egocap.data.head_pose import HeadPoses
+from egocap.pose.banded import banded_inverse
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import Model
 from egocap.pose.motion_prior import MotionPrediction
 from egocap.pose.observations import Observations
 from egocap.track.smoother import BandedSystem, interval_system, minimise, windows
-from egocap.track.uncertainty import banded_inverse
 from egocap.world.contact_energy import ContactTerms, contact_system, widen
 from egocap.world.foot_points import SOLE_M, STATE, FootPoints, correct
 from egocap.world.ground import UNEVEN_M, Ground, footholds
@@ -180,7 +180,9 @@ class WorldSolver:
             def system(trial: Float[Array, "T 43"], window: slice = window) -> BandedSystem:
                 return self._system(trial, window, feet, terms)
 
-            solved, done = minimise(state[window], system, self.config)
+            solved, done, _ = minimise(
+                state[window], system, self.config.max_iterations, self.config.tolerance
+            )
             refined[kept], converged[kept] = solved[within], done[within]
         return refined, converged
 

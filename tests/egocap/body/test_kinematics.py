@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
-from egocap.body.kinematics import forward_kinematics, kinematic_tree, pose_skeleton
+from egocap.body.kinematics import (
+    forward_kinematics,
+    kinematic_tree,
+    label_positions,
+    pose_skeleton,
+)
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import JOINTS, LIMITS, points
+from egocap.body.skeleton import JOINTS, LIMITS, forward, points
 
 PERSON = Proportions.from_lengths(1.68)
 
@@ -24,3 +29,8 @@ def test_outputs_may_hold_the_joints_alone():
     forward_kinematics(kinematic_tree(PERSON), pose, joints, axes, R)
     assert np.allclose(joints, points(PERSON, pose)[: len(JOINTS)], atol=1e-12)
     assert np.allclose(R @ np.swapaxes(R, -1, -2), np.eye(3), atol=1e-12)
+
+
+def test_labels_of_several_poses():
+    poses = np.random.default_rng(1).uniform(*LIMITS.T, (5, 37))
+    assert np.allclose(label_positions(PERSON, poses), forward(PERSON, poses), atol=1e-12)

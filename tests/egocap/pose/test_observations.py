@@ -83,3 +83,26 @@ def test_tangent_basis_is_orthonormal():
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     basis = np.concatenate([tangent_basis(rays), rays[:, None]], axis=1)
     assert np.allclose(basis @ np.swapaxes(basis, -1, -2), np.eye(3), atol=1e-12)
+
+
+def test_whiteners_against_dense_algebra(motion):
+    """The inverse covariance across a ray: of the pixels' error, and of the skeleton's."""
+    found, config = motion.detect("simulated:2,spread=0.5"), TrackerConfig(model_error_m=0.02)
+    seen = observe(found, motion.rig, motion.person, config)
+    for v, mount in enumerate(motion.rig.mounts):
+        there = found.valid[:, v]
+        camera, T = mount.camera, mount.T_head_camera
+        rays, _ = camera.ray(found.points[:, v][there])
+        tangent = tangent_basis(rays)
+        _, J, _ = camera.project_jacobian(rays)
+        to_angle = np.linalg.inv(J @ np.swapaxes(tangent, -1, -2))
+        sigma = np.maximum(found.sigma[:, v], 0.5)[there]
+        distance = np.linalg.norm(motion.person.rest_joints - T[:3, 3], axis=1)
+        own = np.broadcast_to(0.02 / distance, there.shape)[there]
+        covariance = sigma[:, None, None] ** 2 * to_angle @ np.swapaxes(to_angle, -1, -2)
+        covariance = covariance + own[:, None, None] ** 2 * np.eye(2)
+        across = tangent @ T[:3, :3].T
+        expected = np.swapaxes(across, -1, -2) @ np.linalg.inv(covariance) @ across
+        W = seen.whiten[:, v][there]
+        np.testing.assert_allclose(np.swapaxes(W, -1, -2) @ W, expected, rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(seen.rays[:, v][there], rays @ T[:3, :3].T, atol=1e-12)

@@ -128,10 +128,14 @@ def test_a_lost_window_starts_again_from_the_filter_and_a_good_one_stays():
     smoother = smoother_after(motion, "simulated:2", 20)
     window = joined([frame.chosen for frame in smoother._window])
     good = np.array([frame.angles for frame in smoother._window])
-    kept, _ = smoother._restarted(good, window, NO_MOTION_PREDICTION)
-    assert kept is good
+
+    def restarted(angles):
+        found = smoother._minimised(angles, window, 0, NO_MOTION_PREDICTION)
+        return smoother._restarted(found, window, NO_MOTION_PREDICTION)[0].states
+
+    assert restarted(good) is good
     lost = good + np.where(np.arange(DOF_COUNT) == DOF_INDEX["left_shoulder_raise"], 1.5, 0.0)
-    found, _ = smoother._restarted(lost, window, NO_MOTION_PREDICTION)
+    found = restarted(lost)
     joints = forward(motion.person, np.stack([found, lost, motion.angles[-len(found) :]]))
     off = np.linalg.norm(joints[:2] - joints[2], axis=-1)[..., LABEL_INDEX["left_hand"]].mean(1)
     assert off[0] < 0.02 < 0.1 < off[1]

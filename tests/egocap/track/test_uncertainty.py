@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from egocap.body.skeleton import AGILITY
+from egocap.body.skeleton import AGILITY, jacobian
 from egocap.pose import kernel
+from egocap.pose.banded import banded_inverse
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
 from egocap.pose.motion_prior import NO_MOTION_PREDICTION
 from egocap.pose.observations import observe
 from egocap.track import smoother
 from egocap.track.tracker import Tracker
-from egocap.track.uncertainty import banded_inverse, confidences
+from egocap.track.uncertainty import confidences, joint_covariances
 from tests.egocap.conftest import make_motion
 
 CONFIG = TrackerConfig()
@@ -33,7 +34,16 @@ def test_blocks_of_the_inverse_against_the_dense_one(motion, frames):
     dense += np.tril(dense, -1).T
     inverse = np.linalg.inv(dense)
     expected = [inverse[i : i + 37, i : i + 37] for i in range(0, size, 37)]
-    assert np.allclose(banded_inverse(bands), expected, rtol=1e-6, atol=1e-12)
+    assert np.allclose(banded_inverse(bands, 37), expected, rtol=1e-6, atol=1e-12)
+
+
+def test_joint_covariances_are_the_angles_ones_times_the_jacobians(motion):
+    angles, halves = motion.angles[:3], np.random.default_rng(0).normal(size=(3, 37, 37))
+    covariances = halves @ np.swapaxes(halves, 1, 2)
+    _, J = jacobian(motion.person, angles)
+    expected = np.einsum("tjad,tde,tjbe->tjab", J, covariances, J) + 0.02**2 * np.eye(3)
+    found = joint_covariances(motion.person, angles, covariances, 0.02)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("smoothing_kind", ["interval", "none"])

@@ -9,6 +9,7 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.commandline import DONE, progress
+from egocap.options import several
 from egocap_sim.cli.registry import app, print_json
 from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene, shown
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 @app.command
 def generate(
-    scenes: Positional[tuple[str, ...]],
+    scenes: Positional[Annotated[tuple[str, ...], several("SCENE")]],
     out: Path,
     overrides: Annotated[Overrides, tyro.conf.OmitArgPrefixes] = UNCHANGED,
     workers: int | None = None,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
 from egocap.commandline import DONE, USAGE, progress
+from egocap.options import several
 from egocap_sim.cli.registry import app, print_json
 
 if TYPE_CHECKING:
@@ -50,7 +51,9 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
 
 @app.command
 def stats(
-    folders: Positional[tuple[Path, ...]], out: Path | None = None, json: bool = False
+    folders: Positional[Annotated[tuple[Path, ...], several("DIR")]],
+    out: Path | None = None,
+    json: bool = False,
 ) -> int:
     """Summarise the content of sequences: people, poses, visibility, image positions, contacts.
 
@@ -94,7 +97,7 @@ def stats(
 
 @app.command(name="check-motion")
 def check_motion(
-    files: Positional[tuple[Path, ...]],
+    files: Positional[Annotated[tuple[Path, ...], several("FILE|DIR")]],
     out: Path | None = None,
     strict: bool = False,
     json: bool = False,

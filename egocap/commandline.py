@@ -37,6 +37,13 @@ _REPEAT_S = 0.05  # until an interrupt that was discarded is raised again
 
 _WRONG_PATH = (FileNotFoundError, NotADirectoryError, IsADirectoryError, FileExistsError)
 
+_PLAIN = {
+    "Error parsing ": "",
+    "invalid literal for int() with base 10": "not a whole number",
+    "could not convert string to float": "not a number",
+}
+"""What Python and tyro say of an option's value, and what is said in place of it."""
+
 Advance = Callable[..., None]
 Within = Callable[[Sequence[str]], AbstractContextManager[Sequence[str]]]
 
@@ -60,6 +67,8 @@ def run(
     """
     import tyro
 
+    from egocap.options import registry
+
     words = sys.argv[1:] if args is None else args
     _collect_rarely()
     _open_closed_streams()
@@ -68,7 +77,7 @@ def run(
     try:
         with (
             _wrong_usage_to(box), _sigterm_as_interrupt(), _lost_interrupts_repeated(),
-            (within or nullcontext)(words) as read,
+            registry, (within or nullcontext)(words) as read,
         ):  # fmt: skip
             code = app.cli(
                 prog=prog, description=description, args=read,
@@ -309,8 +318,11 @@ def _without_box(text: str) -> str:
     parts = re.split("─{3,}|-{3,}", " ".join(lines))
     rest = [" ".join(part.split()) for part in (p.strip("─• ") for p in parts[1:]) if part]
     helps = [p for p in rest if p.startswith("For full helptext")]
-    where = re.split("run:? ", helps[0])[-1] if helps else ""
-    said = "; ".join(p for p in rest if p not in helps) or parts[0].strip("─ ")
+    where = re.split("(?:run|see):? ", helps[0])[-1] if helps else ""
+    told = [p for p in rest if p not in helps and not p.startswith("Argument helptext")]
+    said = "; ".join(told) or parts[0].strip("─ ")
+    for python, plain in _PLAIN.items():
+        said = said.replace(python, plain)
     return one_line(said, 240) + (f" (see {where})" if where else "")
 
 

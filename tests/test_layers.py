@@ -13,7 +13,7 @@ MOST_MODULES = 20
 """In one folder, its `__init__` not counted."""
 
 LAYERS = (
-    {"egocap.errors", "egocap.geometry", "egocap.series"},
+    {"egocap.errors", "egocap.geometry", "egocap.options", "egocap.series"},
     {"egocap.files"},
     {"egocap.schema", "egocap.commandline", "egocap.workers"},
     {"egocap.locks"},

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 from tyro.conf import Positional
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE
 from egocap.locks import locks
+from egocap.options import several
 
 
 @app.command
 @locks("out", "page")
 def calibrate(
-    sources: Positional[tuple[Path, ...]],
+    sources: Positional[Annotated[tuple[Path, ...], several("FOLDER|VIDEO")]],
     /,
     board: str,
     out: Path,

@@ -20,6 +20,7 @@ from egocap.commandline import DONE, INTERRUPTED
 from egocap.detect.train.config import FOR_A_RIG, RunConfig, TrainingConfig
 from egocap.errors import InputError, require
 from egocap.locks import holding, locks, require_distinct
+from egocap.options import several
 
 if TYPE_CHECKING:
     from egocap.adaptation.adapt import Adaptation
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 @app.command
 def detect(
-    sequences: Positional[tuple[Annotated[str, tyro.conf.arg(metavar="SEQUENCE")], ...]],
+    sequences: Positional[Annotated[tuple[str, ...], several("SEQUENCE")]],
     /,
     out: Path,
     weights: Path | None = None,
@@ -103,7 +104,7 @@ def _detect(
 @app.command
 @locks("out", replaces="weights")
 def calibrate_detector(
-    data: Positional[tuple[Path, ...]],
+    data: Positional[Annotated[tuple[Path, ...], several("SEQUENCE")]],
     /,
     weights: Path,
     out: Path,
@@ -177,7 +178,7 @@ def train(
 @app.command
 @locks("out", folder=True)
 def adapt(
-    footage: Positional[tuple[Path, ...]],
+    footage: Positional[Annotated[tuple[Path, ...], several("SEQUENCE")]],
     /,
     out: Path,
     options: Annotated[AdaptOptions, tyro.conf.OmitArgPrefixes] = AdaptOptions(),  # noqa: B008

@@ -20,6 +20,7 @@ from egocap.errors import InputError
 from egocap.footage.config import ImportOptions
 from egocap.locks import holding
 from egocap.motion_capture.config import MocapOptions
+from egocap.options import several
 
 if TYPE_CHECKING:
     from egocap.data.sequence import Sequence as Recording
@@ -32,7 +33,7 @@ IMPORT, MOCAP = ImportOptions(), MocapOptions()
 @app.command(name="import")
 def import_(
     out: Path,
-    sources: Positional[tuple[str, ...]] = (),
+    sources: Positional[Annotated[tuple[str, ...], several("VIDEO|FOLDER")]] = (),
     rig: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     options: Annotated[ImportOptions, tyro.conf.OmitArgPrefixes] = IMPORT,
     dataset: Annotated[str | None, tyro.conf.arg(metavar="NAME:PATH")] = None,
@@ -118,7 +119,7 @@ def print_footage(sequence: Recording, as_json: bool) -> None:
 
 @app.command
 def mocap(
-    sources: Positional[tuple[str, ...]],
+    sources: Positional[Annotated[tuple[str, ...], several("VIDEO|FOLDER")]],
     rig: Path,
     out: Path,
     options: Annotated[MocapOptions, tyro.conf.OmitArgPrefixes] = MOCAP,

@@ -17,6 +17,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
 from egocap.errors import InputError
 from egocap.locks import locks
+from egocap.options import several
 from egocap.pose.config import TrackerConfig
 from egocap.view.capture import CameraSettings
 
@@ -65,7 +66,7 @@ class LiveOptions:
 @app.command
 @locks("out")
 def live(
-    sources: Positional[tuple[str, ...]] = (),
+    sources: Positional[Annotated[tuple[str, ...], several("CAMERA|VIDEO")]] = (),
     rig: Path | None = None,
     body: str | None = None,
     out: Path | None = None,

@@ -14,6 +14,7 @@ from egocap.commandline import DONE
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.locks import locks
+from egocap.options import several
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
 
 MOST_DRAWS = 2_000_000
@@ -147,7 +148,11 @@ def posterior(
 
 
 @app.command
-def view(what: Positional[tuple[Path, ...]], save: Path | None = None, images: bool = True) -> int:
+def view(
+    what: Positional[Annotated[tuple[Path, ...], several("PATH")]],
+    save: Path | None = None,
+    images: bool = True,
+) -> int:
     """Look at a motion in three dimensions, over its images and as curves.
 
     Opens the Rerun viewer (pip install 'egocap[view]'), or writes a file that `rerun FILE` and

@@ -21,6 +21,7 @@ from egocap.detect.sources import detections_from
 from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
 from egocap.locks import holding, locks, require_distinct
+from egocap.options import several
 from egocap.paper.config import SolverName
 from egocap.pose.config import TrackerConfig
 
@@ -49,7 +50,7 @@ class _Tracking:
 
 @app.command
 def track(
-    sequences: Positional[tuple[Annotated[str, tyro.conf.arg(metavar="SEQUENCE")], ...]],
+    sequences: Positional[Annotated[tuple[str, ...], several("SEQUENCE")]],
     /,
     out: Path,
     detections: str = "learned",

@@ -63,13 +63,12 @@ _RANGE = np.deg2rad(45.0)
 _BETWEEN, _HELD_S = 0.4, 1.5
 """Of the variance of the attitude, the fraction between recordings (training clips); time for which
 the head is held."""
-_BONES = tuple(
-    (LABEL_INDEX[a], LABEL_INDEX[b])
-    for a, b in [("left_hip", "right_hip")] + [
-        (side + a, side + b) for side in ("left_", "right_")
-        for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
-    ]
-)  # fmt: skip
+_LIMBS = np.array([
+    [LABEL_INDEX[side + joint] for joint in joints]
+    for side in ("left_", "right_")
+    for joints in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+])  # fmt: skip
+_ENOUGH = 10  # frames in which a bone is seen, without which its limb is not measured
 _NECK = LABEL_INDEX["neck"]
 
 
@@ -228,16 +227,24 @@ def check_consistency(
 
 
 def limb_size(found: Detections, rig: Rig, proportions: Proportions) -> float:
-    """Length of triangulated limbs relative to the body's: the median over bones; nan without."""
+    """Length of triangulated limbs relative to the body's: the median over limbs; nan without.
+
+    Of whole limbs: what a detector misplaces an elbow or a knee by along the limb, in both views
+    alike, lengthens one of its bones and shortens the other.
+    """
     joints, known = triangulate(spread(found, _FRAMES), rig)
-    ratios = []
-    for a, b in _BONES:
-        both = known[:, a] & known[:, b]
-        if both.sum() >= 10:
-            length = np.median(np.linalg.norm(joints[both, a] - joints[both, b], axis=-1))
-            own = np.linalg.norm(proportions.rest_joints[a] - proportions.rest_joints[b])
-            ratios.append(length / own)
-    return float(np.median(ratios)) if len(ratios) >= 3 else float("nan")
+    bones, own = _lengths(joints), _lengths(proportions.rest_joints)
+    known = known[:, _LIMBS[:, 1:]] & known[:, _LIMBS[:, :-1]]
+    ratios = [
+        sum(np.median(bones[known[:, i, b], i, b]) for b in (0, 1)) / own[i].sum()
+        for i in np.flatnonzero((known.sum(0) >= _ENOUGH).all(1))
+    ]
+    return float(np.median(ratios)) if ratios else float("nan")
+
+
+def _lengths(joints: Float[Array, "*T 18 3"]) -> Float[Array, "*T 4 2"]:
+    """Lengths [m] of the bones of the limbs."""
+    return np.linalg.norm(np.diff(joints[..., _LIMBS, :], axis=-2), axis=-1)
 
 
 def attitudes(joints_head: Float[Array, "*T 18 3"]) -> Float[Array, "*T 3"]:

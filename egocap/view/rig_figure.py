@@ -212,8 +212,9 @@ def _bars(axes: Any, coverage: RigCoverage) -> None:
     places = np.arange(len(LABELS))
     axes.bar(places, 100 * coverage.any_view, color="0.75", label="by a view")
     axes.bar(places, 100 * coverage.all_views, color="tab:blue", width=0.5, label="by all views")
-    axes.set(title="share of everyday poses in which a joint is seen", ylabel="%", ylim=(0, 100))
-    axes.legend(loc="lower left", fontsize=8)
+    axes.set(ylabel="%", ylim=(0, 100))
+    axes.set_title("share of everyday poses in which a joint is seen", loc="left")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8)
     _label(axes)
 
 

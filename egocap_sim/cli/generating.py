@@ -9,6 +9,7 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.commandline import DONE, progress
+from egocap.options import several
 from egocap_sim.cli.registry import app, print_json
 from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene, shown
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 @app.command
 def generate(
-    scenes: Positional[tuple[str, ...]],
+    scenes: Positional[Annotated[tuple[str, ...], several("SCENE")]],
     out: Path,
     overrides: Annotated[Overrides, tyro.conf.OmitArgPrefixes] = UNCHANGED,
     workers: int | None = None,
@@ -104,11 +105,11 @@ def _as_json(summary: Summary) -> dict[str, object]:
 def _print_summary(summary: Summary) -> None:
     size = summary.bytes / 1e6
     if not summary.rendered:
-        print(f"{summary.folder}: {summary.frames} frames, {size:.0f} MB, already complete")
+        print(f"{summary.folder}: {summary.frames} frames, {size:.1f} MB, already complete")
         return
     wearers = "1 wearer" if summary.people == 1 else f"{summary.people} wearers"
     others = f" among {summary.bystanders} others" if summary.bystanders else ""
-    print(f"{summary.folder}: {summary.frames} stereo frames of {wearers}{others}, {size:.0f} MB, "
+    print(f"{summary.folder}: {summary.frames} frames of {wearers}{others}, {size:.1f} MB, "
           f"{summary.frames_per_second:.1f} frames/s")  # fmt: skip
     if stats := summary.physics:
         print(f"physics: joints within {stats.joint_error_cm:.2f} cm of the reference (max "

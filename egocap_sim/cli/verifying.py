@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
 from egocap.commandline import DONE, USAGE, progress
+from egocap.options import several
 from egocap_sim.cli.registry import app, print_json
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
                     "rays": asdict(result.rays) if result.rays else None})  # fmt: skip
     elif result.clean:
         size = result.bytes / 1e6
-        print(f"{sequence}: {result.frames} frames in {result.shards} shards, {size:.0f} MB, clean")
+        print(f"{sequence}: {result.frames} frames in {result.shards} shards, {size:.1f} MB, clean")
         if result.rays:
             print(f"{sequence}: {result.rays.text()}")
     else:
@@ -50,7 +51,9 @@ def verify(sequence: Positional[Path], json: bool = False, rays: int = 0) -> int
 
 @app.command
 def stats(
-    folders: Positional[tuple[Path, ...]], out: Path | None = None, json: bool = False
+    folders: Positional[Annotated[tuple[Path, ...], several("DIR")]],
+    out: Path | None = None,
+    json: bool = False,
 ) -> int:
     """Summarise the content of sequences: people, poses, visibility, image positions, contacts.
 
@@ -84,8 +87,8 @@ def stats(
         return DONE
     if out is not None:
         print(out)
-    print(f"{numbers['frames']} stereo frames in {numbers['sequences']} sequences, "
-          f"{numbers['people']} people, {numbers['bytes'] / 1e6:.0f} MB")  # fmt: skip
+    print(f"{numbers['frames']} frames in {numbers['sequences']} sequences, "
+          f"{numbers['people']} people, {numbers['bytes'] / 1e6:.1f} MB")  # fmt: skip
     for name, joint in numbers["joints"].items():
         print(f"{name:15} visible in {joint['visible']:5.1f} % of images, "
               f"by any camera in {joint['seen_by_any']:5.1f} % of frames")  # fmt: skip
@@ -94,7 +97,7 @@ def stats(
 
 @app.command(name="check-motion")
 def check_motion(
-    files: Positional[tuple[Path, ...]],
+    files: Positional[Annotated[tuple[Path, ...], several("FILE|DIR")]],
     out: Path | None = None,
     strict: bool = False,
     json: bool = False,

@@ -115,6 +115,30 @@ def test_wrong_usage_names_what_is_wrong(args, said, capsys):
     assert not set("│╭╯") & set(shown)
 
 
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["--count", "1.5"], "--count: not a whole number: '1.5'"),
+        (["--share", "half"], "--share: not a number: 'half'"),
+        (["--size", "320"], "Missing value for argument '--size'. Expected 2 values."),
+        (["--kind", "c"], "invalid choice 'c' for argument '--kind'. Expected one of ('a', 'b')."),
+    ],
+)
+def test_wrong_values_of_options_that_may_be_left_out_are_named_plainly(args, said, capsys):
+    def do(
+        count: int | None = None, share: float = 0.5, size: tuple[int, int] | None = None,
+        kind: Literal["a", "b"] | None = None,
+    ) -> int:  # fmt: skip
+        return 3 if count is size is kind is None else 4
+
+    assert code_of(do) == 3 and code_of(do, "--count", "1", "--size", "3", "4") == 4
+    capsys.readouterr()
+    assert code_of(do, *args) == 2
+    assert capsys.readouterr().err.startswith(f"thing: {said} (see thing ")
+    assert code_of(do, "--help") == 0
+    assert "--count INT " in (shown := capsys.readouterr().out) and "{None}" not in shown
+
+
 def test_what_a_command_writes_to_stderr_is_left_as_it_is(capsys):
     def do() -> None:
         print("│ box │\n│ more │", file=sys.stderr)

@@ -54,7 +54,7 @@ def test_generate_verify_and_preview(sim, tiny_scene, tiny_sequence):
     Path("tiny.toml").write_text(to_toml(tiny_scene))
     code, out, err = sim("generate", "tiny.toml", "--frames", 3, "--workers", 1, "--out", "seq")
     assert code == 0, err
-    assert out.startswith("seq: 3 stereo frames of 1 wearer, ") and "physics: " in out
+    assert out.startswith("seq: 3 frames of 1 wearer, 0.") and "physics: " in out
     code, out, err = sim("verify", "seq")
     assert code == 0 and "3 frames in 2 shards" in out and "clean" in out
     assert err.startswith("verify: 3/3 frames")

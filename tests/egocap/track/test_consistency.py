@@ -114,6 +114,17 @@ def test_triangulation_finds_the_joints_and_the_size_of_the_limbs(made):
     assert limb_size(exact, made.rig, larger) == pytest.approx(0.8, abs=0.01)
 
 
+def test_elbows_and_knees_misplaced_along_the_limbs_leave_their_length(made):
+    joints = made.joints.copy()
+    for a, b, c in ((2, 3, 4), (6, 7, 8), (10, 11, 12), (14, 15, 16)):
+        joints[:, b] += 0.12 * (made.joints[:, c] - made.joints[:, a])
+    exact = made.detect("simulated:0.1")
+    hips = np.isin(np.arange(18), (10, 14))  # hidden, as they mostly are: shins without thighs
+    seen = replace(exact, points=np.moveaxis(made.rig.project(joints)[0], 0, 1),
+                   valid=exact.valid & ~hips)  # fmt: skip
+    assert limb_size(seen, made.rig, made.person) == pytest.approx(1.0, abs=0.04)
+
+
 @pytest.mark.parametrize(("axis", "index"), [((1, 0, 0), 0), ((0, 1, 0), 1), ((0, 0, 1), 2)])
 def test_attitude_is_the_rotation_of_a_body_at_rest(made, axis, index):
     R = axis_angle(np.array(axis, float), 0.3)

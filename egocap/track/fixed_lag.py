@@ -3,8 +3,8 @@
 The last frames are solved together, with the interval smoother's energy; the frames before them are
 a Gaussian over the first two, marginalised out one by one. Every new frame moves the window and
 takes a few Gauss-Newton steps: first with detections alone, then with the motion network's
-prediction as well. The causal filter runs beside; its poses are a second start of the window, which
-recovers limbs that the window has lost.
+prediction as well. Limbs that the window has lost are recovered from other starts: the window's own
+solution by graduated non-convexity, and the poses of the causal filter, which runs beside.
 
 Source: Moore 1973, "Discrete fixed-lag smoothing algorithms", Automatica 9; Sibley, Matthies &
 Sukhatme 2010, "Sliding window filter with application to planetary landing", J. Field Robotics 27.
@@ -46,9 +46,12 @@ _ACCELERATION = 2.0
 Chosen on validation clips."""
 _STEPS, _RESTART_STEPS = 2, 3  # Gauss-Newton, of a frame and of another start
 _RESTART_S = 0.1
-"""Time between attempts from the filter's poses."""
-_MIN_GAIN = 3.0
-"""Energy that these must save."""
+"""Time between attempts from other starts."""
+_WIDER = (10.0, 3.0)
+"""Factors on the robust scale, one after another, of an attempt from the window's own solution."""
+_LEAVE, _MIN_GAIN = 9.0, 3.0
+"""Energy that the former must save, as it leaves the past behind (two outliers'), and the latter.
+"""
 _KEPT_VELOCITY = 0.8  # of the motion from frame to frame, at the start of a new one
 _MEMORY_S = 0.8
 """Time before the window that the motion network is told."""
@@ -197,7 +200,9 @@ class FixedLagSmoother:
         window = self._window
         seen = joined([frame.chosen for frame in window])
         held = self._held(seen)
-        found = self._minimised(np.array([f.angles for f in window]), seen, _STEPS, held)
+        found = self._minimised(
+            np.array([f.angles for f in window]), seen, _STEPS, held, self._past
+        )
         if self.config.multistart and window[-1].time >= self._tried + _RESTART_S:
             self._tried = window[-1].time
             found, seen = self._restarted(found, seen, held)
@@ -216,14 +221,27 @@ class FixedLagSmoother:
     def _restarted(
         self, found: Minimum, seen: Observations, held: MotionPrediction
     ) -> tuple[Minimum, Observations]:
-        """The window's solution and detections, from the filter's poses if that saves energy."""
+        """The window's solution and detections, from another start if that saves energy.
+
+        The starts are the solution itself, with a wider robust scale so that detections count which
+        contradict it, and the filter's poses. The former leaves the past behind: a limb that was
+        believed to be elsewhere has a smooth past there.
+        """
+        alone, other = (
+            self._minimised(found.states, seen, steps, held, None, factor)
+            for steps, factor in ((0, 1.0), (_RESTART_STEPS, _WIDER[0]))
+        )
+        for factor in (*_WIDER[1:], 1.0):
+            other = self._minimised(other.states, seen, _RESTART_STEPS, held, None, factor)
+        if alone.system[0] - other.system[0] >= _LEAVE:
+            found, self._past = other, None
         start = np.array([frame.filtered for frame in self._window])
         chosen = [replace(frame.proposed[:], modes=None) for frame in self._window]
         for pose, frame, detected in zip(start, self._window, chosen, strict=True):
             if needs_association(frame.proposed, self.config):
                 associate(pose[None], frame.proposed, detected, self.model, self.config)
         others = joined(chosen)
-        other = self._minimised(start, others, _RESTART_STEPS, held)
+        other = self._minimised(start, others, _RESTART_STEPS, held, self._past)
         if found.system[0] - other.system[0] < _MIN_GAIN:
             return found, seen
         for frame, detected in zip(self._window, chosen, strict=True):
@@ -256,14 +274,20 @@ class FixedLagSmoother:
         mean[here][missing] = held.mean[missing] if len(held.mean) else mean[here][missing]
         self._window[-1].precision = precision[-1]
         start = np.array([*(f.motion for f in self._window[:-1]), mean[-1]])
-        return self._minimised(start, seen, _STEPS, MotionPrediction(mean[here], precision))
+        return self._minimised(
+            start, seen, _STEPS, MotionPrediction(mean[here], precision), self._past
+        )
 
     def _minimised(
         self, start: Float[Array, "T 37"], seen: Observations, steps: int,
-        prediction: MotionPrediction,
+        prediction: MotionPrediction, past: Past | None, factor: float = 1.0,
     ) -> Minimum:  # fmt: skip
-        """The window's solution: the interval smoother's energy, with what the past says."""
-        of_window, past = interval_energy(seen, self.model, self.config, prediction), self._past
+        """The window's solution: the interval smoother's energy, with what the past says.
+
+        `factor` is one on the robust scale.
+        """
+        config = replace(self.config, robust_scale=factor * self.config.robust_scale)
+        of_window = interval_energy(seen, self.model, config, prediction)
 
         def system(angles: Float[Array, "T 37"]) -> BandedSystem:
             energy, bands, gradient = of_window(angles)

@@ -130,7 +130,7 @@ def test_a_lost_window_starts_again_from_the_filter_and_a_good_one_stays():
     good = np.array([frame.angles for frame in smoother._window])
 
     def restarted(angles):
-        found = smoother._minimised(angles, window, 0, NO_MOTION_PREDICTION)
+        found = smoother._minimised(angles, window, 0, NO_MOTION_PREDICTION, smoother._past)
         return smoother._restarted(found, window, NO_MOTION_PREDICTION)[0].states
 
     assert restarted(good) is good
@@ -139,6 +139,30 @@ def test_a_lost_window_starts_again_from_the_filter_and_a_good_one_stays():
     joints = forward(motion.person, np.stack([found, lost, motion.angles[-len(found) :]]))
     off = np.linalg.norm(joints[:2] - joints[2], axis=-1)[..., LABEL_INDEX["left_hand"]].mean(1)
     assert off[0] < 0.02 < 0.1 < off[1]
+
+
+@pytest.mark.parametrize("seed", [10, 14, 15])
+def test_a_forearm_that_points_along_a_ray_the_wrong_way_turns_round(seed):
+    """One view's ray meets the wrist's sphere about the elbow twice; the other view tells which."""
+    motion, until = make_motion(40, seed=seed), 20
+    elbow, wrist, hand = (LABEL_INDEX[f"right_{part}"] for part in ("elbow", "wrist", "hand"))
+    eye = motion.rig.mounts[1].T_head_camera[:3, 3]
+    ray = motion.joints[:, wrist] - eye
+    near = np.linalg.norm(ray, axis=1, keepdims=True)
+    ray = ray / near
+    off = motion.joints[:, elbow] - eye
+    other = eye + (2.0 * np.sum(ray * off, 1, keepdims=True) - near) * ray
+    found = motion.detect("simulated:1")
+    shown, _ = motion.rig.project(other[:until])
+    found.points[:until, :, wrist] = np.moveaxis(shown, 0, 1)
+    found.valid[:, :, hand] = False
+    seen = observe(found, motion.rig, motion.person, CONFIG)
+    model = make_model(motion.person, CONFIG)
+    poses = smooth_fixed_lag(seen, motion.person, model, CONFIG)
+    joints = forward(motion.person, np.array([pose.angles for pose in poses]))[:, wrist]
+    wrong = np.linalg.norm(joints - motion.joints[:, wrist], axis=-1)
+    assert wrong[until] > 0.15
+    assert wrong[until + 9 :].max() < 0.03
 
 
 def test_a_new_frame_starts_where_the_motion_leads():

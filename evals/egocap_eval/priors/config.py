@@ -13,7 +13,7 @@ class TrainingConfig:
     """Networks that are averaged."""
     channels: int = 96
     """Channels of each."""
-    steps: int = 1000
+    steps: int = 2000
     """Training steps of each."""
     batch: int = 48
     """Examples a step."""

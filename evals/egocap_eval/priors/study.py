@@ -27,7 +27,7 @@ def study(
     /,
     write: Annotated[Path | None, arg(metavar="FILE")] = None,
     work: Annotated[Path | None, arg(metavar="DIR")] = None,
-    draws: int = 6,
+    draws: int = 4,
     training: Annotated[TrainingConfig, OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
 ) -> Outcome:
     """Learn the tracker's pose prior, Gaussian motion prior or motion network from motions.

@@ -62,7 +62,9 @@ class Overrides:
     """Do not record depth."""
     image_format: Annotated[str | None, shown("jpg|png")] = None
     """JPEG (quality 95, 4:4:4) or PNG."""
-    sensor: Annotated[str | None, shown("clean|webcam|action-camera|harsh|consumer|monochrome")] = None
+    sensor: Annotated[str | None, shown("clean|webcam|action-camera|harsh|consumer|monochrome")] = (
+        None
+    )
     """Preset of camera faults; replaces the scene's sensor."""
 
 

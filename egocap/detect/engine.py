@@ -32,7 +32,7 @@ EngineName = Literal[
 ]
 """auto: openvino if installed, else onnxruntime, in 8 bits where the weights have such a network;
 onnxruntime: 32-bit floats; openvino: bfloat16 on CPUs that support it; -int8: 8-bit integers, two
-to three times as fast as 32-bit floats; torch: eager mode."""
+to three times as fast as 32-bit floats on CPUs with VNNI instructions; torch: eager mode."""
 
 INPUT, OUTPUTS = "images", ("heat", "info")
 _EXPORT = 2  # version of the export, part of the cached file's name

@@ -1,4 +1,4 @@
-"""The network in 8-bit integers, which CPUs run two to three times as fast as floats.
+"""The network in 8-bit integers, two to three times as fast as floats on CPUs with VNNI.
 
 Weights are rounded by channel, to 7 bits: sums of products then do not saturate on CPUs without
 VNNI, and all CPUs give the same result. Activations are rounded in the range that they have on

@@ -10,10 +10,10 @@ from itertools import chain
 
 DETECTOR = ("egocap/detect/*.py", "egocap/detect/shipped/*.safetensors")
 CAMERAS = tuple(f"egocap/cameras/{module}.py" for module in (
-    "camera", "camera_files", "camera_set", "lens", "rig", "rig_files"))  # fmt: skip
+    "camera", "camera_files", "camera_set", "lens", "ray_kernel", "rig", "rig_files"))  # fmt: skip
 """Without the formats of other programs."""
 GEOMETRY = ("egocap/geometry.py", *CAMERAS, "egocap/body")
-TRACKER = (*GEOMETRY, "egocap/pose", "egocap/track")
+TRACKER = (*GEOMETRY, "egocap/pose", "egocap/track", "egocap/series.py")
 IN_WORLD = ("egocap/world", "egocap/data/head_pose.py")
 SCORES = ("egocap/evaluation/*.py",)
 WORLD = (*(f"egocap_sim/{room}" for room in (

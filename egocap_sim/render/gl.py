@@ -71,16 +71,17 @@ _pillow.__dict__["Image"] = _picture
 try:
     # isort: off
     import OpenGL
+    import OpenGL.raw.EGL._errors as _egl_errors
     from OpenGL.plugins import FormatHandler
 
     _parameters = FormatHandler.by_name("ctypesparameter")
     assert _parameters is not None
     _parameters.check.append("_ctypes.CArgObject")
     # Errors are checked once per frame (`check_errors`): checking after each call takes longer than
-    # the calls. It must be said before PyOpenGL makes its checkers; 3.1.0 then lacks that of EGL.
+    # the calls. PyOpenGL 3.1.0 then lacks the error checker of EGL. It comes after the first import
+    # of a raw module on purpose: before it, released contexts cannot be made current again
+    # (EGL_BAD_DISPLAY).
     OpenGL.ERROR_CHECKING = False
-    import OpenGL.raw.EGL._errors as _egl_errors
-
     _egl_errors.__dict__.setdefault("_error_checker", None)
     import OpenGL.GL as GL
     import OpenGL.GL.shaders  # before OpenGL.EGL, or PyOpenGL 3.1.0 fails

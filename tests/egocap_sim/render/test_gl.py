@@ -7,8 +7,6 @@ import sys
 
 import pytest
 
-from egocap.errors import MachineError
-
 ASK = """
 import sys
 {setup}
@@ -68,16 +66,3 @@ def test_libraries_for_scenes_and_windows_load_when_used():
         "assert pyrender.Scene().get_nodes() == set()\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_errors_are_checked_once_per_frame_and_not_after_each_call(gl):
-    from OpenGL import error
-
-    from egocap_sim.render.gl import GL, Context, check_errors
-
-    assert error._ErrorChecker is None
-    context = Context()
-    GL.glEnable(GL.GL_RGBA8)  # not a capability
-    with pytest.raises(MachineError, match="0x500"):
-        check_errors()
-    context.close()

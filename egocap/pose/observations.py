@@ -11,11 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numba import njit
 from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
-from egocap.cameras.ray_kernel import cast, make_lens
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.errors import InputError
@@ -162,6 +160,9 @@ class _Caster:
         self, points: Float[Array, "T M V 18 2"]
     ) -> tuple[Float[Array, "T M V 18 3"], Float[Array, "T M V 18 2 3"], Float[Array, "T M V 18"]]:
         """Rays, whiteners and weights of pixels; missing where these are not finite."""
+        from egocap.cameras.ray_kernel import cast, make_lens  # numba takes long to import
+        from egocap.pose.whitening_kernel import whiten_rays
+
         found, config = self.detections, self.config
         rays, whiten = np.zeros((*points.shape[:4], 3)), np.zeros((*points.shape[:4], 2, 3))
         usable = self.usable[:, None] & np.isfinite(points).all(-1)
@@ -180,68 +181,10 @@ class _Caster:
             centre = mount.T_head_camera[:3, 3]
             distance = np.linalg.norm(self.proportions.rest_joints - centre, axis=-1)
             model = config.model_error_m / np.maximum(distance, 0.05)
-            _whiten(ray, J, sigma, model, R, rays[:, :, v], whiten[:, :, v])
+            whiten_rays(ray, J, sigma, model, R, rays[:, :, v], whiten[:, :, v])
             usable[:, :, v] &= seen
         trust = config.occluded_weight + (1.0 - config.occluded_weight) * found.confidence
         return rays, whiten, np.where(usable, config.lambda_detection * trust[:, None], 0.0)
-
-
-@njit(cache=True, nogil=True)
-def _whiten(ray, J, sigma, model, R, rays, whiten):
-    """Rays (T, M, 18, 3) and whiteners (T, M, 18, 2, 3) of a view in the head frame, into the last
-    two arguments.
-
-    `ray` are the rays and J (T, M, 18, 2, 3) the derivatives of the pixels by them in the camera
-    frame, `sigma` (T, M, 18) the detections' standard deviations in pixels, `model` (18,) those of
-    the skeleton in radians, R the camera's rotation. A whitener W gives the distance |W d| of a
-    direction d from the ray in standard deviations.
-    """
-    T, M, labels = sigma.shape
-    tangent, W = np.empty((2, 3)), np.empty((2, 3))
-    for t in range(T):
-        for m in range(M):
-            for label in range(labels):
-                place = t, m, label
-                _tangents(ray[place], tangent)
-                by = J[place]
-                a, b = _dot(by[0], tangent[0]), _dot(by[0], tangent[1])
-                c, d = _dot(by[1], tangent[0]), _dot(by[1], tangent[1])
-                # The covariance along the tangents: of the pixels' error, and of the skeleton's.
-                scale, own = (sigma[place] / (a * d - b * c)) ** 2, model[label] ** 2
-                xx = scale * (d * d + b * b) + own
-                yy = scale * (c * c + a * a) + own
-                xy = -scale * (d * c + b * a)
-                # With its inverse L L^T, |L^T x| is x in standard deviations.
-                l00, l11 = np.sqrt(yy / (xx * yy - xy * xy)), 1.0 / np.sqrt(yy)
-                l10 = -xy * l00 / yy
-                for k in range(3):
-                    W[0, k] = l00 * tangent[0, k] + l10 * tangent[1, k]
-                    W[1, k] = l11 * tangent[1, k]
-                for k in range(3):
-                    whiten[t, m, label, 0, k] = _dot(R[k], W[0])
-                    whiten[t, m, label, 1, k] = _dot(R[k], W[1])
-                    rays[t, m, label, k] = _dot(R[k], ray[place])
-
-
-@njit(cache=True, nogil=True)
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, nogil=True)
-def _tangents(ray, tangent):
-    """`tangent_basis` of one ray, into `tangent` (2, 3)."""
-    x, y, z = ray
-    if abs(x) <= min(abs(y), abs(z)):
-        a, b, c = 0.0, z, -y
-    elif abs(y) <= abs(z):
-        a, b, c = -z, 0.0, x
-    else:
-        a, b, c = y, -x, 0.0
-    length = np.sqrt(a * a + b * b + c * c)
-    a, b, c = a / length, b / length, c / length
-    tangent[0, 0], tangent[0, 1], tangent[0, 2] = a, b, c
-    tangent[1, 0], tangent[1, 1], tangent[1, 2] = y * c - z * b, z * a - x * c, x * b - y * a
 
 
 def tangent_basis(rays: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2 3"]:

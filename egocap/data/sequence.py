@@ -202,9 +202,15 @@ class Sequence:
         """Content of the frame's KEY.json. Raises FileError unless it is an object."""
         return parsed(self.read(index, "json"), self.shard_path(index), key=f"{index:06d}.json")
 
-    def labels(self, index: int) -> tuple[Float[Array, "V 18 2"], UInt8[Array, "V 18"]]:
-        """Pixels and visibility codes of a frame's joints. Raises FileError if damaged."""
-        annotation, views = self.annotation(index), self.manifest.views
+    def labels(
+        self, index: int, annotation: dict[str, Any] | None = None
+    ) -> tuple[Float[Array, "V 18 2"], UInt8[Array, "V 18"]]:
+        """Pixels and visibility codes of a frame's joints. Raises FileError if damaged.
+
+        `annotation` is the frame's, where it has been read.
+        """
+        annotation = self.annotation(index) if annotation is None else annotation
+        views = self.manifest.views
         try:
             pixels, seen = (
                 [annotation[key][view] for view in views] for key in ("joints_2d", "visibility")

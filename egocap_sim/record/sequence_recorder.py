@@ -186,7 +186,7 @@ def _finish(writer: SequenceWriter, take: Take) -> None:
     """Add the rendered visibility to the truth and write the truth as the last file."""
     shards = _Shards(writer)
     annotations = [shards.annotation(i) for i in range(writer.manifest.frames)]
-    visibility = [shards.labels(i)[1] for i in range(writer.manifest.frames)]
+    visibility = [shards.labels(i, content)[1] for i, content in enumerate(annotations)]
     truth = replace(take.truth, visibility=np.array(visibility))
     if take.sensor_plan is not None:
         writer.write_file(SENSOR, take.sensor_plan.applied.content())

@@ -227,11 +227,8 @@ class FixedLagSmoother:
         contradict it, and the filter's poses. The former leaves the past behind: a limb that was
         believed to be elsewhere has a smooth past there.
         """
-        alone, other = (
-            self._minimised(found.states, seen, steps, held, None, factor)
-            for steps, factor in ((0, 1.0), (_RESTART_STEPS, _WIDER[0]))
-        )
-        for factor in (*_WIDER[1:], 1.0):
+        alone = other = self._minimised(found.states, seen, 0, held, None)
+        for factor in (*_WIDER, 1.0):
             other = self._minimised(other.states, seen, _RESTART_STEPS, held, None, factor)
         if alone.system[0] - other.system[0] >= _LEAVE:
             found, self._past = other, None

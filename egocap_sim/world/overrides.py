@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from egocap.errors import InputError
 
 if TYPE_CHECKING:
     from egocap_sim.scene.config import Scene
+
+log = logging.getLogger(__name__)
 
 
 def shown(metavar: str) -> Any:
@@ -62,13 +65,12 @@ class Overrides:
     """Do not record depth."""
     image_format: Annotated[str | None, shown("jpg|png")] = None
     """JPEG (quality 95, 4:4:4) or PNG."""
-    sensor: Annotated[str | None, shown("clean|webcam|action-camera|harsh|consumer|monochrome")] = (
-        None
-    )
-    """Preset of camera faults; replaces the scene's sensor."""
+    sensor: Annotated[str | None, shown("PRESET")] = None
+    """Preset of camera faults (`egocap-sim list`); replaces the scene's sensor."""
 
 
 UNCHANGED = Overrides()
+_STRETCHED = 0.02  # relative difference of width to height that is warned of
 
 
 def override_scene(scene: Scene, changes: Overrides) -> Scene:
@@ -102,6 +104,8 @@ def override_scene(scene: Scene, changes: Overrides) -> Scene:
         if value is not None:
             table[key] = value
     changed = checked(Scene, data, "command line")
+    if changes.size is not None:
+        _warn_of_stretching(changed)
     if changes.motion is None or changed.motion.file is None or changes.frames is not None:
         return changed
     from egocap_sim.world.world import World
@@ -119,6 +123,20 @@ def _replace_sources(data: dict[str, Any], changes: Overrides) -> None:
         data["rig"] = kept | _source("rig", changes.rig, rig_names())
     if changes.motion is not None:
         data["motion"] = _source("motion", changes.motion, MOTIONS)
+
+
+def _warn_of_stretching(scene: Scene) -> None:
+    """Warn of an image size of another shape than the rig's own: its pixels are not square."""
+    from egocap_sim.scene.rig_source import resolve_rig
+
+    table = scene.rig
+    if table.size is None or table.family:
+        return  # a family's images keep their shape
+    own = resolve_rig(table.model_copy(update={"size": None}), scene.seed).cameras[0]
+    width, height = table.size
+    if abs(width * own.height / (height * own.width) - 1.0) > _STRETCHED:
+        log.warning("--size %d %d stretches the images: the rig's are %d x %d",
+                    width, height, own.width, own.height)  # fmt: skip
 
 
 def _change_episodes(data: dict[str, Any], changes: Overrides, scene: str) -> None:

@@ -50,6 +50,13 @@ def changed(**asked) -> Scene:
     return override_scene(Scene.model_validate(tomllib.loads(GOOD)), Overrides(**asked))
 
 
+def test_an_image_size_of_another_shape_warns(caplog):
+    changed(size=(640, 512))
+    assert not caplog.records
+    assert changed(size=(640, 480)).rig.size == (640, 480)
+    assert "--size 640 480 stretches the images: the rig's are 1280 x 1024" in caplog.text
+
+
 def test_generate_verify_and_preview(sim, tiny_scene, tiny_sequence):
     Path("tiny.toml").write_text(to_toml(tiny_scene))
     code, out, err = sim("generate", "tiny.toml", "--frames", 3, "--workers", 1, "--out", "seq")

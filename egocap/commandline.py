@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import errno
 import gc
+import inspect
 import io
 import logging
 import os
@@ -79,7 +80,8 @@ def run(
             _wrong_usage_to(box), _sigterm_as_interrupt(), _lost_interrupts_repeated(),
             registry, (within or nullcontext)(words) as read,
         ):  # fmt: skip
-            code = app.cli(
+            listed = _in_brief(app) if list(read) in (["-h"], ["--help"]) else app
+            code = listed.cli(
                 prog=prog, description=description, args=read,
                 config=(tyro.conf.FlagCreatePairsOff,),
             )  # fmt: skip
@@ -112,6 +114,17 @@ def run(
         log.debug("traceback", exc_info=True)
         return USAGE if isinstance(error, _WRONG_PATH) else FAILED
     return DONE if code is None else int(code)
+
+
+def _in_brief(app: SubcommandApp) -> SubcommandApp:
+    """The same commands in alphabetical order, with the first sentence of their help alone."""
+    from tyro.extras import SubcommandApp
+
+    brief = SubcommandApp()
+    for name, command in sorted(app._subcommands.items()):  # no public list in tyro 1.0.17
+        told = command.help or inspect.getdoc(command.target) or ""
+        brief.command(command.target, name=name, help=" ".join(told.split("\n\n")[0].split()))
+    return brief
 
 
 def _collect_rarely() -> None:
@@ -147,18 +160,31 @@ def progress(
 
     Yields a function to call with the number of units just finished (1 by default). The rate is
     measured from its first call on, which may report units finished by an earlier run. Until there
-    is a rate, the time so far is shown; without units (`total` 0) always.
+    is a rate, the time so far is shown, and whether kernels are compiled; without units (`total`
+    0) always.
     """
     report = _bar if sys.stderr.isatty() else _lines
-    with report(what, _Pace(total, unit), _EVERY_S if every is None else every) as advance:
+    every = _EVERY_S if every is None else every
+    with _compilation() as compiling, report(what, _Pace(total, unit, compiling), every) as advance:
         yield advance
+
+
+@contextmanager
+def _compilation() -> Iterator[Callable[[], bool]]:
+    """Yields a function that tells whether numba compiles at the moment."""
+    events = sys.modules.get("numba.core.event")
+    if events is None:
+        yield lambda: False
+        return
+    with events.install_recorder("numba:compile") as found:
+        yield lambda: sum(1 if event.is_start else -1 for _, event in found.buffer) > 0
 
 
 class _Pace:
     """Units done, rate, and remaining time at that rate."""
 
-    def __init__(self, total: int, unit: str) -> None:
-        self.total, self.unit, self.done = total, unit, 0
+    def __init__(self, total: int, unit: str, compiling: Callable[[], bool]) -> None:
+        self.total, self.unit, self.done, self._compiling = total, unit, 0, compiling
         self._from: tuple[int, float] | None = None
         self._start = time.monotonic()
 
@@ -173,7 +199,8 @@ class _Pace:
         if before == self.done:
             if self.done < self.total or not self.total:  # no rate yet
                 so_far = round(time.monotonic() - self._start)
-                return f"{shown}, {timedelta(seconds=so_far)} so far" if so_far else shown
+                why = ", compiling (once a machine)" * self._compiling()
+                return f"{shown}, {timedelta(seconds=so_far)} so far{why}" if so_far else shown
             before, since = 0, self._start
         rate = (self.done - before) / max(time.monotonic() - since, 1e-9)
         shown += f", {rate:.1f} {self.unit}/s"

@@ -6,10 +6,12 @@ import subprocess
 import sys
 import time
 import types
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Literal
 
 import pytest
+from numba.core import event
 from tyro.extras import SubcommandApp
 
 from egocap import commandline
@@ -229,6 +231,43 @@ def test_progress_goes_by_the_rate_of_this_run(capsys, clock):
     first, last = capsys.readouterr().err.splitlines()
     assert first == "render: 910/1000 frames, 2.0 frames/s, 0:00:45 left"
     assert last == "render: 1000/1000 frames, 2.0 frames/s"
+
+
+def test_progress_says_while_kernels_are_compiled(capsys, clock, monkeypatch):
+    beats = []
+    monkeypatch.setattr(
+        commandline, "repeated", lambda function, wait: nullcontext(beats.append(function))
+    )
+    with progress("track", 10, every=1.0):
+        clock.now += 6.0
+        with event.trigger_event("numba:compile"):
+            beats[0]()
+        clock.now += 6.0
+        beats[0]()
+    during, after = capsys.readouterr().err.splitlines()
+    assert during == "track: 0/10 frames, 0:00:06 so far, compiling (once a machine)"
+    assert after == "track: 0/10 frames, 0:00:12 so far"
+
+
+def test_a_list_of_commands_shows_the_first_sentences_in_order(capsys):
+    app = SubcommandApp()
+
+    @app.command(name="write")
+    def write(number: int) -> None:
+        """Write a number.
+
+        In Roman numerals.
+        """
+
+    @app.command(name="add")
+    def add(number: int) -> None:
+        """Add one to a number."""
+
+    assert run(app, prog="sums", args=["--help"]) == 0
+    listed = capsys.readouterr().out
+    assert listed.index("Add one") < listed.index("Write a number.") and "Roman" not in listed
+    assert run(app, prog="sums", args=["write", "--help"]) == 0
+    assert "In Roman numerals." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from egocap.data.manifest import MANIFEST
+from egocap.data.manifest import MANIFEST, require_folder
 from egocap.errors import FileError, InputError
 from egocap.schema import Strict, checked, read_json, refuse_newer
 
@@ -83,8 +83,7 @@ def find_sequences(folders: Iterable[Path]) -> list[Path]:
     """
     found: list[Path] = []
     for folder in folders:
-        if not folder.is_dir():
-            raise FileError(folder, "no such folder", valid="sequences, or folders of them")
+        require_folder(folder)
         if (folder / MANIFEST).exists():
             inside = [folder]
         else:

@@ -71,11 +71,19 @@ class Manifest(Strict):
         return "truth.npz" if self.truth else "times.npz"
 
 
+def require_folder(folder: Path) -> None:
+    """Raise FileError unless a folder of sequences is there."""
+    if folder.is_file():
+        raise FileError(folder, "a file, not the folder of a sequence",
+                        valid="of videos, `egocap import` makes a sequence")  # fmt: skip
+    if not folder.is_dir():
+        raise FileError(folder, "no such folder", valid="a sequence, or a folder of them")
+
+
 def load_manifest(folder: Path) -> Manifest:
     """Read manifest.json of a complete or unfinished sequence. Raises FileError."""
     path = folder / MANIFEST
-    if not folder.is_dir():
-        raise FileError(folder, "no such folder", valid="a sequence made by egocap-sim generate")
+    require_folder(folder)
     if not path.exists():
         if (folder / "episodes.json").exists():
             raise FileError(folder, "holds a data set of several sequences",

@@ -57,6 +57,7 @@ def test_another_process_tracks_a_folder_of_sequences(egocap, two, tmp_path):
         ("track walk --out t --workers -1", "-1 workers"),
         ("track walk ./walk --out t", "two results would be called 'walk.track.npz'"),
         ("track walk none --out t", "none: no such folder"),
+        ("track walk walk/rig.json --out t", "walk/rig.json: a file, not the folder"),
         ("detect walk run --out t --cluster tcp://127.0.0.1:1", "no Dask scheduler at"),
         ("mocap a b c --rig walk/rig.json --out t", "3 sources for 2 views"),
         ("detect walk run --out t --weights walk/rig.json", "walk/rig.json: "),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as jsons
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 
     from egocap.body.proportions import Proportions
     from egocap.cameras.rig import Rig
-    from egocap.view.feeds import Feed
-    from egocap.view.live_run import KnowsPerson, LiveReport
+    from egocap.track.online import PoseEstimate
+    from egocap.view.feeds import Feed, Images
+    from egocap.view.live_run import LiveReport
     from egocap.view.live_scene import LiveViewer
     from egocap.view.live_view import PoseDisplay
+    from egocap.view.pose_log import PoseLog
 
 LIVE = TrackerConfig(smoothing="fixed-lag")
 CAMERAS = CameraSettings()
@@ -97,6 +99,7 @@ def live(
     from egocap.data.track import save_track
     from egocap.detect.train.interruption import Interruption
     from egocap.fitting.wearer import find_body
+    from egocap.view.pose_log import pose_log
 
     if list:
         return _print_cameras(json)
@@ -108,20 +111,32 @@ def live(
     for path in (out, run.record):
         if path is not None:
             _require_writable(path)
-    with Interruption() as stop, ExitStack() as stack:
-        display = _open_display(stack, loaded, run)
-        follow = _by_colour if run.colour_only else _by_detections
-        tracker, method, prepared = follow(sources, loaded, person, run, cameras, settings)
-        feed = _open_feed(stack, sources, run, cameras, lambda: stop.requested)
-        report = prepared(feed, display)
-    if out is not None:
-        save_track(out, report.track(tracker, method))
+    with nullcontext() if out is None else pose_log(out.parent) as kept:
+        with Interruption() as stop, ExitStack() as stack:
+            display = _open_display(stack, loaded, run)
+            follow = _by_colour if run.colour_only else _by_detections
+            method, prepared = follow(sources, loaded, person, run, cameras, settings)
+            feed = _open_feed(stack, sources, run, cameras, lambda: stop.requested)
+            report = prepared(feed, display if kept is None else _keeping(display, kept))
+        if out is not None and kept is not None:
+            save_track(out, kept.track(person, method, report))
     _print_live(report, json)
     recorded = _recorded(sources, run)
     return INTERRUPTED if stop.requested and recorded else DONE
 
 
-Follow = Callable[["Feed", "PoseDisplay"], "LiveReport"]
+def _keeping(display: PoseDisplay, kept: PoseLog) -> OnPose:
+    """Show a pose, and keep it."""
+
+    def give(pose: PoseEstimate, images: Images) -> None:
+        kept.append(pose)
+        display(pose, images)
+
+    return give
+
+
+OnPose = Callable[["PoseEstimate", "Images"], None]
+Follow = Callable[["Feed", OnPose], "LiveReport"]
 
 
 def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: TrackerConfig) -> None:
@@ -159,7 +174,7 @@ def _recorded(sources: tuple[str, ...], options: LiveOptions) -> bool:
 def _by_detections(
     sources: tuple[str, ...], rig: Rig, person: Proportions, options: LiveOptions,
     cameras: CameraSettings, config: TrackerConfig,
-) -> tuple[KnowsPerson, str, Follow]:  # fmt: skip
+) -> tuple[str, Follow]:  # fmt: skip
     from egocap.detect.detector import Detector
     from egocap.track.online import OnlineTracker
     from egocap.view.live_run import follow_live, warm_up
@@ -168,16 +183,15 @@ def _by_detections(
     detector = Detector(rig, options.weights)
     warm_up(detector, tracker)
     return (
-        tracker,
         detector.source,
-        lambda feed, display: follow_live(feed, detector, tracker, display),
+        lambda feed, on_pose: follow_live(feed, detector, tracker, on_pose),
     )
 
 
 def _by_colour(
     sources: tuple[str, ...], rig: Rig, person: Proportions, options: LiveOptions,
     cameras: CameraSettings, config: TrackerConfig,
-) -> tuple[KnowsPerson, str, Follow]:  # fmt: skip
+) -> tuple[str, Follow]:  # fmt: skip
     from egocap.track.colour_tracker import ColourTracker
     from egocap.view.capture import first_pictures
     from egocap.view.live_run import follow_pictures
@@ -185,9 +199,8 @@ def _by_colour(
     tracker = ColourTracker(rig, person, _start_pose(options.start))
     tracker.learn(first_pictures(sources, cameras))
     return (
-        tracker,
         f"colour only from '{options.start}'",
-        lambda feed, display: follow_pictures(feed, tracker, display),
+        lambda feed, on_pose: follow_pictures(feed, tracker, on_pose),
     )
 
 

@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from array import array
+from collections import defaultdict, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from queue import Empty, Queue
 from threading import Event, Thread
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
 
-from egocap.body.proportions import Proportions
 from egocap.data.detections import Detections
-from egocap.data.track import Track
-from egocap.errors import MachineError
 from egocap.track.online import OnlineTracker, PoseEstimate
 from egocap.view.feeds import Feed, Images, Instant
 
 Made = TypeVar("Made")
+Stages: TypeAlias = defaultdict[str, "array[float]"]
 
 _WARM_UP_FRAMES = 10
 """More than the tracker solves together."""
-
-
-class KnowsPerson(Protocol):
-    """What `OnlineTracker` and `ColourTracker` have in common here."""
-
-    proportions: Proportions
 
 
 class DetectsOne(Protocol):
@@ -41,16 +34,20 @@ class DetectsOne(Protocol):
         ...
 
 
+def _numbers() -> array[float]:
+    return array("d")
+
+
 @dataclass
 class LiveReport:
-    """What a live run did."""
+    """What a live run did. Eight bytes a number of every pose: runs last for hours."""
 
-    poses: list[PoseEstimate] = field(default_factory=list)
-    latencies: list[float] = field(default_factory=list)  # s, oldest picture taken -> pose there
-    skews: list[float] = field(default_factory=list)  # s, between the pictures of a pose
+    poses: int = 0  # given
+    latencies: array[float] = field(default_factory=_numbers)  # s, oldest picture to pose
+    skews: array[float] = field(default_factory=_numbers)  # s, between the pictures of a pose
     skipped: int = 0  # pictures that a newer one replaced
     missing: int = 0  # pictures that a pose had to do without
-    stages: dict[str, list[float]] = field(default_factory=dict)  # s, of every frame
+    stages: Stages = field(default_factory=lambda: defaultdict(_numbers))  # s, of every frame
     seconds: float = 0.0  # from the first picture to the last pose
 
     @property
@@ -64,34 +61,17 @@ class LiveReport:
     @property
     def rate(self) -> float:
         """Poses per second."""
-        return len(self.poses) / self.seconds if self.seconds else 0.0
+        return self.poses / self.seconds if self.seconds else 0.0
 
     def summary(self) -> dict[str, float | None]:
         """Numbers for people and machines, JSON-ready; None for what no pose had."""
         middle, late = self.latency_ms or (None, None)
         skew = 1e3 * float(np.median(self.skews)) if self.skews else None
-        return {"poses": len(self.poses), "poses_per_second": round(self.rate, 2),
+        return {"poses": self.poses, "poses_per_second": round(self.rate, 2),
                 "skipped_pictures": self.skipped, "missing_pictures": self.missing,
                 "latency_ms": middle, "latency_95_ms": late, "skew_ms": skew,
                 } | {f"{stage}_ms": 1e3 * float(np.median(spent))
                      for stage, spent in self.stages.items()}  # fmt: skip
-
-    def track(self, tracker: KnowsPerson, source: str) -> Track:
-        """The poses as a track. Raises MachineError when there are none."""
-        if not self.poses:
-            raise MachineError("no pictures came, so that there is nothing to write")
-        times = np.array([pose.time for pose in self.poses])
-        count = len(times)
-        return Track(
-            times=times - times[0], angles=np.stack([p.angles for p in self.poses]),
-            joints_head=np.stack([p.joints_head for p in self.poses]), energy=np.zeros(count),
-            converged=np.array([p.converged for p in self.poses]),
-            detections_used=np.zeros(count), seconds_per_frame=self.seconds / count,
-            config={"detections": source, "live": self.summary()},
-            offsets=np.array(tracker.proportions.offsets),
-            covariance=np.stack([p.covariance for p in self.poses]),
-            confidence=np.stack([p.confidence for p in self.poses]),
-        )  # fmt: skip
 
 
 class FollowsPictures(Protocol):
@@ -188,7 +168,7 @@ def _timed(feed: Feed, report: LiveReport) -> Iterator[Instant]:
         started = time.perf_counter()
         if (instant := next(instants, None)) is None:
             return
-        report.stages.setdefault("pictures", []).append(time.perf_counter() - started)
+        report.stages["pictures"].append(time.perf_counter() - started)
         yield instant
 
 
@@ -231,7 +211,7 @@ def _give(
     report: LiveReport, pose: PoseEstimate, instant: Instant,
     on_pose: Callable[[PoseEstimate, Images], None],
 ) -> None:  # fmt: skip
-    report.poses.append(pose)
+    report.poses += 1
     report.skews.append(instant.skew)
     with lap(report.stages, "show"):
         on_pose(pose, instant.images)
@@ -245,8 +225,8 @@ def _at(waiting: deque[Instant], time: float) -> Instant:
 
 
 @contextmanager
-def lap(stages: dict[str, list[float]], stage: str) -> Iterator[None]:
+def lap(stages: Stages, stage: str) -> Iterator[None]:
     """Append the time of a block, seconds, to those of a stage."""
     started = time.perf_counter()
     yield
-    stages.setdefault(stage, []).append(time.perf_counter() - started)
+    stages[stage].append(time.perf_counter() - started)

@@ -6,7 +6,7 @@ Each function writes valid files below a folder and returns what reads them, as 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,19 +54,13 @@ def samples(work: Path) -> list[tuple[str, Path, Any]]:
     ]
 
 
-@dataclass
-class _Wearer:
-    """What a live run says of its tracker."""
-
-    proportions: Proportions
-
-
 def live(work: Path) -> list[tuple[str, Path, Any]]:
     """A track as a short live run writes it, and one that is exported as BVH."""
     from egocap.data.bvh import bvh_text
     from egocap.data.resampling import evenly
     from egocap.track.online import PoseEstimate
     from egocap.view.live_run import LiveReport
+    from egocap.view.pose_log import pose_log
 
     track, file, exported = (work / f"track{n}.npz" for n in ("", "-live", "-exported"))
     tracked = load_track(track)
@@ -74,8 +68,11 @@ def live(work: Path) -> list[tuple[str, Path, Any]]:
     assert tracked.offsets is not None
     by_frame = zip(tracked.times, tracked.angles, tracked.joints_head, tracked.covariance,
                    tracked.confidence, tracked.converged, strict=True)  # fmt: skip
-    report = LiveReport([PoseEstimate(*values) for values in by_frame], seconds=0.1)
-    save_track(file, report.track(_Wearer(Proportions(tracked.offsets)), "simulated"))
+    with pose_log(work) as log:
+        for values in by_frame:
+            log.append(PoseEstimate(*values))
+        report = LiveReport(len(tracked.times), seconds=0.1)
+        save_track(file, log.track(Proportions(tracked.offsets), "simulated", report))
     save_track(exported, tracked)
     return [
         (file.name, file, load_track),

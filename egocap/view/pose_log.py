@@ -1,0 +1,67 @@
+"""Poses of a live run in a temporary file, so that memory does not grow; a track in the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
+
+import numpy as np
+
+from egocap.body.proportions import Proportions
+from egocap.body.skeleton import DOF_COUNT
+from egocap.data.track import Track
+from egocap.errors import MachineError
+from egocap.files import disk_errors
+from egocap.track.online import PoseEstimate
+from egocap.view.live_run import LiveReport
+
+_POSE = np.dtype([
+    ("time", "f8"), ("angles", "f8", DOF_COUNT), ("joints_head", "f8", (18, 3)),
+    ("covariance", "f8", (18, 3, 3)), ("confidence", "f8", 18), ("converged", "?"),
+])  # fmt: skip
+"""The fields of a `PoseEstimate`."""
+
+
+class PoseLog:
+    """Keeps every pose. Made by `pose_log`."""
+
+    def __init__(self, file: IO[bytes], folder: Path) -> None:
+        self._file, self._folder = file, folder
+
+    def append(self, pose: PoseEstimate) -> None:
+        """Keep a pose. Raises MachineError when the disk is full."""
+        record = np.array(tuple(vars(pose)[name] for name in _POSE.names or ()), _POSE)
+        with disk_errors(self._folder):
+            self._file.write(record.tobytes())
+
+    def track(self, proportions: Proportions, source: str, report: LiveReport) -> Track:
+        """The poses as a track. Raises MachineError when there are none.
+
+        `source` names what the poses were made of, `report` is that of the run.
+        """
+        self._file.seek(0)
+        poses = np.frombuffer(self._file.read(), _POSE)
+        count = len(poses)
+        if not count:
+            raise MachineError("no pictures came, so that there is nothing to write")
+        return Track(
+            times=poses["time"] - poses["time"][0], angles=poses["angles"].copy(),
+            joints_head=poses["joints_head"].copy(), energy=np.zeros(count),
+            converged=poses["converged"].copy(), detections_used=np.zeros(count),
+            seconds_per_frame=report.seconds / count,
+            config={"detections": source, "live": report.summary()},
+            offsets=np.array(proportions.offsets), covariance=poses["covariance"].copy(),
+            confidence=poses["confidence"].copy(),
+        )  # fmt: skip
+
+
+@contextmanager
+def pose_log(folder: Path) -> Iterator[PoseLog]:
+    """A log without a name in a folder, which ends with the block, and with the process."""
+    with ExitStack() as stack:
+        with disk_errors(folder):
+            file = stack.enter_context(TemporaryFile(dir=folder))
+        yield PoseLog(file, folder)

@@ -56,13 +56,12 @@ def study(
     Args:
         work: Folder of sequences, which are made where they are missing.
         cases: Cases to measure.
-        sfm: Cases of these that structure from motion solves too.
+        sfm: Cases that structure from motion solves too, where they are among those.
         size: Image width and height.
         workers: Rendering processes.
     """
-    for known, asked in ((CASES, cases), (cases, sfm)):
-        if unknown := [case for case in asked if case not in known]:
-            raise InputError(f"unknown case '{unknown[0]}'", valid=known)
+    if unknown := [case for case in (*cases, *sfm) if case not in CASES]:
+        raise InputError(f"unknown case '{unknown[0]}'", valid=CASES)
     found, by_sfm, sequences = {}, {}, []
     for name in cases:
         scene, frames = CASES[name]

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from egocap.errors import InputError
 from egocap.geometry import rigid
 from egocap.head_pose.result import HeadTrajectory
+from egocap_eval.studies import head_pose
 from egocap_eval.studies.head_pose import MOST_MM, behind, misses, score
 
 
@@ -70,3 +72,19 @@ def test_an_odometry_twice_as_far_off_is_named():
 def test_poses_without_covariance_have_no_error_in_standard_deviations():
     bare = HeadTrajectory(np.arange(90), np.arange(90) / 30.0, truth())
     assert score(bare, truth())["end_error_in_std"] is None
+
+
+def test_cases_are_measured_alone_and_unknown_ones_refused(monkeypatch, tmp_path):
+    row = {"first_aligned_mm": 1.0, "rotation_deg": 0.0, "drift_percent": 0.0,
+           "cpu_ms_per_frame": 1.0, "frames": 5, "posed": 5}  # fmt: skip
+    measured = []
+    monkeypatch.setattr(head_pose, "prepare_sequence", lambda *told: None)
+    monkeypatch.setattr(head_pose, "content_hashes", lambda sequences: {})
+    monkeypatch.setattr(head_pose, "_table", lambda rows: None)
+    monkeypatch.setattr(
+        head_pose, "measure", lambda sequence, name, *more: measured.append(name) or row
+    )
+    assert head_pose.study(tmp_path, cases=("minute",)).missed == []
+    assert measured == ["minute"]
+    with pytest.raises(InputError, match="unknown case 'hour'"):
+        head_pose.study(tmp_path, sfm=("hour",))

@@ -26,7 +26,6 @@ from egocap.fitting.bundle_adjustment import (
     linearised,
     select_frames,
     solve,
-    without_bias,
 )
 from egocap.fitting.config import FitConfig
 from egocap.fitting.fit_body import BODY_PASSES, BodyFit, choose_frames, fit_body
@@ -40,9 +39,6 @@ RIG_PASSES = 2 + BODY_PASSES
 """Times that the work on all frames is told: their track, the fit of the rig, that of the body."""
 SYSTEMATIC = np.repeat([np.deg2rad(0.5), 0.002], 3)
 """Standard deviations that more frames do not reduce: habits of stance, marks on the skin."""
-MARGINAL = 0.04
-"""Share of log det that counts in the bias of the mount, as `bundle_adjustment.MARGINAL` in that of
-bones: so the height of the rig came out without bias on simulated people, 4 mm low without it."""
 OBSERVED = 0.5
 """Fraction of its prior standard deviation below which a parameter counts as observed."""
 GOOD_DEG = 1.0
@@ -161,7 +157,6 @@ def fit_rig(
     prior = MountPrior.around(body.mean, body.covariance, *spread)
     problem = MountProblem(select_frames(observations, frames), prior, tracker, weights[frames])
     poses, shared, converged = solve(problem, followed.angles[frames], prior.mean, config)
-    poses, shared = without_bias(problem, poses, shared, MARGINAL)
     on_frames(len(detections.times))
     fitted = moved_rig(rig, shared[-6:])
     person = fit_body(detections, fitted, height, config, tracker, on_frames)

@@ -14,6 +14,8 @@ from pathlib import Path
 from egocap.commandline import DONE
 from egocap.errors import MachineError
 
+OWN = ("Pss_Anon", "Pss_Shmem")
+"""Without pages of files: a process's share of those grows when another that maps them ends."""
 _SHORTEST_S, _LONGEST_S = 0.01, 0.25  # between samples of memory, a tenth of the time so far
 
 
@@ -59,10 +61,13 @@ def family(pid: int) -> list[int]:
     return found
 
 
-def pss_mb(pid: int) -> float:
-    """Memory of a process, shared pages divided among those that share them; 0 once it ended."""
+def pss_mb(pid: int, kinds: Sequence[str] = ("Pss",)) -> float:
+    """Memory of a process, shared pages divided among those that share them; 0 once it ended.
+
+    `kinds` are lines of smaps_rollup: all memory, or `OWN`.
+    """
     with suppress(OSError):
-        for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-            if line.startswith("Pss:"):
-                return int(line.split()[1]) / 1024.0
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
+        read = dict(line.split()[:2] for line in lines)
+        return sum(int(read[f"{kind}:"]) for kind in kinds) / 1024.0
     return 0.0

@@ -22,7 +22,7 @@ from tyro.conf import arg
 from egocap.errors import InputError, MachineError
 from egocap.evaluation.table import Table, number
 from egocap_eval.footage.memory import write_loop
-from egocap_eval.footage.process import family, pss_mb
+from egocap_eval.footage.process import OWN, family, pss_mb
 from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import RecordTable
@@ -83,23 +83,26 @@ def study(
 def watch(words: Sequence[str]) -> dict[str, Any]:
     """Run `python -m` with these words; memory and open files over time, and what it printed.
 
-    `growth_mb` and `files_growth` compare the medians of the last fifth of the run with the second;
+    `growth_mb`, of memory without pages of files, and `files_growth` compare the medians of the last fifth of the run with the second;
     None for a run of few samples, most of which is the start.
     Raises MachineError if the command fails.
     """
     samples: list[tuple[float, int]] = []
+    peak = 0.0
     with subprocess.Popen([sys.executable, "-m", *words], stdout=subprocess.PIPE,
                           stderr=subprocess.DEVNULL, text=True) as process:  # fmt: skip
         while process.poll() is None:
             pids = family(process.pid)
-            samples.append((sum(map(pss_mb, pids)), sum(map(_open_files, pids))))
+            peak = max(peak, sum(map(pss_mb, pids)))
+            own = sum(pss_mb(pid, OWN) for pid in pids)
+            samples.append((own, sum(map(_open_files, pids))))
             time.sleep(_EVERY_S)
         assert process.stdout is not None
         printed = process.stdout.read()  # a summary, shorter than the pipe
     if process.returncode:
         raise MachineError(f"'{' '.join(words[:3])} ...' exited with {process.returncode}")
     found: dict[str, Any] = dict.fromkeys(("growth_mb", "files_growth"))
-    found |= {"peak_mb": max(mb for mb, _ in samples), "samples": len(samples), "printed": printed}
+    found |= {"peak_mb": peak, "samples": len(samples), "printed": printed}
     if (fifth := len(samples) // 5) >= _FEWEST // 5:
         early = np.median(samples[fifth : 2 * fifth], axis=0)
         late = np.median(samples[-fifth:], axis=0)

@@ -84,7 +84,7 @@ def watch(words: Sequence[str]) -> dict[str, Any]:
     """Run `python -m` with these words; memory and open files over time, and what it printed.
 
     `growth_mb`, of memory without pages of files, and `files_growth` compare the medians of the
-    last fifth of the run with the second; None for a run of few samples, most of which is the start.
+    last fifth of the run with the second; None for a run of few samples, mostly the start.
     Raises MachineError if the command fails.
     """
     samples: list[tuple[float, int]] = []

@@ -10,13 +10,19 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from egocap.commandline import DONE
 from egocap.errors import MachineError
 
-OWN = ("Pss_Anon", "Pss_Shmem")
-"""Without pages of files: a process's share of those grows when another that maps them ends."""
 _SHORTEST_S, _LONGEST_S = 0.01, 0.25  # between samples of memory, a tenth of the time so far
+
+
+class Memory(NamedTuple):
+    """Memory that a process holds, MB; shared pages are divided among those that share them."""
+
+    all: float  # PSS
+    own: float  # without pages of files, whose share grows when another that maps them ends
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,7 @@ def run_egocap(words: Sequence[str]) -> Spent:
     )
     peak, ended, status = 0.0, 0, 0
     while not ended:
-        peak = max(peak, sum(pss_mb(pid) for pid in family(process.pid)))
+        peak = max(peak, sum(memory_mb(pid).all for pid in family(process.pid)))
         pause = 0.1 * (time.perf_counter() - started)
         time.sleep(min(max(pause, _SHORTEST_S), _LONGEST_S))
         ended, status, usage = os.wait4(process.pid, os.WNOHANG)
@@ -61,13 +67,11 @@ def family(pid: int) -> list[int]:
     return found
 
 
-def pss_mb(pid: int, kinds: Sequence[str] = ("Pss",)) -> float:
-    """Memory of a process, shared pages divided among those that share them; 0 once it ended.
-
-    `kinds` are lines of smaps_rollup: all memory, or `OWN`.
-    """
+def memory_mb(pid: int) -> Memory:
+    """Memory of a process; 0 once it ended."""
     with suppress(OSError):
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
-        read = dict(line.split()[:2] for line in lines)
-        return sum(int(read[f"{kind}:"]) for kind in kinds) / 1024.0
-    return 0.0
+        read = {line.split()[0]: int(line.split()[1]) / 1024.0 for line in lines}
+        own = read.get("Pss_Anon:", 0.0) + read.get("Pss_Shmem:", 0.0)
+        return Memory(read.get("Pss:", 0.0), own)
+    return Memory(0.0, 0.0)

@@ -22,7 +22,7 @@ from tyro.conf import arg
 from egocap.errors import InputError, MachineError
 from egocap.evaluation.table import Table, number
 from egocap_eval.footage.memory import write_loop
-from egocap_eval.footage.process import OWN, family, pss_mb
+from egocap_eval.footage.process import family, memory_mb
 from egocap_eval.harness.footage import builtin_scene, prepare_sequence
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import RecordTable
@@ -93,8 +93,9 @@ def watch(words: Sequence[str]) -> dict[str, Any]:
                           stderr=subprocess.DEVNULL, text=True) as process:  # fmt: skip
         while process.poll() is None:
             pids = family(process.pid)
-            peak = max(peak, sum(map(pss_mb, pids)))
-            own = sum(pss_mb(pid, OWN) for pid in pids)
+            held = [memory_mb(pid) for pid in pids]
+            peak = max(peak, sum(memory.all for memory in held))
+            own = sum(memory.own for memory in held)
             samples.append((own, sum(map(_open_files, pids))))
             time.sleep(_EVERY_S)
         assert process.stdout is not None

@@ -71,8 +71,11 @@ class Slow:
 def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
     made = make_motion(frames=60)
     sources = [Source(video(tmp_path / f"{side}.avi", 30)) for side in ("left", "right")]
-    detector = Slow(made, 0.15)
-    report = follow_live(LiveFeed(sources), detector, OnlineTracker(made.rig, made.person, LIVE))
+    detector, times = Slow(made, 0.15), []
+    tracker = OnlineTracker(made.rig, made.person, LIVE)
+    report = follow_live(
+        LiveFeed(sources), detector, tracker, lambda pose, images: times.append(pose.time)
+    )
     for source in sources:
         source.close()
     assert 2 <= report.poses < 25
@@ -80,6 +83,7 @@ def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
     fetched = sum(sum(call) for call in detector.calls)
     assert fetched + report.skipped == sum(source.taken for source in sources) == 60
     assert max(report.latencies) < 5.0
+    assert len(times) == report.poses and (np.diff(times) > 0).all()
 
 
 def test_every_pose_is_shown_with_its_pictures(tmp_path):

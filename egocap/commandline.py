@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import errno
 import gc
-import inspect
 import io
 import logging
 import os
@@ -16,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
@@ -117,13 +117,13 @@ def run(
 
 
 def _in_brief(app: SubcommandApp) -> SubcommandApp:
-    """The same commands in alphabetical order, with the first sentence of their help alone."""
+    """The same commands in alphabetical order, with the first paragraph of their help alone."""
     from tyro.extras import SubcommandApp
 
     brief = SubcommandApp()
     for name, command in sorted(app._subcommands.items()):  # no public list in tyro 1.0.17
-        told = command.help or inspect.getdoc(command.target) or ""
-        brief.command(command.target, name=name, help=" ".join(told.split("\n\n")[0].split()))
+        told = command.help or command.target.__doc__ or ""
+        brief._subcommands[name] = replace(command, help=" ".join(told.split("\n\n")[0].split()))
     return brief
 
 

@@ -111,15 +111,15 @@ def live(
     for path in (out, run.record):
         if path is not None:
             _require_writable(path)
-    with nullcontext() if out is None else pose_log(out.parent) as kept:
+    with nullcontext() if out is None else pose_log(out) as kept:
         with Interruption() as stop, ExitStack() as stack:
             display = _open_display(stack, loaded, run)
             follow = _by_colour if run.colour_only else _by_detections
             method, prepared = follow(sources, loaded, person, run, cameras, settings)
             feed = _open_feed(stack, sources, run, cameras, lambda: stop.requested)
             report = prepared(feed, display if kept is None else _keeping(display, kept))
-        if out is not None and kept is not None:
-            save_track(out, kept.track(person, method, report))
+        if kept is not None:
+            save_track(kept.path, kept.track(person, method, report))
     _print_live(report, json)
     recorded = _recorded(sources, run)
     return INTERRUPTED if stop.requested and recorded else DONE

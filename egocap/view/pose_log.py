@@ -28,22 +28,23 @@ _POSE = np.dtype([
 class PoseLog:
     """Keeps every pose. Made by `pose_log`."""
 
-    def __init__(self, file: IO[bytes], folder: Path) -> None:
-        self._file, self._folder = file, folder
+    def __init__(self, file: IO[bytes], path: Path) -> None:
+        self._file, self.path = file, path
 
     def append(self, pose: PoseEstimate) -> None:
         """Keep a pose. Raises MachineError when the disk is full."""
         record = np.array(tuple(vars(pose)[name] for name in _POSE.names or ()), _POSE)
-        with disk_errors(self._folder):
+        with disk_errors(self.path):
             self._file.write(record.tobytes())
 
     def track(self, proportions: Proportions, source: str, report: LiveReport) -> Track:
-        """The poses as a track. Raises MachineError when there are none.
+        """The poses as a track. Raises MachineError when there are none, or the disk is full.
 
         `source` names what the poses were made of, `report` is that of the run.
         """
-        self._file.seek(0)
-        poses = np.frombuffer(self._file.read(), _POSE)
+        with disk_errors(self.path):
+            self._file.seek(0)  # writes what is left
+            poses = np.frombuffer(self._file.read(), _POSE)
         count = len(poses)
         if not count:
             raise MachineError("no pictures came, so that there is nothing to write")
@@ -59,9 +60,9 @@ class PoseLog:
 
 
 @contextmanager
-def pose_log(folder: Path) -> Iterator[PoseLog]:
-    """A log without a name in a folder, which ends with the block, and with the process."""
+def pose_log(path: Path) -> Iterator[PoseLog]:
+    """The log for a track's file: without a name beside it, gone with the block or the process."""
     with ExitStack() as stack:
-        with disk_errors(folder):
-            file = stack.enter_context(TemporaryFile(dir=folder))
-        yield PoseLog(file, folder)
+        with disk_errors(path):
+            file = stack.enter_context(TemporaryFile(dir=path.parent))
+        yield PoseLog(file, path)

@@ -68,7 +68,7 @@ def live(work: Path) -> list[tuple[str, Path, Any]]:
     assert tracked.offsets is not None
     by_frame = zip(tracked.times, tracked.angles, tracked.joints_head, tracked.covariance,
                    tracked.confidence, tracked.converged, strict=True)  # fmt: skip
-    with pose_log(work) as log:
+    with pose_log(file) as log:
         for values in by_frame:
             log.append(PoseEstimate(*values))
         report = LiveReport(len(tracked.times), seconds=0.1)

@@ -17,7 +17,7 @@ def test_the_track_holds_every_pose(tmp_path):
     found = made.detect("simulated:2")
     tracker = OnlineTracker(made.rig, made.person, TrackerConfig(smoothing="fixed-lag"))
     poses = [tracker.step(found[t : t + 1]) for t in range(4)]
-    with pose_log(tmp_path) as log:
+    with pose_log(tmp_path / "track.npz") as log:
         for pose in poses:
             log.append(replace(pose, time=pose.time + 5.0))
         track = log.track(made.person, "simulated", LiveReport(4, seconds=2.0))
@@ -30,7 +30,7 @@ def test_the_track_holds_every_pose(tmp_path):
 
 
 def test_a_log_leaves_no_file(tmp_path):
-    person = make_motion(frames=2).person
-    with pose_log(tmp_path) as log, pytest.raises(MachineError, match="nothing to write"):
+    person, out = make_motion(frames=2).person, tmp_path / "track.npz"
+    with pose_log(out) as log, pytest.raises(MachineError, match="nothing to write"):
         log.track(person, "none", LiveReport())
     assert not list(tmp_path.iterdir())

@@ -15,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import replace
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
@@ -118,6 +117,8 @@ def run(
 
 def _in_brief(app: SubcommandApp) -> SubcommandApp:
     """The same commands in alphabetical order, with the first paragraph of their help alone."""
+    from dataclasses import replace
+
     from tyro.extras import SubcommandApp
 
     brief = SubcommandApp()

@@ -15,7 +15,7 @@ from tyro.conf import Positional
 
 from egocap.cli.registry import app
 from egocap.commandline import DONE, INTERRUPTED
-from egocap.errors import InputError
+from egocap.errors import InputError, MachineError
 from egocap.locks import locks
 from egocap.options import several
 from egocap.pose.config import TrackerConfig
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from egocap.cameras.rig import Rig
     from egocap.track.online import PoseEstimate
     from egocap.view.feeds import Feed, Images
-    from egocap.view.live_run import LiveReport
+    from egocap.view.live_run import LiveReport, OnPose
     from egocap.view.live_scene import LiveViewer
     from egocap.view.live_view import PoseDisplay
     from egocap.view.pose_log import PoseLog
@@ -99,6 +99,7 @@ def live(
     from egocap.data.track import save_track
     from egocap.detect.train.interruption import Interruption
     from egocap.fitting.wearer import find_body
+    from egocap.view.live_run import LiveReport
     from egocap.view.pose_log import pose_log
 
     if list:
@@ -111,15 +112,20 @@ def live(
     for path in (out, run.record):
         if path is not None:
             _require_writable(path)
-    with nullcontext() if out is None else pose_log(out) as kept:
-        with Interruption() as stop, ExitStack() as stack:
-            display = _open_display(stack, loaded, run)
-            follow = _by_colour if run.colour_only else _by_detections
-            method, prepared = follow(sources, loaded, person, run, cameras, settings)
-            feed = _open_feed(stack, sources, run, cameras, lambda: stop.requested)
-            report = prepared(feed, display if kept is None else _keeping(display, kept))
-        if kept is not None:
-            save_track(kept.path, kept.track(person, method, report))
+    report = LiveReport()
+    log = nullcontext() if out is None else pose_log(out)
+    with log as kept, Interruption() as stop, ExitStack() as stack:
+        display = _open_display(stack, loaded, run)
+        follow = _by_colour if run.colour_only else _by_detections
+        method, prepared = follow(sources, loaded, person, run, cameras, settings)
+        feed = _open_feed(stack, sources, run, cameras, lambda: stop.requested)
+        try:
+            prepared(feed, display if kept is None else _keeping(display, kept), report)
+        finally:  # what was tracked is kept, whatever ended the run
+            if kept is not None and report.poses:
+                save_track(kept.path, kept.take(person, method, report))
+    if out is not None and not report.poses:
+        raise MachineError("no pictures came, so that there is nothing to write")
     _print_live(report, json)
     recorded = _recorded(sources, run)
     return INTERRUPTED if stop.requested and recorded else DONE
@@ -135,8 +141,7 @@ def _keeping(display: PoseDisplay, kept: PoseLog) -> OnPose:
     return give
 
 
-OnPose = Callable[["PoseEstimate", "Images"], None]
-Follow = Callable[["Feed", OnPose], "LiveReport"]
+Follow = Callable[["Feed", "OnPose", "LiveReport"], "LiveReport"]
 
 
 def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: TrackerConfig) -> None:
@@ -184,7 +189,7 @@ def _by_detections(
     warm_up(detector, tracker)
     return (
         detector.source,
-        lambda feed, on_pose: follow_live(feed, detector, tracker, on_pose),
+        lambda feed, on_pose, report: follow_live(feed, detector, tracker, on_pose, report),
     )
 
 
@@ -200,7 +205,7 @@ def _by_colour(
     tracker.learn(first_pictures(sources, cameras))
     return (
         f"colour only from '{options.start}'",
-        lambda feed, on_pose: follow_pictures(feed, tracker, on_pose),
+        lambda feed, on_pose, report: follow_pictures(feed, tracker, on_pose, report),
     )
 
 

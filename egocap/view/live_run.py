@@ -21,6 +21,8 @@ from egocap.view.feeds import Feed, Images, Instant
 
 Made = TypeVar("Made")
 Stages: TypeAlias = defaultdict[str, "array[float]"]
+OnPose: TypeAlias = Callable[[PoseEstimate, Images], None]
+"""Takes each pose and the pictures that it is of."""
 
 _WARM_UP_FRAMES = 10
 """More than the tracker solves together."""
@@ -99,17 +101,21 @@ def warm_up(detector: DetectsOne, tracker: OnlineTracker) -> None:
         trial.step(replace(found, times=np.array([time_s])))
 
 
+def _not_shown(pose: PoseEstimate, images: Images) -> None:
+    pass
+
+
 def follow_live(
-    feed: Feed, detector: DetectsOne, tracker: OnlineTracker,
-    on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
+    feed: Feed, detector: DetectsOne, tracker: OnlineTracker, on_pose: OnPose = _not_shown,
+    report: LiveReport | None = None,
 ) -> LiveReport:  # fmt: skip
     """Track by detections until the feed ends. Every pose goes to `on_pose`.
 
     A thread detects in the next pictures while a pose is tracked and shown; a view whose picture
     did not come in time is missing. A pose that follows its pictures by a lag is shown with them;
-    so it is for the latency.
+    so it is for the latency. The report given is filled as the run goes, also of one that fails.
     """
-    report = LiveReport()
+    report = LiveReport() if report is None else report
 
     def detect(instant: Instant) -> Detections:
         with lap(report.stages, "detect"):
@@ -124,11 +130,11 @@ def follow_live(
 
 
 def follow_pictures(
-    feed: Feed, follower: FollowsPictures,
-    on_pose: Callable[[PoseEstimate, Images], None] = lambda pose, images: None,
+    feed: Feed, follower: FollowsPictures, on_pose: OnPose = _not_shown,
+    report: LiveReport | None = None,
 ) -> LiveReport:  # fmt: skip
     """As `follow_live`, with whatever makes poses of pictures."""
-    report = LiveReport()
+    report = LiveReport() if report is None else report
 
     def step(instant: Instant, _: None) -> PoseEstimate | None:
         return follower.step(instant.images, instant.time)
@@ -140,8 +146,7 @@ def follow_pictures(
 def _follow(
     feed: Feed, instants: Iterator[tuple[Instant, Made]],
     step: Callable[[Instant, Made], PoseEstimate | None],
-    finish: Callable[[], list[PoseEstimate]], on_pose: Callable[[PoseEstimate, Images], None],
-    report: LiveReport,
+    finish: Callable[[], list[PoseEstimate]], on_pose: OnPose, report: LiveReport,
 ) -> LiveReport:  # fmt: skip
     waiting: deque[Instant] = deque()
     began = None
@@ -207,10 +212,7 @@ def _made_ahead(
                 ready.get(timeout=0.02)
 
 
-def _give(
-    report: LiveReport, pose: PoseEstimate, instant: Instant,
-    on_pose: Callable[[PoseEstimate, Images], None],
-) -> None:  # fmt: skip
+def _give(report: LiveReport, pose: PoseEstimate, instant: Instant, on_pose: OnPose) -> None:
     report.poses += 1
     report.skews.append(instant.skew)
     with lap(report.stages, "show"):

@@ -13,7 +13,6 @@ import numpy as np
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT
 from egocap.data.track import Track
-from egocap.errors import MachineError
 from egocap.files import disk_errors
 from egocap.track.online import PoseEstimate
 from egocap.view.live_run import LiveReport
@@ -33,21 +32,23 @@ class PoseLog:
 
     def append(self, pose: PoseEstimate) -> None:
         """Keep a pose. Raises MachineError when the disk is full."""
-        record = np.array(tuple(vars(pose)[name] for name in _POSE.names or ()), _POSE)
+        record = np.array(tuple(vars(pose)[name] for name in _POSE.names or ()), _POSE).tobytes()
         with disk_errors(self.path):
-            self._file.write(record.tobytes())
+            while record:
+                record = record[self._file.write(record) :]
 
-    def track(self, proportions: Proportions, source: str, report: LiveReport) -> Track:
-        """The poses as a track. Raises MachineError when there are none, or the disk is full.
+    def take(self, proportions: Proportions, source: str, report: LiveReport) -> Track:
+        """The poses, of which there is one, as a track; the log is empty then.
 
-        `source` names what the poses were made of, `report` is that of the run.
+        `source` names what the poses were made of, `report` is that of the run. A pose that a full
+        disk cut is left out, and the log's room on the disk is free for the track.
         """
         with disk_errors(self.path):
-            self._file.seek(0)  # writes what is left
-            poses = np.frombuffer(self._file.read(), _POSE)
+            self._file.seek(0)
+            written = self._file.read()
+            self._file.truncate(0)
+        poses = np.frombuffer(written, _POSE, len(written) // _POSE.itemsize)
         count = len(poses)
-        if not count:
-            raise MachineError("no pictures came, so that there is nothing to write")
         return Track(
             times=poses["time"] - poses["time"][0], angles=poses["angles"].copy(),
             joints_head=poses["joints_head"].copy(), energy=np.zeros(count),
@@ -64,5 +65,5 @@ def pose_log(path: Path) -> Iterator[PoseLog]:
     """The log for a track's file: without a name beside it, gone with the block or the process."""
     with ExitStack() as stack:
         with disk_errors(path):
-            file = stack.enter_context(TemporaryFile(dir=path.parent))
+            file = stack.enter_context(TemporaryFile(buffering=0, dir=path.parent))
         yield PoseLog(file, path)

@@ -57,7 +57,7 @@ def study(
         write_loop(film, pictures, int(60 * _HZ * (minutes + 0.5)))
     live = watch(["egocap", "live", *map(str, films), "--rig", str(sequence.folder / "rig.json"),
                   "--body", str(sequence.folder / "body.json"), "--realtime", "--json",
-                  "--seconds", str(60 * minutes)])  # fmt: skip
+                  "--out", str(work / "live.npz"), "--seconds", str(60 * minutes)])  # fmt: skip
     report = json.loads(live.pop("printed"))
     live |= {key: report[key] for key in ("poses", "latency_ms", "latency_95_ms")}
     missed = _missed("live", live)

@@ -72,7 +72,7 @@ def live(work: Path) -> list[tuple[str, Path, Any]]:
         for values in by_frame:
             log.append(PoseEstimate(*values))
         report = LiveReport(len(tracked.times), seconds=0.1)
-        save_track(file, log.track(Proportions(tracked.offsets), "simulated", report))
+        save_track(file, log.take(Proportions(tracked.offsets), "simulated", report))
     save_track(exported, tracked)
     return [
         (file.name, file, load_track),

@@ -20,6 +20,8 @@ from egocap.data.detections import load_detections, save_detections
 from egocap.data.manifest import load_manifest
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
+from egocap.errors import MachineError
+from egocap.track.online import OnlineTracker
 
 
 def complaint(result: tuple[int, str, str]) -> str:
@@ -274,6 +276,22 @@ def test_live_of_files_tracks_every_frame_for_an_animation(egocap, films, tiny_s
     assert egocap("export", "live.npz", "--out", "new/live.bvh")[0] == 0
     assert "is a folder" in complaint(egocap(*words, "--out", "."))
     assert "--rig or --body" in complaint(egocap("live", *films))
+
+
+def test_a_live_run_that_fails_keeps_the_track(egocap, films, tiny_sequence, monkeypatch):
+    step, seen = OnlineTracker.step, []
+
+    def fails_late(tracker, found):
+        if len(seen) == 3:
+            raise MachineError("the camera was unplugged")
+        seen.append(step(tracker, found))
+        return seen[-1]
+
+    monkeypatch.setattr("egocap.view.live_run.warm_up", lambda detector, tracker: None)
+    monkeypatch.setattr(OnlineTracker, "step", fails_late)
+    words = ("--rig", tiny_sequence / "rig.json", "--body", "average:1.79", "--out", "live.npz")
+    assert "unplugged" in egocap("live", *films, *words)[2]
+    assert len(load_track("live.npz").times) == sum(pose is not None for pose in seen) > 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

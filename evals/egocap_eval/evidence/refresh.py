@@ -7,7 +7,6 @@ need a checkout of the same commit and return the files.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import subprocess
 import sys
@@ -24,9 +23,8 @@ from egocap.files import write_atomically
 from egocap.locks import holding
 from egocap_eval.evidence.registry import ROOT, Cited, ResultEntry, chosen
 from egocap_eval.harness.result_file import git_commit
-from egocap_eval.harness.sources import source_hashes
 from egocap_eval.harness.study import Outcome
-from egocap_eval.harness.study_sources import WORLD
+from egocap_sim.core.version import code_version
 
 RESULTS = "evals/results"
 
@@ -76,9 +74,8 @@ def from_root(path: Path) -> Path:
 
 
 def footage_folder(work: Path) -> Path:
-    """The folder in `work` for footage of the simulator as it is now."""
-    hashes = "".join(source_hashes(WORLD).values())
-    return work / hashlib.sha256(hashes.encode()).hexdigest()[:8]
+    """The folder in `work` for footage of the simulator as it is now, which refuses any other."""
+    return work / code_version().rpartition("+")[2]
 
 
 def require_ready(motions: Path | None) -> None:

@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
-from egocap.errors import EgocapError, one_line
+from egocap.errors import EgocapError, InputError, one_line
 
 if TYPE_CHECKING:
     from tyro.extras import SubcommandApp
@@ -79,6 +79,7 @@ def run(
             _wrong_usage_to(box), _sigterm_as_interrupt(), _lost_interrupts_repeated(),
             registry, (within or nullcontext)(words) as read,
         ):  # fmt: skip
+            _require_command(app, read)
             listed = _in_brief(app) if list(read) in (["-h"], ["--help"]) else app
             code = listed.cli(
                 prog=prog, description=description, args=read,
@@ -87,7 +88,8 @@ def run(
         sys.stdout.flush()
     except SystemExit as stop:  # tyro: --help is 0, wrong usage 2
         if text := box.getvalue():
-            _report(prog, _without_box(text))
+            command = f"{prog} {words[0]}" if words and words[0][:1] != "-" else prog
+            _report(prog, _without_box(text).replace(f"(see {prog} -", f"(see {command} -"))
         return stop.code if isinstance(stop.code, int) else (USAGE if stop.code else DONE)
     except EgocapError as error:
         _report(prog, str(error))
@@ -113,6 +115,13 @@ def run(
         log.debug("traceback", exc_info=True)
         return USAGE if isinstance(error, _WRONG_PATH) else FAILED
     return DONE if code is None else int(code)
+
+
+def _require_command(app: SubcommandApp, words: Sequence[str]) -> None:
+    """Raise InputError where the first word is neither an option nor a command."""
+    known = sorted(name.replace("_", "-") for name in app._subcommands)
+    if words and not words[0].startswith("-") and words[0].replace("_", "-") not in known:
+        raise InputError(f"no command '{words[0]:.40}'", valid=known)
 
 
 def _in_brief(app: SubcommandApp) -> SubcommandApp:
@@ -147,6 +156,9 @@ def start(prog: str, program: Callable[[], int]) -> int:
         return DONE
     try:
         return program()
+    except EgocapError as error:  # a package that a command needs is missing
+        _report(prog, str(error))
+        return error.exit_code
     except KeyboardInterrupt:
         _report(prog, "interrupted")
         return INTERRUPTED

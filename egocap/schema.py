@@ -110,7 +110,8 @@ def read_text(path: str | Path, limit: int = MOST_TEXT) -> str:
 def _file_error(
     model: type[Strict], error: ValidationError, where: str | Path, prefix: str, line: int | None
 ) -> FileError:
-    first = error.errors(include_url=False)[0]
+    errors = error.errors(include_url=False)
+    first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])  # a misspelling
     key = ".".join([prefix, *map(str, first["loc"])] if prefix else map(str, first["loc"]))
     valid = None
     if first["type"] == "extra_forbidden":

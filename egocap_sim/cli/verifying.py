@@ -152,10 +152,13 @@ def _read_motions(
     files: tuple[Path, ...],
 ) -> tuple[list[tuple[str, LoadedMotion]], list[tuple[str, str]]]:
     """Motions of files and folders by path, and the errors of those that cannot be read."""
-    from egocap.errors import EgocapError
+    from egocap.errors import EgocapError, FileError
     from egocap_sim.motion.clips.clip_store import stored_motion
     from egocap_sim.record.episode_plan import clip_files
 
+    for file in files:
+        if not file.exists():
+            raise FileError(file, "no such file or folder", valid="clips, .bvh or .npz")
     paths = [p for f in files for p in (clip_files(f) if f.is_dir() else [f])]
     motions, unreadable = [], []
     with progress("motions", len(paths), unit="files") as advance:
@@ -163,7 +166,7 @@ def _read_motions(
             try:
                 motions.append((str(path), stored_motion(path)))
             except EgocapError as error:
-                unreadable.append((str(path), str(error)))
+                unreadable.append((str(path), str(error).removeprefix(f"{path}: ")))
             advance(1)
     return motions, unreadable
 

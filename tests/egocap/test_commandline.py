@@ -15,7 +15,7 @@ from numba.core import event
 from tyro.extras import SubcommandApp
 
 from egocap import commandline
-from egocap.commandline import progress, run
+from egocap.commandline import progress, run, start
 from egocap.errors import FileError, InputError, MachineError
 
 
@@ -72,6 +72,12 @@ def test_commands_return_their_code(returned, code):
     assert code_of(lambda: returned) == code
 
 
+def test_a_package_missing_at_start_is_said(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["thing", "do"])
+    assert start("thing", raising(MachineError("no torch", remedy="pip install it"))) == 1
+    assert capsys.readouterr().err == "thing: no torch; pip install it\n"
+
+
 @pytest.mark.parametrize("bug", [ZeroDivisionError(), from_compiled_code(ValueError())])
 def test_bugs_keep_their_traceback(bug):
     with pytest.raises(type(bug)):
@@ -94,8 +100,9 @@ def test_wrong_usage_is_2_on_stderr(args, capsys):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (["undo"], "undo"),
+        (["undo"], "no command 'undo' (valid: do, other)"),
         (["do"], "--count"),
+        (["do", "--count", "1", "--nonsense"], "(see thing do --help)"),
         (["do", "--count", "x"], "count"),
         (["do", "--count", "1", "--kind", "c"], "'a', 'b'"),
         (["do", "--count", "1", "--a\x07b"], "x07"),

@@ -327,6 +327,7 @@ def test_suspect_motion_is_listed_drawn_and_refused_by_strict(sim, monkeypatch, 
     code, out, _ = sim("check-motion", "clips", "--strict")
     assert code == 3 and "! left elbow bends backwards" in out
     assert sim("check-motion", "clips/good.npz", "--strict")[0] == 0
+    assert "nowhere: no such file" in sim("check-motion", "nowhere")[2]
     Path("tiny.toml").write_text(to_toml(tiny_scene))
     made = "generate", "tiny.toml", "--frames", 2, "--motion", "clips/reversed.npz", "--out", "seq"
     assert "suspect: left elbow bends backwards" in complaint(sim(*made, "--strict"))

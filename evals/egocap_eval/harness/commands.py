@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from types import ModuleType
 
 from tyro.extras import SubcommandApp
 
 from egocap.commandline import run
+from egocap.errors import require
 from egocap.storage.words import local_words
 from egocap_eval.harness.study import as_command
 
@@ -73,18 +75,25 @@ def main(args: Sequence[str] | None = None) -> int:
     app = SubcommandApp()
     summary = "Simulate footage for a rig and train a detector on it."
     app.command(name="train", help=summary)(
-        import_module("egocap_eval.detection.train_for_rig").train
-        if words[:1] == ["train"]
-        else _not_called
+        _imported("detection.train_for_rig").train if words[:1] == ["train"] else _not_called
     )
     for name, (module, summary) in STUDIES.items():
         if words[:1] == [name]:
-            study = import_module(f"egocap_eval.{module}").study
+            study = _imported(module).study
             app.command(name=name)(as_command(study, name, words))
         else:
             app.command(name=name, help=summary)(_not_called)
     what = "Measure tracks, detections, rigs and the simulation."
     return run(app, prog="egocap-eval", description=what, args=words, within=local_words)
+
+
+def _imported(name: str) -> ModuleType:
+    """A module of the evals. Raises MachineError where it needs torch, which is missing."""
+    try:
+        return import_module(f"egocap_eval.{name}")
+    except ModuleNotFoundError:
+        require("torch", "train")
+        raise
 
 
 def _not_called() -> None:

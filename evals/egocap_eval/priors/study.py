@@ -41,8 +41,9 @@ def study(
         draws: Tracks of every take that the network learns from.
         training: How the network is trained.
     """
-    if prior == "pose" and folder is None:
-        raise InputError("no folder of clips", valid="a folder for the pose prior")
+    if folder is None and (prior == "pose" or write is None):
+        raise InputError("no folder of clips", valid="a folder; for a prior of built-in motions "
+                         "alone, --write FILE")  # fmt: skip
     built_in = () if prior == "pose" else BUILT_IN
     takes = make_takes(folder, built_in=built_in, keep=work and work / "takes")
     motions = [take.angles for take in takes]

@@ -105,6 +105,9 @@ def test_wrong_values_name_file_and_key(change, key) -> None:
 def test_an_unknown_key_lists_the_known_ones() -> None:
     with pytest.raises(FileError, match=r"key 'fovv': unknown key .*valid: .*fov, .*width"):
         camera_from_dict(OWN | {"fovv": 1}, "cam.json")
+    misspelt = {"widht" if key == "width" else key: value for key, value in OWN.items()}
+    with pytest.raises(FileError, match=r"key 'widht': unknown key .*1 more error"):
+        camera_from_dict(misspelt, "cam.json")
 
 
 @pytest.mark.parametrize(

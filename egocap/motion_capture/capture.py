@@ -14,6 +14,7 @@ from typing import Any
 from egocap.cameras.rig import Rig
 from egocap.data.bvh import write_bvh
 from egocap.data.head_pose import load_head_pose, read_head_poses
+from egocap.data.manifest import MANIFEST
 from egocap.data.resampling import evenly
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track
@@ -86,6 +87,8 @@ def mocap(
     _refuse_early(options)
     folder = Path(out)
     make_folder(folder)
+    if (folder / MANIFEST).exists():
+        raise InputError(f"{folder} is itself a sequence", valid="another folder, for the results")
     sequence = import_footage(sources, rig, folder / "sequence", footage, on_step)
     if options.world:
         Views.of(sequence.rig, sequence.rig.cameras[0].width)  # or refuse now

@@ -70,6 +70,16 @@ def test_pictures_of_another_shape_than_the_rigs_are_refused(mocap):
     assert f"{camera.width} x {camera.height // 2}" in shown.err
 
 
+def test_results_never_go_into_a_sequence(mocap):
+    sequence = mocap.sequence.parent
+    sequence.mkdir()
+    for name in ("manifest.json", "body.json"):
+        (sequence / name).write_text("{}")
+    code, shown = mocap()
+    assert code == 2 and "is itself a sequence" in shown.err
+    assert (sequence / "body.json").read_text() == "{}" and not mocap.sequence.exists()
+
+
 def test_no_common_time_is_refused(mocap):
     code, shown = mocap("--lag", "60")
     assert code == 2 and "no time in common" in shown.err

@@ -9,6 +9,7 @@ Simon et al. 2017, "Hand keypoint detection in single images using multiview boo
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -166,8 +167,10 @@ def _train(
         checkpoint_minutes=1.0, loss=LossConfig(visibility=0.0, spread=0.0),
     )  # fmt: skip
     known = [r.sequence.manifest.config_sha256 for r in recordings]
+    labels = [hashlib.sha256(r.labels.points.tobytes() + r.labels.state.tobytes()).hexdigest()
+              for r in recordings]  # fmt: skip
     what = {"training": asdict(training), "weights": weights.sha256, "footage": known,
-            "views": options.views}  # fmt: skip
+            "labels": labels, "views": options.views}  # fmt: skip
     run = folder / f"run-{digest(what)[:8]}"
     make_folder(run)
     trainer = Trainer(start.config, training, kept, None, run, start.state_dict())

@@ -134,7 +134,8 @@ def _lens(
         if len(parameters) != 8:
             raise InputError(f"{name} with {len(parameters)} parameters", valid="8")
         fx, fy, cx, cy, *k = parameters
-        return exact(Camera("kannala_brandt", *size, (cx, cy), ((fx, 0.0), (0.0, fy)), tuple(k)))
+        affine = ((fx, 0.0), (0.0, fy))
+        return exact(Camera("kannala_brandt", *size, (cx, cy), affine, tuple(k), widest))
     if kind not in _FISHEYE:
         raise InputError(f"unknown camera model '{name}'", valid="Fisheye624, KannalaBrandtK3")
     if len(parameters) not in (15, 16):

@@ -96,6 +96,8 @@ class _File:
         return fit_kannala_brandt(project, width, height)
 
     def _is_fisheye(self, D: Array, key: str) -> bool:
+        if D.size not in (4, 5, 8, 12):
+            raise FileError(self._where, f"{D.size} coefficients", key=key, valid="4, 5, 8 or 12")
         flag = self._values.get("fisheye_model")
         if flag is not None:
             if bool(flag.ravel()[0]) and D.size != 4:
@@ -106,8 +108,6 @@ class _File:
         if D.size == 4 and not key.startswith("D"):
             raise FileError(self._where, "4 coefficients fit fisheye and pinhole cameras", key=key,
                             valid="fisheye_model: 1 or 0 beside them")  # fmt: skip
-        if D.size not in (4, 5, 8, 12):
-            raise FileError(self._where, f"{D.size} coefficients", key=key, valid="4, 5, 8 or 12")
         return D.size == 4
 
     def numbers(self, key: str, count: int) -> Float[Array, "n"]:

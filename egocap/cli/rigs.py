@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import re
+import tomllib
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,10 +20,11 @@ from egocap.fitting.config import FitConfig
 from egocap.locks import locks, require_distinct
 
 if TYPE_CHECKING:
+    from egocap.cameras.rig import Rig
     from egocap.fitting.fit_rig import RigFit
 
 FORMATS = ("rig", "kalibr", "opencv", "opencv-xml", "colmap", "aria", "ros", "ocam", "unrealego")
-_LARGEST_SIDE, _MOST_POSES = 1 << 16, 100_000
+_LARGEST_SIDE, _LONGEST_NAME, _MOST_POSES = 1 << 16, 40, 100_000
 _BY_SUFFIX = {".toml": "rig", ".xml": "opencv-xml"}
 
 
@@ -103,7 +106,7 @@ def convert(options: Convert) -> int:
     """`egocap rig convert`."""
     from egocap.cameras.camera_set import CameraSet
     from egocap.cameras.formats import format_cameras
-    from egocap.cameras.rig_files import load_rig_or_cameras, write_rig
+    from egocap.cameras.rig_files import format_rig, load_rig_or_cameras, parse_rig, write_rig
     from egocap.files import write_atomically
 
     out = options.out
@@ -123,7 +126,8 @@ def convert(options: Convert) -> int:
         print(f"{options.source}: fitted by Kannala-Brandt lenses, off by up to "
               f"{cameras.worst_px:.2f} px (rms {cameras.rms_px:.2f})")  # fmt: skip
     if format == "rig":
-        rig = _placed(found, options)
+        rig = _with_plain_names(_placed(found, options))
+        parse_rig(tomllib.loads(format_rig(rig)), options.source)  # or refuse what no command reads
         write_rig(out, rig)
         print(f"{out}: {rig}")
         return DONE
@@ -134,6 +138,13 @@ def convert(options: Convert) -> int:
     return DONE
 
 
+def _with_plain_names(rig: Rig) -> Rig:
+    """The rig with views named as rig files name them: 'narrow_stereo/left' is cut of its '/'."""
+    names = [re.sub(r"[^A-Za-z0-9_-]+", "_", mount.name)[:_LONGEST_NAME] for mount in rig.mounts]
+    mounts = zip(rig.mounts, names, strict=True)
+    return replace(rig, mounts=tuple(replace(mount, name=name) for mount, name in mounts))
+
+
 def _placed(found: Any, options: Convert) -> Any:
     """The rig of what was read, on the head."""
     from egocap.cameras.camera_set import GUESS, CameraSet, mount_at
@@ -141,7 +152,9 @@ def _placed(found: Any, options: Convert) -> Any:
     given = options.mount
     first = None if given is None else mount_at(given[:3], *given[3:])
     if not isinstance(found, CameraSet):
-        return found if first is None else CameraSet.of(found).rig(found.name, first)
+        if first is None:
+            return found
+        return replace(CameraSet.of(found).rig(found.name, first), frame_rate=found.frame_rate)
     if given is None:
         print(f"{options.out}: guessed: {GUESS}; give --mount, or run egocap fit-rig")
     return found.rig(options.source.stem, first)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
+
+import numpy as np
 
 from egocap.cameras.rig import Rig
 from egocap.datasets.recording import Recording
@@ -43,7 +45,7 @@ def open_dataset(source: str, rig: Rig | None = None) -> Iterator[Recording]:
 
     Args:
         source: "NAME:PATH", a name of `DATASETS` and the data set's folder or a sequence in it.
-        rig: cameras that replace those of the data set.
+        rig: cameras that replace those of the data set; the frame rate remains the data set's.
 
     Raises:
         InputError: no such name.
@@ -51,7 +53,15 @@ def open_dataset(source: str, rig: Rig | None = None) -> Iterator[Recording]:
     """
     name, path = parse_source(source)
     reader = import_module(f"egocap.datasets.{DATASETS[name].module}")
-    return reader.recordings(name, path, rig)
+    return map(_at_own_rate, reader.recordings(name, path, rig))
+
+
+def _at_own_rate(recording: Recording) -> Recording:
+    """The recording with the frame rate of its times."""
+    if len(recording) < 2:
+        return recording
+    rate = 1.0 / float(np.median(np.diff(recording.times)))
+    return replace(recording, rig=replace(recording.rig, frame_rate=round(rate, 6)))
 
 
 def find_recording(source: str, sequence: str | None = None, rig: Rig | None = None) -> Recording:

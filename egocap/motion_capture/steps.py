@@ -14,8 +14,9 @@ from egocap.data.head_pose import read_head_poses
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.track import Track, load_track, save_track
 from egocap.detect.detector import Detector
+from egocap.detect.weights import open_weights
 from egocap.errors import InputError
-from egocap.files import write_json
+from egocap.files import sha256, write_json
 from egocap.fitting.wearer import find_body
 from egocap.footage.sources import Step
 from egocap.head_pose.from_pictures import find_head_poses
@@ -42,7 +43,8 @@ def detections(
         save_detections(path, detect_in_pieces(sequence, detector, pieces, advance))
         shutil.rmtree(pieces)
 
-    settings = {"sequence": sequence.manifest.config_sha256, "weights": options.weights}
+    weights = open_weights(options.weights).sha256
+    settings = {"sequence": sequence.manifest.config_sha256, "weights": weights}
     return stages.run("detections.npz", settings, write, load_detections)
 
 
@@ -61,7 +63,8 @@ def body(
         fit.proportions.save(path)
         write_json(report, fit.report())
 
-    settings = {"height": options.height, "body": options.body}
+    given = None if options.body is None else find_body(options.body).offsets.tolist()
+    settings = {"height": options.height, "body": given}
     body = stages.run("body.json", settings, write, Proportions.load)
     return body, read_json(report)
 
@@ -97,5 +100,6 @@ def track(
         config = track.config | {"sequence": sequence.manifest.config_sha256}
         save_track(path, replace(track, config=config))
 
-    settings = {"tracker": asdict(tracker), "head_pose": head_pose}
+    heads = None if head_pose is None else sha256(head_pose)
+    settings = {"tracker": asdict(tracker), "head_pose": heads}
     return stages.run("track.npz", settings, write, load_track)

@@ -2,7 +2,8 @@
 
 Keypoints are the 18 labels in their order, as x, y, v with v = 0 outside the view (x = y = 0), 1
 occluded, 2 visible. Pixel (0, 0) is the centre of the top-left pixel. Dropped frames are left out,
-since their images do not belong to their labels.
+since their images do not belong to their labels; the numbers of the other images stay, as `egocap
+export` numbers detections.
 """
 
 from __future__ import annotations
@@ -51,10 +52,11 @@ def write_coco(sequence: Sequence, out: Path, on_frames: Callable[[int], None]) 
             with disk_errors(out / name):
                 (out / name).write_bytes(sequence.read(frame, suffix))
             images.append({
-                "id": len(images) + 1, "file_name": name, "frame": frame, "view": mount.name,
+                "id": frame * len(sequence.manifest.views) + v + 1, "file_name": name,
+                "frame": frame, "view": mount.name,
                 "width": mount.camera.width, "height": mount.camera.height,
             })  # fmt: skip
-            annotations.append(_annotation(sequence, frame, v, len(images)))
+            annotations.append(_annotation(sequence, frame, v, images[-1]["id"]))
         on_frames(1)
     content = {
         "info": {"description": sequence.manifest.name, "version": sequence.manifest.code_version,

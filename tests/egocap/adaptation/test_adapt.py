@@ -1,6 +1,7 @@
 """The command, from footage to weights that are kept or not."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -48,6 +49,16 @@ def test_weights_that_fit_the_footage_better_are_kept(known, tiny_file, tmp_path
     report = json.loads((tmp_path / "adapt.json").read_text())
     assert report["kept"] and report["auc_after"] > report["auc_before"]
     assert report["images"] == 10 and report["steps"] == 25 and report["stretches"] == 2
+
+
+def test_other_labels_are_another_training(known, tiny_file, tmp_path, monkeypatch):
+    options = AdaptOptions(steps=1, weights=tiny_file)
+    adapt([known], tmp_path, options)
+    recording = module.track_footage()
+    moved = replace(recording.labels, points=recording.labels.points + 1.0)
+    monkeypatch.setattr(module, "track_footage", lambda *_: replace(recording, labels=moved))
+    adapt([known], tmp_path, options)
+    assert len(list(tmp_path.glob("run-*"))) == 2
 
 
 def test_weights_that_are_not_better_are_not_kept(known, tiny_file, tmp_path, monkeypatch, capsys):

@@ -1,5 +1,6 @@
 """Other programs' calibration files against OpenCV and closed forms; round trips; damaged files."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -224,6 +225,25 @@ def test_opencv_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(FileError, match="key 'R': holds numbers that are not finite"):
         read_cameras(path)
+
+
+def test_opencv_coefficients_of_no_model_are_refused(tmp_path: Path) -> None:
+    values = {"camera_matrix": matrix(402.0, 401.0, 630.2, 520.7), "image_width": 1280,
+              "image_height": 1024, "fisheye_model": 0}  # fmt: skip
+    for count in (3, 7, 14):
+        path = storage(tmp_path / "c.yml", distortion_coefficients=[0.01] * count, **values)
+        with pytest.raises(FileError, match=rf"{count} coefficients \(valid: 4, 5, 8 or 12"):
+            load_camera(path)
+
+
+def test_an_aria_file_keeps_the_field_of_view(tmp_path: Path) -> None:
+    narrow = dataclasses.replace(KB, max_angle=1.2)
+    files, _ = format_cameras(
+        CameraSet((SetCamera("one", exact(narrow)),)), "aria", tmp_path / "a.json"
+    )
+    ((path, text),) = files.items()
+    path.write_text(text)
+    assert read_cameras(path).cameras[0].camera.max_angle == pytest.approx(1.2)
 
 
 def test_four_opencv_coefficients_need_to_be_told(tmp_path: Path) -> None:

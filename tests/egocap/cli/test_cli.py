@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import shutil
 import signal
 import sys
@@ -177,12 +178,35 @@ def test_rigs_are_converted_and_checked(egocap, tiny_sequence):
     assert egocap("rig", "convert", "chain.yaml", "my.toml", "--mount", *mount)[0] == 0
     np.testing.assert_allclose(load_rig("my.toml").T_head_camera, rig.T_head_camera, atol=1e-6)
     assert egocap("rig", "check", "my.toml")[0] == 0
+    fast = Path("my.toml").read_text().replace("frame_rate = 30.0", "frame_rate = 60.0")
+    Path("fast.toml").write_text(fast)
+    assert egocap("rig", "convert", "fast.toml", "again.toml", "--mount", *mount)[0] == 0
+    assert load_rig("again.toml").frame_rate == 60.0
     flipped = (0.37, 0.175, 0.14, -90, 0, 0)
     egocap("rig", "convert", "chain.yaml", "up.toml", "--mount", *flipped)
     code, out, _ = egocap("rig", "check", "up.toml")
     assert code == 3 and "degrees up" in out
     assert "valid: rig, kalibr" in complaint(egocap("rig", "convert", "chain.yaml", "x.abc"))
     assert "egocap rig convert" in complaint(egocap("rig", "check", "chain.yaml"))
+
+
+def test_a_converted_rig_can_be_read(egocap, tiny_sequence):
+    assert egocap("rig", "convert", tiny_sequence / "rig.json", "ros.yaml", "--format", "ros",
+                  )[0] == 0  # fmt: skip
+    (one,) = Path().glob("ros*left*.yaml")
+    named = re.sub("camera_name: .*", "camera_name: stereo/left", one.read_text())
+    one.write_text(named)
+    code, _, err = egocap("rig", "convert", one, "ros.toml")
+    assert code == 0 and load_rig("ros.toml").views == ("stereo_left",), err
+    assert egocap("rig", "convert", tiny_sequence / "rig.json", "mm.yaml", "--format", "kalibr",
+                  )[0] == 0  # fmt: skip
+    mount = (0.37, 0.175, 0.14, 90, 0, 0)
+    far = re.sub(r"(T_cn_cnm1:.*?)0\.35", r"\g<1>350.0", Path("mm.yaml").read_text(), flags=re.S)
+    Path("mm.yaml").write_text(far)
+    assert "more than 2 m" in complaint(
+        egocap("rig", "convert", "mm.yaml", "mm.toml", "--mount", *mount)
+    )
+    assert not Path("mm.toml").exists()
 
 
 def test_a_track_is_of_the_body_it_is_given(egocap, tracked, tiny_sequence, tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from egocap.cli.program import main
 from egocap.data.sequence import open_sequence
 from egocap.data.track import Track
+from egocap.datasets.catalogue import open_dataset
 from egocap.datasets.importing import import_recording
 from egocap.datasets.scoring import evaluate_recording
 from egocap.datasets.unrealego import recordings
@@ -85,6 +86,13 @@ def test_a_track_of_the_sequence_is_scored_against_the_labels(root, shot, tmp_pa
     nothing = np.zeros(T)
     track = Track(sequence.times, np.zeros((T, 37)), joints, nothing, nothing > 0, nothing, 0.1, {})
     assert evaluate_recording(track, recording).mpjpe_mm == pytest.approx(10.0)
+
+
+def test_the_frame_rate_is_the_data_sets(root, tmp_path):
+    (recording,) = open_dataset(f"ego4view-syn:{root}")
+    rig = replace(recording.rig, frame_rate=60.0)
+    (recording,) = open_dataset(f"ego4view-syn:{root}", rig)
+    assert import_recording(recording, tmp_path / "out").manifest.fps == 25.0
 
 
 def test_the_command(root, tmp_path, capsys, monkeypatch):

@@ -43,6 +43,7 @@ def test_coco_says_what_the_truth_says(sequence, tmp_path):
     for annotation in content["annotations"]:
         image = images[annotation["image_id"]]
         t, v = image["frame"], sequence.manifest.views.index(image["view"])
+        assert image["id"] == 2 * t + v + 1  # as `egocap export` numbers detections
         picture = cv2.imread(str(tmp_path / "coco" / image["file_name"]))[..., ::-1]
         assert picture.shape == (image["height"], image["width"], 3)
         assert np.array_equal(picture, sequence.frame(t).images[v])

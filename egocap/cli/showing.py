@@ -12,7 +12,7 @@ from egocap.cli.checks import check_body, check_checkpoint
 from egocap.cli.registry import app
 from egocap.commandline import DONE
 from egocap.detect.sources import detections_from
-from egocap.errors import InputError
+from egocap.errors import FileError, InputError
 from egocap.locks import locks
 from egocap.options import several
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
@@ -49,6 +49,8 @@ def export(
     from egocap.export.coco import write_coco
     from egocap.export.formats import FORMATS, format_of
 
+    if track.is_dir():
+        raise FileError(track, "a folder", valid="a track or detections, npz")
     if format == "coco" or (format is None and out.suffix == ".json"):
         detections = load_detections(track)
         write_coco(out, detections)

@@ -77,6 +77,7 @@ def test_a_body_or_rig_with_a_value_that_is_no_number(egocap, tiny_sequence, tra
 @pytest.mark.parametrize(
     ("words", "says"),
     [
+        ("export seq --out o.bvh", "seq: a folder (valid: a track or detections, npz)"),
         ("export t.npz --out t.npz", "t.npz: the output would replace the input 'track'"),
         ("export t.npz --out link.npz", "replace the input 'track'"),
         ("track seq --detections d.npz --out d.npz", "replace the input 'detections'"),

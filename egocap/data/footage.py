@@ -143,6 +143,9 @@ class FootageImages:
 
 def _require_same(entry: FootageView) -> None:
     path = Path(entry.path)
-    if path.is_file() and path.stat().st_size != entry.bytes:
-        raise FileError(path, "is another file than the one that was imported",
-                        valid="that file, or egocap import again")  # fmt: skip
+    if not (path.exists() and entry.bytes):  # a data set's pictures are not counted
+        return
+    files = path.iterdir() if path.is_dir() else [path]
+    if sum(file.stat().st_size for file in files if file.is_file()) != entry.bytes:
+        raise FileError(path, "is not as it was imported",
+                        valid="what was imported, or egocap import again")  # fmt: skip

@@ -16,10 +16,18 @@ from egocap.errors import InputError
 from egocap.geometry import transform
 from egocap.series import interpolate
 
+_ROUNDED_S = 1.01e-3
 EVEN = 0.02
 """Relative difference between the longest and the shortest step of times that count as even."""
 MOST_FRAMES, MOST_RATIO = 100_000, 10
 """Even times may be so many, or so many times the track's own: one wrong time makes billions."""
+
+
+def typical_step(times: Float[Array, "T"]) -> float:
+    """Mean of the steps near the median one [s]: a container may round times to milliseconds."""
+    steps = np.diff(times)
+    middle = float(np.median(steps))
+    return float(steps[np.abs(steps - middle) <= 0.1 * middle + _ROUNDED_S].mean())
 
 
 def evenly(track: Track, fps: float | None = None) -> Track:
@@ -36,7 +44,7 @@ def evenly(track: Track, fps: float | None = None) -> Track:
         raise InputError("the track's times do not increase")
     if fps is None and np.ptp(steps) <= EVEN * steps.mean():
         return track
-    step = float(np.median(steps)) if fps is None else 1.0 / fps
+    step = typical_step(track.times) if fps is None else 1.0 / fps
     span, most = float(np.ptp(track.times)), max(MOST_FRAMES, MOST_RATIO * len(track.times))
     if not span / step < most:
         raise InputError(f"the track's times span {span:g} s, {span / step:.3g} even steps",

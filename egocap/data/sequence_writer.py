@@ -54,6 +54,7 @@ class SequenceWriter:
         self.old_truth: Truth | None = None
         self._append, self._longer, self._new = append, False, False
         self._side_files = side_files
+        self._before: set[str] = set()
         self._lock = OutputLock(folder, folder=True)
 
     def __enter__(self) -> SequenceWriter:
@@ -63,6 +64,7 @@ class SequenceWriter:
                 self._resume()
             else:
                 refuse_other_files(self.folder, self._side_files)
+                self._before = {path.name for path in self.folder.iterdir()}
         except BaseException:
             self.__exit__()
             raise
@@ -70,8 +72,8 @@ class SequenceWriter:
 
     def __exit__(self, kind: type[BaseException] | None = None, *_: object) -> None:
         if kind is not None and self._new and not self._holds_shards():
-            for path in self.folder.iterdir():  # all of this run: the folder was empty
-                if path.is_file() and path.name != IN_FOLDER:
+            for path in self.folder.iterdir():
+                if path.is_file() and path.name not in self._before:
                     path.unlink()
         self._lock.release()
 

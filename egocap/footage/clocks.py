@@ -31,6 +31,8 @@ def find_clocks(
     Views that share a file share its clock. A clock that cannot be estimated is assumed equal to
     the first's, with a warning and a note that gives the reason.
     """
+    if options.drift and not options.lag and not options.side_by_side:
+        raise InputError("--drift without --lag", valid="both, or neither")
     if options.lag or options.drift:
         return _given(options, len(scans))
     if options.side_by_side:

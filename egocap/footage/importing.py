@@ -27,10 +27,11 @@ from egocap.data.footage import (
     load_footage,
 )
 from egocap.data.manifest import MANIFEST, SCHEMA, Manifest, load_manifest
+from egocap.data.resampling import typical_step
 from egocap.data.sequence import Sequence as Recording
 from egocap.data.sequence import open_sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, require_same_config, write_shard
-from egocap.errors import FileError
+from egocap.errors import FileError, InputError
 from egocap.files import make_folder
 from egocap.footage.clocks import find_clocks, find_colours
 from egocap.footage.config import ImportOptions, Range
@@ -44,6 +45,7 @@ from egocap.footage.sources import (
     scan_views,
     view_entries,
 )
+from egocap.locks import holding
 
 SHARD_FRAMES = 50
 EDITABLE = ("lag", "drift", "gains", "range")
@@ -93,6 +95,10 @@ def import_footage(
             for e, t, c in zip(entries, timings, colours, strict=True)
         ]
         prepared = Footage(views=tuple(clocked), report=report), times
+        with holding(out, folder=True):  # what failed above has changed nothing
+            (out / MANIFEST).unlink(missing_ok=True)
+            for old in set(out.glob("scan.*.npz")) - {out / scan_name(e, fitted) for e in entries}:
+                old.unlink()
     _write(out, fitted, *prepared, config, options, on_step)
     return open_sequence(out)
 
@@ -115,10 +121,17 @@ def edit_footage(
     if not isinstance(asked, dict):
         raise FileError(out, "is no import of files", valid="a sequence made from videos")
     plain = ImportOptions()
+    if replace(options, **{name: getattr(plain, name) for name in EDITABLE}) != plain:
+        raise InputError("an option that an edit does not change",
+                         valid="--lag, --drift, --gains, --start, --end, "
+                               "--keep-single")  # fmt: skip
     kept = {
         name: _option(asked[name]) for name in EDITABLE
         if getattr(options, name) == getattr(plain, name)
     }  # fmt: skip
+    if "range" not in kept:
+        given = {k: v for k, v in asdict(options.range).items() if v != getattr(plain.range, k)}
+        kept["range"] = replace(_option(asked["range"]), **given)
     views = footage.views
     new = replace(options, **kept, copy=asked["copy"], side_by_side=asked["side_by_side"],
                   pictures=views[0].options)  # fmt: skip
@@ -146,7 +159,6 @@ def _earlier(out: Path, config: dict[str, Any]) -> tuple[Footage, FrameTimes] | 
                         _Asked(now, digest(now)))  # fmt: skip
     if there.config == config:
         return load_footage(out / FOOTAGE), FrameTimes.load(out / TIMES)
-    (out / MANIFEST).unlink()
     return None
 
 
@@ -208,7 +220,7 @@ def _write(
 
 
 def _rate(times: FrameTimes) -> float:
-    return round(float(1.0 / np.median(np.diff(times.time))), 6)
+    return round(1.0 / typical_step(times.time), 3)
 
 
 def _copied(

@@ -27,6 +27,7 @@ _DIP = 0.6  # of the changes around it: of a copy in a calm scene
 _FLOOR, _BELOW_FLOOR = 0.02, 0.75
 """Quantile of a view's changes that noise alone makes; a copy has none and stays well below."""
 BLACK = 6.0  # mean grey level of a picture that shows nothing
+_TICK_S = 1e-6  # by which times may differ in rounding
 _SLACK_S = 1e-3  # by which views may begin and end apart
 _NEAR = 0.55  # of a period: half of it, and jitter
 
@@ -92,6 +93,9 @@ def pair(views: Sequence[ViewFrames], wanted: Range) -> FrameTimes:
 
 def _common(views: Sequence[ViewFrames], wanted: Range) -> tuple[float, float]:
     spans = [view.span for view in views]
+    if empty := [v for v, (a, _) in enumerate(spans) if not np.isfinite(a)]:
+        raise InputError(f"view {empty[0]} has no usable picture: all are black, damaged or frozen",
+                         valid="footage in every view")  # fmt: skip
     starts, ends = zip(*spans, strict=True)
     join = (min, max) if wanted.keep_single else (max, min)
     first, last = join[0](starts), join[1](ends)
@@ -99,8 +103,8 @@ def _common(views: Sequence[ViewFrames], wanted: Range) -> tuple[float, float]:
         described = ", ".join(f"{a:.2f} to {b:.2f} s" for a, b in spans)
         raise InputError(f"the views have no time in common: {described}",
                          valid="recordings of the same minutes, or the right --lag")  # fmt: skip
-    start = -np.inf if wanted.start is None else wanted.start
-    end = np.inf if wanted.end is None else wanted.end
+    start = -np.inf if wanted.start is None else wanted.start - _TICK_S
+    end = np.inf if wanted.end is None else wanted.end + _TICK_S
     return max(first - _SLACK_S, start), min(last + _SLACK_S, end)
 
 

@@ -15,6 +15,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.rig import Mount, Rig
 from egocap.data.arrays import FrameArrays
+from egocap.data.resampling import typical_step
 from egocap.footage.head_rotation import RotationMeter
 from egocap.footage.photometry import SIZE, median_colour, shared_surroundings
 from egocap.media.source import Part, PictureSource
@@ -36,8 +37,8 @@ class ViewScan(FrameArrays):
 
     @property
     def period(self) -> float:
-        """Median time between pictures [s]."""
-        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0 / 30.0
+        """Time between pictures [s]."""
+        return typical_step(self.time) if len(self.time) > 1 else 1.0 / 30.0
 
     @property
     def dropped(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from threading import Lock
 
@@ -15,6 +15,7 @@ from egocap.errors import FileError, InputError
 from egocap.files import sha256
 from egocap.footage.config import ImportOptions
 from egocap.footage.scan import ViewScan, picture_meters, scan
+from egocap.media.pictures import PictureOptions
 from egocap.media.source import Part, PictureSource, open_source
 
 _ASPECT = 0.01  # relative difference in aspect ratio that rounding explains
@@ -131,4 +132,7 @@ def _locked(advance: Callable[[int], None]) -> Callable[[int], None]:
 
 def scan_name(entry: FootageView, rig: Rig) -> str:
     """File of a view's scan, which depends on its pictures and its camera."""
-    return f"scan.{entry.name}.{digest({'sha256': entry.sha256, 'rig': rig.to_dict()})[:12]}.npz"
+    of = {"sha256": entry.sha256, "rig": rig.to_dict()}
+    if entry.options != PictureOptions():
+        of |= {"pictures": asdict(entry.options)}
+    return f"scan.{entry.name}.{digest(of)[:12]}.npz"

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from fractions import Fraction
 from functools import cached_property
+from heapq import heappop, heappush
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,17 +77,38 @@ class Video:
         return ((time, _upright(frame)) for time, frame in self._frames(start, end))
 
     def _frames(self, start: float, end: float = math.inf) -> Iterator[tuple[float, VideoFrame]]:
-        with self._open() as (container, stream):
-            base = stream.time_base
-            assert base is not None
-            if start > 0.0 and math.isfinite(start):
-                container.seek(int(start / base), stream=stream)
-            for frame in _decoded(container, stream):
-                time = _time(frame, base)
-                if time > end + _TICK_S:
+        for time, frame in self._from(start):
+            if time > end + _TICK_S:
+                return
+            if time >= start - _TICK_S:
+                yield time, frame
+
+    def _from(self, start: float) -> Iterator[tuple[float, VideoFrame]]:
+        """Frames from a time or before on: seeking may end behind the key frame that is needed."""
+        back = 0.0
+        while True:
+            with self._open() as (container, stream):
+                seeks = start > back and math.isfinite(start) and not _reordered(container, stream)
+                if seeks:
+                    assert stream.time_base is not None
+                    container.seek(int((start - back) / stream.time_base), stream=stream)
+                frames = self._timed(container, stream)
+                first = next(frames, None)
+                if not seeks or (first is not None and first[0] <= start + _TICK_S):
+                    yield from frames if first is None else chain([first], frames)
                     return
-                if time >= start - _TICK_S:
-                    yield time, frame
+            back = max(2.0 * back, 1.0)
+
+    def _timed(
+        self, container: InputContainer, stream: VideoStream
+    ) -> Iterator[tuple[float, VideoFrame]]:
+        """Frames with their times. Raises FileError for a file that states none."""
+        for stamp, frame in _decoded(container, stream):
+            if stamp is None:
+                raise FileError(self.path, "does not state the times of its pictures",
+                                valid="mp4, mkv, avi or mov")  # fmt: skip
+            assert stream.time_base is not None
+            yield float(stamp * stream.time_base), frame
 
     def image(self, index: int) -> UInt8[Array, "H W 3"] | None:
         """RGB image of a frame, by its place in `times`; None where it is damaged.
@@ -157,25 +178,35 @@ def _packets(container: InputContainer, stream: VideoStream) -> Iterator[Packet]
         return
 
 
-def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
-    """Frames without those that the decoder knows to be damaged."""
+def _decoded(
+    container: InputContainer, stream: VideoStream
+) -> Iterator[tuple[int | None, VideoFrame]]:
+    """Frames with their stamps, without those that the decoder knows to be damaged."""
     import av.error
 
+    sent: list[int] = []  # stamps of pictures that the decoder still holds
+    reordered = _reordered(container, stream)
     for packet in chain(_packets(container, stream), [None]):
+        if packet is not None and reordered:
+            heappush(sent, _stamp(packet.pts, packet.dts) or 0)
         try:
             frames = stream.decode(packet)
         except av.error.FFmpegError:
             continue
-        yield from (frame for frame in frames if not frame.is_corrupt)
+        for frame in frames:
+            stamp = heappop(sent) if sent else _stamp(frame.pts, frame.dts)
+            if not frame.is_corrupt:
+                yield stamp, frame
+
+
+def _reordered(container: InputContainer, stream: VideoStream) -> bool:
+    """Whether stamps are in decoding's order, not in that of the pictures: B-frames in AVI."""
+    return container.format.name == "avi" and bool(stream.codec_context.has_b_frames)
 
 
 def _stamp(pts: int | None, dts: int | None) -> int | None:
     """An AVI file states decoding times only."""
     return dts if pts is None else pts
-
-
-def _time(frame: VideoFrame, base: Fraction) -> float:
-    return float(_stamp(frame.pts, frame.dts) * base)  # pyright: ignore[reportOptionalOperand]
 
 
 def _upright(frame: VideoFrame) -> UInt8[Array, "H W 3"]:

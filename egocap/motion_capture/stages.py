@@ -39,6 +39,8 @@ class Stages:
         plain = json.loads(json.dumps(settings, default=str))
         self._chain = digest({"before": self._chain, "stage": name, "settings": plain})
         if self._done.get(name) != self._chain or not path.exists():
+            if self._done.pop(name, None):  # if writing fails, the file is of no known settings
+                write_json(self.folder / _NAME, self._done)
             write(path)
             self._done = self._done | {name: self._chain}
             write_json(self.folder / _NAME, self._done)

@@ -12,6 +12,7 @@ from egocap.body.proportions import Proportions
 from egocap.data.detections import Detections, load_detections, save_detections
 from egocap.data.head_pose import read_head_poses
 from egocap.data.sequence import Sequence as Recording
+from egocap.data.sequence_writer import digest
 from egocap.data.track import Track, load_track, save_track
 from egocap.detect.detector import Detector
 from egocap.detect.weights import open_weights
@@ -38,7 +39,7 @@ def detections(
 
     def write(path: Path) -> None:
         detector = Detector(sequence.rig, options.weights)
-        pieces = stages.folder / f"detections-{detector.weights.sha256[:8]}"
+        pieces = stages.folder / f"detections-{digest(settings)[:8]}"
         advance = on_step("detect", len(sequence))
         save_detections(path, detect_in_pieces(sequence, detector, pieces, advance))
         shutil.rmtree(pieces)

@@ -24,7 +24,7 @@ from egocap.detect.engine import available_cores
 from egocap.geometry import transform
 from egocap.pose.config import TrackerConfig
 from egocap.track.consistency import with_consistency
-from egocap.track.tracker import Tracker
+from egocap.track.tracker import Tracker, turned_rig
 from egocap.workers import WorkerPool
 
 WINDOW, OVERLAP = 480, 60  # frames
@@ -57,7 +57,10 @@ def track_in_windows(
             parts.append(part)
             on_frames(window.stop - max(window.start, 0) - (OVERLAP if window.start else 0))
     joined = join(windows, parts, body)
-    return with_consistency(joined, found, Sequence(folder).rig, body, config)
+    estimated = joined.config["estimated"]
+    assert isinstance(estimated, dict)
+    rig = turned_rig(Sequence(folder).rig, estimated)
+    return with_consistency(joined, found, rig, body, config)
 
 
 def split(frames: int) -> list[range]:

@@ -81,6 +81,10 @@ class Copy:
             raise FileError(self.store.address, f"is another kind of thing than {self.path}",
                             valid=f"that place, after {self.path} is removed")  # fmt: skip
         stale = [n for n, found in there.items() if not self._is_current(n, found, keep_unsent)]
+        if there and not keep_unsent:
+            for name in self._known.keys() - there.keys():  # the store has them no more
+                self._local(name).unlink(missing_ok=True)
+                del self._known[name]
         # An index last: an interrupted fetch leaves no index of files that are not there.
         stale.sort(key=lambda name: (_rank(name), name))
         if stale:

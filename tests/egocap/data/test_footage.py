@@ -31,7 +31,7 @@ def folder(tmp_path, request):
         cv2.imwrite(str(pictures / f"{i}.png"), both)
     views = tuple(
         FootageView(name=name, path=str(pictures), part=Part(v, 2), options=PictureOptions(fps=25),
-                    bytes=1, sha256="0" * 64, colour=ViewColour(gain=(1.0, 1.0 + v, 0.5)))
+                    bytes=0, sha256="0" * 64, colour=ViewColour(gain=(1.0, 1.0 + v, 0.5)))
         for v, name in enumerate(rig.views)
     )  # fmt: skip
     present = np.array([[True, True], [True, False], [True, True]])

@@ -163,13 +163,17 @@ class Board:
         return np.column_stack([columns.ravel(), rows.ravel(), sides, sides])
 
     def _marker_cells(self, border: int) -> list[Float[Array, "M 4"]]:
-        """Black runs of cells in the rows of every marker."""
+        """Black runs of cells in the rows of every marker.
+
+        Kalibr prints tags turned by half a turn against OpenCV's drawing.
+        """
+        turns = 2 if self.kind == "aprilgrid" else 0
         cells = []
         for number, corners in self.markers.items():
             n = self.cv_dictionary.markerSize + 2 * border
             image = self.cv_dictionary.generateImageMarker(number, n, borderBits=border)
             side = (corners[1, 0] - corners[0, 0]) / n
-            for r, row in enumerate(np.asarray(image) < 128):
+            for r, row in enumerate(np.rot90(image, turns) < 128):
                 edges = np.flatnonzero(np.diff(np.r_[0, row.astype(np.int8), 0]))
                 runs = edges.reshape(-1, 2)
                 cells += [(corners[0, 0] + a * side, corners[0, 1] + r * side, (b - a) * side, side)

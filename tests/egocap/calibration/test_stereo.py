@@ -42,6 +42,17 @@ def test_too_few_shared_boards(boards):
         start_poses(views(board, boards, range(2)), board)
 
 
+def test_pictures_mostly_of_other_instants(boards):
+    board = parse_board("charuco:5x7:0.03:0.02")
+    pair = views(board, boards, range(12))
+    wrong = {i: T_RIGHT_LEFT @ boards[i + 12] for i in range(7)}
+    pair[1].poses = pair[1].poses | wrong
+    with pytest.raises(InputError, match=r"right: only 5 of 12 pictures .*the same instants"):
+        start_poses(pair, board)
+    pair[1].poses[6] = T_RIGHT_LEFT @ boards[6]
+    assert np.allclose(start_poses(pair, board)[1], T_RIGHT_LEFT, atol=1e-9)
+
+
 def test_half_turn_maps_a_symmetric_board_onto_itself():
     board = parse_board("checkerboard:5x7:0.03")
     turned = transform(half_turn(board), board.points)

@@ -109,7 +109,7 @@ def hand_eye(
     i, j = np.triu_indices(len(shared), 1)
     of_A, of_B = A[j] @ inverse(A[i]), B[j] @ inverse(B[i])
     axes = [Rotation.from_matrix(T[:, :3, :3]).as_rotvec() for T in (of_A, of_B)]
-    if np.linalg.svd(axes[0])[1][1] < _TURNED * np.sqrt(len(i)):
+    if np.linalg.svd(axes[0], compute_uv=False)[1] < _TURNED * np.sqrt(len(i)):
         raise InputError(f"{name}: the rig hardly turned between the pictures", valid="pictures "
                          "with the rig tilted, turned and rolled by 20 degrees or more, about "
                          "more than one axis")  # fmt: skip

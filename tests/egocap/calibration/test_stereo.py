@@ -1,5 +1,6 @@
 """Camera poses from boards seen by both, in spite of wrong ones; too few of them."""
 
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -99,6 +100,15 @@ def test_cameras_that_never_see_one_board_together(boards):
     cameras, own = fixed_boards(before_fixed_boards(boards), parse_board("charuco:5x7:0.03:0.02"))
     assert np.allclose(cameras[1], T_RIGHT_LEFT, atol=1e-8)
     assert np.allclose(own[1], OWN, atol=1e-8)
+
+
+def test_memory_of_many_pictures_before_fixed_boards(boards):
+    pair = before_fixed_boards(np.concatenate([boards] * 3))
+    tracemalloc.start()
+    fixed_boards(pair, parse_board("charuco:5x7:0.03:0.02"))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6  # bytes; 2775 pairs
 
 
 def test_fixed_boards_that_determine_nothing(boards):

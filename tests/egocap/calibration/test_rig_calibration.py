@@ -66,6 +66,14 @@ def test_rig_file_round_trip(calibration, tmp_path, ending):
     assert np.allclose(read.T_head_camera, calibration.rig.T_head_camera, atol=1e-12)
 
 
+def test_rig_names_of_any_script(calibration, tmp_path):
+    rig = replace(calibration.rig, name='Helm "\N{GRINNING FACE}" \u6e2c')
+    write_rig(tmp_path / "rig.toml", rig, calibration.notes)
+    assert load_rig(tmp_path / "rig.toml").name == rig.name
+    first, second = (tmp_path / "rig.toml").read_text(encoding="utf-8").splitlines()[:2]
+    assert first == f"# {calibration.notes[0]}" and second == f"# {calibration.notes[1]}"
+
+
 def test_page_shows_every_camera(calibration):
     page = render_page(calibration)
     assert page.count("data:image/svg+xml") == 5

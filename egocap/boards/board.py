@@ -26,6 +26,7 @@ FORMS = (
 )
 DICTIONARIES = tuple(f"{n}X{n}_{size}" for n in (4, 5, 6, 7) for size in (50, 100, 250, 1000))
 APRIL = "APRILTAG_36h11"
+_APRIL_TAGS = 587
 TAG_BORDER = 2  # black cells around a printed tag's bits, as Kalibr prints them
 _MOST = 100  # squares along a side
 _LARGEST = 5.0  # metres, side of a square
@@ -33,7 +34,10 @@ _LARGEST = 5.0  # metres, side of a square
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board with K corners. Raises InputError for impossible counts and sizes."""
+    """A flat board with K corners.
+
+    Raises InputError for impossible counts and sizes, and for more markers than the dictionary has.
+    """
 
     kind: str  # "checkerboard", "charuco" or "aprilgrid"
     columns: int  # squares or tags along x
@@ -53,11 +57,25 @@ class Board:
             raise InputError(f"squares of {self.square:g} m",
                              valid="metres, 0.001 to 5: 32.5 mm are 0.0325")  # fmt: skip
         if self.kind == "charuco" and not 0.2 * self.square < (self.inner or 0) < self.square:
-            raise InputError(f"markers of {self.inner:g} m in squares of {self.square:g} m",
+            raise InputError(f"markers of {self.inner or 0:g} m in squares of {self.square:g} m",
                              valid="markers smaller than the squares, in metres")  # fmt: skip
         if self.kind == "aprilgrid" and not 0.05 <= (self.inner or 0) <= 1.0:
-            raise InputError(f"a spacing of {self.inner:g}",
+            raise InputError(f"a spacing of {self.inner or 0:g}",
                              valid="gap over tag size, 0.05 to 1")  # fmt: skip
+        self._check_dictionary()
+
+    def _check_dictionary(self) -> None:
+        if self.kind == "checkerboard":
+            return
+        valid = DICTIONARIES if self.kind == "charuco" else (APRIL,)
+        if self.dictionary not in valid:
+            raise InputError(f"unknown dictionary '{self.dictionary}'", valid=valid)
+        if self.rows > self.most_rows:
+            raise InputError(
+                f"{self.columns} x {self.rows} need more markers than {self.dictionary} has",
+                valid=f"at most {_size(self.dictionary)} markers: {self.most_rows} rows at "
+                f"{self.columns} columns",
+            )
 
     def __str__(self) -> str:
         numbers = [f"{n:g}" for n in (self.square, self.inner) if n is not None]
@@ -134,6 +152,14 @@ class Board:
         return {i: np.array(origin) + box for i, origin in enumerate(origins)}
 
     @property
+    def most_rows(self) -> int:
+        """Rows of these columns for which the dictionary has markers."""
+        if self.kind == "checkerboard":
+            return _MOST
+        cells = 2 * _size(self.dictionary) + 1 if self.kind == "charuco" else _size(APRIL)
+        return min(_MOST, cells // self.columns)
+
+    @property
     def symmetric(self) -> bool:
         """Whether the board looks the same after half a turn."""
         return self.kind == "checkerboard" and (self.columns + self.rows) % 2 == 0
@@ -163,13 +189,17 @@ class Board:
         return np.column_stack([columns.ravel(), rows.ravel(), sides, sides])
 
     def _marker_cells(self, border: int) -> list[Float[Array, "M 4"]]:
-        """Black runs of cells in the rows of every marker."""
+        """Black runs of cells in the rows of every marker.
+
+        Kalibr prints tags turned by half a turn against OpenCV's drawing.
+        """
+        turns = 2 if self.kind == "aprilgrid" else 0
         cells = []
         for number, corners in self.markers.items():
             n = self.cv_dictionary.markerSize + 2 * border
             image = self.cv_dictionary.generateImageMarker(number, n, borderBits=border)
             side = (corners[1, 0] - corners[0, 0]) / n
-            for r, row in enumerate(np.asarray(image) < 128):
+            for r, row in enumerate(np.rot90(image, turns) < 128):
                 edges = np.flatnonzero(np.diff(np.r_[0, row.astype(np.int8), 0]))
                 runs = edges.reshape(-1, 2)
                 cells += [(corners[0, 0] + a * side, corners[0, 1] + r * side, (b - a) * side, side)
@@ -202,6 +232,11 @@ def parse_board(text: str) -> Board:
 
 KINDS = {"checkerboard": (2, 2), "charuco": (3, 4), "aprilgrid": (3, 3)}
 """Fewest and most words after the name of a kind."""
+
+
+def _size(dictionary: str) -> int:
+    """Markers of a dictionary."""
+    return _APRIL_TAGS if dictionary == APRIL else int(dictionary.rpartition("_")[2])
 
 
 def _dictionary_for(markers: int) -> str:

@@ -124,7 +124,7 @@ def _other_counts(view: View, board: Board) -> str | None:
 
 def _with_all_rows(view: View, board: Board) -> Board:
     """The board with as many rows as the markers that are seen need."""
-    most = replace(board, rows=board.rows + _MORE_ROWS)
+    most = replace(board, rows=min(board.rows + _MORE_ROWS, board.most_rows))
     seen = np.concatenate([np.unique(find_markers(p, most).index // 4) for p in _tried(view)])
     markers, times = np.unique(seen, return_counts=True)
     last = int(markers[times >= 2].max(initial=0))

@@ -75,7 +75,28 @@ def _markers(picture: Grey, board: Board) -> Anchors:
         return NOTHING
     index = 4 * numbers[unique][:, None] + np.arange(4)
     pixels = np.concatenate([np.reshape(corners[i], (4, 2)) for i in unique]).astype(float)
-    return Anchors(index.ravel(), pixels)
+    found = Anchors(index.ravel(), pixels)
+    return _way_round(found, board) if board.kind == "aprilgrid" else found
+
+
+def _way_round(found: Anchors, board: Board) -> Anchors:
+    """Tags read as Kalibr prints them, or as OpenCV draws them, which is half a turn apart.
+
+    Each tag says in which direction its nearest neighbour lies; the majority decides, for Kalibr's
+    print where nothing tells. Directions near a tag hold for every lens.
+    """
+    points = anchor_points(board)[found.index, :2].reshape(-1, 4, 2)
+    pixels = found.pixels.reshape(-1, 4, 2)
+    middle, centre = points.mean(1), pixels.mean(1)
+    apart = np.linalg.norm(middle - middle[:, None], axis=2)
+    np.fill_diagonal(apart, np.inf)
+    nearest = apart.argmin(1)
+    axes = np.einsum("nci,ncj->nij", pixels - centre[:, None], points - middle[:, None])
+    expected = np.einsum("nij,nj->ni", axes, middle[nearest] - middle)
+    votes = np.sign(np.sum(expected * (centre[nearest] - centre), axis=1))
+    if votes.sum() > 0:
+        return found
+    return Anchors(found.index // 4 * 4 + (found.index % 4 + 2) % 4, found.pixels)
 
 
 @cache

@@ -47,10 +47,10 @@ class Recording:
 def read_recording(sources: Sequence[Path], in_threes: bool = False) -> Recording:
     """Read a folder of pictures, or a video, per camera.
 
-    Pictures with the same name, or else with the same last number in their names, are of the same
-    instant; so are frames of videos at the same time from their starts. `in_threes`: take frames
-    of videos three in a row. Raises FileError for folders without pictures, unreadable pictures
-    and mixed sizes, InputError for no source or two of the same name.
+    Pictures with the same name are of the same instant, or those with the same last number in their
+    names where few share a name; so are frames of videos at the same time from their starts.
+    `in_threes`: take frames of videos three in a row. Raises FileError for folders without
+    pictures, unreadable pictures and mixed sizes, InputError for no source or two of the same name.
     """
     if not 1 <= len(sources) <= MOST_VIEWS:
         raise InputError(f"{len(sources)} sources", valid="a folder or video per camera, 1 to 16")
@@ -131,12 +131,21 @@ def _read_pictures(files: list[Path]) -> list[UInt8[Array, "H W"]]:
 
 
 def _matched(stems: list[list[str]]) -> list[list[str]]:
-    """A label of the instant of every picture: its name, or the last number in it."""
-    if len(stems) == 1 or set.intersection(*map(set, stems)):
-        return stems
-    numbers = [[(re.findall(r"\d+", stem) or [stem])[-1] for stem in each] for each in stems]
+    """A label of the instant of every picture: its name, or the last number in it.
+
+    Names count where most pictures share theirs, or where numbers match no more of them.
+    """
+    numbers = [[_last_number(stem) for stem in each] for each in stems]
     unique = all(len(set(each)) == len(each) for each in numbers)
-    return numbers if unique and set.intersection(*map(set, numbers)) else stems
+    same, alike = (len(set.intersection(*map(set, each))) for each in (stems, numbers))
+    most = 2 * same > min(map(len, stems))
+    return numbers if unique and alike > same and not most else stems
+
+
+def _last_number(stem: str) -> str:
+    """The last number in a name, without leading zeros; the name where there is none."""
+    digits = re.findall(r"\d+", stem)
+    return str(int(digits[-1])) if digits else stem
 
 
 def _natural(text: str) -> list[tuple[int, int, str]]:

@@ -18,8 +18,8 @@ from egocap.calibration.lens_shape import lens_shapes
 from egocap.calibration.mount import place_on_head
 from egocap.calibration.recording import Recording, View, read_recording
 from egocap.calibration.state import Corners, State, by_view, joined
+from egocap.calibration.stereo import SAME_INSTANTS, same_way_round, start_poses
 from egocap.calibration.stereo import fixed_boards as fixed_board_poses
-from egocap.calibration.stereo import same_way_round, start_poses
 from egocap.calibration.timing import Clock, clock_of, require_small, with_timing
 from egocap.calibration.view_calibration import (
     ViewCalibration,
@@ -140,6 +140,7 @@ def calibrate_recording(
     if len(views) > 1 or clock is not None:
         on_step("all cameras together")
         adjusted, corners = _together(views, board, fixed_boards, clock)
+        _refuse_disagreement(adjusted, corners, [view.view.name for view in views])
     cameras = [_camera(adjusted.state, corners, v, view.view, board)
                for v, view in enumerate(views)]  # fmt: skip
     rig = _rig(adjusted.state, cameras, [v.view.name for v in views], mount, name)
@@ -179,6 +180,19 @@ def _together(
     if sum(map(len, more[1:])) == 0:
         return adjusted, corners
     return without_outliers(adjusted.state, joined(more), board.points)
+
+
+def _refuse_disagreement(adjusted: Adjusted, corners: Corners, names: Sequence[str]) -> None:
+    """Raise InputError where the pictures of several cameras contradict each other."""
+    if len(names) == 1:
+        return
+    lost = [name for v, name in enumerate(names) if v not in corners.view]
+    if lost:
+        raise InputError(f"{', '.join(lost)}: no corner agrees with those of the other cameras",
+                         valid=SAME_INSTANTS)  # fmt: skip
+    if not adjusted.converged:
+        raise InputError("the cameras' pictures agree on no poses of the cameras",
+                         valid=SAME_INSTANTS)  # fmt: skip
 
 
 def _joint_state(

@@ -24,6 +24,7 @@ from egocap.errors import InputError
 from egocap.geometry import inverse, rigid
 
 LEAST_SHARED = 3  # boards that two views saw together
+SAME_INSTANTS = "pictures of the same instants, with the same names"
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 _APART = np.deg2rad(10.0)  # between two estimates that agree, or that many per _APART_M
 _APART_M = 0.05
@@ -36,17 +37,23 @@ def start_poses(views: Sequence[ViewCalibration], board: Board) -> Float[Array, 
     """T_view_rig of every view; the rig's frame is the first view's.
 
     Views are joined one by one to those already placed. Raises InputError for views that share too
-    few boards with all others.
+    few boards with all others, and where fewer than half of the shared boards agree on a pose.
     """
     T_view_rig = {0: np.eye(4)}
     while len(T_view_rig) < len(views):
         links = [(shared_pose(views[p], views[v], board), p, v) for p in T_view_rig
                  for v in range(len(views)) if v not in T_view_rig]  # fmt: skip
-        (T, shared), placed, new = max(links, key=lambda link: link[0][1])
-        if shared < LEAST_SHARED:
+        (T, agree, shared), placed, new = max(links, key=lambda link: link[0][1])
+        if 2 * agree < shared:
+            raise InputError(
+                f"{views[new].view.name}: only {agree} of {shared} pictures that show the board "
+                f"agree on where {views[placed].view.name} is",
+                valid=SAME_INSTANTS,
+            )
+        if agree < LEAST_SHARED:
             names = ", ".join(v.view.name for i, v in enumerate(views) if i not in T_view_rig)
             raise InputError(
-                f"{names}: only {shared} boards are seen together with another camera",
+                f"{names}: only {agree} boards are seen together with another camera",
                 valid=f"pictures taken at the same instant, with the same name, {LEAST_SHARED} or "
                 "more of them with the board in both cameras (a larger board reaches farther); or "
                 "--fixed-boards, a board fixed before each camera while the rig moves",
@@ -57,19 +64,19 @@ def start_poses(views: Sequence[ViewCalibration], board: Board) -> Float[Array, 
 
 def shared_pose(
     first: ViewCalibration, second: ViewCalibration, board: Board
-) -> tuple[Float[Array, "4 4"], int]:
-    """T_second_first that most of the boards seen by both agree on, and how many do."""
+) -> tuple[Float[Array, "4 4"], int, int]:
+    """T_second_first that most boards seen by both agree on; how many do, and of how many."""
     a, b = first.poses, second.poses
     shared = sorted(a.keys() & b.keys())
     turns = [np.eye(4), half_turn(board)] if board.symmetric else [np.eye(4)]
     found = np.array([b[i] @ turn @ inverse(a[i]) for i in shared for turn in turns])
     if not len(found):
-        return np.eye(4), 0
+        return np.eye(4), 0, 0
     apart = _distance(found)
     best = int((apart < 1.0).sum(1).argmax())
     agree = found[apart[best] < 1.0]
     R = Rotation.from_matrix(agree[:, :3, :3]).mean().as_matrix()
-    return rigid(R, np.median(agree[:, :3, 3], axis=0)), len(agree)
+    return rigid(R, np.median(agree[:, :3, 3], axis=0)), len(agree), len(shared)
 
 
 def fixed_boards(
@@ -102,7 +109,7 @@ def hand_eye(
     i, j = np.triu_indices(len(shared), 1)
     of_A, of_B = A[j] @ inverse(A[i]), B[j] @ inverse(B[i])
     axes = [Rotation.from_matrix(T[:, :3, :3]).as_rotvec() for T in (of_A, of_B)]
-    if np.linalg.svd(axes[0])[1][1] < _TURNED * np.sqrt(len(i)):
+    if np.linalg.svd(axes[0], compute_uv=False)[1] < _TURNED * np.sqrt(len(i)):
         raise InputError(f"{name}: the rig hardly turned between the pictures", valid="pictures "
                          "with the rig tilted, turned and rolled by 20 degrees or more, about "
                          "more than one axis")  # fmt: skip

@@ -133,7 +133,7 @@ def _refined(
     for _ in range(_ROUNDS):
         corners = refine_boards(view.pictures, poses, board, camera, 0)
         refuse_few_boards(view, board, corners)
-        state = _state(lens, camera, corners, board, poses, instants)
+        state = _state(lens, camera, corners, board, instants)
         adjusted, corners = without_outliers(state, corners, board.points)
         lens = adjusted.state
         camera = start_camera(lens, view.size)
@@ -143,10 +143,7 @@ def _refined(
     return adjusted, corners
 
 
-def _state(
-    lens: State, camera: Camera, corners: Corners, board: Board,
-    poses: Mapping[int, Array], instants: int,
-) -> State:  # fmt: skip
+def _state(lens: State, camera: Camera, corners: Corners, board: Board, instants: int) -> State:
     """A flexible lens like the one known, with the poses of the refined corners."""
     T = np.tile(np.eye(4), (instants, 1, 1))
     rays, _ = camera.ray(corners.pixels)

@@ -123,7 +123,6 @@ class RayCheck:
 
     joints: int  # in view, over the tested frames and views
     agree: int  # visible in both, or in neither
-    same_cause: int  # with the same visibility code
     borderline: int  # others with a visible share within BORDER of the threshold
     disagreements: dict[str, int]  # by label: the remaining ones
 
@@ -164,20 +163,19 @@ def check_rays(
     world = World(scene, Take(truth, None))
     actors = [world.person.actor, *(a.actor for a in world.actors)]
     by_rays = RayVisibility(world.person, world.rig, Surfaces(actors, world.place.meshes))
-    joints = agree = same = borderline = 0
+    joints = agree = borderline = 0
     left: dict[str, int] = {}
     for index in _spread(len(sequence), frames):
         in_view, recorded = truth.in_view[index], truth.visibility[index]
         found, share = by_rays.at(truth.T_world_body[index], world.skinning(index), in_view)
         alike = (found == VISIBLE) == (recorded == VISIBLE)
         joints, agree = joints + int(in_view.sum()), agree + int((alike & in_view).sum())
-        same += int((in_view & (found == recorded)).sum())
         near = np.abs(share - SHARE) < BORDER
         borderline += int((in_view & ~alike & near).sum())
         for j in np.nonzero(in_view & ~alike & ~near)[1]:
             left[LABELS[j]] = left.get(LABELS[j], 0) + 1
         on_frames(1)
-    return RayCheck(joints, agree, same, borderline, left)
+    return RayCheck(joints, agree, borderline, left)
 
 
 def _spread(count: int, most: int) -> Iterable[int]:

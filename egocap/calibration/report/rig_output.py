@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from egocap.cameras.rig import Mount, Rig
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import format_rig
 from egocap.errors import InputError
 from egocap.files import write_atomically
 
@@ -28,17 +28,5 @@ def write_rig(path: Path, rig: Rig, notes: tuple[str, ...] = ()) -> None:
     if path.suffix.lower() == ".json":
         rig.to_json(path)
         return
-    head = [f"# {line}" for line in notes]
-    head += [f"name = {json.dumps(rig.name)}", f"frame_rate = {rig.frame_rate!r}"]
-    tables = [line for mount in rig.mounts for line in _camera_table(mount)]
-    write_atomically(path, "\n".join([*head, *tables]) + "\n")
-
-
-def _camera_table(mount: Mount) -> list[str]:
-    T = mount.T_head_camera
-    lens = mount.camera.to_dict()
-    lines = ["", "[[cameras]]", f'name = "{mount.name}"',
-             f"position = {T[:3, 3].tolist()}  # metres, head frame: forward, left, up",
-             f"rotation = {T[:3, :3].tolist()}  # columns: the camera's right, down and forward",
-             "", "[cameras.lens]"]  # fmt: skip
-    return lines + [f"{key} = {json.dumps(value)}" for key, value in lens.items()]
+    head = "".join(f"# {line}\n" for line in notes)
+    write_atomically(path, head + format_rig(rig))

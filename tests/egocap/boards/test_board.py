@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from egocap.boards.board import parse_board
+from egocap.boards.board import Board, parse_board
 from egocap.errors import InputError
 
 
@@ -46,7 +46,8 @@ def test_opencv_finds_the_tags_of_an_aprilgrid():
     )
     assert sorted(np.ravel(numbers)) == list(range(6))
     for number, found in zip(np.ravel(numbers), corners, strict=True):
-        expected = board.markers[int(number)] * 4000 + 40 - 0.5
+        turned = np.roll(board.markers[int(number)], 2, axis=0)  # Kalibr's print against OpenCV's
+        expected = turned * 4000 + 40 - 0.5
         assert np.abs(found.reshape(4, 2) - expected).max() < 8.0  # gap squares touch the corners
     assert board.markers[0][0, 1] > board.markers[3][0, 1]  # tag 0 is in the bottom row
 
@@ -73,11 +74,31 @@ def test_quadrants_of_every_corner_have_the_stated_polarity(text):
         ("checkerboard:1x7:0.03", "3 to 100"),
         ("charuco:5x7:0.04:0.03:9X9_50", "unknown dictionary"),
         ("aprilgrid:6x6:0.03:30", "gap over tag size"),
+        ("charuco:20x20:0.04:0.03:4X4_50", "at most 50 markers: 5 rows at 20 columns"),
+        ("charuco:50x50:0.04:0.03", "at most 1000 markers: 40 rows at 50 columns"),
+        ("aprilgrid:30x30:0.03:0.3", "at most 587 markers: 19 rows at 30 columns"),
     ],
 )
 def test_wrong_descriptions_say_what_is_valid(text, said):
     with pytest.raises(InputError, match=said):
         parse_board(text)
+
+
+@pytest.mark.parametrize("kind", ["charuco", "aprilgrid"])
+def test_boards_without_the_size_of_markers(kind):
+    with pytest.raises(InputError, match=r"markers smaller|gap over tag"):
+        Board(kind, 5, 7, 0.03)
+    with pytest.raises(InputError, match="unknown dictionary ''"):
+        Board(kind, 5, 7, 0.03, 0.02 if kind == "charuco" else 0.3)
+
+
+@pytest.mark.parametrize("text", ["charuco:3x67:0.04:0.03:4X4_100", "charuco:50x40:0.04:0.03",
+                                  "aprilgrid:30x19:0.03:0.3"])  # fmt: skip
+def test_the_largest_boards_of_a_dictionary_can_be_drawn(text):
+    board = parse_board(text)
+    size = len(board.cv_dictionary.bytesList)
+    assert len(board.markers) <= size < len(board.markers) + board.columns
+    assert np.isfinite(board.black()).all()
 
 
 @pytest.mark.parametrize("text", ["checkerboard:9x6:0.025", "charuco:5x7:0.0325:0.024:6X6_250",

@@ -22,6 +22,10 @@ def write_pictures(folder, names):
     [
         (["1.png", "2.png", "10.png"], ["2.png", "10.png"], 2),
         (["left_01.png", "left_02.png"], ["right_02.png", "right_03.png"], 1),
+        (["left_1.png", "left_2.png"], ["right_0001.png", "right_0002.png"], 2),
+        (["left_1.png", "left_2.png", "x9.png"], ["right_1.png", "right_2.png", "x9.png"], 3),
+        (["1.png", "2.png", "a_3.png"], ["1.png", "2.png", "b_3.png"], 2),
+        (["a_1.png", "b_1.png"], ["a_1.png", "c_1.png"], 1),
         (["a.png"], ["b.png"], 0),
     ],
 )

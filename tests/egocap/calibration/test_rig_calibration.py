@@ -1,6 +1,7 @@
 """From simulated pictures of a board to a rig file; what users do wrong."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,11 +9,12 @@ import numpy as np
 import pytest
 
 from egocap.boards.board import parse_board
+from egocap.calibration import rig_calibration
 from egocap.calibration.report.page import render_page
 from egocap.calibration.report.rig_output import write_rig
 from egocap.calibration.rig_calibration import calibrate
 from egocap.cameras.rig_files import load_rig, parse_rig
-from egocap.errors import FileError
+from egocap.errors import FileError, InputError
 from egocap.geometry import inverse
 from egocap_sim.boards.record import record_board
 from egocap_sim.boards.settings import BoardCamera, BoardRecording
@@ -62,6 +64,14 @@ def test_rig_file_round_trip(calibration, tmp_path, ending):
     read = load_rig(path)
     assert read.cameras == calibration.rig.cameras
     assert np.allclose(read.T_head_camera, calibration.rig.T_head_camera, atol=1e-12)
+
+
+def test_rig_names_of_any_script(calibration, tmp_path):
+    rig = replace(calibration.rig, name='Helm "\N{GRINNING FACE}" \u6e2c')
+    write_rig(tmp_path / "rig.toml", rig, calibration.notes)
+    assert load_rig(tmp_path / "rig.toml").name == rig.name
+    first, second = (tmp_path / "rig.toml").read_text(encoding="utf-8").splitlines()[:2]
+    assert first == f"# {calibration.notes[0]}" and second == f"# {calibration.notes[1]}"
 
 
 def test_page_shows_every_camera(calibration):
@@ -116,6 +126,31 @@ def test_mixed_sizes(tmp_path):
 def test_missing_sources(tmp_path, make, said):
     with pytest.raises(FileError, match=said):
         calibrate([make(tmp_path)], BOARD)
+
+
+def test_pictures_of_other_instants(recorded, tmp_path):
+    (tmp_path / "right").mkdir()
+    paths = sorted((recorded / "right").iterdir())
+    for path, other in zip(paths, paths[5:] + paths[:5], strict=True):
+        (tmp_path / "right" / path.name).write_bytes(other.read_bytes())
+    with pytest.raises(InputError, match=r"right: only \d of \d+ pictures .*the same instants"):
+        calibrate([recorded / "left", tmp_path / "right"], BOARD, model="equidistant")
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (lambda a, c: (replace(a, converged=False), c), "agree on no poses"),
+        (lambda a, c: (a, c[c.view == 0]), "right: no corner agrees"),
+    ],
+)
+def test_cameras_that_contradict_each_other(recorded, calibration, monkeypatch, fault, said):
+    together = fault(calibration.adjusted, calibration.corners)
+    views = iter(calibration.views)
+    monkeypatch.setattr(rig_calibration, "calibrate_view", lambda *_: next(views))
+    monkeypatch.setattr(rig_calibration, "_together", lambda *_: together)
+    with pytest.raises(InputError, match=f"{said}.*the same instants"):
+        calibrate([recorded / "left", recorded / "right"], BOARD, model="equidistant")
 
 
 def flip(source: Path, target: Path) -> None:

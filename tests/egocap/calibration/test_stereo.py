@@ -1,5 +1,6 @@
 """Camera poses from boards seen by both, in spite of wrong ones; too few of them."""
 
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -40,6 +41,17 @@ def test_too_few_shared_boards(boards):
     board = parse_board("checkerboard:6x7:0.03")
     with pytest.raises(InputError, match="right: only 2 boards are seen together"):
         start_poses(views(board, boards, range(2)), board)
+
+
+def test_pictures_mostly_of_other_instants(boards):
+    board = parse_board("charuco:5x7:0.03:0.02")
+    pair = views(board, boards, range(12))
+    wrong = {i: T_RIGHT_LEFT @ boards[i + 12] for i in range(7)}
+    pair[1].poses = pair[1].poses | wrong
+    with pytest.raises(InputError, match=r"right: only 5 of 12 pictures .*the same instants"):
+        start_poses(pair, board)
+    pair[1].poses[6] = T_RIGHT_LEFT @ boards[6]
+    assert np.allclose(start_poses(pair, board)[1], T_RIGHT_LEFT, atol=1e-9)
 
 
 def test_half_turn_maps_a_symmetric_board_onto_itself():
@@ -88,6 +100,15 @@ def test_cameras_that_never_see_one_board_together(boards):
     cameras, own = fixed_boards(before_fixed_boards(boards), parse_board("charuco:5x7:0.03:0.02"))
     assert np.allclose(cameras[1], T_RIGHT_LEFT, atol=1e-8)
     assert np.allclose(own[1], OWN, atol=1e-8)
+
+
+def test_memory_of_many_pictures_before_fixed_boards(boards):
+    pair = before_fixed_boards(np.concatenate([boards] * 3))
+    tracemalloc.start()
+    fixed_boards(pair, parse_board("charuco:5x7:0.03:0.02"))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6  # bytes; 2775 pairs
 
 
 def test_fixed_boards_that_determine_nothing(boards):

@@ -81,7 +81,7 @@ def find_plugin(group: str, name: str) -> Callable[..., Any]:
         if point.name == name:
             return _loaded(point.load, name)
     module, colon, attribute = name.partition(":")
-    if not colon:
+    if not (module and colon and attribute):
         names = [*installed(group), "MODULE:FUNCTION"]
         raise InputError(f"no plug-in '{name}' in {group}", valid=names)
     return _loaded(lambda: getattr(import_module(module), attribute), name)
@@ -91,7 +91,8 @@ def _loaded(load: Callable[[], Any], name: str) -> Callable[..., Any]:
     try:
         found = load()
     except (ImportError, AttributeError) as error:
-        raise InputError(f"plug-in '{name}' cannot be loaded: {error}") from None
+        raise InputError(f"plug-in '{name}' cannot be loaded: {error}",
+                         valid="a module on PYTHONPATH, or a plug-in") from None  # fmt: skip
     if not callable(found):
         raise InputError(f"plug-in '{name}' is a {type(found).__name__}", valid="a function")
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -15,8 +16,10 @@ from egocap.errors import FileError, InputError
 from egocap.files import sha256
 from egocap.footage.config import ImportOptions
 from egocap.footage.scan import ViewScan, picture_meters, scan
-from egocap.media.pictures import PictureOptions
+from egocap.media.pictures import PictureFolder, PictureOptions
 from egocap.media.source import Part, PictureSource, open_source
+
+log = logging.getLogger(__name__)
 
 _ASPECT = 0.01  # relative difference in aspect ratio that rounding explains
 
@@ -48,6 +51,10 @@ def open_views(sources: Sequence[str | Path], rig: Rig, options: ImportOptions) 
     if len(set(paths)) < len(paths):
         raise InputError("the same source twice", valid="--side-by-side, or one source a view")
     opened = [open_source(path, options.pictures) for path in paths]
+    folders = [source for source in opened if isinstance(source, PictureFolder)]
+    if options.pictures.stamp is None and len({folder.first_number for folder in folders}) > 1:
+        log.warning("the pictures begin with %s: taken as of one instant; --lag says otherwise",
+                    ", ".join(f"{f.path.name}/{f.files[0].name}" for f in folders))  # fmt: skip
     if options.side_by_side:
         opened *= len(rig.views)
     of = len(rig.views) if options.side_by_side else 1

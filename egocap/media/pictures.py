@@ -55,6 +55,7 @@ class PictureFolder:
     def __init__(self, path: str | Path, options: PictureOptions | None = None) -> None:
         self.path, self.options = Path(path), options or PictureOptions()
         self.files, numbers = _numbered(self.path)
+        self.first_number = numbers[0]
         self.times: Float[Array, "N"] = _times(self.path, numbers, self.options)
         first = next((image for image in map(self._read, self.files) if image is not None), None)
         if first is None:
@@ -104,7 +105,7 @@ def _numbered(folder: Path) -> tuple[list[Path], list[int]]:
     """Picture files and the numbers at the end of their names, in the order of these."""
     found: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() not in SUFFIXES:
+        if path.suffix.lower() not in SUFFIXES or path.name.startswith("."):  # macOS' ._1.png
             continue
         number = re.search(r"(\d+)\D*$", path.stem)
         if number is None:

@@ -5,6 +5,7 @@ All numbers are measured on the run's own footage; nothing here knows the truth.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -74,7 +75,7 @@ class Findings:
         """JSON-ready form without the time course."""
         plain = {name: value for name, value in vars(self).items() if name != "sure"}
         plain["agreement"], plain["tilt"] = asdict(self.agreement), asdict(self.tilt)
-        return plain | {"sure": round(float(self.sure.mean()), 4)}
+        return _without_nan(plain | {"sure": round(float(self.sure.mean()), 4)})
 
 
 def find(
@@ -92,7 +93,7 @@ def find(
     sure = track.confidence.mean(1)
     views = {view.name: footage.report.get(view.name, {}) | {
         "offset_ms": 1e3 * view.timing.offset_s, "drift_ppm": view.timing.drift_ppm,
-        "clock": view.timing.origin, "gain": view.colour.gain,
+        "clock": "shared" if view.part.of > 1 else view.timing.origin, "gain": view.colour.gain,
     } for view in footage.views}  # fmt: skip
     result = Findings(
         frames=len(sure), seconds=round(float(np.ptp(track.times)), 3), views=views,
@@ -253,6 +254,15 @@ def _about_pictures(found: Findings) -> list[str]:
             lines.append(f"The clock of the {name} camera is assumed to be that of the first; give "
                          "--lag if it is not.")  # fmt: skip
     return lines
+
+
+def _without_nan(value: Any) -> Any:
+    """The same with null for numbers that are not known, as JSON has it."""
+    if isinstance(value, dict):
+        return {key: _without_nan(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _by_label(values: Float[Array, "18"], digits: int = 4) -> dict[str, float]:

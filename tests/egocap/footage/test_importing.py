@@ -144,7 +144,7 @@ def test_black_and_frozen_pictures_count_as_missing(tmp_path, rig):
     assert summary(sequence)["views"]["left"]["black"] == 10
 
 
-def test_side_by_side_and_folders_of_pictures(tmp_path, rig):
+def test_side_by_side_and_folders_of_pictures(tmp_path, rig, caplog):
     import cv2
 
     folder = tmp_path / "both"
@@ -160,6 +160,10 @@ def test_side_by_side_and_folders_of_pictures(tmp_path, rig):
     options = ImportOptions(pictures=PictureOptions(fps=30.0), gains=same)
     sequence = import_footage(apart, rig, tmp_path / "t", options)
     np.testing.assert_array_equal(sequence.images(5)[1], scene(EVERY[5], 1))
+    assert "begin with" not in caplog.text
+    next(iter(sorted(apart[1].iterdir()))).unlink()
+    import_footage(apart, rig, tmp_path / "u", options)
+    assert "the pictures begin with v0/" in caplog.text
 
 
 def test_the_rig_is_scaled_to_the_pictures(tmp_path, rig):

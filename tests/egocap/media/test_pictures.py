@@ -20,6 +20,7 @@ def smooth(height=48, width=64):
 def test_names_give_order_and_times(tmp_path):
     for number in (8, 9, 10, 12):
         cv2.imwrite(str(tmp_path / f"cam1_{number}.png"), np.full((6, 8, 3), number, np.uint8))
+    (tmp_path / "._cam1_8.png").write_bytes(b"of macOS, beside every file of another disk")
     folder = open_pictures(tmp_path, THIRTY)
     np.testing.assert_allclose(folder.times, np.array([0, 1, 2, 4]) / 30.0)
     assert [image[0, 0, 0] for _, image in folder.frames()] == [8, 9, 10, 12]

@@ -1,5 +1,6 @@
 """Findings: what is out of the pictures, by which tilt it comes in, and which moments are worst."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -69,6 +70,16 @@ def test_frames_without_a_place_are_told():
     )
     assert told.in_world == 0.5
     assert any("known in 50 % of the frames" in line for line in told.advice)
+
+
+def test_what_is_not_known_is_null():
+    made = make_motion(frames=12)
+    found = made.detect("simulated:2.0")
+    found.valid[:, 1] = False
+    track = Tracker(made.rig, made.person).track(found)
+    agreement = check_agreement(found, made.rig)
+    told = find(track, found, made.rig, Footage(views=(), report={}), agreement).to_dict()
+    assert json.loads(json.dumps(told, allow_nan=False))["residual"]["right"] is None
 
 
 def test_worst_frames_are_apart():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -47,6 +48,7 @@ def record_board(
     """
     if not 1 <= settings.count <= MOST_PICTURES:
         raise InputError(f"{settings.count} pictures", valid=f"1 to {MOST_PICTURES}")
+    _require_possible(settings)
     if out.exists() and any(out.iterdir()):
         raise InputError(f"{out} is not empty", valid="a new folder")
     path, times = plan_board(board, rig, settings)
@@ -68,6 +70,20 @@ def record_board(
             _write_picture(out / mount.name / f"{i:04d}.jpg", image, settings.camera.jpeg)
             on_pictures(1)
     write_truth(out / TRUTH, board, rig, settings, path.T_rig_board(times))
+
+
+def _require_possible(settings: BoardRecording) -> None:
+    """Raise InputError for numbers that no camera or board has."""
+    camera = settings.camera
+    numbers = {name: value for part in (settings, camera) for name, value in vars(part).items()
+               if isinstance(value, int | float) and not isinstance(value, bool)}  # fmt: skip
+    least = {"lag_s": -math.inf, "bend_m": -math.inf, "samples": 1, "exposures": 1, "jpeg": 1}
+    most = {"jpeg": 100, "vignetting": 1}
+    for name, value in numbers.items():
+        low, high = least.get(name, 0), most.get(name, math.inf)
+        if not (math.isfinite(value) and low <= value <= high):
+            valid = f"{low:g} to {high:g}" if high < math.inf else f"a number from {low:g}"
+            raise InputError(f"--{name.replace('_', '-')} {value:g}", valid=valid)
 
 
 def plan_board(

@@ -65,7 +65,11 @@ def write_unrealego(sequence: Sequence, out: Path, on_frames: Callable[[int], No
     for view in views:
         for kind in ("fisheye_final_image", *(["fisheye_depth_image"] if depth else [])):
             (folder / kind / f"camera_{view}").mkdir(parents=True)
+    dropped = None if sequence.sensor is None else sequence.sensor.dropped
     for frame in range(len(sequence)):
+        if dropped is not None and dropped[frame].any():  # pictures that are not of their labels
+            on_frames(1)
+            continue
         content = json.dumps(frame_content(sequence, frame)).encode()
         with disk_errors(folder):
             (folder / "json" / f"frame_{frame}.json").write_bytes(content)

@@ -127,6 +127,9 @@ def _plan(sequence: Sequence, v: int) -> CameraFile:
         alone = ~sequence.sensor.dropped[:, v]
     inner = np.flatnonzero(alone[start + 2 : -2]) + start + 2
     many = np.maximum(1, np.rint(np.array([LOST, REPEATED]) * min(1.0, count / 100))).astype(int)
+    if len(inner) < many.sum():
+        raise InputError(f"{len(inner)} frames of the view '{manifest.views[v]}' were not dropped",
+                         valid=f"{many.sum()} or more")  # fmt: skip
     chosen = rng.choice(inner, many.sum(), replace=False)
     lost, again = set(chosen[: many[0]].tolist()), set(chosen[many[0] :].tolist())
     places = [i for i in range(start, count) if i not in lost]

@@ -19,7 +19,7 @@ def summary(stats: Statistics) -> dict[str, Any]:
     heights = [p["height_m"] for p in stats.persons.values() if "height_m" in p]
     total = stats.total
     share = 100 * total / total.sum(1, keepdims=True)
-    images = stats.frames * len(stats.causes)
+    images = total[0].sum()  # every image counts a joint once
     return {
         "sequences": len(stats.rows),
         "frames": stats.frames,

@@ -113,10 +113,10 @@ def changed_scores(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[dict[str,
 def changed_numbers(a: Any, b: Any, path: str = "") -> list[dict[str, Any]]:
     """Numbers at the same place of two results that are not the same, and those in one only."""
     inner: list[tuple[str, Any, Any]] = []
-    if isinstance(a, Mapping) and isinstance(b, Mapping):
+    a, b = (dict(enumerate(value)) if isinstance(value, list) else value for value in (a, b))
+    if isinstance(a, Mapping) or isinstance(b, Mapping):
+        a, b = (value if isinstance(value, Mapping) else {} for value in (a, b))
         inner = [(str(key), a.get(key), b.get(key)) for key in dict.fromkeys([*a, *b])]
-    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        inner = [(str(i), x, y) for i, (x, y) in enumerate(zip(a, b, strict=True))]
     elif a != b and (_is_number(a) or _is_number(b)):
         x, y = _as_number(a), _as_number(b)
         return [{"name": path, "a": x, "b": y, "share": _share(x, y)}]

@@ -81,6 +81,8 @@ def render_page(run: Run) -> str:
 def _charts(first: Mapping[str, PoseErrors]) -> dict[str, Any]:
     from egocap_eval.harness import report_charts
 
+    if not first:  # every sequence was left out
+        return {"pck": "", "joints": [], "time": []}
     methods = list(dict.fromkeys(name.split("/")[0] for name in first))
     names = list(dict.fromkeys(name.split("/", 1)[1] for name in first))
     at = np.linspace(0, 200, 81)

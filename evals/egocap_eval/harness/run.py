@@ -283,7 +283,7 @@ def _mean_over_seeds(seeds: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _save_errors(path: Path, scored: Mapping[str, list[PoseErrors]]) -> None:
-    """Each frame's mean error of the first seed's predictions, mm, and the frames' times."""
+    """Each frame's mean error over joints and seeds, mm, and the frames' times."""
     arrays: dict[str, Any] = {}
     for name, seeds in scored.items():
         arrays[name] = np.nanmean([s.per_frame for s in seeds], axis=0)

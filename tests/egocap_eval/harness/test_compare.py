@@ -70,6 +70,10 @@ def test_results_are_compared_number_by_number(tmp_path, capsys):
     after = {"rows": [{"mpjpe_mm": 7.7, "name": "run"}], "missed": [], "ok": False, "new": 3}
     found = {row["name"]: (row["a"], row["b"]) for row in changed_numbers(before, after)}
     assert found == {"rows.0.mpjpe_mm": (7.0, 7.7), "new": (None, 3)}
+    (gone,) = changed_numbers({"clips": {"a": {"mm": 1.0}}}, {"clips": {}})
+    assert (gone["name"], gone["a"], gone["b"]) == ("clips.a.mm", 1.0, None)
+    longer = changed_numbers({"mm": [1.0]}, {"mm": [50.0, 2.0]})
+    assert [(row["name"], row["b"]) for row in longer] == [("mm.0", 50.0), ("mm.1", 2.0)]
     for name, content in (("a", before), ("b", after)):
         text = json.dumps({"schema": 1, "command": "x", "result": content})
         (tmp_path / f"{name}.json").write_text(text)

@@ -4,6 +4,7 @@ import json
 import resource
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -96,6 +97,15 @@ def test_unrealego_has_the_pose_in_centimetres_three_times_over(sequence, tmp_pa
                 cv2.IMREAD_UNCHANGED,
             )
             assert np.array_equal(depth, sequence.depth(t, side))
+
+
+def test_unrealego_has_no_labels_of_other_pictures(sequence, tmp_path, monkeypatch):
+    dropped = np.zeros((len(sequence), 2), bool)
+    dropped[2, 1] = True
+    monkeypatch.setattr(Sequence, "sensor", SimpleNamespace(dropped=dropped))
+    export(Sequence(sequence.folder), "unrealego", tmp_path / "out")
+    numbers = sorted(path.stem for path in tmp_path.rglob("frame_*.json"))
+    assert len(numbers) == len(sequence) - 1 and "frame_2" not in numbers
 
 
 def test_names_of_the_sequence_lead_nowhere_else(tiny_sequence, tmp_path):

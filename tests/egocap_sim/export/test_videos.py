@@ -95,6 +95,10 @@ def test_what_cannot_be_written_is_refused(tmp_path):
         write_videos(Footage(width=95), tmp_path / "odd", print)
     with pytest.raises(InputError, match="too few"):
         write_videos(Footage(frames=9), tmp_path / "short", print)
+    lost = Footage()
+    lost.sensor.dropped[2:] = True
+    with pytest.raises(InputError, match="frames of the view 'left' were not dropped"):
+        write_videos(lost, tmp_path / "lost", print)
 
 
 def test_sound_states_the_clocks(exported):

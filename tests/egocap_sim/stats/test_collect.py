@@ -1,6 +1,7 @@
 """Counts against sequences whose content is known."""
 
 import json
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,13 @@ def test_sequences_are_found_within_folders(tiny_sequence, tmp_path):
         find_sequences([tmp_path])
     with pytest.raises(FileError, match="no such folder"):
         find_sequences([tmp_path / "none"])
+
+
+def test_dropped_images_are_counted_among_those_of_every_rig(counted):
+    mixed = deepcopy(counted)  # half of the frames by another rig, with views of other names
+    halves = {f"{rig} {view}": n / 2 for rig in "ab" for view, n in counted.causes.items()}
+    mixed.causes, mixed.dropped = halves, counted.frames
+    assert summary(mixed)["dropped_images"] == 50.0
 
 
 def test_the_page_is_whole_and_needs_nothing_else(counted):

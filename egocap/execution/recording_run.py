@@ -138,5 +138,5 @@ def _plain(value: Any) -> Any:
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, (str, Path)):
         file = Path(str(value).removeprefix("learned:"))
-        return [str(value), _checksum(file)] if file.exists() else str(value)
+        return [str(value), _checksum(file)] if value and file.exists() else str(value)
     return list(value) if isinstance(value, tuple) else value

@@ -88,7 +88,7 @@ def import_footage(
         timings = find_clocks(options, scans, entries)
         colours = find_colours(options, scans, timings)
         found = view_frames(scans, timings)
-        times = pair(found, options.range)
+        times = pair(found, options.range, fitted.views)
         report = {view.name: _report(scans[v], found[v], times, v) for v, view in enumerate(views)}
         clocked = [
             e.model_copy(update={"timing": t, "colour": c})

@@ -66,11 +66,16 @@ def view_frames(scans: Sequence[ViewScan], timings: Sequence[ViewTiming]) -> lis
     return found
 
 
-def pair(views: Sequence[ViewFrames], wanted: Range) -> FrameTimes:
+def pair(views: Sequence[ViewFrames], wanted: Range, names: Sequence[str]) -> FrameTimes:
     """The frames of a sequence, and which picture of every view belongs to each.
 
-    Raises InputError where the views have no time in common.
+    Raises InputError where the views have no time in common, or one of them, by its name, has no
+    usable picture.
     """
+    for name, view in zip(names, views, strict=True):
+        if not view.usable.any():
+            raise InputError(f"'{name}' has no usable picture: all are black, damaged or frozen",
+                             valid="footage in every view")  # fmt: skip
     first, last = _common(views, wanted)
     grid = _instants(views[0], first, last)
     if len(grid) < 2:
@@ -93,9 +98,6 @@ def pair(views: Sequence[ViewFrames], wanted: Range) -> FrameTimes:
 
 def _common(views: Sequence[ViewFrames], wanted: Range) -> tuple[float, float]:
     spans = [view.span for view in views]
-    if empty := [v for v, (a, _) in enumerate(spans) if not np.isfinite(a)]:
-        raise InputError(f"view {empty[0]} has no usable picture: all are black, damaged or frozen",
-                         valid="footage in every view")  # fmt: skip
     starts, ends = zip(*spans, strict=True)
     join = (min, max) if wanted.keep_single else (max, min)
     first, last = join[0](starts), join[1](ends)

@@ -7,7 +7,7 @@ import pytest
 
 from egocap.body.skeleton import forward
 from egocap.data.bvh import bvh_text
-from egocap.data.resampling import evenly
+from egocap.data.resampling import evenly, typical_step
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid
@@ -53,3 +53,10 @@ def test_a_rate_can_be_chosen_and_even_tracks_stay():
     far = np.concatenate([track.times[:-1], [1e11]])
     with pytest.raises(InputError, match=r"span 1e\+11 s, .* even steps \(valid: at most 100,000"):
         evenly(replace(track, times=far))
+
+
+@pytest.mark.parametrize("dropped", [[], [100]])
+@pytest.mark.parametrize("fps", [24, 30, 60, 120])
+def test_the_step_of_times_in_whole_milliseconds_is_that_of_the_rate(fps, dropped):
+    times = np.delete(np.round(np.arange(300) / fps, 3), dropped)
+    assert typical_step(times) == pytest.approx(1 / fps, rel=2e-3)

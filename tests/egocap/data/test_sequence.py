@@ -213,6 +213,16 @@ def test_a_shard_that_was_listed_just_before_an_interruption_is_kept(tmp_path, m
     assert (tmp_path / entry.name).exists()
 
 
+def test_an_interruption_in_the_first_shard_leaves_files_that_were_there_before(tmp_path):
+    (tmp_path / "rig.json").write_text("of an earlier run")
+    files = side_files() | {"times.npz": b"of this run"}
+    with pytest.raises(KeyboardInterrupt), SequenceWriter(tmp_path, manifest(), files) as writer:
+        writer.begin()
+        assert (tmp_path / "times.npz").exists()
+        raise KeyboardInterrupt
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.json"]
+
+
 def test_a_full_disk_is_said_and_leaves_nothing_half_written(tmp_path, monkeypatch):
     def no_space(fd):
         raise OSError(28, "No space left on device")

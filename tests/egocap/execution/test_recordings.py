@@ -107,6 +107,28 @@ def test_a_file_among_the_settings_counts_by_its_content(folder):
         asked("2")
 
 
+def test_a_folder_among_the_settings_counts_by_its_content(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    recordings = list_recordings([("a", ("a.txt",))])
+    (folder / "detections").mkdir()
+
+    def note(sources, out, detections, note):
+        out.write_text(note)
+        return Report({}, ())
+
+    def asked(text: str) -> int:
+        (folder / "detections" / "walk.npz").write_text(text)
+        settings = {"detections": folder / "detections", "note": ""}
+        return run_recordings("note", note, settings, recordings, folder / "out",
+                              InProcess()).before  # fmt: skip
+
+    assert (asked("1"), asked("1")) == (0, 1)
+    (folder / "d.txt").write_text("of no setting: '' is no folder")
+    assert asked("1") == 1
+    with pytest.raises(FileError, match="other settings"):
+        asked("2")
+
+
 def test_a_cluster_gives_the_same_results(folder, executor):
     found = run(folder, executor)
     assert results(folder) == {"a": "aa", "d": "dddd"} and len(found.errors) == 2

@@ -5,10 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from egocap.data.footage import FootageView
 from egocap.data.sequence import Sequence
 from egocap.errors import FileError, InputError
 from egocap.footage.config import ImportOptions, Range
 from egocap.footage.importing import edit_footage, import_footage
+from egocap.footage.sources import scan_name
 from egocap.footage.summary import describe, summary
 from egocap.media.pictures import PictureOptions
 
@@ -99,6 +101,51 @@ def test_an_edit_sets_clocks_and_range_from_the_scans_that_are_there(tmp_path, r
     assert part.footage.views[1].timing.offset_s == pytest.approx(-0.5)  # as edited before
     whole = import_footage([tmp_path / "left.mp4", tmp_path / "right.mp4"], rig, sequence.folder)
     assert whole.footage.views[1].timing == wrong  # a whole call sets everything
+
+
+def test_a_refused_edit_leaves_the_sequence_as_it_was(tmp_path, rig):
+    sequence = of(tmp_path, rig, EVERY, EVERY, ImportOptions(range=Range(start=0.32, end=0.61)))
+    with pytest.raises(InputError, match="no frames between"):
+        edit_footage(sequence.folder, ImportOptions(range=Range(start=1000.0)))
+    again = Sequence(sequence.folder)
+    np.testing.assert_allclose(again.times, EVERY[10:19], atol=2e-5)
+    assert shows(again, 3, 1, EVERY[13])
+    assert again.manifest.config["options"]["range"]["start"] == 0.32
+
+
+def test_an_edit_of_one_end_keeps_the_rest_of_the_range(tmp_path, rig):
+    options = ImportOptions(range=Range(start=0.32, keep_single=True))
+    sequence = of(tmp_path, rig, EVERY, EVERY[:15], options)
+    np.testing.assert_allclose(sequence.times, EVERY[10:], atol=2e-5)
+    part = edit_footage(sequence.folder, ImportOptions(range=Range(end=0.75)))
+    np.testing.assert_allclose(part.times, EVERY[10:23], atol=2e-5)
+
+
+def test_an_edit_refuses_options_that_it_does_not_change(tmp_path, rig):
+    sequence = of(tmp_path, rig, EVERY, EVERY)
+    with pytest.raises(InputError, match="an option that an edit does not change"):
+        edit_footage(sequence.folder, ImportOptions(copy=True))
+    assert not Sequence(sequence.folder).manifest.shards_hold_images
+
+
+def test_drift_alone_is_refused(tmp_path, rig):
+    with pytest.raises(InputError, match="--drift without --lag"):
+        of(tmp_path, rig, EVERY, EVERY, ImportOptions(drift=(5.0,)))
+
+
+def test_a_scan_is_that_of_pictures_read_with_the_same_options(tmp_path, rig):
+    def named(fps):
+        return scan_name(FootageView(name="left", path="/left", options=PictureOptions(fps=fps),
+                                     bytes=1, sha256="0" * 64), rig)  # fmt: skip
+
+    assert named(30.0) == named(30.0) and len({named(None), named(25.0), named(30.0)}) == 3
+    sources = [pictures(tmp_path / f"v{v}", EVERY[:12], v) for v in (0, 1)]
+    late = ImportOptions(pictures=PictureOptions(fps=25.0), range=Range(start=100.0))
+    with pytest.raises(InputError, match="no frames between"):
+        import_footage(sources, rig, tmp_path / "s", late)
+    options = ImportOptions(pictures=PictureOptions(fps=30.0))
+    sequence = import_footage(sources, rig, tmp_path / "s", options)
+    np.testing.assert_allclose(sequence.times, EVERY[:12], atol=1e-9)
 
 
 def test_an_edit_needs_an_import_of_the_same_files(tmp_path, rig):
@@ -207,3 +254,20 @@ def test_an_interrupted_copy_is_completed(tmp_path, rig):
     assert (whole.folder / "shard-00000.tar").stat().st_mtime_ns == kept
     with pytest.raises(InputError, match="another sequence"):
         import_footage(sources, rig, whole.folder, ImportOptions(copy=True, lag=(0.1,)))
+
+
+def test_a_folder_that_lost_a_picture_is_refused(tmp_path, rig):
+    sources = [pictures(tmp_path / name, EVERY[:12], v) for v, name in enumerate(rig.views)]
+    options = ImportOptions(pictures=PictureOptions(fps=30.0), gains=(1.0, 1.0, 1.0))
+    sequence = import_footage(sources, rig, tmp_path / "s", options)
+    np.testing.assert_array_equal(sequence.images(5)[0], scene(EVERY[5], 0))
+    (tmp_path / "left" / "0003.png").unlink()
+    with pytest.raises(FileError, match="left: is not as it was imported"):
+        Sequence(sequence.folder).images(5)
+
+
+@pytest.mark.parametrize("keep_single", [False, True])
+def test_a_view_without_usable_pictures_is_named(tmp_path, rig, keep_single):
+    options = ImportOptions(range=Range(keep_single=keep_single))
+    with pytest.raises(InputError, match="'right' has no usable picture"):
+        of(tmp_path, rig, EVERY, EVERY, options, shown={"right": [None] * 40})

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from egocap.data.footage import ViewTiming
-from egocap.footage.pairing import view_frames
+from egocap.footage.config import Range
+from egocap.footage.pairing import ViewFrames, pair, view_frames
 from egocap.footage.scan import ViewScan
 
 N, NOISE = 600, 0.9  # pictures; change by noise alone, grey levels
@@ -50,3 +51,16 @@ def test_still_and_noiseless_scenes_are_not_repeated(changes):
     for change in changes:
         change[200:320] *= 0.02 / change[200:320].mean()
     assert repeated(changes) == [[], []]
+
+
+@pytest.mark.parametrize("wanted, expected", [
+    (Range(end=0.7), [0.5, 0.6, 0.7000000000000001]),
+    (Range(start=3.7), [3.6999999999999997, 3.8]),
+])  # fmt: skip
+def test_start_and_end_keep_their_own_frame(wanted, expected):
+    times = np.array([0.5, 0.6, 0.7000000000000001, 0.8, 3.6, 3.6999999999999997, 3.8])
+    none = np.zeros(len(times), bool)
+    view = ViewFrames(times, ~none, none, none, 0.1)
+    found = pair([view, view], wanted, ["left", "right"]).time
+    assert found[[0, -1]].tolist() == [expected[0], expected[-1]]
+    assert set(expected) <= set(found.tolist())

@@ -78,6 +78,39 @@ def test_a_frame_is_found_from_anywhere(tmp_path):
     np.testing.assert_allclose(some, np.array(ticks[12:16]) / 90_000, atol=1e-5)
 
 
+OPEN_GOP = {"g": "10", "bf": "3", "x264-params": "open-gop=1"}
+
+
+@pytest.mark.parametrize("name, options", [
+    ("a.ts", {"g": "15", "bf": "2"}), ("a.ts", OPEN_GOP), ("a.mp4", OPEN_GOP),
+])  # fmt: skip
+def test_every_frame_of_a_transport_stream_or_open_gop_is_found_by_a_jump(tmp_path, name, options):
+    path = write_video(tmp_path / name, [3003 * i for i in range(30)], options=options)
+    in_order = [image for _, image in open_video(path).frames()]
+    assert len(in_order) == len(open_video(path).times) == 30
+    for number, expected in enumerate(in_order):
+        assert abs(expected[:, 40:].mean() - picture(number)[0, 40, 0]) < 4
+        np.testing.assert_array_equal(open_video(path).image(number), expected)
+
+
+def test_avi_with_b_frames_is_in_the_order_of_the_pictures(tmp_path):
+    path = write_video(tmp_path / "a.avi", range(25), options={"g": "10", "bf": "3"}, clock=30)
+    video = open_video(path)
+    found = list(video.frames())
+    np.testing.assert_allclose([time for time, _ in found], video.times, atol=1e-6)
+    assert len(found) == 25 and (np.diff(video.times) > 0).all()
+    for number in (*range(25), 12, 3):
+        shown = picture(number)[0, 40, 0]
+        assert abs(found[number][1][:, 40:].mean() - shown) < 4
+        assert abs(video.image(number)[:, 40:].mean() - shown) < 4
+
+
+def test_a_raw_stream_without_times_is_refused(tmp_path):
+    path = write_video(tmp_path / "a.h264", [3003 * i for i in range(10)])
+    with pytest.raises(FileError, match=r"a\.h264: does not state the times of its pictures"):
+        open_video(path)
+
+
 def display_matrix(path):
     """Where the file says that right and down of a stored picture are shown: (2, 2), x and y.
 

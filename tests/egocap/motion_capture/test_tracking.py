@@ -1,6 +1,7 @@
 """Windows cover every frame; joined tracks are as smooth as the motion."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from egocap.body.skeleton import forward
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.image_model.image_rays import image_rays, ray_colours
+from egocap.motion_capture import tracking
 from egocap.motion_capture.tracking import OVERLAP, WINDOW, join, reduced_images, split
+from egocap.pose.config import TrackerConfig
 from tests.egocap.conftest import make_motion
 
 
@@ -54,3 +57,38 @@ def test_joined_windows_are_the_motion():
     assert np.abs(np.diff(off, axis=0)).max() < 1.6 * 0.01 / OVERLAP  # of a smooth ramp
     np.testing.assert_allclose(whole.joints_head, forward(made.person, whole.angles))
     assert whole.offsets.shape == (22, 3)
+
+
+def test_the_check_of_joined_windows_uses_the_estimated_rotations(motion, monkeypatch):
+    class Pool:
+        def __init__(self, workers):
+            self.map = map
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def track(folder, found, first, body, config, heads):
+        rows, count = slice(first, first + len(found.times)), len(found.times)
+        return Track(
+            times=found.times, angles=motion.angles[rows], joints_head=motion.joints[rows],
+            energy=np.zeros(count), converged=np.ones(count, bool), detections_used=np.ones(count),
+            seconds_per_frame=0.1, config={"estimated": {"rotation_deg": turns}},
+            offsets=body.offsets,
+        )  # fmt: skip
+
+    turns = [[0.0, 0.0, 0.0], [0.0, 0.0, 90.0]]
+    monkeypatch.setattr(tracking, "WINDOW", 40)
+    monkeypatch.setattr(tracking, "OVERLAP", 10)
+    monkeypatch.setattr(tracking, "WorkerPool", Pool)
+    monkeypatch.setattr(tracking, "Sequence", lambda folder: SimpleNamespace(rig=motion.rig))
+    monkeypatch.setattr(tracking, "_track", track)
+    monkeypatch.setattr(tracking, "with_consistency", lambda track, found, rig, *_: rig)
+    found = motion.detect("simulated:1.0")
+    rig = tracking.track_in_windows("", found, motion.person, TrackerConfig())
+    left, right = (mount.T_head_camera[:3, :3] for mount in motion.rig.mounts)
+    np.testing.assert_allclose(rig.mounts[0].T_head_camera[:3, :3], left)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(rig.mounts[1].T_head_camera[:3, :3], quarter @ right, atol=1e-12)

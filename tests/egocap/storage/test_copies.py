@@ -60,6 +60,20 @@ def test_only_what_changed_is_fetched_again(sent, store, monkeypatch, tmp_path):
     assert {n for n in written if now[n] != written[n]} == {"scene.toml"}
 
 
+def test_what_the_store_has_no_more_leaves_the_copy(sent, store, monkeypatch, tmp_path):
+    store.pipe_file("/data/walk/notes.txt", b"old")
+    other_machine(monkeypatch, tmp_path)
+    path = fetch(sent)
+    (path / "unsent.txt").write_text("written here")
+    store.rm("/data/walk/notes.txt")
+    with Copy(sent).held() as copy:
+        copy.fetch(keep_unsent=True)  # a writer's copy keeps all
+    assert (path / "notes.txt").exists()
+    assert fetch(sent) == path and not (path / "notes.txt").exists()
+    assert (path / "unsent.txt").read_text() == "written here"
+    assert len(Sequence(path)) == 7
+
+
 def test_a_file_is_fetched_and_sent(store):
     store.pipe_file("/data/a.npz", b"first")
     assert fetch("memory://data/a.npz").read_bytes() == b"first"

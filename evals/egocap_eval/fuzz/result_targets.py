@@ -136,11 +136,12 @@ def footage(sequence: Sequence, work: Path) -> Path:
         return folder
     T, views = len(sequence), sequence.manifest.views
     entries = []
-    for v, name in enumerate(views):
+    for name in views:
         (pictures / name).mkdir(parents=True)
         for t in range(T):
             (pictures / name / f"{t}.jpg").write_bytes(sequence.read(t, f"{name}.jpg"))
-        entries.append(FootageView(name=name, path=str(pictures / views[v]), bytes=1,
+        size = sum(file.stat().st_size for file in (pictures / name).iterdir())
+        entries.append(FootageView(name=name, path=str(pictures / name), bytes=size,
                                    options=PictureOptions(fps=30), sha256="0" * 64))  # fmt: skip
     time = np.arange(T) / 30.0
     both = np.repeat(time[:, None], len(views), 1)

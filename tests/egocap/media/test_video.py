@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from egocap.errors import FileError
-from egocap.media.video import open_video
+from egocap.media.video import Video, open_video
 
 SIZE = (64, 48)
 
@@ -85,12 +85,12 @@ OPEN_GOP = {"g": "10", "bf": "3", "x264-params": "open-gop=1"}
     ("a.ts", {"g": "15", "bf": "2"}), ("a.ts", OPEN_GOP), ("a.mp4", OPEN_GOP),
 ])  # fmt: skip
 def test_every_frame_of_a_transport_stream_or_open_gop_is_found_by_a_jump(tmp_path, name, options):
-    path = write_video(tmp_path / name, [3003 * i for i in range(30)], options=options)
+    path = write_video(tmp_path / name, [3003 * i for i in range(20)], options=options)
     in_order = [image for _, image in open_video(path).frames()]
-    assert len(in_order) == len(open_video(path).times) == 30
+    assert len(in_order) == len(open_video(path).times) == 20
     for number, expected in enumerate(in_order):
         assert abs(expected[:, 40:].mean() - picture(number)[0, 40, 0]) < 4
-        np.testing.assert_array_equal(open_video(path).image(number), expected)
+        np.testing.assert_array_equal(Video(path, threads=1).image(number), expected)
 
 
 def test_avi_with_b_frames_is_in_the_order_of_the_pictures(tmp_path):

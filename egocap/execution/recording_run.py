@@ -137,6 +137,6 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, (str, Path)):
-        file = Path(str(value).removeprefix("learned:"))
-        return [str(value), _checksum(file)] if value and file.exists() else str(value)
+        name = str(value).removeprefix("learned:")  # an empty one would be the working folder
+        return [str(value), _checksum(Path(name))] if name and Path(name).exists() else str(value)
     return list(value) if isinstance(value, tuple) else value

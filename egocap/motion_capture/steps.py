@@ -38,14 +38,14 @@ def detections(
     """Detections in all frames: detections.npz."""
 
     def write(path: Path) -> None:
-        detector = Detector(sequence.rig, options.weights)
+        detector = Detector(sequence.rig, weights)
         pieces = stages.folder / f"detections-{digest(settings)[:8]}"
         advance = on_step("detect", len(sequence))
         save_detections(path, detect_in_pieces(sequence, detector, pieces, advance))
         shutil.rmtree(pieces)
 
-    weights = open_weights(options.weights).sha256
-    settings = {"sequence": sequence.manifest.config_sha256, "weights": weights}
+    weights = open_weights(options.weights)
+    settings = {"sequence": sequence.manifest.config_sha256, "weights": weights.sha256}
     return stages.run("detections.npz", settings, write, load_detections)
 
 
@@ -56,16 +56,16 @@ def body(
     report = stages.folder / "body-report.json"
 
     def write(path: Path) -> None:
-        if options.body is not None:
-            find_body(options.body).save(path)
+        if given is not None:
+            given.save(path)
             write_json(report, {})
             return
         fit = fit_wearer(found, sequence.rig, options.height, on_step)
         fit.proportions.save(path)
         write_json(report, fit.report())
 
-    given = None if options.body is None else find_body(options.body).offsets.tolist()
-    settings = {"height": options.height, "body": given}
+    given = None if options.body is None else find_body(options.body)
+    settings = {"height": options.height, "body": given and given.offsets.tolist()}
     body = stages.run("body.json", settings, write, Proportions.load)
     return body, read_json(report)
 

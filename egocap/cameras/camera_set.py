@@ -84,19 +84,20 @@ class CameraSet:
 def guessed_mount(T_first_camera: Float[Array, "V 4 4"]) -> Float[Array, "4 4"]:
     """T_head_first that puts the cameras' mean where `GUESS` says, image right = head right.
 
-    With several cameras the line between the outermost two runs left to right.
+    With several cameras the line between the outermost two runs left to right: as the pictures
+    have it or, where the line is across their right (cameras mounted upright), first to last.
     """
     from scipy.spatial.transform import Rotation
 
     mean = Rotation.from_matrix(T_first_camera[:, :3, :3]).mean().as_matrix()
     centres = T_first_camera[:, :3, 3]
-    across = centres[:, None] - centres[None]
+    axis = mean[:, 2]
+    across = centres[None] - centres[:, None]
+    across = across - (across @ axis)[..., None] * axis
     length = np.linalg.norm(across, axis=-1)
     if length.max() > 1e-3:
-        axis = mean[:, 2]
-        right = across[np.unravel_index(length.argmax(), length.shape)]
-        right = right - (right @ axis) * axis
-        right *= np.sign(right @ mean[:, 0]) / np.linalg.norm(right)
+        right = across[np.unravel_index(length.argmax(), length.shape)] / length.max()
+        right = -right if right @ mean[:, 0] < -0.5 else right
         mean = np.stack([right, np.cross(axis, right), axis], -1)
     T_first_mean = rigid(mean, centres.mean(0))
     guess = rigid(camera_rotation(_GUESSED_PITCH), np.array(_GUESSED_CENTRE))

@@ -322,6 +322,22 @@ def test_a_guessed_mount_looks_down_before_the_head() -> None:
 
 
 @pytest.mark.parametrize(
+    ("second", "right"),
+    [
+        ([-0.3, 0.0, 0.0], [1.0, 0.0]),  # left in the picture: this is the left one
+        ([0.0, 0.3, 0.0], [0.0, 1.0]),  # below, cameras mounted upright: the first is the left one
+        ([0.0, 0.0, 0.3], [1.0, 0.0]),  # along the axis: the picture's right
+    ],
+)
+def test_a_guessed_mount_of_two_cameras_in_a_line(second: list[float], right: list[float]) -> None:
+    one = CameraSet.of(stereo()).cameras[0]
+    place = rigid(np.eye(3), np.array(second))
+    pair = (one, dataclasses.replace(one, name="other", T_first_camera=place))
+    found = CameraSet(pair).rig("guess").T_head_camera[0]
+    np.testing.assert_allclose(found[:3, :2] @ right, [0.0, -1.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"intrinsics": [1.0]}, "cam0.*'pinhole' has 4 intrinsics"),

@@ -43,7 +43,10 @@ def find_clocks(
     found = [ViewTiming()]
     for view, other in zip(views[1:], others, strict=True):
         estimate = estimate_clock(first, other)
-        if estimate.problem:
+        if estimate.problem and estimate.timing.origin == "estimated":
+            log.warning("%s: %s; longer footage in which the head turns, or --lag, makes it sure",
+                        view.name, estimate.problem)  # fmt: skip
+        elif estimate.problem:
             log.warning("%s: clock assumed equal to that of %s (%s); set --lag where it is not",
                         view.name, views[0].name, estimate.problem)  # fmt: skip
         found.append(estimate.timing)

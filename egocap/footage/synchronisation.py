@@ -27,12 +27,14 @@ DRIFT_PRIOR_PPM = 60.0  # standard deviation of the difference of two crystals
 LEAST_CORRELATION = 0.5
 LEAST_OVERLAP_S = 3.0
 STILL_RAD_S = 0.03  # rate of a head at rest, with the noise of its measurement
-MOST_STD_S = 0.010  # of a lag that is still worth using
+MOST_STD_S = 0.010  # of a lag that is sure
+ROUGH_STD_S = 0.1  # of a lag that is better than none where it differs from none
 RIVAL = 0.97  # of the highest peak of the correlation: another lag explains the views as well
 WHAT = {"rotation": "the rotation of the head", "sound": "sound", "light": "changes of the light"}
 SOUND_STD_S = 0.003  # by which the sound of two cameras of one kind lies apart from their pictures
 SOUND_FAR_S = 0.1  # from the pictures: not the same sound
 _SMOOTH = 1.0  # standard deviation of the smoothing, frames
+_ALIKE = 2.0 * 2.0 * np.pi**0.5 * _SMOOTH  # two comparisons of the same smoothed noise
 _BLOCK_S = 1.0
 _ONSET_S = 1e-4  # by which the beginnings of sounds differ between microphones
 _ROUNDS = 12
@@ -46,14 +48,14 @@ class ClockEstimate:
     timing: ViewTiming
     correlation: float  # of the two signals, aligned; nan without any
     source: str  # 'rotation', 'sound', 'light' or 'none'
-    problem: str = ""  # why the clock could not be estimated
+    problem: str = ""  # why the clock could not be estimated, or not for sure
 
 
 def estimate_clock(first: ViewSignals, other: ViewSignals) -> ClockEstimate:
     """Clock of the other view, with the first's as the common one.
 
     Head rotation decides, and sound improves its drift; without enough rotation, sound, then sudden
-    changes of the light (a flash, a lamp).
+    changes of the light (a flash, a lamp). Where none is sure, a rough lag that is certainly not 0.
     """
     found = {"rotation": _estimate(first.rotation, other.rotation, "rotation")}
     if first.sound is not None and other.sound is not None:
@@ -65,6 +67,10 @@ def estimate_clock(first: ViewSignals, other: ViewSignals) -> ClockEstimate:
         found["light"] = _estimate(first.light, other.light, "light")
     for estimate in found.values():
         if not estimate.problem:
+            return estimate
+    for estimate in found.values():
+        std = estimate.timing.offset_std_s
+        if std is not None and std < ROUGH_STD_S and abs(estimate.timing.offset_s) > 3.0 * std:
             return estimate
     problem = "; ".join(f"{source}: {estimate.problem}" for source, estimate in found.items())
     return ClockEstimate(ViewTiming(note=problem), next(reversed(found.values())).correlation,
@@ -147,14 +153,13 @@ def _estimate(a: ViewSignal, b: ViewSignal, source: str) -> ClockEstimate:
     std = np.sqrt(np.diag(cov))
     middle = float(b.time.mean())
     std_middle = float(np.sqrt(max(np.array([1.0, middle]) @ cov @ [1.0, middle], 0.0)))
-    if std_middle > MOST_STD_S:
-        return failed(f"the lag is uncertain by {1e3 * std_middle:.0f} ms", correlation)
+    unsure = f"the lag is uncertain by {1e3 * std_middle:.0f} ms"
     timing = ViewTiming(
         offset_s=offset, drift_ppm=1e6 * drift, offset_std_s=float(np.hypot(std[0], _FLOOR_S)),
         drift_std_ppm=float(1e6 * std[1]), origin="estimated",
         note=f"from {WHAT[source]}, correlation {correlation:.2f}",
     )  # fmt: skip
-    return ClockEstimate(timing, correlation, source)
+    return ClockEstimate(timing, correlation, source, unsure if std_middle > MOST_STD_S else "")
 
 
 def coarse_lag(a: ViewSignal, b: ViewSignal) -> tuple[float, float, float]:
@@ -214,6 +219,7 @@ class _Linearised(NamedTuple):
     """The weighted least-squares problem of a step in the clock at the centre and the drift."""
 
     H: Float[Array, "2 2"]
+    curved: Float[Array, "2 2"]  # H with second derivatives: free of slopes' noise
     gradient: Float[Array, "n 2"]  # of every sample
     when: Float[Array, "n"]  # s, from the centre
     prior: Float[Array, "2 2"]  # the part of H that the prior adds
@@ -236,8 +242,8 @@ def _linearised(
         inside = (at > seen.time[1]) & (at < seen.time[-2])
         slope = sign * spline(at[inside], 1)
         J = np.stack([slope, slope * when[inside, None]], -1)
-        parts.append((rate[inside] - spline(at[inside]), J, when[inside]))
-    residual, J, when = (np.concatenate(p) for p in zip(*parts, strict=True))
+        parts.append((rate[inside] - spline(at[inside]), J, spline(at[inside], 2), when[inside]))
+    residual, J, curvature, when = (np.concatenate(p) for p in zip(*parts, strict=True))
     size = np.linalg.norm(residual, axis=1)
     usual = float(np.sqrt(np.mean(size**2))) if a.events else 1.4826 * float(np.median(size))
     scale = max(usual, 1e-9)
@@ -245,18 +251,27 @@ def _linearised(
     variance = 0.5 * scale**2
     prior = np.diag([0.0, variance / (1e-6 * DRIFT_PRIOR_PPM) ** 2])
     H = np.einsum("n,nki,nkj->ij", weight, J, J) + prior
-    return _Linearised(H, np.einsum("n,nki,nk->ni", weight, J, residual), when, prior, variance)
+    powers = np.stack([np.ones_like(when), when], -1)
+    bent = np.einsum("n,nk,nk,ni,nj->ij", weight, curvature, residual, powers, powers)
+    gradient = np.einsum("n,nki,nk->ni", weight, J, residual)
+    return _Linearised(H, H - bent, gradient, when, prior, variance)
 
 
 def _sandwich(model: _Linearised) -> Float[Array, "2 2"]:
-    """Covariance of an M-estimate whose errors are correlated within blocks."""
+    """Covariance of an M-estimate whose errors are correlated within blocks.
+
+    Few blocks often agree by chance: the errors are at least those of the samples, `_ALIKE` of
+    which are as one.
+    """
     block = np.floor((model.when - model.when.min()) / _BLOCK_S).astype(int)
     sums = np.zeros((block.max() + 1, 2))
     np.add.at(sums, block, model.gradient)
     count = np.unique(block).size
-    meat = sums.T @ sums * count / max(count - 2, 1) + model.variance * model.prior
-    inverse = np.linalg.inv(model.H)
-    return inverse @ meat @ inverse
+    of_blocks = sums.T @ sums * count / max(count - 2, 1)
+    of_samples = _ALIKE * model.gradient.T @ model.gradient
+    inverse = np.linalg.inv(model.curved)
+    return max((inverse @ (meat + model.variance * model.prior) @ inverse
+                for meat in (of_blocks, of_samples)), key=lambda cov: cov[0, 0])  # fmt: skip
 
 
 def _on_grid(signal: ViewSignal, step: float) -> Float[Array, "n K"]:

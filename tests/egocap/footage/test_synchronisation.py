@@ -19,9 +19,9 @@ FPS = 29.97
 class Head:
     """Random smooth rotation angles of a head; three axes."""
 
-    def __init__(self, seconds: float, rate: float = 1.0, seed: int = 0) -> None:
+    def __init__(self, seconds: float, rate: float = 1.0, seed: int = 0, knot=0.15) -> None:
         rng = np.random.default_rng(seed)
-        knots = np.arange(-2.0, seconds + 2.0, 0.15)
+        knots = np.arange(-2.0, seconds + 2.0, knot)
         self.angle = CubicSpline(knots, rng.normal(0.0, 0.06 * rate, (len(knots), 3)))
 
     def seen(self, seconds, offset=0.0, drift=0.0, noise=1e-4, seed=1, lost=(), repeated=()):
@@ -69,6 +69,26 @@ def test_drift_within_its_stated_uncertainty():
         errors.append((timing.drift_ppm - 45) / timing.drift_std_ppm)
         assert abs(timing.drift_ppm - 45) < 20
     assert np.sqrt(np.mean(np.square(errors))) < 2.5
+
+
+def test_a_slow_heads_lag_within_its_stated_uncertainty():
+    """The slopes of slow rates are mostly noise, which must not count as signal."""
+    errors = []
+    for seed in range(30):
+        head = Head(14, seed=seed, knot=0.8)
+        first = head.seen(11, noise=1e-3, seed=100 + seed)
+        timing = estimate(first, head.seen(10, 0.5, noise=1e-3, seed=200 + seed)).timing
+        middle = timing.offset_s + 5e-6 * timing.drift_ppm
+        errors.append((middle - 0.5) / timing.offset_std_s)
+    assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.4
+
+
+@pytest.mark.parametrize(("offset", "origin"), [(0.5, "estimated"), (0.0, "assumed")])
+def test_a_rough_lag_is_used_where_it_is_certainly_not_0(offset, origin):
+    head = Head(8, seed=1, knot=0.8)
+    found = estimate(head.seen(5, noise=2e-3), head.seen(4.2, offset, noise=2e-3, seed=2))
+    assert "uncertain by" in found.problem and found.timing.origin == origin
+    assert found.timing.offset_s == pytest.approx(offset, abs=0.05)
 
 
 def test_short_footage_leaves_the_drift_to_the_prior():

@@ -177,6 +177,8 @@ def advise(found: Findings, warning: str | None = None) -> list[str]:
     `warning` is the track's own, named where the findings name no cause.
     """
     geometry = _about_geometry(found) or ([] if warning is None else [f"Warning: {warning}."])
+    if np.isnan(found.agreement.as_given) and len(found.residual) > 1:
+        geometry.append("The views share too few detections to compare them with the rig file.")
     return [*geometry, *_about_place(found), *_about_sight(found), *_about_pictures(found)] or [
         "Nothing stands out: all joints are seen and the views agree."
     ]
@@ -184,8 +186,6 @@ def advise(found: Findings, warning: str | None = None) -> list[str]:
 
 def _about_geometry(found: Findings) -> list[str]:
     seen = found.agreement
-    if np.isnan(seen.as_given):
-        return ["The views share too few detections to compare them with the rig file."]
     miss = (f"Rays to the same joint miss each other by {seen.as_given:.1f} degrees (the "
             f"detector's own error: {seen.expected:.1f})")  # fmt: skip
     if seen.looks_exchanged:
@@ -233,8 +233,9 @@ def _about_sight(found: Findings) -> list[str]:
     unseen = sorted({_plain(name) for name, share in found.seen.items()
                      if share < SELDOM <= found.in_view[name] and name != "head"})  # fmt: skip
     if unseen:
-        lines.append(f"In the pictures but seldom recognised: {', '.join(unseen)}. More light, a "
-                     "shorter exposure or clothes unlike the background help.")  # fmt: skip
+        lines.append(f"In the pictures but seldom recognised: {', '.join(unseen)}. Where they are "
+                     "not hidden, more light, a shorter exposure or clothes unlike the background "
+                     "help.")  # fmt: skip
     return lines
 
 

@@ -72,6 +72,18 @@ def test_frames_without_a_place_are_told():
     assert any("known in 50 % of the frames" in line for line in told.advice)
 
 
+@pytest.mark.parametrize("views", [1, 2])
+def test_a_wrong_body_is_told_where_views_cannot_be_compared(views):
+    """One camera has nothing to compare; two share too few detections in two frames."""
+    made = make_motion(frames=60 if views == 1 else 2)
+    rig = replace(made.rig, mounts=made.rig.mounts[:views])
+    one = replace(made, rig=rig).detect("simulated:2.0")
+    track = Tracker(rig, Proportions.from_lengths(1.3)).track(one)
+    told = find(track, one, rig, Footage(views=(), report={}), check_agreement(one, rig))
+    assert "The body comes out 7" in told.advice[0]
+    assert any("share too few" in line for line in told.advice) is (views == 2)
+
+
 def test_what_is_not_known_is_null():
     made = make_motion(frames=12)
     found = made.detect("simulated:2.0")

@@ -161,7 +161,7 @@ def _turn(pair: _Pair, sigma: float) -> float | None:
         return np.arcsin(np.clip(np.sum(unit(np.cross(line, u)) * turned, -1), -1.0, 1.0))
 
     before = float(np.median(np.abs(off(np.zeros(6)))))
-    if before < sigma:  # the median of errors as large as stated is 0.95 sigma: nothing to explain
+    if before < 1.5 * sigma:  # the median of errors as large as stated is 0.95 sigma
         return None
     weak = 0.1  # holds what the rays do not determine
     x = np.zeros(6)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from egocap.cameras.rig_files import load_rig
 from egocap.geometry import axis_angle
 from egocap.track.view_agreement import check_agreement
-from tests.egocap.conftest import make_motion
+from tests.egocap.conftest import RIG, make_motion
 
 
 @pytest.fixture(scope="module")
@@ -61,3 +62,11 @@ def test_exact_detections_that_state_no_error_agree(made):
     seen = check_agreement(made.detect("simulated:0"), made.rig)
     assert seen.as_given < 1e-3 and seen.expected == 0.0 and np.isnan(seen.turned)
     assert not seen.looks_exchanged and not seen.looks_like_another_rig
+
+
+def test_a_detector_that_is_off_by_joint_turns_no_view():
+    """Few joints common to two views fit a turn of them by chance."""
+    made = replace(make_motion(frames=40, seed=5), rig=load_rig(RIG.with_name("headset4.toml")))
+    found = made.detect("simulated:2.0", seed=5)
+    off = np.random.default_rng(5).normal(0.0, 2.5, (1, *found.points.shape[1:]))
+    assert np.isnan(check_agreement(replace(found, points=found.points + off), made.rig).turned)

@@ -71,7 +71,8 @@ def sinking(errors: PoseErrors) -> float:
         return NAN
     joints = world.joints
     if errors.own_world is not None:
-        joints = _aligned(world.joints, truth, world.known)
+        placed = errors.valid & world.known[:, None]
+        joints = align_sequence(world.joints, truth, placed, scaled=False)
     depths = []
     for part in (0, 1):
         feet, columns = list(FEET[part::2]), [part, part + 2]
@@ -153,13 +154,6 @@ def _world(
         return nothing, nothing, np.zeros(nothing.shape[:2], bool)
     counted = errors.counted[:, index] & world.known[:, None]
     return world.joints[:, index], truth[:, index], counted
-
-
-def _aligned(
-    joints: Float[Array, "T 18 3"], truth: Float[Array, "T 18 3"], known: Bool[Array, "T"]
-) -> Float[Array, "T 18 3"]:
-    mask = np.broadcast_to(known[:, None], joints.shape[:2])
-    return align_sequence(joints, truth, mask, scaled=False)
 
 
 def touching_feet(contact: Bool[Array, "T 4"]) -> Bool[Array, "T 2"]:

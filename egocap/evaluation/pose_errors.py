@@ -152,10 +152,10 @@ class PoseErrors:
         """The motion in its own world, or in the true one by the true head pose."""
         if self.own_world is not None:
             return self.own_world
-        if self.truth.T_world_head is None or not self.valid[:, FEET].all():
+        if self.truth.T_world_head is None:
             return None
         joints = transform(self.truth.T_world_head, self.predicted)
-        return WorldPrediction(joints, np.ones(len(joints), bool))
+        return WorldPrediction(joints, np.asarray(self.valid[:, FEET].all(1)))
 
     @cached_property
     def true_world(self) -> Float[Array, "T 18 3"] | None:

@@ -49,14 +49,16 @@ def contact_f1(errors: PoseErrors) -> float:
     count where true contacts are known (`GroundTruth.propped`).
     """
     world, contact, times = errors.world, errors.truth.contact, errors.truth.times
-    if world is None or contact is None or len(times) < 2:
+    if world is None or contact is None or world.known.sum() < 2:
         return NAN
+    known = world.known
     if world.contacts is None:
-        found = metrics.estimate_planted(world.joints[:, TOES], times)
+        found = metrics.estimate_planted(world.joints[known][:, TOES], times[known])
     else:
-        found = touching_feet(world.contacts >= 0.5)
-    counted = world.known if errors.truth.propped is None else world.known & ~errors.truth.propped
-    return metrics.f1_score(found[counted], touching_feet(contact)[counted])
+        found = touching_feet(world.contacts[known] >= 0.5)
+    truth = touching_feet(contact[known])
+    counted = ... if errors.truth.propped is None else ~errors.truth.propped[known]
+    return metrics.f1_score(found[counted], truth[counted])
 
 
 def sinking(errors: PoseErrors) -> float:

@@ -24,6 +24,7 @@ from egocap.head_pose.result import HeadTrajectory
 from egocap.head_pose.trajectory_files import Trajectory, read_trajectory
 
 MOST_STEP = 0.25  # s between poses of a trajectory without a gap
+_SAME_S = 1e-6  # files state times in decimals
 
 
 def foreign_trajectory(
@@ -109,10 +110,11 @@ def _at_frames(
     from egocap.data.head_pose import interpolate_poses
     from egocap.head_pose.result import gaps_of
 
-    after = np.clip(np.searchsorted(time, times), 1, len(time) - 1)
+    after = np.clip(np.searchsorted(time, times - _SAME_S), 0, len(time) - 1)
+    before = np.maximum(np.searchsorted(time, times + _SAME_S, side="right") - 1, 0)
     step = max(MOST_STEP, 1.5 * float(np.median(np.diff(time))))
-    inside = (times >= time[0] - 1e-9) & (times <= time[-1] + 1e-9)
-    covered = np.flatnonzero(inside & (time[after] - time[after - 1] <= step))
+    inside = (times >= time[0] - _SAME_S) & (times <= time[-1] + _SAME_S)
+    covered = np.flatnonzero(inside & (time[after] - time[before] <= step))
     if not len(covered):
         raise FileError(path, f"poses from {time[0]:.3f} to {time[-1]:.3f} s",
                         valid=f"some of the frames' times, {times[0]:.3f} to {times[-1]:.3f} s; "

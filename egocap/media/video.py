@@ -88,7 +88,7 @@ class Video:
         back = 0.0
         while True:
             with self._open() as (container, stream):
-                seeks = start > back and math.isfinite(start) and not _reordered(container, stream)
+                seeks = start > back and math.isfinite(start) and _seekable(container, stream)
                 if seeks:
                     assert stream.time_base is not None
                     container.seek(int((start - back) / stream.time_base), stream=stream)
@@ -202,6 +202,11 @@ def _decoded(
 def _reordered(container: InputContainer, stream: VideoStream) -> bool:
     """Whether stamps are in decoding's order, not in that of the pictures: B-frames in AVI."""
     return container.format.name == "avi" and bool(stream.codec_context.has_b_frames)
+
+
+def _seekable(container: InputContainer, stream: VideoStream) -> bool:
+    """Whether pictures have the same times after a jump. Program streams state those of few."""
+    return container.format.name != "mpeg" and not _reordered(container, stream)
 
 
 def _stamp(pts: int | None, dts: int | None) -> int | None:

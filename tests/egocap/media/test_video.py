@@ -93,6 +93,17 @@ def test_every_frame_of_a_transport_stream_or_open_gop_is_found_by_a_jump(tmp_pa
         np.testing.assert_array_equal(Video(path, threads=1).image(number), expected)
 
 
+@pytest.mark.parametrize("name", ["a.mpg", "a.vob"])
+def test_every_frame_of_a_program_stream_is_found_by_a_jump(tmp_path, name, monkeypatch):
+    monkeypatch.setitem(globals(), "picture", noisy)
+    codec = {"a.mpg": "mpeg1video", "a.vob": "mpeg2video"}[name]
+    path = write_video(tmp_path / name, [i + 300 for i in range(40)], codec, clock=30)
+    in_order = [image for _, image in open_video(path).frames()]
+    assert len(in_order) == len(open_video(path).times) == 40
+    for number, expected in enumerate(in_order):
+        np.testing.assert_array_equal(Video(path, threads=1).image(number), expected)
+
+
 def test_avi_with_b_frames_is_in_the_order_of_the_pictures(tmp_path):
     path = write_video(tmp_path / "a.avi", range(25), options={"g": "10", "bf": "3"}, clock=30)
     video = open_video(path)

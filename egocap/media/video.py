@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _READ_ON_S = 1.0
 """Seconds ahead up to which `Video.image` decodes on instead of seeking."""
+_BACK_S = 0.1  # by which times of decoding may fall: as in ffmpeg
+_WRAPPED_S = 12 * 3600.0  # a larger step is a jump back, taken for the end of a 33-bit counter
 _TICK_S = 1e-6  # by which times may differ in rounding
 
 
@@ -54,21 +56,37 @@ class Video:
     def times(self) -> Float[Array, "N"]:
         """Time of every frame in the file, damaged ones included [s]; increasing.
 
-        The whole file is read once, and nothing decoded.
+        The whole file is read once, and nothing decoded. Raises FileError where the clock jumps
+        back, as in files that were joined byte by byte: pictures would share their times.
         """
         return self._times
 
     @cached_property
     def _times(self) -> Float[Array, "N"]:
         with self._open() as (container, stream):
-            stamps = {
-                _stamp(packet.pts, packet.dts)
+            packets = [
+                (_stamp(packet.pts, packet.dts), packet.dts)
                 for packet in _packets(container, stream)
                 if not packet.is_discard
-            }
+            ]
             assert stream.time_base is not None
             base = float(stream.time_base)
-        return np.sort([stamp * base for stamp in stamps if stamp is not None])
+        self._require_one_clock(np.array([base * dts for _, dts in packets if dts is not None]))
+        return np.sort([stamp * base for stamp in {stamp for stamp, _ in packets}
+                        if stamp is not None])  # fmt: skip
+
+    def _require_one_clock(self, decoding: Float[Array, "n"]) -> None:
+        """Raise FileError where times of decoding, in the file's order, are of several clocks."""
+        from scipy.ndimage import median_filter
+
+        decoding = median_filter(decoding, 5, mode="nearest")  # but for single damaged ones
+        steps = np.diff(decoding)
+        jump = np.flatnonzero((steps < -_BACK_S) | (steps > _WRAPPED_S))
+        if len(jump):
+            before, after = decoding[jump[0] : jump[0] + 2]
+            raise FileError(self.path, f"its clock jumps from {before:.2f} to {after:.2f} s",
+                            valid="one recording a file; ffmpeg -i FILE -c copy NEW.mp4 makes the "
+                            "times even")  # fmt: skip
 
     def frames(
         self, start: float = -math.inf, end: float = math.inf

@@ -39,8 +39,8 @@ class Video:
     Raises FileError if it is no video, or holds no frame that can be decoded.
     """
 
-    def __init__(self, path: str | Path, threads: int = 0) -> None:
-        self.path, self._threads = Path(path), threads  # 0: as many as there are cores
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
         first = next(self.frames(), None)
         if first is None:
             raise FileError(self.path, "holds no frame that can be decoded", valid="a whole video")
@@ -88,18 +88,9 @@ class Video:
                             valid="one recording a file; ffmpeg -i FILE -c copy NEW.mp4 makes the "
                             "times even")  # fmt: skip
 
-    def frames(
-        self, start: float = -math.inf, end: float = math.inf
-    ) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
-        """Time [s] and RGB image of every decodable frame, from `start` to `end`, in order."""
-        return ((time, _upright(frame)) for time, frame in self._frames(start, end))
-
-    def _frames(self, start: float, end: float = math.inf) -> Iterator[tuple[float, VideoFrame]]:
-        for time, frame in self._from(start):
-            if time > end + _TICK_S:
-                return
-            if time >= start - _TICK_S:
-                yield time, frame
+    def frames(self) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
+        """Time [s] and RGB image of every decodable frame, in order."""
+        return ((time, _upright(frame)) for time, frame in self._from(-math.inf))
 
     def _from(self, start: float) -> Iterator[tuple[float, VideoFrame]]:
         """Frames from a time or before on: seeking may end behind the key frame that is needed."""
@@ -135,7 +126,7 @@ class Video:
         """
         wanted = float(self.times[index])
         if not self._last[0] - _TICK_S <= wanted <= self._last[0] + _READ_ON_S:
-            self._run = self._frames(start=wanted)
+            self._run = self._from(wanted)
             self._last = (-math.inf, None)
         while self._last[0] < wanted - _TICK_S:
             self._last = next(self._run, (math.inf, None))
@@ -147,14 +138,14 @@ class Video:
         self._run, self._last = iter(()), (math.inf, None)
 
     def _open(self) -> _Opened:
-        return _Opened(self.path, self._threads)
+        return _Opened(self.path)
 
 
 class _Opened:
     """The container and its first video stream, closed at the end of a `with`."""
 
-    def __init__(self, path: Path, threads: int) -> None:
-        self.path, self.threads = path, threads
+    def __init__(self, path: Path) -> None:
+        self.path = path
 
     def __enter__(self) -> tuple[InputContainer, VideoStream]:
         import av.container
@@ -172,7 +163,7 @@ class _Opened:
             raise FileError(self.path, "holds no pictures", valid="a video")
         stream = self.container.streams.video[0]
         stream.thread_type = "AUTO"
-        stream.codec_context.thread_count = self.threads
+        stream.codec_context.thread_count = 0  # as many as there are cores
         return self.container, stream
 
     def __exit__(self, *_: object) -> None:

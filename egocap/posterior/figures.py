@@ -149,9 +149,9 @@ def draw_fan(
     return figure
 
 
-def draw_corner(posterior: Posterior, parameters: Sequence[str] | None = None) -> Figure:
-    """Histograms of chosen parameters, alone and in pairs; by default the five least certain."""
-    names = list(parameters or _least_certain(posterior, 5))
+def draw_corner(posterior: Posterior) -> Figure:
+    """Histograms of the five least certain angles, alone and in pairs."""
+    names = _least_certain(posterior, 5)
     columns = [posterior.names.index(name) for name in names]
     values = np.rad2deg(posterior.flat[:, columns])
     n = len(names)

@@ -68,10 +68,11 @@ def _of_rig(found: Trajectory, rig: Rig, times: Float[Array, "T"], path: Path) -
         raise FileError(path, f"pictures of {', '.join(sorted(set(found.view))[:4])}",
                         valid=f"of the views {', '.join(rig.views)}")  # fmt: skip
     rows = np.array([v == named[0] for v in found.view])
-    frame = found.time[rows].astype(int)
-    if frame.max() >= len(times) or len(np.unique(frame)) < len(frame):
-        raise FileError(path, f"frame {frame.max()} or a frame twice",
+    number = found.time[rows]
+    if number.max() >= len(times) or len(np.unique(number)) < len(number):
+        raise FileError(path, f"frame {number.max():.0f} or a frame twice",
                         valid=f"pictures named by frame, 0 to {len(times) - 1}")  # fmt: skip
+    frame = number.astype(int)
     T_camera_head = inverse(rig.T_head_camera[rig.views.index(named[0])])
     rotation = rigid(T_camera_head[:3, :3], np.zeros(3))
     return replace(found, time=times[frame], T_world_device=found.T_world_device[rows] @ rotation)

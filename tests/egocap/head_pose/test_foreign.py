@@ -5,6 +5,7 @@ import pytest
 
 from egocap.cameras.rig_files import load_rig
 from egocap.data.head_pose import head_poses_at
+from egocap.errors import FileError
 from egocap.head_pose.config import ForeignOptions
 from egocap.head_pose.foreign import foreign_trajectory
 from egocap_sim.core.resources import builtin_file
@@ -29,3 +30,12 @@ def test_poses_on_either_side_of_a_gap_are_kept(tmp_path, offset):
     assert [(gap.first, gap.last) for gap in found.gaps] == [(10, 24), (26, 39)]
     known = head_poses_at(TIMES, TIMES[kept], poses).known
     np.testing.assert_array_equal(np.flatnonzero(known), kept)
+
+
+@pytest.mark.parametrize("name", ["000060", "9" * 30])
+def test_pictures_of_other_frames_are_refused(tmp_path, name):
+    path = tmp_path / "images.txt"
+    path.write_text(f"1 1 0 0 0 0 0 0 1 left/000000.png\n\n2 1 0 0 0 0 0 0 1 left/{name}.png\n\n")
+    rig = load_rig(builtin_file("rig", "egorig1"))
+    with pytest.raises(FileError, match="pictures named by frame, 0 to 59"):
+        foreign_trajectory(path, ForeignOptions(format="colmap"), rig, TIMES)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.data.head_pose import load_head_pose
+from egocap.data.head_pose import SAME_S, interpolate_poses, load_head_pose
 from egocap.errors import FileError, InputError
 from egocap.geometry import inverse, rigid, unit
 from egocap.head_pose.alignment import Alignment, align, aligned
@@ -24,7 +24,6 @@ from egocap.head_pose.result import HeadTrajectory
 from egocap.head_pose.trajectory_files import Trajectory, read_trajectory
 
 MOST_STEP = 0.25  # s between poses of a trajectory without a gap
-_SAME_S = 1e-6  # files state times in decimals
 
 
 def foreign_trajectory(
@@ -108,13 +107,12 @@ def _at_frames(
     times: Float[Array, "T"], path: Path, facts: dict[str, Any],
 ) -> HeadTrajectory:  # fmt: skip
     """Interpolated at the frames between poses near in time; the other frames are gaps."""
-    from egocap.data.head_pose import interpolate_poses
     from egocap.head_pose.result import gaps_of
 
-    after = np.clip(np.searchsorted(time, times - _SAME_S), 0, len(time) - 1)
-    before = np.maximum(np.searchsorted(time, times + _SAME_S, side="right") - 1, 0)
+    after = np.clip(np.searchsorted(time, times - SAME_S), 0, len(time) - 1)
+    before = np.maximum(np.searchsorted(time, times + SAME_S, side="right") - 1, 0)
     step = max(MOST_STEP, 1.5 * float(np.median(np.diff(time))))
-    inside = (times >= time[0] - _SAME_S) & (times <= time[-1] + _SAME_S)
+    inside = (times >= time[0] - SAME_S) & (times <= time[-1] + SAME_S)
     covered = np.flatnonzero(inside & (time[after] - time[before] <= step))
     if not len(covered):
         raise FileError(path, f"poses from {time[0]:.3f} to {time[-1]:.3f} s",

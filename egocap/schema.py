@@ -101,7 +101,7 @@ def _inside(node: Any) -> Any:
 def read_text(path: str | Path, limit: int = MOST_TEXT) -> str:
     """Read a text file. Raises FileError if it is missing, a folder, too large, or not UTF-8."""
     try:
-        text = read_bytes(path, limit).decode()
+        text = read_bytes(path, limit).decode("utf-8-sig")  # some editors write a mark
     except UnicodeDecodeError:
         raise FileError(path, "not a text file (UTF-8)") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -24,6 +24,14 @@ def interpolate(
     return found.reshape(*np.shape(at), *values.shape[1:])
 
 
+def nearest(times: Float[Array, "N"], wanted: Float[Array, "T"]) -> Int[Array, "T"]:
+    """Places in ascending `times`, one or more, nearest to those wanted; of two the earlier."""
+    after = np.clip(np.searchsorted(times, wanted), 1, max(len(times) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(times) - 1)
+    return np.where(wanted - times[before] <= times[after] - wanted, before, after)
+
+
 def runs(numbers: Int[Array, "n"], gap: int = 1) -> Iterator[Int[Array, "m"]]:
     """Split ascending numbers where they rise by more than `gap`; nothing if there are none."""
     if len(numbers):

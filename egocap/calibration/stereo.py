@@ -43,7 +43,7 @@ def start_poses(views: Sequence[ViewCalibration], board: Board) -> Float[Array, 
     while len(T_view_rig) < len(views):
         links = [(shared_pose(views[p], views[v], board), p, v) for p in T_view_rig
                  for v in range(len(views)) if v not in T_view_rig]  # fmt: skip
-        (T, agree, shared), placed, new = max(links, key=lambda link: link[0][1])
+        (T, agree, shared), placed, new = max(links, key=_certainty)
         if 2 * agree < shared:
             raise InputError(
                 f"{views[new].view.name}: only {agree} of {shared} pictures that show the board "
@@ -60,6 +60,12 @@ def start_poses(views: Sequence[ViewCalibration], board: Board) -> Float[Array, 
             )
         T_view_rig[new] = T @ T_view_rig[placed]
     return np.array([T_view_rig[v] for v in range(len(views))])
+
+
+def _certainty(link: tuple[tuple[Array, int, int], int, int]) -> tuple[bool, int]:
+    """Of two views: whether enough of their boards agree, and how many do."""
+    (_, agree, shared), *_ = link
+    return LEAST_SHARED <= agree >= shared / 2, agree
 
 
 def shared_pose(

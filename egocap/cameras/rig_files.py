@@ -133,6 +133,7 @@ class ExactRig(Strict):
 def load_rig(path: str | Path) -> Rig:
     """Read a rig file: .json, or TOML with any other suffix. Raises FileError."""
     path = Path(path)
+    _require_file(path)
     if path.suffix.lower() in FOREIGN_SUFFIXES:
         raise FileError(path, "holds cameras, not a rig: where they are on the head is not in it",
                         valid="a rig file; egocap rig convert makes one")  # fmt: skip
@@ -146,10 +147,18 @@ def load_rig_or_cameras(path: str | Path, size: tuple[int, int] | None = None) -
     `size` (width, height) is for calibrations that do not hold the image size.
     """
     path = Path(path)
+    _require_file(path)
     data = read_json(path) if path.suffix.lower() == ".json" else {}
     if path.suffix.lower() == ".toml" or {"mounts", "stereo", "cameras"} & data.keys():
         return load_rig(path)
     return read_cameras(path, size)
+
+
+def _require_file(path: Path) -> None:
+    """Raise FileError for what may be the name of a built-in rig."""
+    if not path.suffix and not path.exists():
+        raise FileError(path, "no such file", valid="a rig file, .toml or .json; the built-in rigs "
+                        "are for egocap-sim, whose sequences hold theirs as rig.json")  # fmt: skip
 
 
 def write_rig(path: Path, rig: Rig) -> None:

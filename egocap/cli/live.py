@@ -105,7 +105,9 @@ def live(
     if list:
         return _print_cameras(json)
     if rig is None or body is None:
-        raise InputError("live without --rig or --body", valid="both, or --list")
+        missing = [name for name, value in (("--rig", rig), ("--body", body)) if value is None]
+        valid = "--rig FILE and --body FILE or average:HEIGHT, or --list"
+        raise InputError(f"live without {' and '.join(missing)}", valid=valid)
     loaded = load_rig(rig)
     _check(sources, len(loaded.mounts), run, settings)
     person = find_body(body)

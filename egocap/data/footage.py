@@ -42,10 +42,6 @@ class ViewTiming(Strict):
         """Common times of times by the view's own clock [s]."""
         return self.offset_s + (1.0 + 1e-6 * self.drift_ppm) * np.asarray(own)
 
-    def to_own(self, common: Float[Array, "*N"]) -> Float[Array, "*N"]:
-        """Times by the view's own clock of common times [s]."""
-        return (np.asarray(common) - self.offset_s) / (1.0 + 1e-6 * self.drift_ppm)
-
 
 class ViewColour(Strict):
     """Factors on recorded red, green and blue that bring a view's colours to the first view's."""

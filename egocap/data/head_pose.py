@@ -26,6 +26,8 @@ _UNSURE_M = 10.0  # largest standard deviation of the floor's height
 _SLACK = 1.0  # allowed extrapolation, in median steps between poses
 GAP_S = 0.2
 """Seconds between poses above which there is a gap, if their median step is not longer."""
+SAME_S = 1e-6
+"""Seconds by which times of one instant differ in rounding."""
 FARTHEST_M = 1e5
 """Largest coordinate of a head, m; exported motions are float32, which there resolves 8 mm."""
 
@@ -117,8 +119,8 @@ def head_poses_at(
     steps = np.diff(known)
     step = float(np.median(steps)) if len(steps) else 1e-3
     longest = max(GAP_S, (1.0 + _SLACK) * step)
-    after = np.clip(np.searchsorted(known, times), 0, len(known) - 1)
-    before = np.maximum(np.searchsorted(known, times, side="right") - 1, 0)
+    after = np.clip(np.searchsorted(known, times - SAME_S), 0, len(known) - 1)
+    before = np.maximum(np.searchsorted(known, times + SAME_S, side="right") - 1, 0)
     distance = np.minimum(np.abs(known[after] - times), np.abs(known[before] - times))
     inside = known[after] - known[before] <= longest
     outside = (times < known[0]) | (times > known[-1])

@@ -7,6 +7,10 @@ A package names its function in its pyproject.toml,
 
 and `egocap-eval pose SEQ --tracker mine` (or, without installation, `--tracker my_package:track`)
 runs and scores it. Plug-ins have no access to the truth.
+
+A detector takes a `SequenceView` and returns `Detections`. A tracker takes a `SequenceView` and the
+detections of --detections, None without that option, and returns a `Track` or joints in the head
+frame: (T, 18, 3) in metres, in the order of `labels.LABELS`, NaN for unknown joints.
 """
 
 from __future__ import annotations
@@ -14,14 +18,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Any, Protocol
+from typing import Any
 
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
-from egocap.data.detections import Detections
 from egocap.data.sequence import Frame, Sequence
 from egocap.errors import InputError
 
@@ -50,20 +53,6 @@ class SequenceView:
     def images(self, index: int) -> tuple[UInt8[Array, "H W 3"], ...]:
         """RGB images of all views at a frame, as `egocap.track.tracker.track` takes them."""
         return self._frame(index).images
-
-
-class DetectorPlugin(Protocol):
-    """Finds the 18 labels in every view of every frame."""
-
-    def __call__(self, sequence: SequenceView) -> Detections: ...
-
-
-class TrackerPlugin(Protocol):
-    """Estimates joints in the head frame: an array (T, 18, 3) in metres, in the order of
-    `labels.LABELS`, NaN for unknown joints; or a `Track`. `detections` are those of --detections,
-    None without that option."""
-
-    def __call__(self, sequence: SequenceView, detections: Detections | None) -> Any: ...
 
 
 def installed(group: str) -> list[str]:

@@ -24,9 +24,12 @@ MOST_FRAMES, MOST_RATIO = 100_000, 10
 
 
 def typical_step(times: Float[Array, "T"]) -> float:
-    """Mean of the steps near the median one [s]: a container may round times to milliseconds."""
+    """Mean of the steps near the median one [s]: a container may round times to milliseconds.
+
+    Of two middle ones the shorter: their mean may be near none.
+    """
     steps = np.diff(times)
-    middle = float(np.median(steps))
+    middle = float(np.quantile(steps, 0.5, method="lower"))
     return float(steps[np.abs(steps - middle) <= 0.1 * middle + _ROUNDED_S].mean())
 
 

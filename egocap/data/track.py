@@ -82,8 +82,10 @@ def save_track(path: str | Path, track: Track) -> None:
 
 
 def load_track(path: str | Path) -> Track:
-    """Read a track. FileError names a missing, damaged or misshapen array."""
+    """Read a track. FileError names a missing, damaged, misshapen or empty array."""
     found = load_record(path, "egocap-track", Track)
+    if not len(found.times):
+        raise FileError(path, "holds no frame", key="times", valid="one frame or more")
     if found.hidden is not None and found.hidden.max(initial=0) >= len(HIDDEN):
         raise FileError(path, f"holds the code {found.hidden.max()}", key="hidden",
                         valid=f"0 to {len(HIDDEN) - 1}")  # fmt: skip

@@ -19,7 +19,7 @@ from egocap.cameras.rig import Rig
 from egocap.errors import InputError
 from egocap.evaluation.predictions import UNITS, Predictions
 from egocap.geometry import inverse, transform
-from egocap.series import runs
+from egocap.series import nearest, runs
 
 log = logging.getLogger(__name__)
 
@@ -149,7 +149,7 @@ def _rows(predictions: Predictions, times: Array) -> Array:
                              valid=f"0 to {len(times) - 1}")  # fmt: skip
         return predictions.frames
     assert predictions.times is not None
-    rows = np.abs(predictions.times[:, None] - times).argmin(1)
+    rows = nearest(times, predictions.times)
     apart = ~(np.abs(predictions.times - times[rows]) <= SAME_TIME_S)
     if apart.any():
         first = predictions.times[np.argmax(apart)]

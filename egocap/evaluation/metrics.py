@@ -182,8 +182,14 @@ def estimate_planted(feet: Float[Array, "T F 3"], times: Float[Array, "T"]) -> B
     times = np.asarray(times, np.float64)
     _, speed = foot_speed(feet, times)
     lowest = feet[..., 2].min(-1)
-    near = np.abs(times[:, None] - times) <= WINDOW_S  # (T, T)
-    floor = np.where(near, lowest, np.inf).min(-1)
+    floor = lowest.copy()
+    for apart in range(1, len(times)):
+        near = times[apart:] - times[:-apart] <= WINDOW_S
+        if not near.any():
+            break
+        earlier, later = floor[:-apart], floor[apart:]
+        np.minimum(earlier, lowest[apart:], out=earlier, where=near)
+        np.minimum(later, lowest[:-apart], out=later, where=near)
     return (speed <= PLANTED_SPEED) & (feet[..., 2] - floor[:, None] <= PLANTED_HEIGHT)
 
 

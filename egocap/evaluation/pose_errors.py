@@ -31,7 +31,7 @@ class GroundTruth:
 
     `seen` splits errors by visibility; the foot measures need `T_world_head` and `contact`. A
     measure without its input is left out. Raises InputError for shapes that differ, a coordinate
-    that is not finite, or no frame.
+    that is not finite, times that do not increase, or no frame.
     """
 
     joints_head: Float[Array, "T 18 3"]  # metres, `egocap.body.labels.LABELS`
@@ -49,9 +49,17 @@ class GroundTruth:
         require_shape(joints, ("T", len(LABELS), 3), "true joints")
         if not len(joints):
             raise InputError("there is no frame to score", valid="one frame or more")
-        for what, mask in (("visibility", self.seen), ("the labels' mask", self.labelled)):
-            if mask is not None and mask.shape != joints.shape[:2]:
-                raise InputError(f"{what} has shape {mask.shape}", valid=str(joints.shape[:2]))
+        T = len(joints)
+        for what, array, shape in (
+            ("times", self.times, (T,)), ("visibility", self.seen, (T, len(LABELS))),
+            ("the labels' mask", self.labelled, (T, len(LABELS))),
+            ("the head poses", self.T_world_head, (T, 4, 4)), ("contacts", self.contact, (T, 4)),
+            ("frames propped up", self.propped, (T,)),
+        ):  # fmt: skip
+            if array is not None and array.shape != shape:
+                raise InputError(f"{what} of shape {array.shape}", valid=str(shape))
+        if not (np.isfinite(self.times).all() and (np.diff(self.times) > 0).all()):
+            raise InputError("true joints at times that do not increase", valid="seconds")
         require_finite(joints, "true joints", self.labelled)
 
     @classmethod
@@ -152,10 +160,10 @@ class PoseErrors:
         """The motion in its own world, or in the true one by the true head pose."""
         if self.own_world is not None:
             return self.own_world
-        if self.truth.T_world_head is None or not self.valid[:, FEET].all():
+        if self.truth.T_world_head is None:
             return None
         joints = transform(self.truth.T_world_head, self.predicted)
-        return WorldPrediction(joints, np.ones(len(joints), bool))
+        return WorldPrediction(joints, np.asarray(self.valid[:, FEET].all(1)))
 
     @cached_property
     def true_world(self) -> Float[Array, "T 18 3"] | None:

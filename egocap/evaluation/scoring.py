@@ -28,7 +28,7 @@ from egocap.evaluation.frame_matching import (
 from egocap.evaluation.measures import MEASURES, measure
 from egocap.evaluation.pose_errors import MM, GroundTruth, PoseErrors, WorldPrediction
 from egocap.evaluation.predictions import Predictions
-from egocap.evaluation.protocol import PROTOCOLS
+from egocap.evaluation.protocol import PROTOCOLS, find_protocol
 from egocap.evaluation.report import Report
 
 log = logging.getLogger(__name__)
@@ -143,7 +143,8 @@ def prediction_errors(
     in_head = to_head_frame(positions, predictions.frame, sequence.rig, truth.T_world_head)
     world = None
     if predictions.frame == "world":
-        world = WorldPrediction(positions, np.asarray(valid.all(1)))
+        joints = list(find_protocol(protocol).joints)
+        world = WorldPrediction(positions, np.asarray(valid[:, joints].all(1)))
     return PoseErrors.between(
         in_head, GroundTruth.from_truth(truth), valid=valid, protocol=protocol, world=world
     )

@@ -49,14 +49,16 @@ def contact_f1(errors: PoseErrors) -> float:
     count where true contacts are known (`GroundTruth.propped`).
     """
     world, contact, times = errors.world, errors.truth.contact, errors.truth.times
-    if world is None or contact is None or len(times) < 2:
+    if world is None or contact is None or world.known.sum() < 2:
         return NAN
+    known = world.known
     if world.contacts is None:
-        found = metrics.estimate_planted(world.joints[:, TOES], times)
+        found = metrics.estimate_planted(world.joints[known][:, TOES], times[known])
     else:
-        found = touching_feet(world.contacts >= 0.5)
-    counted = world.known if errors.truth.propped is None else world.known & ~errors.truth.propped
-    return metrics.f1_score(found[counted], touching_feet(contact)[counted])
+        found = touching_feet(world.contacts[known] >= 0.5)
+    truth = touching_feet(contact[known])
+    counted = ... if errors.truth.propped is None else ~errors.truth.propped[known]
+    return metrics.f1_score(found[counted], truth[counted])
 
 
 def sinking(errors: PoseErrors) -> float:
@@ -71,7 +73,8 @@ def sinking(errors: PoseErrors) -> float:
         return NAN
     joints = world.joints
     if errors.own_world is not None:
-        joints = _aligned(world.joints, truth, world.known)
+        placed = errors.valid & world.known[:, None]
+        joints = align_sequence(world.joints, truth, placed, scaled=False)
     depths = []
     for part in (0, 1):
         feet, columns = list(FEET[part::2]), [part, part + 2]
@@ -153,13 +156,6 @@ def _world(
         return nothing, nothing, np.zeros(nothing.shape[:2], bool)
     counted = errors.counted[:, index] & world.known[:, None]
     return world.joints[:, index], truth[:, index], counted
-
-
-def _aligned(
-    joints: Float[Array, "T 18 3"], truth: Float[Array, "T 18 3"], known: Bool[Array, "T"]
-) -> Float[Array, "T 18 3"]:
-    mask = np.broadcast_to(known[:, None], joints.shape[:2])
-    return align_sequence(joints, truth, mask, scaled=False)
 
 
 def touching_feet(contact: Bool[Array, "T 4"]) -> Bool[Array, "T 2"]:

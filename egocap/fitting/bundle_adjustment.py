@@ -159,15 +159,14 @@ def information(system: FitSystem) -> Float[Array, "K K"]:
 
 
 def without_bias(
-    problem: FitProblem, poses: Float[Array, "T 37"], components: Float[Array, "K"],
-    share: float = MARGINAL,
-) -> tuple[Float[Array, "T 37"], Float[Array, "K"]]:  # fmt: skip
+    problem: FitProblem, poses: Float[Array, "T 37"], components: Float[Array, "K"]
+) -> tuple[Float[Array, "T 37"], Float[Array, "K"]]:
     """Correct the bias of what is shared that comes from free poses.
 
     A bone whose direction is found anew from noise in every frame comes out too long, as the end of
     a noisy vector lies outside the circle it should be on: Neyman and Scott's problem. Marginal
     over the poses (Laplace), the energy of a body has log det(H_pp) / 2 besides; one Newton step is
-    made for the `share` of log det of the Gauss-Newton form.
+    made for the share `MARGINAL` of log det of the Gauss-Newton form.
     """
     system = linearised(problem, poses, components)
     back = np.linalg.solve(_damped(system.pose, 0.0), system.cross)
@@ -182,7 +181,7 @@ def without_bias(
             for sign in (1.0, -1.0)
         ]
         slope[k] = (ends[0] - ends[1]) / (2.0 * _NUDGE)
-    step = -np.linalg.solve(information(system), share * slope)
+    step = -np.linalg.solve(information(system), MARGINAL * slope)
     return poses - back @ step, components + step
 
 

@@ -18,6 +18,7 @@ from egocap.data.footage import FrameTimes, ViewTiming
 from egocap.errors import InputError
 from egocap.footage.config import Range
 from egocap.footage.scan import ViewScan
+from egocap.series import nearest
 
 REPEATED = 0.15
 """Change of a picture, relative to what is usual, below which it repeats the one before."""
@@ -86,7 +87,7 @@ def pair(views: Sequence[ViewFrames], wanted: Range, names: Sequence[str]) -> Fr
     for v, view in enumerate(views):
         places = np.flatnonzero(view.usable)
         if len(places):
-            near = places[_nearest(view.time[places], grid)]
+            near = places[nearest(view.time[places], grid)]
             source[:, v], taken[:, v] = near, view.time[near]
             present[:, v] = np.abs(view.time[near] - grid) < _NEAR * max(view.period, 1e-6)
             again = np.flatnonzero(near[1:] == near[:-1]) + 1  # a slower view: once
@@ -124,13 +125,6 @@ def _instants(view: ViewFrames, first: float, last: float) -> Float[Array, "T"]:
     ]  # fmt: skip
     times = np.concatenate([*filled, known[-1:]])
     return times[(times >= first) & (times <= last)]
-
-
-def _nearest(times: Float[Array, "N"], wanted: Float[Array, "T"]) -> Array:
-    after = np.clip(np.searchsorted(times, wanted), 1, max(len(times) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(times) - 1)
-    return np.where(wanted - times[before] <= times[after] - wanted, before, after)
 
 
 def _usual_change(scan: ViewScan) -> float:

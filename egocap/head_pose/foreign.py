@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.data.head_pose import load_head_pose
+from egocap.data.head_pose import SAME_S, interpolate_poses, load_head_pose
 from egocap.errors import FileError, InputError
 from egocap.geometry import inverse, rigid, unit
 from egocap.head_pose.alignment import Alignment, align, aligned
@@ -67,10 +67,11 @@ def _of_rig(found: Trajectory, rig: Rig, times: Float[Array, "T"], path: Path) -
         raise FileError(path, f"pictures of {', '.join(sorted(set(found.view))[:4])}",
                         valid=f"of the views {', '.join(rig.views)}")  # fmt: skip
     rows = np.array([v == named[0] for v in found.view])
-    frame = found.time[rows].astype(int)
-    if frame.max() >= len(times) or len(np.unique(frame)) < len(frame):
-        raise FileError(path, f"frame {frame.max()} or a frame twice",
+    number = found.time[rows]
+    if number.max() >= len(times) or len(np.unique(number)) < len(number):
+        raise FileError(path, f"frame {number.max():.0f} or a frame twice",
                         valid=f"pictures named by frame, 0 to {len(times) - 1}")  # fmt: skip
+    frame = number.astype(int)
     T_camera_head = inverse(rig.T_head_camera[rig.views.index(named[0])])
     rotation = rigid(T_camera_head[:3, :3], np.zeros(3))
     return replace(found, time=times[frame], T_world_device=found.T_world_device[rows] @ rotation)
@@ -106,13 +107,13 @@ def _at_frames(
     times: Float[Array, "T"], path: Path, facts: dict[str, Any],
 ) -> HeadTrajectory:  # fmt: skip
     """Interpolated at the frames between poses near in time; the other frames are gaps."""
-    from egocap.data.head_pose import interpolate_poses
     from egocap.head_pose.result import gaps_of
 
-    after = np.clip(np.searchsorted(time, times), 1, len(time) - 1)
+    after = np.clip(np.searchsorted(time, times - SAME_S), 0, len(time) - 1)
+    before = np.maximum(np.searchsorted(time, times + SAME_S, side="right") - 1, 0)
     step = max(MOST_STEP, 1.5 * float(np.median(np.diff(time))))
-    inside = (times >= time[0] - 1e-9) & (times <= time[-1] + 1e-9)
-    covered = np.flatnonzero(inside & (time[after] - time[after - 1] <= step))
+    inside = (times >= time[0] - SAME_S) & (times <= time[-1] + SAME_S)
+    covered = np.flatnonzero(inside & (time[after] - time[before] <= step))
     if not len(covered):
         raise FileError(path, f"poses from {time[0]:.3f} to {time[-1]:.3f} s",
                         valid=f"some of the frames' times, {times[0]:.3f} to {times[-1]:.3f} s; "

@@ -94,6 +94,10 @@ def _euroc(path: Path, text: str) -> Trajectory:
 def _colmap(path: Path, text: str) -> Trajectory:
     """images.txt: each picture's line is followed by that of its points, which may be empty."""
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if not line.startswith("#")]
+    for n, line in lines[1::2]:
+        if len(line.split()) % 3:
+            raise FileError(path, "a picture's points are not X, Y, POINT3D_ID", line=n,
+                            valid="two lines a picture, the second may be empty")  # fmt: skip
     numbers, views, rows = [], [], []
     for n, line in lines[::2]:
         words = line.split(None, 9)
@@ -125,9 +129,12 @@ def _aria(path: Path, text: str) -> Trajectory:
     place = [f"t{a}_world_device" for a in "xyz"] + [f"q{a}_world_device" for a in "wxyz"]
     table, _ = _by_name(path, text, ("tracking_timestamp_us", *place))
     up, known = _by_name(path, text, tuple(f"gravity_{a}_world" for a in "xyz"), optional=True)
-    direction = -np.median(up, axis=0) if known else _Z
+    direction = -np.median(up, axis=0) if known and len(up) else _Z
+    size = float(np.linalg.norm(direction))
+    if not size > 0.0:
+        raise FileError(path, "0", key="gravity_x_world to gravity_z_world", valid="a direction")
     T = _poses(path, table[:, 4:8], table[:, 1:4])
-    return Trajectory("aria", table[:, 0] * 1e-6, T, direction / np.linalg.norm(direction), None)
+    return Trajectory("aria", table[:, 0] * 1e-6, T, direction / size, None)
 
 
 def _xr(form: str) -> Callable[[Path, str], Trajectory]:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -66,14 +65,12 @@ class PictureFolder:
         width, height = self.size
         return f"PictureFolder('{self.path}', {width} x {height}, {len(self.times)} pictures)"
 
-    def frames(
-        self, start: float = -math.inf, end: float = math.inf
-    ) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
-        """Time [s] and RGB image of every picture that can be decoded, from `start` to `end`."""
-        for index in np.flatnonzero((self.times >= start) & (self.times <= end)):
-            image = self.image(int(index))
+    def frames(self) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
+        """Time [s] and RGB image of every picture that can be decoded, in order."""
+        for index, time in enumerate(self.times):
+            image = self.image(index)
             if image is not None:
-                yield float(self.times[index]), image
+                yield float(time), image
 
     def image(self, index: int) -> UInt8[Array, "H W 3"] | None:
         """RGB image of a picture, by its place in `times`; None where it is damaged.

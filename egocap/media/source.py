@@ -25,10 +25,8 @@ class PictureSource(Protocol):
         """When each picture was taken, as the source states it [s]; increasing."""
         ...
 
-    def frames(
-        self, start: float = ..., end: float = ...
-    ) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
-        """Time and RGB image of every picture that can be decoded, from `start` to `end` [s]."""
+    def frames(self) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
+        """Time and RGB image of every picture that can be decoded, in order."""
         ...
 
     def image(self, index: int) -> UInt8[Array, "H W 3"] | None:

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _READ_ON_S = 1.0
 """Seconds ahead up to which `Video.image` decodes on instead of seeking."""
+_BACK_S = 0.1  # by which times of decoding may fall: as in ffmpeg
+_WRAPPED_S = 12 * 3600.0  # a larger step is a jump back, taken for the end of a 33-bit counter
 _TICK_S = 1e-6  # by which times may differ in rounding
 
 
@@ -37,8 +39,8 @@ class Video:
     Raises FileError if it is no video, or holds no frame that can be decoded.
     """
 
-    def __init__(self, path: str | Path, threads: int = 0) -> None:
-        self.path, self._threads = Path(path), threads  # 0: as many as there are cores
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
         first = next(self.frames(), None)
         if first is None:
             raise FileError(self.path, "holds no frame that can be decoded", valid="a whole video")
@@ -54,41 +56,48 @@ class Video:
     def times(self) -> Float[Array, "N"]:
         """Time of every frame in the file, damaged ones included [s]; increasing.
 
-        The whole file is read once, and nothing decoded.
+        The whole file is read once, and nothing decoded. Raises FileError where the clock jumps
+        back, as in files that were joined byte by byte: pictures would share their times.
         """
         return self._times
 
     @cached_property
     def _times(self) -> Float[Array, "N"]:
         with self._open() as (container, stream):
-            stamps = {
-                _stamp(packet.pts, packet.dts)
+            packets = [
+                (_stamp(packet.pts, packet.dts), packet.dts)
                 for packet in _packets(container, stream)
                 if not packet.is_discard
-            }
+            ]
             assert stream.time_base is not None
             base = float(stream.time_base)
-        return np.sort([stamp * base for stamp in stamps if stamp is not None])
+        self._require_one_clock(np.array([base * dts for _, dts in packets if dts is not None]))
+        return np.sort([stamp * base for stamp in {stamp for stamp, _ in packets}
+                        if stamp is not None])  # fmt: skip
 
-    def frames(
-        self, start: float = -math.inf, end: float = math.inf
-    ) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
-        """Time [s] and RGB image of every decodable frame, from `start` to `end`, in order."""
-        return ((time, _upright(frame)) for time, frame in self._frames(start, end))
+    def _require_one_clock(self, decoding: Float[Array, "n"]) -> None:
+        """Raise FileError where times of decoding, in the file's order, are of several clocks."""
+        from scipy.ndimage import median_filter
 
-    def _frames(self, start: float, end: float = math.inf) -> Iterator[tuple[float, VideoFrame]]:
-        for time, frame in self._from(start):
-            if time > end + _TICK_S:
-                return
-            if time >= start - _TICK_S:
-                yield time, frame
+        decoding = median_filter(decoding, 5, mode="nearest")  # but for single damaged ones
+        steps = np.diff(decoding)
+        jump = np.flatnonzero((steps < -_BACK_S) | (steps > _WRAPPED_S))
+        if len(jump):
+            before, after = decoding[jump[0] : jump[0] + 2]
+            raise FileError(self.path, f"its clock jumps from {before:.2f} to {after:.2f} s",
+                            valid="one recording a file; ffmpeg -i FILE -c copy NEW.mp4 makes the "
+                            "times even")  # fmt: skip
+
+    def frames(self) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
+        """Time [s] and RGB image of every decodable frame, in order."""
+        return ((time, _upright(frame)) for time, frame in self._from(-math.inf))
 
     def _from(self, start: float) -> Iterator[tuple[float, VideoFrame]]:
         """Frames from a time or before on: seeking may end behind the key frame that is needed."""
         back = 0.0
         while True:
             with self._open() as (container, stream):
-                seeks = start > back and math.isfinite(start) and not _reordered(container, stream)
+                seeks = start > back and math.isfinite(start) and _seekable(container, stream)
                 if seeks:
                     assert stream.time_base is not None
                     container.seek(int((start - back) / stream.time_base), stream=stream)
@@ -117,7 +126,7 @@ class Video:
         """
         wanted = float(self.times[index])
         if not self._last[0] - _TICK_S <= wanted <= self._last[0] + _READ_ON_S:
-            self._run = self._frames(start=wanted)
+            self._run = self._from(wanted)
             self._last = (-math.inf, None)
         while self._last[0] < wanted - _TICK_S:
             self._last = next(self._run, (math.inf, None))
@@ -129,14 +138,14 @@ class Video:
         self._run, self._last = iter(()), (math.inf, None)
 
     def _open(self) -> _Opened:
-        return _Opened(self.path, self._threads)
+        return _Opened(self.path)
 
 
 class _Opened:
     """The container and its first video stream, closed at the end of a `with`."""
 
-    def __init__(self, path: Path, threads: int) -> None:
-        self.path, self.threads = path, threads
+    def __init__(self, path: Path) -> None:
+        self.path = path
 
     def __enter__(self) -> tuple[InputContainer, VideoStream]:
         import av.container
@@ -154,7 +163,7 @@ class _Opened:
             raise FileError(self.path, "holds no pictures", valid="a video")
         stream = self.container.streams.video[0]
         stream.thread_type = "AUTO"
-        stream.codec_context.thread_count = self.threads
+        stream.codec_context.thread_count = 0  # as many as there are cores
         return self.container, stream
 
     def __exit__(self, *_: object) -> None:
@@ -202,6 +211,11 @@ def _decoded(
 def _reordered(container: InputContainer, stream: VideoStream) -> bool:
     """Whether stamps are in decoding's order, not in that of the pictures: B-frames in AVI."""
     return container.format.name == "avi" and bool(stream.codec_context.has_b_frames)
+
+
+def _seekable(container: InputContainer, stream: VideoStream) -> bool:
+    """Whether pictures have the same times after a jump. Program streams state those of few."""
+    return container.format.name != "mpeg" and not _reordered(container, stream)
 
 
 def _stamp(pts: int | None, dts: int | None) -> int | None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 SHELL = 2.796
 """Radius in standard deviations of the ellipsoid that holds 95 % of a 3-D Gaussian."""
 _FAN = 60
+_TRACES = 24
 
 
 _PAGE = """<!doctype html>
@@ -148,9 +149,9 @@ def draw_fan(
     return figure
 
 
-def draw_corner(posterior: Posterior, parameters: Sequence[str] | None = None) -> Figure:
-    """Histograms of chosen parameters, alone and in pairs; by default the five least certain."""
-    names = list(parameters or _least_certain(posterior, 5))
+def draw_corner(posterior: Posterior) -> Figure:
+    """Histograms of the five least certain angles, alone and in pairs."""
+    names = _least_certain(posterior, 5)
     columns = [posterior.names.index(name) for name in names]
     values = np.rad2deg(posterior.flat[:, columns])
     n = len(names)
@@ -182,14 +183,15 @@ def draw_traces(posterior: Posterior) -> Figure:
     figure, panels = _figure(3, 2, (9.0, 6.0))
     for row, i in enumerate(slowest):
         left, right = panels[2 * row], panels[2 * row + 1]
-        walkers = np.rad2deg(posterior.draws[:24, :, i])
-        left.plot(walkers.T, lw=0.4, alpha=0.7)
-        left.set_ylabel(posterior.names[i].replace("_", "\n"), fontsize=7)
+        name = posterior.names[i]
+        factor, unit = _shown(name)
+        left.plot(factor * posterior.draws[:_TRACES, :, i].T, lw=0.4, alpha=0.7)
+        left.set_ylabel(name.replace("_", "\n") + f",\n{unit}", fontsize=7)
         function = _autocorrelation(posterior.draws[..., i])
         every = (posterior.steps - posterior.burn_in) / posterior.draws.shape[1]
         right.plot(np.arange(len(function)) * every, function, color="#0f766e")
         right.axhline(0.0, color="#9ca3af", lw=0.7)
-    panels[0].set_title("24 walkers, degrees")
+    panels[0].set_title(f"{len(posterior.draws[:_TRACES])} walkers")
     panels[1].set_title("autocorrelation")
     panels[-2].set_xlabel("kept draw")
     panels[-1].set_xlabel("steps")
@@ -234,6 +236,15 @@ def _ellipse(centre: Float[Array, "2"], covariance: Float[Array, "2 2"], colour:
 def _least_certain(posterior: Posterior, count: int) -> list[str]:
     spread = posterior.flat[:, :37].std(0)
     return [posterior.names[i] for i in np.argsort(-spread)[:count]]
+
+
+def _shown(name: str) -> tuple[float, str]:
+    """Factor from a parameter's unit to the one in which it is drawn, and that unit."""
+    if name.startswith("scale_"):
+        return 100.0, "100 ln"
+    if name.rpartition("_")[0].endswith("_shift"):
+        return 1e3, "mm"
+    return float(np.rad2deg(1.0)), "degrees"
 
 
 def _autocorrelation(draws: Float[Array, "W S"]) -> Float[Array, "L"]:

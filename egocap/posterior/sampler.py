@@ -109,6 +109,9 @@ def fingerprint(
     m = density.measurement
     for array in (m.pixels, m.whiten, m.weights, density.proportions.offsets, starts):
         digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
+    if density.extra is not None:  # images, by what they add at some poses
+        poses = density.prior.mean[None] if starts is None else starts
+        digest.update(" ".join(f"{value:.6g}" for value in density.extra(poses)).encode())
     # How long a chain may grow does not change its beginning.
     of_chain = {"walkers": config.walkers, "seed": config.seed}
     text = [str(density.config), density.rig.to_dict(), of_chain, density.extra is not None]

@@ -187,7 +187,8 @@ def _captured(name: int | str) -> cv2.VideoCapture:
 def _opened(name: str, settings: CameraSettings) -> cv2.VideoCapture:
     video = _captured(int(name) if name.isdigit() else name)
     if not video.isOpened():
-        raise InputError(f"cannot open '{name}'", valid="a video file or a camera's number")
+        raise InputError(f"cannot open '{name}'",
+                         valid="a video file, or a number of egocap live --list")  # fmt: skip
     if name.isdigit():
         _adjust(video, name, settings)
     return video

@@ -17,7 +17,7 @@ from egocap.cameras.rig_files import load_rig
 from egocap.commandline import progress
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
-from egocap.errors import InputError, MachineError, require
+from egocap.errors import FileError, InputError, MachineError, require
 from egocap.files import make_folder, read_npz, write_atomically
 from egocap.posterior.result import KIND, load_posterior
 from egocap.view.film import write_film
@@ -40,9 +40,13 @@ def open_all(paths: Items[Path]) -> Shown:
             of_kind: dict[str, Any] = shown.posteriors if posterior else shown.tracks
             name = path.stem if path.stem not in of_kind else f"{path.stem}-{len(of_kind)}"
             of_kind[name] = load_posterior(path) if posterior else load_track(path)
-        else:
+        elif path.suffix.lower() in (".toml", ".json"):
             _only(shown.rig, path)
             shown.rig = load_rig(path)
+        else:
+            raise FileError(path, "cannot be viewed",
+                            valid="a sequence, which egocap import makes of videos; a track or "
+                            "posterior, npz; a rig file, toml or json")  # fmt: skip
     if shown.sequence is not None and shown.rig is None:
         shown.rig = shown.sequence.rig
     return shown

@@ -31,11 +31,11 @@ from egocap_sim.human.body.person import Person
 from egocap_sim.human.clothing.wardrobe import make_person
 from egocap_sim.motion.clips.editing import concatenate
 from egocap_sim.motion.generators.course import straight_course
+from egocap_sim.motion.generators.cycling import leg_scale
 from egocap_sim.motion.generators.gestures import GESTURES
 from egocap_sim.motion.generators.registry import make_motion
 from egocap_sim.motion.generators.stance import draw_style
 from egocap_sim.motion.generators.walk import WalkParams, walk_along
-from egocap_sim.motion.kinematics import figure
 from egocap_sim.motion.kinematics.clip import Clip
 from egocap_sim.motion.kinematics.posing import pose_figure
 from egocap_sim.motion.retarget.retarget import retarget, sample_reference
@@ -49,7 +49,6 @@ TRIES = 60  # placements tried before the distance limit is relaxed
 _RATE = 60.0  # frames per second of generated motions
 _CHECK_S = 0.1  # time step of the distance checks
 
-_LEG = [INDEX["l_thigh"], INDEX["l_calf"], INDEX["l_foot"]]
 
 Rng = np.random.Generator
 Bodies = Float[Array, "T 21 4 4"]
@@ -190,7 +189,7 @@ def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
     """Walk up to the wearer and talk."""
     rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.2))
     length = float(min(rng.uniform(0.8, 2.5), max(0.5, 0.5 * speed * crowd.seconds)))
-    scale = _leg_scale(person)
+    scale = leg_scale(person)
     course, seconds = straight_course(length / scale, speed / scale)
     t = np.arange(round(seconds * _RATE) + 1) / _RATE
     params = WalkParams(speed=speed / scale)
@@ -205,7 +204,7 @@ def _approach(crowd: _Crowd, person: Person) -> Bodies | None:
 def _walk_by(crowd: _Crowd, person: Person) -> Bodies | None:
     """Walk around and past the wearer, avoiding everyone."""
     rng, speed = crowd.rng, float(crowd.rng.uniform(0.8, 1.3))
-    scale = _leg_scale(person)
+    scale = leg_scale(person)
     params = WalkParams(speed=speed / scale)
     bounds_m, near_m = crowd.bounds_m - 0.35, crowd.table.farthest_m
     for course in free_courses(rng, crowd.times, crowd.pelvises, speed, bounds_m, near_m, scale):
@@ -232,12 +231,3 @@ BEHAVIOURS: dict[str, Callable[[_Crowd, Person], Bodies | None]] = {
     "walk_by": _walk_by, "stand": _stand, "gesture": _gesture, "approach": _approach,
     "shake_hands": _shake_hands,
 }  # fmt: skip
-
-
-def _leg_scale(person: Person) -> float:
-    """Ratio of a person's leg length to that of the figure used by procedural motions."""
-    own, figures = (
-        np.linalg.norm(np.diff(joints[_LEG], axis=0), axis=1).sum()
-        for joints in (person.joints, figure.REST)
-    )
-    return float(own) / float(figures)

@@ -58,12 +58,6 @@ class SensorPlan:
             poses = SampledPoses.load(folder / _MOTION, float((folder / _RATE).read_text()))
         return cls(sensor, seed, SensorTruth.load(folder / _TRUTH), poses)
 
-    @staticmethod
-    def discard(folder: Path) -> None:
-        """Remove the files of `save`."""
-        for name in DRAFTS:
-            (folder / name).unlink(missing_ok=True)
-
 
 def plan_sensor(
     truth: Truth,

@@ -113,7 +113,20 @@ def test_an_output_that_would_replace_an_input(egocap, tracked, tiny_sequence, w
         ("adapt seq --out o --seed -1", "--seed -1"),
         ("live a b --rig seq/rig.json --body average:1.7 --size 0 0", "--size 0 0"),
         ("live a b --rig seq/rig.json --body average:1.7 --fps nan", "--fps nan"),
-        ("live 98 99 --rig seq/rig.json --body average:1.7", "cannot open '98'"),
+        (
+            "live 98 99 --rig seq/rig.json --body average:1.7",
+            "'98' (valid: a video file, or a number of egocap live",
+        ),
+        ("live 0 1 --rig seq/rig.json", "live without --body (valid"),
+        ("live 0 1 --body average:1.7", "live without --rig (valid"),
+        ("live 0 1", "live without --rig and --body (valid"),
+        (
+            "view walk.mp4 --save o.mp4",
+            "walk.mp4: cannot be viewed (valid: a sequence, which egocap import",
+        ),
+        ("rig check egorig1", "the built-in rigs are for egocap-sim"),
+        ("rig convert egorig1 o.toml", "egorig1: no such file (valid: a rig file"),
+        ("import a.mp4 --rig egorig1 --out o", "egorig1: no such file (valid: a rig file"),
         ("export t.npz --out /proc/o.bvh", "cannot write /proc/"),
     ],
 )

@@ -92,3 +92,9 @@ def test_a_large_text_file_is_refused_unread(tmp_path: Path) -> None:
         file.truncate(1 << 40)
     with pytest.raises(FileError, match=r"has 1,099,511,627,776 bytes \(valid: at most 4,194,304"):
         read_toml(path)
+
+
+def test_the_byte_order_mark_of_some_editors_is_no_content(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_bytes(b"\xef\xbb\xbfname = 'a'\n")
+    (tmp_path / "a.json").write_bytes(b'\xef\xbb\xbf{"name": "a"}')
+    assert read_toml(tmp_path / "a.toml") == read_json(tmp_path / "a.json") == {"name": "a"}

@@ -1,9 +1,9 @@
-"""Interpolation against numpy's, of one column."""
+"""Interpolation against numpy's, of one column; nearest places against all distances."""
 
 import numpy as np
 import pytest
 
-from egocap.series import interpolate
+from egocap.series import interpolate, nearest
 
 
 @pytest.mark.parametrize("count", [1, 2, 30])
@@ -17,3 +17,11 @@ def test_interpolation_is_numpys_to_the_bit(count):
     expected = np.stack(columns, -1).reshape(len(at), 2, 3)
     np.testing.assert_array_equal(interpolate(at, times, values), expected)
     np.testing.assert_array_equal(interpolate(float(at[0]), times, values), expected[0])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 9])
+def test_nearest_is_that_of_all_distances(count):
+    rng = np.random.default_rng(count)
+    times = np.cumsum(rng.integers(1, 4, count) / 2.0)
+    wanted = rng.integers(-4, 40, 50) / 2.0  # many between two of them
+    np.testing.assert_array_equal(nearest(times, wanted), np.abs(wanted[:, None] - times).argmin(1))

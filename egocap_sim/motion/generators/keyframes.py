@@ -114,12 +114,10 @@ class Keyframes:
         """Move both hands to mirrored places; returns when the last arrives."""
         return max([self.hand(hand, key, seconds, later) for hand in (0, 1)])
 
-    def gaze(
-        self, yaw: float, pitch: float, seconds: float = 0.5, later: float = 0.0, roll: float = 0.0
-    ) -> None:
+    def gaze(self, yaw: float, pitch: float, seconds: float = 0.5, roll: float = 0.0) -> None:
         """Turn the head, in radians from straight ahead (pitch: positive down)."""
-        end = self.clock + later + seconds * self.pace
-        self._gaze.move(self.clock + later, end, np.array([yaw, pitch, roll]))
+        end = self.clock + seconds * self.pace
+        self._gaze.move(self.clock, end, np.array([yaw, pitch, roll]))
 
     def trunk(self, yaw: float, pitch: float, roll: float, seconds: float) -> None:
         """Turn and bend the chest, in radians from upright."""

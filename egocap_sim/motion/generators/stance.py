@@ -42,11 +42,11 @@ def draw_style(rng: np.random.Generator) -> Style:
     )
 
 
-def feet(T: int, half_width: float = HALF_WIDTH) -> tuple[Array, Array]:
+def feet(T: int) -> tuple[Array, Array]:
     """Ankles (T,2,3) and foot rotations (T,2,3,3) planted on either side of the origin."""
     ankle, R = np.empty((T, 2, 3)), np.empty((T, 2, 3, 3))
     for i, (_, sign) in enumerate(SIDES):
-        ankle[:, i] = (0.0, sign * half_width, figure.offset("l_foot", "pelvis")[2])
+        ankle[:, i] = (0.0, sign * HALF_WIDTH, figure.offset("l_foot", "pelvis")[2])
         ankle[:, i, 2] += figure.REST[0, 2]
         R[:, i] = turn(yaw=sign * TOE_OUT)
     return ankle, R

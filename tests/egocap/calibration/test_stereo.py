@@ -54,6 +54,17 @@ def test_pictures_mostly_of_other_instants(boards):
     assert np.allclose(start_poses(pair, board)[1], T_RIGHT_LEFT, atol=1e-9)
 
 
+def test_a_camera_is_placed_by_one_that_it_agrees_with(boards):
+    """Most boards of the left and the third camera are wrong, none of the right and the third."""
+    board = parse_board("charuco:5x7:0.03:0.02")
+    pair = views(board, boards, range(4))
+    third = {i: T_RIGHT_LEFT @ pair[1].poses[i] for i in range(4)}
+    wrong = {i: third[0] @ boards[i] @ boards[i - 1] for i in range(4, 12)}
+    low = SimpleNamespace(poses=third | wrong, view=SimpleNamespace(name="low"))
+    found = start_poses([*pair, low], board)
+    assert np.allclose(found[2], T_RIGHT_LEFT @ T_RIGHT_LEFT, atol=1e-9)
+
+
 def test_half_turn_maps_a_symmetric_board_onto_itself():
     board = parse_board("checkerboard:5x7:0.03")
     turned = transform(half_turn(board), board.points)

@@ -61,6 +61,15 @@ def test_a_gap_is_not_interpolated():
     assert held.any(1).all()
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-9, -1e-9])
+def test_poses_at_the_ends_of_a_gap_are_known(rounding):
+    times, poses = known(20)
+    kept = [0, 1, 2, 3, 9, 15, 16, 17, 18, 19]
+    found = head_poses_at(times, times[kept] + rounding, poses[kept])
+    assert np.flatnonzero(found.known).tolist() == kept
+    np.testing.assert_allclose(found.T_world_head[kept], poses[kept], atol=1e-6)
+
+
 def test_frames_outside_the_known_poses_are_a_gap():
     times, poses = known()
     found = head_poses_at(np.array([-0.3, 0.1, 0.9]), times, poses)

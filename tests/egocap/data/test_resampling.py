@@ -60,3 +60,9 @@ def test_a_rate_can_be_chosen_and_even_tracks_stay():
 def test_the_step_of_times_in_whole_milliseconds_is_that_of_the_rate(fps, dropped):
     times = np.delete(np.round(np.arange(300) / fps, 3), dropped)
     assert typical_step(times) == pytest.approx(1 / fps, rel=2e-3)
+
+
+@pytest.mark.parametrize("steps", [[1 / 30, 1 / 20] * 20, [1 / 30, 1 / 10]])
+def test_typical_step_of_steps_of_two_kinds_is_one_of_them(steps):
+    """As of films shown two and three fields in turn; their mean is near neither."""
+    assert typical_step(np.cumsum([0.0, *steps])) == pytest.approx(1 / 30)

@@ -128,6 +128,14 @@ def test_bad_content_names_the_array(tmp_path, changes, says):
         load_track(rewritten(path, **changes))
 
 
+def test_a_track_without_a_frame_is_refused(tmp_path):
+    track = make_track()
+    empty = {name: array[:0] for name, array in track.by_frame.items()}
+    save_track(tmp_path / "t.npz", dataclasses.replace(track, **empty))
+    with pytest.raises(FileError, match=r"t\.npz, key 'times': holds no frame"):
+        load_track(tmp_path / "t.npz")
+
+
 def test_views_must_agree(tmp_path):
     path = tmp_path / "d.npz"
     save_detections(path, make_detections())

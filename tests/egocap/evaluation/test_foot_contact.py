@@ -1,7 +1,17 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from egocap.evaluation.metrics import estimate_planted, f1_score, foot_skate, foot_speed
+from egocap.evaluation.metrics import (
+    PLANTED_HEIGHT,
+    PLANTED_SPEED,
+    WINDOW_S,
+    estimate_planted,
+    f1_score,
+    foot_skate,
+    foot_speed,
+)
 
 
 def steps(frames=120):
@@ -96,3 +106,25 @@ def test_floor_is_the_lowest_toe_within_half_a_second(away, stands):
     feet[6, 0, 2] = -1.0
     for frame in (6 - away, 6 + away):
         assert estimate_planted(feet, times)[frame, 1] == stands
+
+
+def test_planted_feet_are_those_of_all_pairs_of_frames():
+    rng = np.random.default_rng(8)
+    for times in (np.arange(150) / 60, np.cumsum(rng.uniform(0.001, 0.2, 150))):
+        feet = np.cumsum(rng.normal(0, 0.004, (150, 2, 3)), 0)
+        near = np.abs(times[:, None] - times) <= WINDOW_S
+        floor = np.where(near, feet[..., 2].min(-1), np.inf).min(-1)
+        low = feet[..., 2] - floor[:, None] <= PLANTED_HEIGHT
+        expected = low & (foot_speed(feet, times)[1] <= PLANTED_SPEED)
+        assert 0 < expected.sum() < expected.size
+        np.testing.assert_array_equal(estimate_planted(feet, times), expected)
+
+
+def test_memory_of_planted_feet_is_linear_in_the_frames():
+    feet, times = np.zeros((20_000, 2, 3)), np.arange(20_000) / 60
+    tracemalloc.start()
+    try:
+        estimate_planted(feet, times)
+        assert tracemalloc.get_traced_memory()[1] < 10e6
+    finally:
+        tracemalloc.stop()

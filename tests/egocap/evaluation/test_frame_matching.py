@@ -1,5 +1,6 @@
 """Predictions on a sequence's frames and in the head frame, or a reason why not."""
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -72,6 +73,18 @@ def test_missing_frames_may_be_skipped():
     )
     assert valid[rows].all() and not valid[rows + 1].any()
     np.testing.assert_array_equal(positions[rows], TRUTH[rows])
+
+
+def test_times_are_matched_in_memory_of_the_frames():
+    times = np.arange(20_000) / 60.0
+    given = Predictions(np.zeros((20_000, 18, 3), np.float32), np.ones((20_000, 18), bool), "head",
+                        "m", times=times + 2e-4)  # fmt: skip
+    tracemalloc.start()
+    try:
+        match_frames(given, times)
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_frames_of_reference():

@@ -135,3 +135,20 @@ def test_other_axes_are_refused(shape):
     truth, times = motion(10)
     with pytest.raises(InputError, match=r"\(T, 18, 3\)"):
         evaluate_pose(np.zeros(shape), GroundTruth(truth, times))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("times", np.arange(9.0), r"times of shape \(9,\) .*\(10,\)"),
+        ("times", np.zeros(10), "times that do not increase"),
+        ("times", np.full(10, np.nan), "times that do not increase"),
+        ("T_world_head", np.eye(4), r"head poses of shape \(4, 4\)"),
+        ("contact", np.ones((10, 2), bool), r"contacts of shape \(10, 2\)"),
+        ("seen", np.ones((10, 17), bool), r"visibility of shape \(10, 17\)"),
+    ],
+)
+def test_a_truth_of_other_frames_is_refused(name, value, says):
+    truth, times = motion(10)
+    with pytest.raises(InputError, match=says):
+        GroundTruth(**{"joints_head": truth, "times": times, name: value})

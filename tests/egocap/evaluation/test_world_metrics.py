@@ -77,6 +77,23 @@ def test_frames_without_head_pose_do_not_count():
     assert measure(compared(world, np.zeros(FRAMES, bool)), "world_mpjpe_mm") is None
 
 
+def test_frames_that_were_not_predicted_leave_the_others_their_contacts():
+    """They hold zeros, a metre below this floor, or below the head."""
+    times, joints, T, contact = walked()
+    high = joints + [0.0, 0.0, 1.0]
+    missing = np.isin(np.arange(FRAMES), [42, 45])
+    expected = pytest.approx(measure(compared(high), "contact_f1"), rel=0.03)
+    gappy = np.where(missing[:, None, None], 0.0, high)
+    assert measure(compared(gappy, ~missing), "contact_f1") == expected
+    truth = GroundTruth(transform(inverse(T), joints), times, T_world_head=T, contact=contact)
+    predicted = np.where(missing[:, None, None], 0.0, truth.joints_head)
+    valid = np.broadcast_to(~missing[:, None], (FRAMES, 18))
+    errors = PoseErrors.between(predicted, truth, valid=valid)
+    assert measure(errors, "contact_f1") == expected
+    assert measure(errors, "foot_skate") == pytest.approx(0.0, abs=1e-9)
+    assert measure(errors, "penetration_mm") == pytest.approx(0.0, abs=1e-6)
+
+
 def test_contacts_that_the_simulation_does_not_know_do_not_count():
     """A wearer on a ladder that is not there: a track may say that the feet stand."""
     times, joints, T, contact = walked()

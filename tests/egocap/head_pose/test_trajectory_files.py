@@ -112,6 +112,21 @@ def test_missing_columns_are_named(tmp_path):
         read_trajectory(path)
 
 
+def test_gravity_of_no_direction_is_refused(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text(aria().replace("0,0,-9.81", "0,0,0"))
+    with pytest.raises(FileError, match=r"gravity_x_world .*valid: a direction"):
+        read_trajectory(path)
+
+
+def test_pictures_of_colmap_without_lines_of_points_are_refused(tmp_path):
+    """Every second one would be taken for points."""
+    path = tmp_path / "images.txt"
+    path.write_text("\n".join(line for line in colmap().splitlines() if ".png" in line))
+    with pytest.raises(FileError, match=r"line 2: .*two lines a picture"):
+        read_trajectory(path, "colmap")
+
+
 @pytest.mark.parametrize("text", ["", "hello\n", "a,b,c\n1,2,3\n", "1 2 3\n"])
 def test_other_files_are_refused(tmp_path, text):
     path = tmp_path / "t.csv"

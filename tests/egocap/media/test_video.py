@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from egocap.errors import FileError
-from egocap.media.video import Video, open_video
+from egocap.media.video import open_video
 
 SIZE = (64, 48)
 
@@ -74,8 +74,6 @@ def test_a_frame_is_found_from_anywhere(tmp_path):
     for number in (3, 4, 22, 5, 5, 0, 24):
         image = video.image(number)
         assert image is not None and abs(image[:, 40:].mean() - picture(number)[0, 40, 0]) < 4
-    some = [time for time, _ in video.frames(start=ticks[12] / 90_000, end=ticks[15] / 90_000)]
-    np.testing.assert_allclose(some, np.array(ticks[12:16]) / 90_000, atol=1e-5)
 
 
 OPEN_GOP = {"g": "10", "bf": "3", "x264-params": "open-gop=1"}
@@ -90,7 +88,32 @@ def test_every_frame_of_a_transport_stream_or_open_gop_is_found_by_a_jump(tmp_pa
     assert len(in_order) == len(open_video(path).times) == 20
     for number, expected in enumerate(in_order):
         assert abs(expected[:, 40:].mean() - picture(number)[0, 40, 0]) < 4
-        np.testing.assert_array_equal(Video(path, threads=1).image(number), expected)
+        np.testing.assert_array_equal(open_video(path).image(number), expected)
+
+
+@pytest.mark.parametrize("name", ["a.mpg", "a.vob"])
+def test_every_frame_of_a_program_stream_is_found_by_a_jump(tmp_path, name, monkeypatch):
+    monkeypatch.setitem(globals(), "picture", noisy)
+    codec = {"a.mpg": "mpeg1video", "a.vob": "mpeg2video"}[name]
+    path = write_video(tmp_path / name, [i + 300 for i in range(40)], codec, clock=30)
+    in_order = [image for _, image in open_video(path).frames()]
+    assert len(in_order) == len(open_video(path).times) == 40
+    for number, expected in enumerate(in_order):
+        np.testing.assert_array_equal(open_video(path).image(number), expected)
+
+
+@pytest.mark.parametrize("name, codec", [("a.mpg", "mpeg1video"), ("a.ts", "libx264")])
+@pytest.mark.parametrize("first, second", [(0, 0), (0, 15), (3000, 0)])
+def test_files_joined_byte_by_byte_are_refused(tmp_path, name, codec, first, second):
+    """Their second clock begins again: at once, within the first's, or as if that ran over."""
+    parts = [write_video(tmp_path / f"{i}{name}", range(start, start + 30), codec, clock=30)
+             for i, start in enumerate((first, second))]  # fmt: skip
+    joined = tmp_path / name
+    joined.write_bytes(b"".join(path.read_bytes() for path in parts))
+    for path in parts:
+        assert len(open_video(path).times) == 30
+    with pytest.raises(FileError, match=rf"{name}: its clock jumps from .*ffmpeg -i FILE"):
+        _ = open_video(joined).times
 
 
 def test_avi_with_b_frames_is_in_the_order_of_the_pictures(tmp_path):
@@ -136,6 +159,18 @@ def test_the_rotation_flag_is_applied(tmp_path, rotation):
         shown_y = (right_y * x + down_y * y) % height if right_y + down_y > 0 else (
             height - 1 + right_y * x + down_y * y)  # fmt: skip
         assert abs(int(image[shown_y, shown_x, 0]) - int(stored[y, x, 0])) < 5
+
+
+def test_a_damaged_time_is_that_of_one_frame(tmp_path):
+    path = write_video(tmp_path / "a.ts", range(30), "mpeg2video", clock=30)
+    stated = open_video(path).times
+    data = bytearray(path.read_bytes())
+    headers = [i for i in range(len(data)) if data[i : i + 4] == b"\0\0\1\xe0"]
+    for at in range(headers[14] + 9, headers[14] + 9 + data[headers[14] + 8], 5):  # PTS, DTS
+        data[at + 1] ^= 0x10  # bit 26 of 33 of a clock of 90 kHz
+    path.write_bytes(data)
+    damaged = open_video(path).times
+    assert len(damaged) == 30 and len(np.setdiff1d(damaged, stated)) == 1
 
 
 def test_a_damaged_stretch_loses_its_frames_alone(tmp_path, monkeypatch):

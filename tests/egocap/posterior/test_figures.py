@@ -9,7 +9,7 @@ import pytest
 from egocap.errors import MachineError
 from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
-from egocap.posterior.figures import draw_reliability, write_page
+from egocap.posterior.figures import draw_reliability, draw_traces, write_page
 from egocap.posterior.log_prob import make_log_posterior
 from egocap.posterior.result import to_arviz
 from egocap.posterior.sampler import sample
@@ -45,6 +45,18 @@ def test_page_holds_every_figure_and_warning(of_prior, rig, tmp_path):
     assert '<p class="bad">not &lt;mixed&gt;</p>' in html
     assert "what follows is the prior" in html
     assert of_prior.summary()["spread_mm"]["left_hand"] > 50.0
+
+
+def test_traces_are_in_the_units_of_their_parameters(of_prior):
+    names = ("scale_thighs", "left_turn_x", "left_shift_x", *of_prior.names[3:])
+    slowest_first = np.arange(len(names), dtype=float)
+    few = replace(of_prior, names=names, effective=slowest_first, draws=of_prior.draws[:5])
+    left = draw_traces(few).axes[::2]
+    assert left[0].get_title() == "5 walkers"
+    for axes, i, factor, unit in zip(left, range(3), (100.0, np.rad2deg(1.0), 1e3),
+                                     ("100 ln", "degrees", "mm"), strict=True):  # fmt: skip
+        assert axes.get_ylabel().replace("\n", " ").endswith(f", {unit}")
+        np.testing.assert_allclose(axes.lines[0].get_ydata(), factor * few.draws[0, :, i])
 
 
 def test_reliability_diagram_has_every_curve():

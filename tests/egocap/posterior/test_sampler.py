@@ -10,10 +10,10 @@ from egocap.body.skeleton import DOF_INDEX, forward
 from egocap.errors import FileError, InputError
 from egocap.pose.pose_prior import load_posture
 from egocap.posterior.config import PosteriorConfig, SamplerConfig
-from egocap.posterior.log_prob import make_log_posterior
+from egocap.posterior.log_prob import LogPosterior, make_log_posterior
 from egocap.posterior.moves import Crank, Hop, Mixture, Trajectory
 from egocap.posterior.result import load_posterior, save_posterior
-from egocap.posterior.sampler import sample
+from egocap.posterior.sampler import fingerprint, sample
 from egocap.posterior.synthetic_pose import draw_detections, draw_poses
 
 CONFIG = PosteriorConfig(model_error_m=0.0)
@@ -222,6 +222,18 @@ def test_same_seed_same_draws_and_a_kill_changes_nothing(density, tmp_path):
     assert resumed.acceptance == whole.acceptance
     with pytest.raises(FileError, match="another frame, or of other settings"):
         sample(density, replace(config, seed=5), checkpoint=tmp_path / "b.npz")
+
+
+def test_chain_of_other_images_is_not_continued(density):
+    parts = (density.measurement, density.rig, density.proportions, CONFIG)
+
+    def of_images(seed, starts=None):
+        images = np.random.default_rng(seed).normal(size=37)
+        return fingerprint(LogPosterior(*parts, lambda a: a @ images), SamplerConfig(), starts)
+
+    assert of_images(0) == of_images(0) != of_images(1)
+    starts = np.full((1, 37), 0.1)
+    assert of_images(0, starts) == of_images(0, starts) != of_images(1, starts)
 
 
 def test_short_chain_admits_it_with_numbers(density, tmp_path):

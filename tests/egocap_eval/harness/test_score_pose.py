@@ -220,6 +220,20 @@ def test_your_tracker_is_scored_whatever_joints_are_missing(folder, truth, missi
     assert not [name for name in report.other_protocols_mm if "-ba" in name]
 
 
+def test_predictions_without_a_head_are_scored_in_the_world(folder, truth):
+    """The joints of a protocol are enough for its measures in the world."""
+    valid = np.ones((FRAMES, 18), bool)
+    valid[:, LABELS.index("head")] = False
+    valid[3, LABELS.index("neck")] = False
+    positions = np.where(valid[..., None], truth.joints_world + [0.0, 0.0, 0.02], 0.0)
+    given = make_predictions(truth, positions, valid=valid, frame="world")
+    report = evaluate(given, open_sequence(folder))
+    assert report.frames_in_world == FRAMES - 1
+    for name in ("world_mpjpe_mm", "world_aligned_mpjpe_mm", "penetration_mm"):
+        assert getattr(report, name) == pytest.approx(0, abs=1e-6), name
+    assert evaluate(given, open_sequence(folder), protocol="egocap-18").frames_in_world == 0
+
+
 def test_a_score_names_the_body_of_its_track(folder, truth):
     sequence = open_sequence(folder)
     other = 1.05 * sequence.body.offsets

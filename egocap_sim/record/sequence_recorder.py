@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
 from egocap.data.manifest import SCHEMA, Manifest, ShardEntry
@@ -33,7 +34,10 @@ from egocap_sim.world.take import Take, read_drafts, remove_drafts
 from egocap_sim.world.world import World, load_world
 
 if TYPE_CHECKING:
+    from egocap_sim.assets.mesh import AnimatedActor
     from egocap_sim.record.frame_writer import FrameWriter
+
+_STEP_M = 0.002  # of bystanders and things where an appended part begins, at most
 
 
 @dataclass(frozen=True)
@@ -154,13 +158,35 @@ def _manifest(world: World) -> Manifest:
 
 def _check_start(world: World, old: Truth) -> None:
     """Raise InputError unless the longer sequence begins with the recorded shorter one."""
-    frames = len(old.time)
-    alike = np.array_equal(old.T_world_body, world.take.truth.T_world_body[:frames])
-    if not alike or World(world.scene, Take(old, None)).clear_radius != world.clear_radius:
-        raise InputError(
-            "the sequence cannot be extended: with more frames its beginning would differ",
-            valid="another --out",
+    before = World(world.scene, Take(old, None))
+    moves = np.array_equal(old.T_world_body, world.take.truth.T_world_body[: len(old.time)])
+    if not moves or before.clear_radius != world.clear_radius:
+        differs = "its beginning"
+    elif not all(map(_begins_like, world.actors, before.actors)):
+        differs = "the bystanders or things in its beginning"
+    else:
+        return
+    raise InputError(
+        f"the sequence cannot be extended: with more frames {differs} would differ",
+        valid="another --out",
+    )
+
+
+def _begins_like(longer: AnimatedActor, shorter: AnimatedActor) -> bool:
+    """Whether both look alike and, in the frames of the shorter, move alike."""
+    a, b = longer.actor.meshes, shorter.actor.meshes
+    return (
+        len(a) == len(b)
+        and all(
+            np.array_equal(m.texture, n.texture) and _alike(m.vertices, n.vertices)
+            for m, n in zip(a, b, strict=True)
         )
+        and _alike(longer.skinning[: len(shorter.skinning)], shorter.skinning)
+    )
+
+
+def _alike(a: Array, b: Array) -> bool:
+    return a.shape == b.shape and np.allclose(a, b, rtol=0, atol=_STEP_M)
 
 
 def _side_files(world: World) -> dict[str, bytes]:

@@ -115,6 +115,7 @@ def record_sequence(
         if writer.manifest.complete:
             return Summary(out, scene.frames, 0, 0.0, _size(out), None, bystanders=others)
         take = world.take
+        _ = world.clear_radius  # raises for a motion that leaves the place
         if writer.old_truth is not None:
             _check_start(world, writer.old_truth)
         writer.begin()

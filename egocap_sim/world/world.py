@@ -119,7 +119,9 @@ class World:
     @cached_property
     def clear_radius(self) -> float:
         """Metres kept free around the origin: the scene's, or as many as the motion needs."""
-        return radius_around(self.take.truth.T_world_body, self.scene.place.clear_radius)
+        bodies = self.take.truth.T_world_body
+        with errors_name_key(self.scene.name, "motion"):
+            return radius_around(bodies, self.scene.place)
 
     @cached_property
     def place(self) -> Place:

@@ -131,7 +131,8 @@ class World:
     @cached_property
     def actors(self) -> list[AnimatedActor]:
         """Props and bystanders, posed at the frame times."""
-        return [*self._props(), *self._bystanders()]
+        props = self._props()
+        return [*props, *self._bystanders(props)]
 
     def skinning(self, frame: int) -> dict[str, Float[Array, "B 4 4"]]:
         """Skinning transforms of the wearer and all other actors at a frame, by name."""
@@ -150,7 +151,7 @@ class World:
         performance = Performance(self.person, scene.motion, scene.seed, times, truth.T_world_body)
         return build_props(scene.things, performance, scene.name)
 
-    def _bystanders(self) -> list[AnimatedActor]:
+    def _bystanders(self, props: list[AnimatedActor]) -> list[AnimatedActor]:
         table, truth = self.scene.others, self.take.truth
         if not table.count:
             return []
@@ -166,6 +167,7 @@ class World:
                 self.clear_radius,
                 truth.T_world_head[:, None, :3, 3] + arms,
                 person=self.person if "shake_hands" in table.behaviours else None,
+                things=props,
             )
 
 

@@ -22,7 +22,7 @@ from egocap_sim.physics.reference import BLOCK, Target, TargetMotion
 from egocap_sim.physics.tracking_stats import TrackingMonitor
 
 STEPS_PER_S = 250.0  # at least; a whole number of steps fits between two camera frames
-_LEAD_S = 0.2  # simulated before the first frame, until the feet carry the person
+_LEAD_S = 0.7  # simulated before the first frame: the feet settle, and exposures may be early
 _TOUCH_N = 1.0  # newtons: the least force that counts as contact
 _FASTEST = 25.0  # metres a second: twice a sprinter
 _LOST_M = 1.0  # pelvis error that aborts the simulation
@@ -36,6 +36,7 @@ def simulate(
     start_s: float = 0.0,
     control: ControlConfig | None = None,
     force_every: int = 1,
+    before: int = 0,
 ) -> Trajectory:
     """Simulate the person following the reference; frame k is the state at k / fps seconds.
 
@@ -43,7 +44,8 @@ def simulate(
     person holds the last pose. The steps before the first frame follow the reference too, or hold
     its first pose, so that the forces are settled in the first frame. The result is deterministic
     except `stats.ms_per_second`. Contacts and forces are recorded in every
-    `force_every`-th frame and zero in the others.
+    `force_every`-th frame and zero in the others. The result begins with `before` frames of the
+    steps before the first.
 
     Raises InputError for invalid arguments and for a motion that the person cannot follow.
     """
@@ -51,10 +53,11 @@ def simulate(
     substeps = steps_per_frame(fps)
     model = build_model(person, 1.0 / (fps * substeps), reference.ground_boxes)
     timestep = model.opt.timestep
-    run = _Run(model, Controller(model, control or ControlConfig()), n_frames)
+    run = _Run(model, Controller(model, control or ControlConfig()), before + n_frames)
     monitor = TrackingMonitor(person, model, reference.ground_boxes)
     motion = TargetMotion(reference)
-    steps, lead = (n_frames - 1) * substeps + 1, math.ceil(_LEAD_S / timestep)
+    steps = (n_frames - 1) * substeps + 1
+    lead = max(math.ceil(_LEAD_S / timestep), before * substeps)
     moves = max(-lead, math.ceil(-start_s / timestep))  # the first step that does not hold a pose
     started = time.process_time()
     for first in range(-lead, steps, BLOCK):
@@ -66,9 +69,9 @@ def simulate(
             if step == moves:
                 run.data.qvel[:] = target.qvel[i]
             sound = run.step(target, i)
-            if step >= 0 and step % substeps == 0:
-                frame = step // substeps
-                run.record(frame, forces=frame % force_every == 0)
+            frame, within = divmod(step, substeps)
+            if within == 0 and frame >= -before:
+                run.record(before + frame, forces=frame % force_every == 0)
             if step >= 0:
                 monitor.observe(run.data, target, i)
             if not (sound and monitor.lost_m < _LOST_M):

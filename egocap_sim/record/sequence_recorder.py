@@ -212,14 +212,17 @@ def _json_file(content: object) -> bytes:
 def _finish(writer: SequenceWriter, take: Take) -> None:
     """Add the rendered visibility to the truth and write the truth as the last file."""
     shards = _Shards(writer)
-    annotations = [shards.annotation(i) for i in range(writer.manifest.frames)]
-    visibility = [shards.labels(i, content)[1] for i, content in enumerate(annotations)]
+    visibility, people = [], []
+    for i in range(writer.manifest.frames):  # one at a time: they are twice as large as the truth
+        annotation = shards.annotation(i)
+        visibility.append(shards.labels(i, annotation)[1])
+        if "others" in annotation:
+            people.append(np.array(annotation["others"]))
     truth = replace(take.truth, visibility=np.array(visibility))
     if take.sensor_plan is not None:
         writer.write_file(SENSOR, take.sensor_plan.applied.content())
-    if all("others" in a for a in annotations):
-        joints = np.array([a["others"] for a in annotations])
-        others = others_truth(joints, truth.T_world_head, shards.true_rig)
+    if people:
+        others = others_truth(np.array(people), truth.T_world_head, shards.true_rig)
         writer.write_file(OTHERS, others.content())
     writer.write_file("truth.npz", truth.content())
     remove_drafts(writer.folder)

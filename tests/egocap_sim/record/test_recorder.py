@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -152,3 +153,25 @@ def test_a_longer_sequence_does_not_continue_with_other_bystanders(tmp_path):
     with pytest.raises(InputError, match="bystanders or things in its beginning would differ"):
         generate(scene(20), tmp_path, workers=0, append=True)
     assert checksums(tmp_path) == before
+
+
+def test_annotations_are_read_one_at_a_time(tmp_path, tiny_scene, monkeypatch):
+    """They are larger than all other data that is held of a long sequence."""
+
+    class Annotation(dict):
+        __hash__, __eq__ = object.__hash__, object.__eq__
+
+    alive: weakref.WeakSet = weakref.WeakSet()
+    most = 0
+
+    def annotation(sequence: Sequence, index: int) -> dict:
+        nonlocal most
+        content = Annotation(read(sequence, index))
+        alive.add(content)
+        most = max(most, len(alive))
+        return content
+
+    read = Sequence.annotation
+    monkeypatch.setattr(Sequence, "annotation", annotation)
+    generate(tiny_scene, tmp_path, workers=0)
+    assert 1 <= most <= 2

@@ -16,7 +16,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.data.manifest import SCHEMA, Manifest, ShardEntry
+from egocap.data.manifest import SCHEMA, Manifest, ShardEntry, load_manifest
 from egocap.data.sequence import OTHERS, SENSOR, TRUE_RIG, Sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, write_shard
 from egocap.data.truth import Truth
@@ -111,7 +111,8 @@ def record_sequence(
     """Make, or complete, the sequence of a world in the folder `out`; see `recorder.generate`."""
     scene, others = world.scene, world.scene.others.count
     with SequenceWriter(out, _manifest(world), _side_files(world), append=append) as writer:
-        on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
+        left = sum(len(writer.shard_range(i)) for i in writer.pending())
+        on_frames(writer.manifest.frames - left)
         if writer.manifest.complete:
             return Summary(out, scene.frames, 0, 0.0, _size(out), None, bystanders=others)
         take = world.take
@@ -232,7 +233,7 @@ class _Shards(Sequence):
     """The frames of a sequence that has all shards but no truth yet."""
 
     def __init__(self, writer: SequenceWriter) -> None:
-        self.folder, self.manifest = writer.folder, writer.manifest
+        self.folder, self.manifest = writer.folder, load_manifest(writer.folder)
 
 
 def _size(folder: Path) -> int:

@@ -16,6 +16,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
+from pydantic import BaseModel
+
 from egocap.data.manifest import (
     MANIFEST,
     FileEntry,
@@ -38,6 +40,8 @@ class SequenceWriter:
     Use as a context manager: it holds the folder's lock. Raises InputError if the folder holds
     other files or another sequence, MachineError if another process is writing it. `begin` writes
     the first files of a new sequence. A run that fails before its first shard leaves nothing of it.
+    `manifest` is that on disk but for the files of the frames, which would take memory: a shard
+    that is listed has no `frames` here.
     """
 
     def __init__(
@@ -55,6 +59,7 @@ class SequenceWriter:
         self._append, self._longer, self._new = append, False, False
         self._side_files = side_files
         self._before: set[str] = set()
+        self._texts: dict[tuple[str, str], str] = {}  # of listed shards, by name and checksum
         self._lock = OutputLock(folder, folder=True)
 
     def __enter__(self) -> SequenceWriter:
@@ -143,9 +148,16 @@ class SequenceWriter:
             return True
 
     def _replace(self, manifest: Manifest) -> None:
-        text = json.dumps(manifest.model_dump(mode="json"), indent=None, separators=(",", ":"))
-        write_atomically(self.folder / MANIFEST, text.encode())
-        self.manifest = manifest
+        shards = list(manifest.shards)
+        for i, shard in enumerate(shards):
+            if (shard.name, shard.sha256) not in self._texts:
+                self._texts[shard.name, shard.sha256] = _json(shard)
+                shards[i] = shard.model_copy(update={"frames": []})
+        listed = ",".join(self._texts[shard.name, shard.sha256] for shard in shards)
+        text = _json(manifest.model_copy(update={"shards": []}))
+        assert text.endswith("[]}"), "shards are not the last field"
+        write_atomically(self.folder / MANIFEST, f"{text[:-2]}{listed}]}}".encode())
+        self.manifest = manifest.model_copy(update={"shards": shards})
 
 
 class Configured(Protocol):
@@ -206,6 +218,10 @@ def write_shard(
     return ShardEntry(
         name=path.name, first=first, bytes=file.size, sha256=file.digest.hexdigest(), frames=ranges
     )
+
+
+def _json(model: BaseModel) -> str:
+    return json.dumps(model.model_dump(mode="json"), indent=None, separators=(",", ":"))
 
 
 def _file_entry(content: bytes) -> FileEntry:

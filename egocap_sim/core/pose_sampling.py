@@ -16,7 +16,7 @@ from egocap.geometry import matrix_to_quaternion
 
 @dataclass(frozen=True, eq=False)
 class SampledPoses:
-    """Poses of bodies at `rate` samples a second, the first at time zero.
+    """Poses of bodies at `rate` samples a second, the first at `start_s`.
 
     Positions are interpolated linearly, rotations by slerp. At the rate of the physics (at least
     250 Hz) and an acceleration of 100 m/s^2 the error is within a dt^2 / 8 = 0.2 mm. The poses are
@@ -25,12 +25,20 @@ class SampledPoses:
 
     rate: float  # Hz
     poses: Float[Array, "N B 7"]  # position (m) and quaternion (w, x, y, z)
+    start_s: float = 0.0
 
     @classmethod
-    def from_transforms(cls, T_world_body: Float[Array, "N B 4 4"], rate: float) -> SampledPoses:
+    def from_transforms(
+        cls, T_world_body: Float[Array, "N B 4 4"], rate: float, start_s: float = 0.0
+    ) -> SampledPoses:
         """From transforms."""
         quaternions = matrix_to_quaternion(T_world_body[..., :3, :3])
-        return cls(rate, np.concatenate([T_world_body[..., :3, 3], quaternions], -1))
+        return cls(rate, np.concatenate([T_world_body[..., :3, 3], quaternions], -1), start_s)
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample."""
+        return self.start_s + (len(self.poses) - 1) / self.rate
 
     def at(self, times: Float[Array, "*n"] | float) -> Float[Array, "*n B 4 4"]:
         """Poses of all bodies at times in seconds."""
@@ -38,7 +46,8 @@ class SampledPoses:
 
     def at_bodies(self, times: Float[Array, "*n"], bodies: Int[Array, "*n"]) -> Array:
         """Poses (*n, 4, 4) of bodies, each at its own time; the two shapes broadcast."""
-        place = np.clip(np.asarray(times, float) * self.rate, 0, len(self.poses) - 1)
+        place = (np.asarray(times, float) - self.start_s) * self.rate
+        place = np.clip(place, 0, len(self.poses) - 1)
         first = np.floor(place).astype(int)
         second = np.minimum(first + 1, len(self.poses) - 1)
         return between(self.poses[first, bodies], self.poses[second, bodies], place - first)
@@ -49,15 +58,15 @@ class SampledPoses:
             np.save(file, self.poses)
 
     @classmethod
-    def load(cls, path: Path, rate: float) -> SampledPoses:
+    def load(cls, path: Path, rate: float, start_s: float = 0.0) -> SampledPoses:
         """Open saved samples."""
-        return cls(rate, np.load(path, mmap_mode="r"))
+        return cls(rate, np.load(path, mmap_mode="r"), start_s)
 
 
 def between_frames(T: Float[Array, "T B 4 4"], place: float) -> Float[Array, "B 4 4"]:
-    """Rigid transforms at a fractional frame number within 0 .. T - 1."""
-    first = min(int(place), len(T) - 1)
-    if place == first:
+    """Rigid transforms at a fractional frame number up to T - 1; below 0 they are extrapolated."""
+    first = min(max(int(place), 0), len(T) - 1)
+    if place == first or len(T) == 1:
         return T[first]
     pair = SampledPoses.from_transforms(T[first : first + 2], 1.0).poses
     return between(pair[0], pair[1], place - first)

@@ -1,12 +1,13 @@
 """Bystanders: their appearance, motions and places, free of collisions.
 
 Their motions are played back without forces. They are placed one after the other; a placement is
-accepted if at every checked time all limbs keep clear of the wearer and the other bystanders.
+accepted if at every checked time all limbs keep clear of the wearer, the things in the scene and
+the other bystanders.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from egocap_sim.crowd.handshaking import (
     partner_pose,
     reach_palm,
 )
+from egocap_sim.crowd.obstacles import distance_to_boxes, thing_boxes
 from egocap_sim.crowd.wandering import free_courses
 from egocap_sim.human.body.limb_distances import RIGHT_ARM, apart, limb_points
 from egocap_sim.human.body.person import Person
@@ -45,6 +47,7 @@ from egocap_sim.truth.truth import label_positions
 CELL_M = 0.025  # grid cell of the simplified meshes
 GAP_M = 0.25  # least distance between points inside two people's limbs
 CAMERA_GAP_M = 0.38  # least distance of such points from the cameras; a chest has a 0.2 m radius
+THING_GAP_M = 0.15  # least distance of such points from the boxes around things
 TRIES = 60  # placements tried before the distance limit is relaxed
 _RATE = 60.0  # frames per second of generated motions
 _CHECK_S = 0.1  # time step of the distance checks
@@ -62,15 +65,16 @@ def make_bystanders(
     bounds_m: float,
     cameras: Float[Array, "T V 3"],
     person: Person | None = None,
+    things: Sequence[AnimatedActor] = (),
 ) -> list[AnimatedActor]:
     """The bystanders of a scene, posed at the frame times [s].
 
-    They keep clear of the `cameras`, which extend beyond the wearer's head, and stay within
-    `bounds_m` of the origin. `person` is the wearer, needed for handshakes. Raises InputError
-    when there is no room for all of them.
+    They keep clear of the `cameras`, which extend beyond the wearer's head, and of `things`, and
+    stay within `bounds_m` of the origin. `person` is the wearer, needed for handshakes. Raises
+    InputError when there is no room for all of them.
     """
     handshake = None if person is None else find_handshake(person, wearer)
-    crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, handshake)
+    crowd = _Crowd(table, rng, times, wearer, bounds_m, cameras, things, handshake)
     return [crowd.add(i) for i in range(table.count)]
 
 
@@ -85,6 +89,7 @@ class _Crowd:
         wearer: Bodies,
         bounds_m: float,
         cameras: Float[Array, "T V 3"],
+        things: Sequence[AnimatedActor],
         handshake: Handshake | None,
     ) -> None:
         self.table, self.rng, self.times, self.bounds_m = table, rng, times, bounds_m
@@ -92,6 +97,7 @@ class _Crowd:
         step = max(1, round(_CHECK_S * (len(times) - 1) / max(times[-1] - times[0], 1e-9)))
         self.checked = np.arange(0, len(times), step)
         self.cameras = cameras[self.checked]
+        self.boxes = thing_boxes(things, self.checked)
         self.wearer_xy = wearer[:, 0, :2, 3]
         self.limbs = [limb_points(wearer[self.checked])]
         self.pelvises = [self.wearer_xy]
@@ -119,7 +125,7 @@ class _Crowd:
         return AnimatedActor(actor, skinning, label_positions(person, bodies))
 
     def is_free(self, bodies: Bodies, greets: bool = False) -> bool:
-        """Whether a motion stays in bounds and keeps clear of everyone.
+        """Whether a motion stays in bounds and keeps clear of everyone and everything.
 
         With `greets`, the right arms of the bystander and the wearer may touch.
         """
@@ -127,6 +133,8 @@ class _Crowd:
         if np.linalg.norm(limbs[..., :2], axis=-1).max() > self.bounds_m:
             return False
         if np.linalg.norm(limbs[:, :, None] - self.cameras[:, None], axis=-1).min() < CAMERA_GAP_M:
+            return False
+        if distance_to_boxes(limbs, self.boxes) < THING_GAP_M:
             return False
         wearer, *others = self.limbs
         ignored = RIGHT_ARM if greets else ()

@@ -48,10 +48,16 @@ class TargetMotion:
         self._spline = CubicSpline(times, keys, axis=0)
 
     def block(self, first: int, count: int, timestep_s: float, start_s: float) -> Target:
-        """Targets of steps first .. first + count - 1; the last pose is held beyond the end."""
-        times = start_s + (first + np.arange(count)) * timestep_s
+        """Targets of steps first .. first + count - 1, of which step 0 is at `start_s`.
+
+        The first pose is held before the beginning, the last beyond the end.
+        """
+        steps = first + np.arange(count)
+        times = start_s + steps * timestep_s
         qpos, qacc = self._positions(times)
         qvel = self._velocities(times - timestep_s / 2)
+        early = steps < -start_s / timestep_s
+        qvel[early] = qacc[early] = 0.0
         frame = np.clip(np.rint(times * self._fps).astype(int), 0, len(self._planted) - 1)
         return Target(qpos, qvel, qacc, self._planted[frame], self._touching[frame])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import mujoco
@@ -21,6 +22,7 @@ from egocap_sim.physics.reference import BLOCK, Target, TargetMotion
 from egocap_sim.physics.tracking_stats import TrackingMonitor
 
 STEPS_PER_S = 250.0  # at least; a whole number of steps fits between two camera frames
+_LEAD_S = 0.7  # simulated before the first frame: the feet settle, and exposures may be early
 _TOUCH_N = 1.0  # newtons: the least force that counts as contact
 _FASTEST = 25.0  # metres a second: twice a sprinter
 _LOST_M = 1.0  # pelvis error that aborts the simulation
@@ -34,40 +36,52 @@ def simulate(
     start_s: float = 0.0,
     control: ControlConfig | None = None,
     force_every: int = 1,
+    before: int = 0,
 ) -> Trajectory:
     """Simulate the person following the reference; frame k is the state at k / fps seconds.
 
-    It begins in the reference's pose at `start_s` seconds and by default runs to its end; beyond
-    that the person holds the last pose. The result is deterministic except `stats.ms_per_second`.
-    Contacts and forces are recorded in every `force_every`-th frame and zero in the others.
+    It begins at `start_s` seconds of the reference and by default runs to its end; beyond that the
+    person holds the last pose. The steps before the first frame follow the reference too, or hold
+    its first pose, so that the forces are settled in the first frame. The result is deterministic
+    except `stats.ms_per_second`. Contacts and forces are recorded in every
+    `force_every`-th frame and zero in the others. The result begins with `before` frames of the
+    steps before the first.
 
     Raises InputError for invalid arguments and for a motion that the person cannot follow.
     """
     n_frames = _check(reference, fps, n_frames, start_s)
     substeps = steps_per_frame(fps)
     model = build_model(person, 1.0 / (fps * substeps), reference.ground_boxes)
-    run = _Run(model, Controller(model, control or ControlConfig()), n_frames)
+    timestep = model.opt.timestep
+    run = _Run(model, Controller(model, control or ControlConfig()), before + n_frames)
     monitor = TrackingMonitor(person, model, reference.ground_boxes)
     motion = TargetMotion(reference)
     steps = (n_frames - 1) * substeps + 1
+    lead = max(math.ceil(_LEAD_S / timestep), before * substeps)
+    moves = max(-lead, math.ceil(-start_s / timestep))  # the first step that does not hold a pose
     started = time.process_time()
-    for first in range(0, steps, BLOCK):
-        target = motion.block(first, min(BLOCK, steps - first), model.opt.timestep, start_s)
+    for first in range(-lead, steps, BLOCK):
+        target = motion.block(first, min(BLOCK, steps - first), timestep, start_s)
         for i in range(len(target.qpos)):
             step = first + i
-            sound = run.step(target, i, begin=step == 0)
-            if step % substeps == 0:
-                frame = step // substeps
-                run.record(frame, forces=frame % force_every == 0)
-            monitor.observe(run.data, target, i)
+            if step == -lead:
+                run.data.qpos[:] = target.qpos[i]
+            if step == moves:
+                run.data.qvel[:] = target.qvel[i]
+            sound = run.step(target, i)
+            frame, within = divmod(step, substeps)
+            if within == 0 and frame >= -before:
+                run.record(before + frame, forces=frame % force_every == 0)
+            if step >= 0:
+                monitor.observe(run.data, target, i)
             if not (sound and monitor.lost_m < _LOST_M):
                 raise InputError(
                     f"the person cannot follow the motion: diverged after "
-                    f"{step * model.opt.timestep:.2f} s",
+                    f"{max(step, 0) * timestep:.2f} s",
                     valid="a motion without jumps between its frames",
                 )
     seconds = time.process_time() - started
-    stats = monitor.stats(ms_per_second=1e3 * seconds / (steps * model.opt.timestep))
+    stats = monitor.stats(ms_per_second=1e3 * seconds / ((lead + steps) * timestep))
     return Trajectory(fps, run.T_world_body, run.contact, run.ground_force, run.root_wrench, stats)
 
 
@@ -112,13 +126,11 @@ class _Run:
         self.root_wrench = np.zeros((n_frames, 6))
         self._foot_geoms = [model.geom(foot).id for foot in FEET]
 
-    def step(self, target: Target, i: int, begin: bool = False) -> bool:
+    def step(self, target: Target, i: int) -> bool:
         """Advance one step; afterwards positions and forces in `data` are those at its start.
 
         Returns False, without the step, if the forces are not finite.
         """
-        if begin:
-            self.data.qpos[:], self.data.qvel[:] = target.qpos[i], target.qvel[i]
         self._controller.gate(target.planted[i], target.touching[i])
         mujoco.mj_step1(self._model, self.data)
         self._controller.apply(self.data, target, i)

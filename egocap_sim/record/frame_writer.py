@@ -22,6 +22,7 @@ from egocap_sim.truth.visibility import JointVisibility
 from egocap_sim.world.world import World
 
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+EARLIEST = 2  # frames by which props and bystanders are extrapolated before the first
 _FLAT = [*_PNG, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]  # labels, three times as fast
 
 
@@ -55,7 +56,9 @@ class FrameWriter:
             coarse=plan.sensor.subframe_sharpness if plan else 1.0,
         )
         self._visibility = JointVisibility(self.person, self.rig)
-        self._numbers = np.arange(len(self.truth.time))
+        last = max((len(actor.skinning) for actor in self.actors), default=0)
+        self._numbers = np.arange(-EARLIEST, last)
+        self._times = self._numbers / world.scene.fps
         self._T_body_rest = rigid(np.eye(3), -self.person.joints)
         self._sensor = None
         if plan is not None:
@@ -116,7 +119,7 @@ class FrameWriter:
         for actor in self.actors:
             moved = actor.skinning[index]
             if poses is not None:
-                moved = between_frames(actor.skinning, np.interp(time, truth.time, self._numbers))
+                moved = between_frames(actor.skinning, np.interp(time, self._times, self._numbers))
             skinning[actor.actor.name] = moved
         views = self.renderer.render(T_world_body[INDEX["head"]], skinning, rows, still_m, coarsely)
 

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.data.manifest import SCHEMA, Manifest, ShardEntry
+from egocap.data.manifest import SCHEMA, Manifest, ShardEntry, load_manifest
 from egocap.data.sequence import OTHERS, SENSOR, TRUE_RIG, Sequence
 from egocap.data.sequence_writer import SequenceWriter, digest, write_shard
 from egocap.data.truth import Truth
@@ -33,7 +34,10 @@ from egocap_sim.world.take import Take, read_drafts, remove_drafts
 from egocap_sim.world.world import World, load_world
 
 if TYPE_CHECKING:
+    from egocap_sim.assets.mesh import AnimatedActor
     from egocap_sim.record.frame_writer import FrameWriter
+
+_STEP_M = 0.002  # of bystanders and things where an appended part begins, at most
 
 
 @dataclass(frozen=True)
@@ -107,10 +111,12 @@ def record_sequence(
     """Make, or complete, the sequence of a world in the folder `out`; see `recorder.generate`."""
     scene, others = world.scene, world.scene.others.count
     with SequenceWriter(out, _manifest(world), _side_files(world), append=append) as writer:
-        on_frames(sum(len(shard.frames) for shard in writer.manifest.shards))
+        left = sum(len(writer.shard_range(i)) for i in writer.pending())
+        on_frames(writer.manifest.frames - left)
         if writer.manifest.complete:
             return Summary(out, scene.frames, 0, 0.0, _size(out), None, bystanders=others)
         take = world.take
+        _ = world.clear_radius  # raises for a motion that leaves the place
         if writer.old_truth is not None:
             _check_start(world, writer.old_truth)
         writer.begin()
@@ -154,13 +160,35 @@ def _manifest(world: World) -> Manifest:
 
 def _check_start(world: World, old: Truth) -> None:
     """Raise InputError unless the longer sequence begins with the recorded shorter one."""
-    frames = len(old.time)
-    alike = np.array_equal(old.T_world_body, world.take.truth.T_world_body[:frames])
-    if not alike or World(world.scene, Take(old, None)).clear_radius != world.clear_radius:
-        raise InputError(
-            "the sequence cannot be extended: with more frames its beginning would differ",
-            valid="another --out",
+    before = World(world.scene, Take(old, None))
+    moves = np.array_equal(old.T_world_body, world.take.truth.T_world_body[: len(old.time)])
+    if not moves or before.clear_radius != world.clear_radius:
+        differs = "its beginning"
+    elif not all(map(_begins_like, world.actors, before.actors)):
+        differs = "the bystanders or things in its beginning"
+    else:
+        return
+    raise InputError(
+        f"the sequence cannot be extended: with more frames {differs} would differ",
+        valid="another --out",
+    )
+
+
+def _begins_like(longer: AnimatedActor, shorter: AnimatedActor) -> bool:
+    """Whether both look alike and, in the frames of the shorter, move alike."""
+    a, b = longer.actor.meshes, shorter.actor.meshes
+    return (
+        len(a) == len(b)
+        and all(
+            np.array_equal(m.texture, n.texture) and _alike(m.vertices, n.vertices)
+            for m, n in zip(a, b, strict=True)
         )
+        and _alike(longer.skinning[: len(shorter.skinning)], shorter.skinning)
+    )
+
+
+def _alike(a: Array, b: Array) -> bool:
+    return a.shape == b.shape and np.allclose(a, b, rtol=0, atol=_STEP_M)
 
 
 def _side_files(world: World) -> dict[str, bytes]:
@@ -185,14 +213,17 @@ def _json_file(content: object) -> bytes:
 def _finish(writer: SequenceWriter, take: Take) -> None:
     """Add the rendered visibility to the truth and write the truth as the last file."""
     shards = _Shards(writer)
-    annotations = [shards.annotation(i) for i in range(writer.manifest.frames)]
-    visibility = [shards.labels(i, content)[1] for i, content in enumerate(annotations)]
+    visibility, people = [], []
+    for i in range(writer.manifest.frames):  # one at a time: they are twice as large as the truth
+        annotation = shards.annotation(i)
+        visibility.append(shards.labels(i, annotation)[1])
+        if "others" in annotation:
+            people.append(np.array(annotation["others"]))
     truth = replace(take.truth, visibility=np.array(visibility))
     if take.sensor_plan is not None:
         writer.write_file(SENSOR, take.sensor_plan.applied.content())
-    if all("others" in a for a in annotations):
-        joints = np.array([a["others"] for a in annotations])
-        others = others_truth(joints, truth.T_world_head, shards.true_rig)
+    if people:
+        others = others_truth(np.array(people), truth.T_world_head, shards.true_rig)
         writer.write_file(OTHERS, others.content())
     writer.write_file("truth.npz", truth.content())
     remove_drafts(writer.folder)
@@ -202,7 +233,7 @@ class _Shards(Sequence):
     """The frames of a sequence that has all shards but no truth yet."""
 
     def __init__(self, writer: SequenceWriter) -> None:
-        self.folder, self.manifest = writer.folder, writer.manifest
+        self.folder, self.manifest = writer.folder, load_manifest(writer.folder)
 
 
 def _size(folder: Path) -> int:

@@ -27,7 +27,8 @@ from egocap_sim.render.gpu import GpuBatch, Uniforms
 from egocap_sim.render.shadow import shadow_map
 from egocap_sim.render.views import Resampler, Views
 
-NEAR, FAR = 0.01, 60.0  # metres; 24 bits of depth leave 0.2 mm at 5 m
+NEAR, FAR = 0.01, 120.0  # metres; 24 bits of depth leave 0.2 mm at 5 m
+"""The sky, 55 m around the origin, is drawn for wearers as far as a place is large."""
 _SCENE = 0  # pyrender.RenderFlags.NONE
 _LABELS = pyrender.RenderFlags.SEG
 _SHADOW = pyrender.RenderFlags.DEPTH_ONLY

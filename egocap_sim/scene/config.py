@@ -188,6 +188,16 @@ class Scene(Strict):
     sensor: SensorTable | None = None  # None: perfect cameras
     episodes: EpisodesTable | None = None  # None: one sequence
 
+    @model_validator(mode="after")
+    def _others_begin_in_time(self) -> Scene:
+        accompanied = self.others.count or self.things or (self.episodes and self.episodes.props)
+        if accompanied and self.sensor and -self.sensor.time_offset_s * self.fps > 1:
+            raise ValueError(
+                f"'time_offset_s' of [sensor] must be at least {-1 / self.fps:.4f} (a frame) with "
+                f"[others], [[things]] or props, which begin with the first frame"
+            )
+        return self
+
 
 def load_scene(path: Path) -> Scene:
     """Read a scene file and make its paths absolute. Raises FileError with the invalid key."""

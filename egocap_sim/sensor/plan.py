@@ -48,14 +48,15 @@ class SensorPlan:
         self.applied.save(folder / _TRUTH)
         if self.poses is not None:
             self.poses.save(folder / _MOTION)
-            (folder / _RATE).write_text(repr(self.poses.rate))
+            (folder / _RATE).write_text(f"{self.poses.rate!r} {self.poses.start_s!r}")
 
     @classmethod
     def load(cls, folder: Path, sensor: SensorTable, seed: int) -> SensorPlan:
         """Read the files of `save`."""
         poses = None
         if sensor.timed:
-            poses = SampledPoses.load(folder / _MOTION, float((folder / _RATE).read_text()))
+            rate, start_s = map(float, (folder / _RATE).read_text().split())
+            poses = SampledPoses.load(folder / _MOTION, rate, start_s)
         return cls(sensor, seed, SensorTruth.load(folder / _TRUTH), poses)
 
 

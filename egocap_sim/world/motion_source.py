@@ -78,23 +78,24 @@ class MotionSource:
         return int(seconds * self.fps) + 1
 
     def simulate(
-        self, person: Person, tail_s: float | None = None
+        self, person: Person, margins_s: tuple[float, float] | None = None
     ) -> tuple[Trajectory, SampledPoses | None]:
         """Retarget the motion to a person and simulate it.
 
-        Returns the trajectory at the cameras' frame times and, with `tail_s`, the poses at every
-        physics step until `tail_s` after the last frame. The trajectory is bit-identical in both
-        cases, since the frames are among these steps.
+        Returns the trajectory at the cameras' frame times and, with `margins_s`, the poses at every
+        physics step from and until so long before the first and after the last frame. The
+        trajectory is bit-identical in both cases, since the frames are among these steps.
         """
         from egocap_sim.core.pose_sampling import SampledPoses
         from egocap_sim.physics.simulation import steps_per_frame
 
-        if tail_s is None:
+        if margins_s is None:
             return self._compared(person, self._simulate(person, 1, self.frames)), None
         steps = steps_per_frame(self.fps)
-        frames = self.frames + math.ceil(tail_s * self.fps)
-        fine = self._simulate(person, steps, (frames - 1) * steps + 1)
-        rows = slice(0, (self.frames - 1) * steps + 1, steps)
+        before, after = (math.ceil(margin * self.fps) for margin in margins_s)
+        samples = (self.frames - 1 + after) * steps + 1
+        fine = self._simulate(person, steps, samples, before * steps)
+        rows = slice(before * steps, (before + self.frames - 1) * steps + 1, steps)
         trajectory = replace(
             fine,
             fps=self.fps,
@@ -104,10 +105,12 @@ class MotionSource:
             root_wrench=fine.root_wrench[rows],
         )
         return self._compared(person, trajectory), SampledPoses.from_transforms(
-            fine.T_world_body, fine.fps
+            fine.T_world_body, fine.fps, -before / self.fps
         )
 
-    def _simulate(self, person: Person, per_frame: int, samples: int) -> Trajectory:
+    def _simulate(
+        self, person: Person, per_frame: int, samples: int, before: int = 0
+    ) -> Trajectory:
         from egocap_sim.physics.simulation import simulate
 
         clip = self.clip()
@@ -122,6 +125,7 @@ class MotionSource:
             n_frames=samples,
             start_s=self._start_s,
             force_every=per_frame,
+            before=before,
         )
 
     def _compared(self, person: Person, trajectory: Trajectory) -> Trajectory:

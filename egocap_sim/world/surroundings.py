@@ -44,12 +44,21 @@ def check_place(table: PlaceTable) -> None:
         read_panorama(Path(table.panorama))
 
 
-def radius_around(T_world_body: Float[Array, "T 21 4 4"], least_m: float) -> float:
-    """Radius around the origin that contains a motion, at least `least_m` [m]."""
+def radius_around(T_world_body: Float[Array, "T 21 4 4"], table: PlaceTable) -> float:
+    """Radius around the origin that contains a motion, at least the table's [m].
+
+    Raises InputError for a motion that leaves the largest place; the green one has no walls.
+    """
     from egocap_sim.environment.places import LARGEST_RADIUS_M
 
     reach = float(np.linalg.norm(T_world_body[..., :2, 3], axis=-1).max()) + _MARGIN_M
-    return max(least_m, min(reach, LARGEST_RADIUS_M))
+    if reach > LARGEST_RADIUS_M and table.name != "chroma":
+        raise InputError(
+            f"the wearer moves {reach - _MARGIN_M:.1f} m away from the origin, out of the place "
+            f"'{table.name}'",
+            valid=f"up to {LARGEST_RADIUS_M - _MARGIN_M:g} m, or the place 'chroma'",
+        )
+    return max(table.clear_radius, min(reach, LARGEST_RADIUS_M))
 
 
 def build_place(table: PlaceTable, seed: int, clear_radius: float) -> Place:

@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
 from egocap.geometry import rigid
+from egocap_sim.core.bodies import INDEX
 from egocap_sim.core.rng import make_rng
 from egocap_sim.scene.config import Scene
 from egocap_sim.scene.rig_source import resolve_headgear, resolve_rig
@@ -99,12 +100,16 @@ class World:
     @cached_property
     def simulated(self) -> tuple[Trajectory, SampledPoses | None]:
         """The simulated motion at the frames, and between them if the sensor requires it."""
-        tail_s, sensor = None, self.sensor
+        margins_s, sensor = None, self.sensor
         if sensor is not None and sensor.timed:
             late_s = 1e-6 * sensor.clock_drift_ppm * self.scene.frames / self.scene.fps
-            tail_s = max(sensor.time_offset_s + late_s, 0) + sensor.shutter_s + sensor.readout_s
+            exposure_s = sensor.shutter_s + sensor.readout_s
+            margins_s = (
+                max(-sensor.time_offset_s, 0) + exposure_s / 2,
+                max(sensor.time_offset_s + late_s, 0) + exposure_s,
+            )
         with errors_name_key(self.scene.name, "motion"):
-            return self.motion.simulate(self.person, tail_s)
+            return self.motion.simulate(self.person, margins_s)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -119,7 +124,9 @@ class World:
     @cached_property
     def clear_radius(self) -> float:
         """Metres kept free around the origin: the scene's, or as many as the motion needs."""
-        return radius_around(self.take.truth.T_world_body, self.scene.place.clear_radius)
+        bodies = self.take.truth.T_world_body
+        with errors_name_key(self.scene.name, "motion"):
+            return radius_around(bodies, self.scene.place)
 
     @cached_property
     def place(self) -> Place:
@@ -128,8 +135,9 @@ class World:
 
     @cached_property
     def actors(self) -> list[AnimatedActor]:
-        """Props and bystanders, posed at the frame times."""
-        return [*self._props(), *self._bystanders()]
+        """Props and bystanders, posed at the frame times, and after them for late exposures."""
+        props = self._props()
+        return [*props, *self._bystanders(props)]
 
     def skinning(self, frame: int) -> dict[str, Float[Array, "B 4 4"]]:
         """Skinning transforms of the wearer and all other actors at a frame, by name."""
@@ -138,32 +146,45 @@ class World:
         others = {actor.actor.name: actor.skinning[frame] for actor in self.actors}
         return {self.person.actor.name: wearer} | others
 
+    @cached_property
+    def _performed(self) -> tuple[Float[Array, "T"], Float[Array, "T 21 4 4"]]:
+        """Times and poses of the wearer's bodies for the actors: those of `actors`."""
+        truth, plan = self.take.truth, self.take.sensor_plan
+        if plan is None or plan.poses is None:
+            return truth.time, truth.T_world_body
+        last = round(plan.poses.end_s * self.scene.fps)
+        later = np.arange(len(truth.time), last + 1) / self.scene.fps
+        bodies = np.concatenate([truth.T_world_body, plan.poses.at(later)])
+        return np.concatenate([truth.time, later]), bodies
+
     def _props(self) -> list[AnimatedActor]:
         if not self.scene.things:
             return []
         from egocap_sim.props.performance import Performance
 
-        scene, truth = self.scene, self.take.truth
-        times = truth.time - truth.time[0]
-        performance = Performance(self.person, scene.motion, scene.seed, times, truth.T_world_body)
+        scene, (times, bodies) = self.scene, self._performed
+        performance = Performance(self.person, scene.motion, scene.seed, times, bodies)
         return build_props(scene.things, performance, scene.name)
 
-    def _bystanders(self) -> list[AnimatedActor]:
-        table, truth = self.scene.others, self.take.truth
+    def _bystanders(self, props: list[AnimatedActor]) -> list[AnimatedActor]:
+        table = self.scene.others
         if not table.count:
             return []
         from egocap_sim.crowd.bystanders import make_bystanders
 
-        arms = self.rig.T_head_camera[:, :3, 3] @ np.swapaxes(truth.T_world_head[:, :3, :3], -1, -2)
+        times, bodies = self._performed
+        T_world_head = bodies[:, INDEX["head"]]
+        arms = self.rig.T_head_camera[:, :3, 3] @ np.swapaxes(T_world_head[:, :3, :3], -1, -2)
         with errors_name_key(self.scene.name, "others"):
             return make_bystanders(
                 table,
                 make_rng(self.scene.seed, "others"),
-                truth.time,
-                truth.T_world_body,
+                times,
+                bodies,
                 self.clear_radius,
-                truth.T_world_head[:, None, :3, 3] + arms,
+                T_world_head[:, None, :3, 3] + arms,
                 person=self.person if "shake_hands" in table.behaviours else None,
+                things=props,
             )
 
 

@@ -132,20 +132,24 @@ def _blend_from_end(clip: Clip, before: Clip) -> Clip:
     moved = fade[:, None] * (before.positions[-1, 0] - clip.positions[0, 0])
     posed = with_local_rotations(clip, local)
     posed = replace(posed, positions=posed.positions + moved[:, None])
-    return _solve_legs(posed, _hold_feet(clip, before))
+    return _solve_legs(posed, _hold_feet(clip, before, fade))
 
 
-def _hold_feet(clip: Clip, before: Clip) -> Clip:
-    """The clip with each foot at its previous place until its first step."""
+def _hold_feet(clip: Clip, before: Clip, fade: Float[Array, "T"]) -> Clip:
+    """The clip with each foot at its previous place until its first step, no faster than `fade`.
+
+    The thighs fade from their previous rotation: they give the direction in which the knees bend.
+    """
     p, R = clip.positions.copy(), clip.rotations.copy()
     for s in ("l_", "r_"):
-        foot, toe = INDEX[s + "foot"], INDEX[s + "toe"]
+        thigh, foot, toe = (INDEX[s + part] for part in ("thigh", "foot", "toe"))
         away = np.linalg.norm(p[:, foot] - p[0, foot], axis=1)
-        stays = 1.0 - minimum_jerk(np.maximum.accumulate(away) / 0.2)
+        stays = np.maximum(fade, 1.0 - minimum_jerk(np.maximum.accumulate(away) / 0.2))
         p[:, foot] += stays[:, None] * (before.positions[-1, foot] - clip.positions[0, foot])
-        turned = Rotation.from_matrix(before.rotations[-1, foot] @ clip.rotations[0, foot].T)
-        back = Rotation.from_rotvec(stays[:, None] * turned.as_rotvec()).as_matrix()
-        R[:, foot], R[:, toe] = back @ R[:, foot], back @ R[:, toe]
+        for body, bodies, share in ((thigh, [thigh], fade), (foot, [foot, toe], stays)):
+            turned = Rotation.from_matrix(before.rotations[-1, body] @ clip.rotations[0, body].T)
+            back = Rotation.from_rotvec(share[:, None] * turned.as_rotvec()).as_matrix()
+            R[:, bodies] = back[:, None] @ R[:, bodies]
     return replace(clip, positions=p, rotations=R)
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import tarfile
+import tracemalloc
 from dataclasses import fields
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
-from egocap.data.manifest import SCHEMA, Manifest, load_manifest
+from egocap.data.manifest import SCHEMA, Manifest, ShardEntry, load_manifest
 from egocap.data.sequence import Sequence
 from egocap.data.sequence_writer import SequenceWriter, write_shard
 from egocap.data.truth import Truth
@@ -211,6 +212,32 @@ def test_a_shard_that_was_listed_just_before_an_interruption_is_kept(tmp_path, m
         writer.add_shard(entry)
     assert list(load_manifest(tmp_path).shards) == [entry]
     assert (tmp_path / entry.name).exists()
+
+
+def test_listed_frames_take_little_memory(tmp_path):
+    def entry(index: int) -> ShardEntry:
+        files = {f"{name}.jpg": (10_000 + index, 20_000 + index) for name in ("left", "right")}
+        return ShardEntry(
+            name=f"shard-{index:05d}.tar",
+            first=50 * index,
+            bytes=1,
+            sha256=f"{index:064x}",
+            frames=[dict(files) for _ in range(50)],
+        )
+
+    long = manifest(frames=5000, shard_frames=50)
+    with SequenceWriter(tmp_path, long, {}) as writer:
+        writer.begin()
+        writer.add_shard(entry(0))
+        tracemalloc.start()
+        try:
+            for index in range(1, 100):
+                writer.add_shard(entry(index))
+            held, _ = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+    assert held / 4950 < 200  # bytes a frame
+    assert load_manifest(tmp_path).shards == [entry(index) for index in range(100)]
 
 
 def test_an_interruption_in_the_first_shard_leaves_files_that_were_there_before(tmp_path):

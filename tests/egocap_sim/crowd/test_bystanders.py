@@ -10,7 +10,9 @@ from pydantic import ValidationError
 
 from egocap.errors import InputError
 from egocap.geometry import inverse, rigid
-from egocap_sim.assets.mesh import Actor
+from egocap_sim.assets.mesh import Actor, moving
+from egocap_sim.assets.primitives import box
+from egocap_sim.assets.textures import even
 from egocap_sim.core.bodies import FEET, INDEX
 from egocap_sim.crowd import bystanders
 from egocap_sim.crowd.bystanders import BEHAVIOURS, make_bystanders
@@ -70,6 +72,22 @@ def test_people_keep_their_distance(wearer, cast, stand_in):
         eyes = cameras(wearer)[:, None]
         assert np.linalg.norm(one[:, :, None] - eyes, axis=-1).min() > 0.3
         assert np.linalg.norm(one[..., :2], axis=-1).max() < 4.2
+
+
+@pytest.mark.parametrize("behaviour", ["stand", "walk_by", "approach"])
+def test_nobody_stands_in_a_thing(wearer, cast, stand_in, behaviour):
+    """A counter drives past on the wearer's left; the right side is free."""
+    path = np.tile(np.eye(4), (len(TIMES), 1, 1, 1))
+    path[:, 0, 0, 3] = np.linspace(0, 2, len(TIMES))
+    meshes = [(0, box("top", (0, 2.0, 0.9), (1, 2.6, 0.2), even(0.5)))]
+    crowd = make_bystanders(
+        OthersTable(count=3, behaviours=(behaviour,)), np.random.default_rng(3), TIMES, wearer,
+        4.0, cameras(wearer), things=[moving("counter", meshes, path)],
+    )  # fmt: skip
+    for extra in crowd:
+        at = limb_points(bodies_of(extra, stand_in)) - path[:, :1, 0:3, 3]
+        outside = np.abs(at - [0, 2.0, 0.9]) - [0.5, 1.3, 0.1]
+        assert np.linalg.norm(np.maximum(outside, 0), axis=-1).min() > 0.1
 
 
 @pytest.mark.parametrize("behaviour", BEHAVIOURS)

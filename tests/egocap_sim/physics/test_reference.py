@@ -53,6 +53,14 @@ def test_blocks_do_not_depend_on_where_they_are_cut():
     np.testing.assert_array_equal(whole.qacc[60:], part.qacc)
 
 
+def test_holds_still_before_the_beginning():
+    motion = TargetMotion(tumble())
+    block, begins = motion.block(-10, 10, 0.01, 0.05), motion.block(0, 1, 0.01, 0.0)
+    np.testing.assert_array_equal(block.qpos[:5], np.repeat(begins.qpos, 5, 0))
+    assert not block.qvel[:5].any() and not block.qacc[:5].any()
+    assert np.abs(block.qvel[5:]).max(1).min() > 0.5
+
+
 def test_holds_still_after_the_end():
     block = TargetMotion(tumble(seconds=1.0)).block(0, 5, 0.5, 2.0)
     assert not block.qvel.any() and not block.qacc.any()

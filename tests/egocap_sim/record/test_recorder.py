@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from egocap.errors import InputError
 from egocap.geometry import GRAVITY
 from egocap_sim.core.part_labels import RIG, WEARER_FIRST, WEARER_LAST
 from egocap_sim.record.recorder import generate
+from egocap_sim.scene.config import Scene
 from egocap_sim.verification.integrity import verify
 
 
@@ -137,3 +139,39 @@ def test_images_show_something(folder):
         assert image.shape == (128, 160, 3)
         assert image[0, 0].max() < 16  # outside the lens
         assert image.std() > 10
+
+
+def test_a_longer_sequence_does_not_continue_with_other_bystanders(tmp_path):
+    def scene(frames: int) -> Scene:
+        return Scene.model_validate({
+            "name": "x", "frames": frames, "fps": 5, "rig": {"size": (80, 64)},
+            "motion": {"name": "idle"}, "others": {"count": 1, "behaviours": ["walk_by"]},
+        })  # fmt: skip
+
+    generate(scene(5), tmp_path, workers=0)
+    before = checksums(tmp_path)
+    with pytest.raises(InputError, match="bystanders or things in its beginning would differ"):
+        generate(scene(20), tmp_path, workers=0, append=True)
+    assert checksums(tmp_path) == before
+
+
+def test_annotations_are_read_one_at_a_time(tmp_path, tiny_scene, monkeypatch):
+    """They are larger than all other data that is held of a long sequence."""
+
+    class Annotation(dict):
+        __hash__, __eq__ = object.__hash__, object.__eq__
+
+    alive: weakref.WeakSet = weakref.WeakSet()
+    most = 0
+
+    def annotation(sequence: Sequence, index: int) -> dict:
+        nonlocal most
+        content = Annotation(read(sequence, index))
+        alive.add(content)
+        most = max(most, len(alive))
+        return content
+
+    read = Sequence.annotation
+    monkeypatch.setattr(Sequence, "annotation", annotation)
+    generate(tiny_scene, tmp_path, workers=0)
+    assert 1 <= most <= 2

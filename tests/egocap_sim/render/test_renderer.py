@@ -64,6 +64,18 @@ def test_depth_of_a_floor_is_the_distance_along_the_ray(gl):
     assert np.isinf(depth[0, 320]) and depth.dtype == np.float32
 
 
+@pytest.mark.parametrize("kind", ["square", "grass"])
+def test_the_sky_has_no_holes_at_the_edge_of_the_largest_place(gl, kind):
+    from egocap_sim.environment.places import LARGEST_RADIUS_M, make_place
+
+    place = make_place(kind, np.random.default_rng(4), clear_radius=LARGEST_RADIUS_M)
+    place = replace(place, background=np.array([1.0, 0.0, 1.0]))
+    away = geometry.rigid(np.diag([-1.0, -1.0, 1.0]), np.array([LARGEST_RADIUS_M, 0.0, 1.5]))
+    with gl.FisheyeRenderer(looking_forward(equidistant(320, 320)), [], place) as renderer:
+        image = renderer.render(away, {}).images[0].astype(int)
+    assert not ((image[..., ::2].min(-1) > 230) & (image[..., 1] < 40)).any()
+
+
 @pytest.mark.parametrize("samples", [0, 4])
 def test_labels_are_exact_up_to_a_pixel_at_outlines(gl, samples):
     rng = np.random.default_rng(1)

@@ -16,20 +16,22 @@ from egocap_sim.scene.config import Scene, load_scene, to_toml
 from egocap_sim.verification.integrity import verify
 
 FRAMES = 6
+CUP = {"kind": "cup", "hand": "right"}
 
 
-def scene(**sensor) -> Scene:
+def scene(frames: int = FRAMES, start_s: float = 6.0, things=(), **sensor) -> Scene:
     data = load_scene(builtin_file("scene", "validation-walk")).model_dump(exclude_none=True)
-    data["frames"], data["rig"]["size"] = FRAMES, (160, 128)
-    data["motion"]["start_s"] = 6.0  # in full stride
+    data["frames"], data["rig"]["size"], data["things"] = frames, (160, 128), things
+    data["motion"]["start_s"] = start_s  # in full stride
+    data["place"]["clear_radius"] = 2.5  # the same room for every part of the walk
     data["record"] |= {"shard_frames": 3, "image_format": "png"}
     if sensor:
         data["sensor"] = sensor
     return Scene.model_validate(data)
 
 
-def record(folder: Path, **sensor) -> Sequence:
-    generate(scene(**sensor), folder, workers=0)
+def record(folder: Path, **options) -> Sequence:
+    generate(scene(**options), folder, workers=0)
     result = verify(folder)
     assert result.clean, result.problems
     return Sequence(folder)
@@ -86,8 +88,26 @@ def test_dropped_frames_repeat_the_last_picture_and_are_flagged(perfect, tmp_pat
     assert np.array_equal(sequence.truth.joints_2d, perfect.truth.joints_2d)
 
 
+def test_views_that_are_late_or_early_show_people_and_things_then(tmp_path):
+    """In the last frame after the motion of the frames ends, in the first before it begins."""
+    late = record(tmp_path / "late", things=[CUP], time_offset_s=2 / 30)
+    longer = record(tmp_path / "longer", frames=FRAMES + 2, things=[CUP])
+    early = record(tmp_path / "early", things=[CUP], time_offset_s=-1 / 30)
+    sooner = record(tmp_path / "sooner", start_s=6.0 - 1 / 30, things=[CUP])
+    for ours, t, theirs, same in ((late, FRAMES - 1, longer, FRAMES + 1), (early, 0, sooner, 0)):
+        seen, right = ours.frame(t).images[1].astype(int), theirs.frame(same).images[1].astype(int)
+        frozen = longer.frame(t).images[1].astype(int)
+        assert np.abs(seen - right).mean() < 0.2 * np.abs(seen - frozen).mean()
+
+
+def test_views_far_too_early_for_things_are_refused():
+    with pytest.raises(ValueError, match=r"'time_offset_s' .* must be at least -0\.0333"):
+        scene(things=[CUP], time_offset_s=-0.05)
+    scene(time_offset_s=-0.05)
+
+
 def test_labels_follow_the_rows_of_a_rolling_shutter(perfect, tmp_path):
-    sequence = record(tmp_path / "rolling", readout_s=0.03, subframe_px=0.5)
+    sequence = record(tmp_path / "rolling", readout_s=0.03, subframe_px=0.77)
     sensor, truth = sequence.sensor, sequence.truth
     assert len(np.unique(sensor.subframes)) > 1 and sensor.subframes.min() >= 1
     height = sequence.rig.cameras[0].height
@@ -100,7 +120,7 @@ def test_labels_follow_the_rows_of_a_rolling_shutter(perfect, tmp_path):
 
 def test_many_subframes_may_be_less_sharp(tmp_path):
     """Frames of few stay as they are; of many hardly change, and the truth not at all."""
-    motion = {"shutter_s": 0.03, "subframe_px": 0.4}
+    motion = {"shutter_s": 0.03, "subframe_px": 0.77}
     sharp = record(tmp_path / "sharp", **motion)
     coarse = record(tmp_path / "coarse", **motion, subframe_sharpness=0.6)
     many = sharp.sensor.subframes >= 4

@@ -106,3 +106,13 @@ def test_a_place_is_as_large_as_the_motion():
         assert World(scene, Take(Way, None)).clear_radius == pytest.approx(4.3)
         Way.T_world_body[2, 0, 0, 3] = 0.5
         assert World(scene, Take(Way, None)).clear_radius == scene.place.clear_radius
+
+
+def test_a_motion_that_leaves_the_largest_place_is_refused():
+    class Way:
+        T_world_body = np.tile(np.eye(4), (3, 21, 1, 1))
+
+    Way.T_world_body[2, 0, 1, 3] = -16.0
+    with pytest.raises(SceneError, match=r"'motion': .* 16\.0 m .* 'street' \(valid: up to 14\.7"):
+        _ = World(scene(place={"name": "street"}), Take(Way, None)).clear_radius
+    assert World(scene(place={"name": "chroma"}), Take(Way, None)).clear_radius == 15.0

@@ -49,3 +49,14 @@ def test_a_joined_clip_begins_as_one_ends_as_the_other_and_never_jumps(clip):
     seam = slice(round(1.9 * both.fps), round(2.1 * both.fps))
     slid = np.linalg.norm(np.diff(both.positions[seam, feet], axis=0), axis=-1).max() * both.fps
     assert slid < 0.3
+
+
+@pytest.mark.parametrize("start_s", [1.5, 2.25, 2.75, 3.0])
+def test_legs_in_full_stride_do_not_jump_at_a_join(start_s):
+    walk = make_motion("walk", 8.0, np.random.default_rng(5))
+    both = join_clips(trim(walk, 1.0, 1.5 + start_s / 3), trim(walk, start_s, 2.0))
+    fastest, joined = (
+        np.linalg.norm(np.diff(clip.positions, axis=0), axis=-1).max() * clip.fps
+        for clip in (walk, both)
+    )
+    assert joined < 1.1 * fastest

@@ -173,7 +173,7 @@ def _to_origin(
 def _resample(
     root: Float[Array, "T 3"], turned: Float[Array, "T 21 3 3"], source_fps: float, fps: float
 ) -> tuple[Float[Array, "U 3"], Float[Array, "U 21 3 3"]]:
-    """Sample at another rate (slerp) and smooth lightly."""
+    """Sample at another rate (slerp) and smooth lightly; the speed at the ends is kept."""
     keys = np.arange(len(root)) / source_fps
     times = np.arange(int(keys[-1] * fps + 1e-6) + 1) / fps
     times = np.minimum(times, keys[-1])
@@ -182,9 +182,15 @@ def _resample(
     first = np.minimum(place.astype(int), len(root) - 2)
     q = matrix_to_quaternion(turned)
     q = continuous(slerp(q[first], q[first + 1], (place - first)[:, None]))
-    sigma = _SMOOTH_S * fps
-    q = gaussian_filter1d(q, sigma, axis=0, mode="nearest")
-    return gaussian_filter1d(positions, sigma, axis=0, mode="nearest"), quaternion_to_matrix(q)
+    return _smooth(positions, _SMOOTH_S * fps), quaternion_to_matrix(_smooth(q, _SMOOTH_S * fps))
+
+
+def _smooth(values: Float[Array, "T *n"], sigma: float) -> Float[Array, "T *n"]:
+    """Gaussian smoothing; beyond its ends the motion goes on as its point reflection."""
+    more = min(int(4 * sigma + 1), len(values) - 1)
+    ends = [(more, more)] + [(0, 0)] * (values.ndim - 1)
+    longer = np.pad(values, ends, mode="reflect", reflect_type="odd")
+    return gaussian_filter1d(longer, sigma, axis=0, mode="nearest")[more : more + len(values)]
 
 
 def sample_reference(

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from egocap.errors import MachineError
 from egocap_sim.render.gl import GL, begin_depth_test, make_depth_target, read_pixels
 
 Window = tuple[int, int, int, int]  # column, row, width, height in the atlas
@@ -21,6 +22,9 @@ class AtlasBuffer:
     """
 
     def __init__(self, needed: Bool[Array, "h w"], samples: int) -> None:
+        most = int(GL.glGetIntegerv(GL.GL_MAX_SAMPLES))
+        if samples > most:
+            raise MachineError(f"{samples} samples; OpenGL takes {most} at most on this machine")
         self.height, self.width = needed.shape
         self.samples = samples
         self._renderbuffers: list[int] = []

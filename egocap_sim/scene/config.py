@@ -72,7 +72,7 @@ class MotionTable(Strict):
     name: str | None = None
     parameters: dict[str, Parameter] = {}  # of a procedural motion
     file: str | None = None  # BVH or npz; path relative to the scene file
-    start_s: Number = Field(default=0.0, ge=0)
+    start_s: Number = Field(default=0.0, ge=0)  # in the motion's own time, whatever its speed
     up: Literal["y", "z"] | None = None  # None: detected from the file
     unit: Literal["m", "cm", "mm", "inch", "foot", "cmu"] | None = None
     joint_names: str | None = None  # TOML file that maps bodies to the file's joint names

@@ -142,7 +142,7 @@ class SensorSimulator:
         )  # fmt: skip
         if sensor.saturation != 1.0:
             image = optics.saturated(image, sensor.saturation)
-        return image if sensor.jpeg_quality is None else compress(image, sensor.jpeg_quality)
+        return compress(image, sensor.jpeg_quality) if sensor.jpeg_quality else image
 
     def _through_lens(self, light: Float[Array, "H W 3"], v: int) -> Float[Array, "H W 3"]:
         """Light with the faults of the lens and of the white balance."""

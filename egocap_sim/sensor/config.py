@@ -29,9 +29,7 @@ class SensorTable(Strict):
     rim: Share = 0.0  # outer share of the field of view over which the image fades to black
     glare: Share = 0.0  # share of the light that the lens scatters widely
     aberration: Number = Field(default=0.0, ge=-0.05, le=0.05)  # magnification of red; blue: minus
-    full_well_e: Number | None = Field(
-        default=None, ge=10, le=1e7
-    )  # electrons at white; shot noise
+    full_well_e: Number = Field(default=0.0, ge=0, le=1e7)  # electrons at white; 0: no shot noise
     read_noise: Number = Field(default=0.0, ge=0, le=0.5)  # std. deviation, share of white
 
     shutter_s: Number = Field(default=0.0, ge=0, le=0.2)  # exposure time of each row
@@ -40,7 +38,7 @@ class SensorTable(Strict):
     subframe_px: Number = Field(default=3.0, gt=0, le=100)  # motion per sub-frame
     subframe_sharpness: Number = Field(default=1.0, ge=0.3, le=1)  # of each when there are many
 
-    jpeg_quality: Whole | None = Field(default=None, ge=1, le=100)  # the camera's own; chroma 4:2:0
+    jpeg_quality: Whole = Field(default=0, ge=0, le=100)  # the camera's own, 4:2:0; 0: none
     time_offset_s: Number = Field(default=0.0, ge=-0.5, le=0.5)  # delay of all views but the first
     clock_drift_ppm: Number = Field(default=0.0, ge=-1e4, le=1e4)  # of all clocks but the first's
     drop_rate: Number = Field(default=0.0, ge=0, le=0.9)  # of each view's frames, from the second

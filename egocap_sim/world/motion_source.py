@@ -72,8 +72,8 @@ class MotionSource:
         seconds = (len(clip.positions) - 1) / clip.fps - start - _RESAMPLING_S
         if seconds <= 0:
             raise InputError(
-                f"start_s = {start:g} is beyond the end of {clip.name}",
-                valid=f"less than {seconds + start:.2f} s",
+                f"start_s = {self.table.start_s:g} is beyond the end of {clip.name}",
+                valid=f"less than {(seconds + start) * self.table.speed:.2f} s",
             )
         return int(seconds * self.fps) + 1
 
@@ -114,9 +114,10 @@ class MotionSource:
         from egocap_sim.physics.simulation import simulate
 
         clip = self.clip()
-        if self.table.file and self.frames > (most := self.available_frames(clip)):
+        limited = self.table.file or self.table.length_s
+        if limited and self.frames > (most := self.available_frames(clip)):
             raise InputError(
-                f"{self.frames} frames are more than the clip has", valid=f"1 to {most}"
+                f"{self.frames} frames are more than the motion has", valid=f"1 to {most}"
             )
         return simulate(
             person,
@@ -185,10 +186,10 @@ class MotionSource:
 
     @property
     def _start_s(self) -> float:
-        """Time in the clip of the first frame."""
-        if self.table.file is not None and self.table.length_s is not None:
-            return 0.0
-        return self.table.start_s - self._skipped_s
+        """Time in `clip` of the first frame, seconds as played."""
+        if self.table.file is None:
+            return self.table.start_s - self._skipped_s
+        return 0.0 if self.table.length_s is not None else self.table.start_s / self.table.speed
 
     @property
     def _skipped_s(self) -> float:

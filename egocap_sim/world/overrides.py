@@ -76,11 +76,13 @@ _STRETCHED = 0.02  # relative difference of width to height that is warned of
 def override_scene(scene: Scene, changes: Overrides) -> Scene:
     """Apply the changes to a scene and check the result like a scene file.
 
-    With a motion file and without `frames`, the scene gets all frames of the file. Raises
-    InputError or FileError for a change that is not valid.
+    A scene without `fps` gets the rig's; with a motion file and without `frames`, all frames of the
+    file. Raises InputError or FileError for a change that is not valid.
     """
     from egocap.schema import checked
+    from egocap_sim.core.resources import SAMPLED
     from egocap_sim.scene.config import Scene
+    from egocap_sim.scene.rig_source import resolve_rig
 
     data = scene.model_dump(exclude_none=True)
     _replace_sources(data, changes)
@@ -104,6 +106,9 @@ def override_scene(scene: Scene, changes: Overrides) -> Scene:
         if value is not None:
             table[key] = value
     changed = checked(Scene, data, "command line")
+    if "fps" not in scene.model_fields_set and changed.rig.name != SAMPLED:
+        rate = resolve_rig(changed.rig, changed.seed).frame_rate
+        changed = checked(Scene, data | {"fps": rate}, "frame_rate of the rig")
     if changes.size is not None:
         _warn_of_stretching(changed)
     if changes.motion is None or changed.motion.file is None or changes.frames is not None:
@@ -115,11 +120,12 @@ def override_scene(scene: Scene, changes: Overrides) -> Scene:
 
 def _replace_sources(data: dict[str, Any], changes: Overrides) -> None:
     """Replace the rig and the motion by a built-in one or a file."""
-    from egocap_sim.core.resources import rig_names
+    from egocap_sim.core.resources import SAMPLED, rig_names
     from egocap_sim.motion.generators.registry import MOTIONS
 
     if changes.rig is not None:
-        kept = {k: v for k, v in data["rig"].items() if k not in ("name", "file")}
+        replaced = {"name", "file"} | ({"family"} if changes.rig != SAMPLED else set())
+        kept = {k: v for k, v in data["rig"].items() if k not in replaced}
         data["rig"] = kept | _source("rig", changes.rig, rig_names())
     if changes.motion is not None:
         data["motion"] = _source("motion", changes.motion, MOTIONS)
@@ -152,6 +158,12 @@ def _change_episodes(data: dict[str, Any], changes: Overrides, scene: str) -> No
                 valid="a scene with [episodes], such as train-varied; or --motion FILE",
             )
         data["episodes"]["clips"] = _absolute(changes.motions)
+    if changes.motion is not None and "episodes" in data:
+        kept = {} if changes.motions is None else {"clips": data["episodes"]["clips"]}
+        data["episodes"] |= {"motions": [], "clips": None} | kept
+    if changes.start is not None and "episodes" in data and "file" not in data["motion"]:
+        raise InputError("--start in a scene with episodes, which draw their own start times",
+                         valid="--no-episodes, or --motion with a file")  # fmt: skip
 
 
 def _source(what: str, name_or_file: str, names: Collection[str]) -> dict[str, str]:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 from egocap.data.manifest import SCHEMA, load_manifest
 from egocap.data.sequence import Sequence
 from egocap_sim import cli
-from egocap_sim.core.resources import builtin_file
+from egocap_sim.core.resources import builtin_file, rig_file
 from egocap_sim.scene.config import Scene, to_toml
 from egocap_sim.verification.integrity import verify
 from egocap_sim.world.overrides import Overrides, override_scene
@@ -112,7 +113,10 @@ def test_verify_tells_what_is_missing_of_an_unfinished_sequence(sim, tiny_sequen
     assert "run the same generate command" in complaint(sim("preview", "seq", "--out", "a.png"))
 
 
-def test_what_the_command_line_asks_for_wins():
+def test_what_the_command_line_asks_for_wins(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    shutil.copy(rig_file("cap"), tmp_path / "mine/rig.toml")
     scene = changed(frames=9, seed=7, size=(320, 256), rig="egorig2", samples=4, no_masks=True,
                        depth=True, image_format="png")  # fmt: skip
     assert (scene.frames, scene.seed, scene.rig.size) == (9, 7, (320, 256))

@@ -5,7 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from egocap.errors import MachineError
 
 ASK = """
 import sys
@@ -42,6 +45,16 @@ def test_a_context_says_what_draws(gl):
     context = Context()
     assert context.renderer and int(context.version.split(".")[0]) >= 4
     context.close()
+    context.close()
+
+
+def test_more_samples_than_opengl_takes_are_refused(gl):
+    from egocap_sim.render.framebuffer import AtlasBuffer
+    from egocap_sim.render.gl import Context
+
+    context = Context()
+    with pytest.raises(MachineError, match="1024 samples; OpenGL takes"):
+        AtlasBuffer(np.ones((8, 8), bool), 1024)
     context.close()
 
 

@@ -149,6 +149,9 @@ def test_sensor_tables_survive_toml_and_bad_ones_are_refused(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(to_toml(scene(preset="webcam", jpeg_quality=40)))
     assert load_scene(path) == scene(preset="webcam", jpeg_quality=40)
+    off = scene(preset="webcam", jpeg_quality=0, full_well_e=0)
+    path.write_text(to_toml(off))
+    assert load_scene(path) == off and load_scene(path).sensor.jpeg_quality == 0
     path.write_text(to_toml(scene()) + '\n[sensor]\npreset = "sensor_plan"\n')
     with pytest.raises(FileError, match=r"sensor\.preset.*'webcam'"):
         load_scene(path)

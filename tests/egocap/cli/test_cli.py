@@ -299,7 +299,7 @@ def test_live_of_files_tracks_every_frame_for_an_animation(egocap, films, tiny_s
     np.testing.assert_allclose(load_track("live.npz").times, np.arange(7) / 5.0, atol=1e-3)
     assert egocap("export", "live.npz", "--out", "new/live.bvh")[0] == 0
     assert "is a folder" in complaint(egocap(*words, "--out", "."))
-    assert "--rig or --body" in complaint(egocap("live", *films))
+    assert "live without --rig and --body" in complaint(egocap("live", *films))
 
 
 def test_a_live_run_that_fails_keeps_the_track(egocap, films, tiny_sequence, monkeypatch):

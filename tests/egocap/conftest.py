@@ -1,6 +1,9 @@
 """The command egocap, and a smooth made-up motion seen by the paper's rig at 640 x 512."""
 
 import sys
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +57,18 @@ class Motion:
     def errors(self, track):
         """Distance of the 17 evaluated joints from the truth, metres (T, 17)."""
         return np.linalg.norm(track.joints_head - self.joints, axis=-1)[:, 1:]
+
+
+@contextmanager
+def peak_below(most: float) -> Iterator[None]:
+    """Assert that less than `most` bytes are held at any time of what is allocated inside."""
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < most
 
 
 def make_motion(frames=90, seed=0, extent=0.35, fps=FPS):

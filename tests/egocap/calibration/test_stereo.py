@@ -1,6 +1,5 @@
 """Camera poses from boards seen by both, in spite of wrong ones; too few of them."""
 
-import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +16,7 @@ from egocap.calibration.stereo import fixed_boards, half_turn, same_way_round, s
 from egocap.calibration.view_calibration import ViewCalibration
 from egocap.errors import InputError
 from egocap.geometry import axis_angle, rigid, transform, unit
+from tests.egocap.conftest import peak_below
 
 T_RIGHT_LEFT = rigid(axis_angle(np.array([0.0, 1.0, 0.0]), 0.3), [-0.3, 0.02, 0.01])
 
@@ -115,11 +115,8 @@ def test_cameras_that_never_see_one_board_together(boards):
 
 def test_memory_of_many_pictures_before_fixed_boards(boards):
     pair = before_fixed_boards(np.concatenate([boards] * 3))
-    tracemalloc.start()
-    fixed_boards(pair, parse_board("charuco:5x7:0.03:0.02"))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 20e6  # bytes; 2775 pairs
+    with peak_below(20e6):  # 2775 pairs
+        fixed_boards(pair, parse_board("charuco:5x7:0.03:0.02"))
 
 
 def test_fixed_boards_that_determine_nothing(boards):

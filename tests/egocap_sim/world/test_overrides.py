@@ -3,23 +3,9 @@
 import pytest
 
 from egocap.errors import FileError, InputError
-from egocap_sim.core.resources import builtin_file
+from egocap_sim.core.resources import builtin_file, rig_file
 from egocap_sim.scene.config import Scene, load_scene
 from egocap_sim.world.overrides import Overrides, override_scene
-
-RIG = """name = "fast"
-frame_rate = 50.0
-[lens]
-model = "equidistant"
-width = 640
-height = 512
-fov = 180.0
-[stereo]
-baseline = 0.35
-forward = 0.37
-up = 0.14
-pitch = 90.0
-"""
 
 
 def scene(**tables) -> Scene:
@@ -48,11 +34,12 @@ def test_a_rig_replaces_a_sampled_family():
 
 
 def test_the_rate_is_the_rigs_where_the_scene_has_none(tmp_path):
-    (tmp_path / "rig.toml").write_text(RIG)
+    rig = rig_file("ego4view").read_text()
+    (tmp_path / "rig.toml").write_text(rig.replace("frame_rate = 25.0", "frame_rate = 50.0"))
     changes = Overrides(rig=str(tmp_path / "rig.toml"))
     assert override_scene(scene(), changes).fps == 50.0
     assert override_scene(scene(fps=25.0), changes).fps == 25.0
-    (tmp_path / "rig.toml").write_text(RIG.replace("50.0", "500.0"))
+    (tmp_path / "rig.toml").write_text(rig.replace("frame_rate = 25.0", "frame_rate = 500.0"))
     with pytest.raises(FileError, match=r"frame_rate of the rig.*fps"):
         override_scene(scene(), changes)
     walk = load_scene(builtin_file("scene", "validation-walk"))

@@ -146,7 +146,7 @@ def test_resampling_keeps_a_steady_turn_steady(stand_in):
     r = retarget(clip(R, seconds=2.0, fps=120.0), stand_in, fps=50)
     assert len(r.root) == 101 and r.duration_s == pytest.approx(2.0)
     angle = np.arctan2(r.rotations[:, INDEX["head"], 1, 0], r.rotations[:, INDEX["head"], 0, 0])
-    np.testing.assert_allclose(np.diff(angle), 0.02, atol=2e-4)
+    np.testing.assert_allclose(np.diff(angle), 0.02, atol=1e-4)
 
 
 @pytest.mark.parametrize(

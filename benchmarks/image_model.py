@@ -184,7 +184,7 @@ class Bench:
                 tracker = ColourTracker(rig, proportions, self.angles, rng=rng)
                 tracker.learn(frames[0].images)
                 started, spent = time.perf_counter(), time.process_time()
-                poses = [tracker.step(frame.images, frame.time) for frame in frames]
+                poses = [p for frame in frames for p in tracker.step(frame.images, frame.time)]
                 rates.append(len(frames) / (time.perf_counter() - started))
                 busy.append(1e3 * (time.process_time() - spent) / len(frames))
             errors = np.linalg.norm(np.array([p.joints_head for p in poses]) - truth, axis=-1)

@@ -57,7 +57,9 @@ class ColourTracker:
         self._term: ColourTerm | None = None
         self._solver: ImageSolver | None = None
 
-    def step(self, images: Sequence[UInt8[Array, "H W 3"] | None], time: float) -> PoseEstimate:
+    def step(
+        self, images: Sequence[UInt8[Array, "H W 3"] | None], time: float
+    ) -> list[PoseEstimate]:
         """The pose in the next images, one a view, at a time in seconds.
 
         The pose stays if an image is missing. Raises InputError for a time that is not later than
@@ -73,8 +75,8 @@ class ColourTracker:
             self.learn(there)
         if len(there) < len(images):
             self._before = self._last
-            return self._pose(time, elapsed, None)
-        return self._pose(time, elapsed, self._follow(there, elapsed))
+            return [self._pose(time, elapsed, None)]
+        return [self._pose(time, elapsed, self._follow(there, elapsed))]
 
     def finish(self) -> list[PoseEstimate]:
         """No pose is withheld."""

@@ -13,6 +13,7 @@ Sukhatme 2010, "Sliding window filter with application to planetary landing", J.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -156,19 +157,18 @@ class FixedLagSmoother:
         self._window: list[_Frame] = []
         self._given = self._tried = -np.inf
 
-    def step(self, proposed: Observations) -> LaggedPose | None:
-        """The pose of the frame nearest to the lag before the next one (T = 1).
+    def step(self, proposed: Observations) -> list[LaggedPose]:
+        """The poses that are due with the next frame (T = 1): at an even rate, one.
 
-        None until there is one that was not given yet; where the frame rate falls, frames are
-        passed over.
+        None at the start; several where the frame rate falls.
         """
         self._append(proposed)
         self._solve()
-        due, pose = self._due(), None
-        if due is not None:
-            self._given, pose = due.time, due.pose()
+        due = self._due()
+        if due:
+            self._given = due[-1].time
         self._forget()
-        return pose
+        return [frame.pose() for frame in due]
 
     def finish(self) -> list[LaggedPose]:
         """The poses that the lag withheld, given all frames."""
@@ -294,17 +294,15 @@ class FixedLagSmoother:
 
         return minimise(start, system, steps, self.config.tolerance)
 
-    def _due(self) -> _Frame | None:
-        """The frame nearest to the lag before the newest, if it is to be given."""
-        times = np.array([frame.time for frame in self._window])
-        spacing = times[-1] - times[-2] if len(times) > 1 else 0.0
-        old = times <= times[-1] - self.config.lag + 0.5 * min(spacing, self.config.lag)
-        if not old.any() or times[old][-1] <= self._given:
-            return None
-        return self._window[int(np.flatnonzero(old)[-1])]
+    def _due(self) -> list[_Frame]:
+        """Frames not given yet, up to that nearest to the lag before the newest."""
+        newest, lag = self._window[-1].time, self.config.lag
+        spacing = newest - self._window[-2].time if len(self._window) > 1 else 0.0
+        last = newest - lag + 0.5 * min(spacing, lag)
+        return [frame for frame in self._window if self._given < frame.time <= last]
 
     def _forget(self) -> None:
-        """Marginalise the frames beyond the window that were given or passed over."""
+        """Marginalise the frames beyond the window that were given."""
         window = self._window
         while len(window) > WINDOW and window[0].time <= self._given:
             first = window[:3]
@@ -323,4 +321,4 @@ def smooth_fixed_lag(
     """The poses of all frames of a recording, each given those up to the lag after it."""
     smoother = FixedLagSmoother(proportions, model, config)
     poses = [smoother.step(observations[t : t + 1]) for t in range(len(observations.times))]
-    return [pose for pose in poses if pose is not None] + smoother.finish()
+    return [*chain.from_iterable(poses), *smoother.finish()]

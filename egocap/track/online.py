@@ -59,11 +59,11 @@ class OnlineTracker:
         self._time = -np.inf
         self._threads = ThreadpoolController()
 
-    def step(self, detections: Detections) -> PoseEstimate | None:
-        """The pose of the next frame (T = 1), or of the frame that is older by the lag.
+    def step(self, detections: Detections) -> list[PoseEstimate]:
+        """The pose of the next frame (T = 1), or those of frames that are older by the lag.
 
-        None while no frame is so old. Where the frame rate falls, a lag passes frames over. Raises
-        InputError for other than one frame, or one that is not later than the last.
+        None while no frame is so old; several where the frame rate falls. Raises InputError for
+        other than one frame, or one that is not later than the last.
         """
         if len(detections.times) != 1:
             raise InputError(f"{len(detections.times)} frames at once", valid="1")
@@ -72,9 +72,9 @@ class OnlineTracker:
         # Matrices of 37 rows gain nothing from BLAS threads.
         with self._threads.limit(limits=1, user_api="blas"):
             proposed = observe(detections, self.rig, self.proportions, self.config)
-            pose = self._solver.step(proposed)
+            poses = self._solver.step(proposed)
             self._time = time
-            return None if pose is None else self._estimate(pose)
+            return [self._estimate(pose) for pose in poses]
 
     def finish(self) -> list[PoseEstimate]:
         """The poses that the lag withheld, at the end; none without a lag."""
@@ -100,7 +100,7 @@ class _Causal:
         self._time: float | None = None
         self._covariance: Float[Array, "37 37"] | None = None
 
-    def step(self, proposed: Observations) -> LaggedPose:
+    def step(self, proposed: Observations) -> list[LaggedPose]:
         """The pose of the next frame (T = 1)."""
         time = float(proposed.times[0])
         angles, converged, chosen = self._filter.step(proposed)
@@ -108,7 +108,7 @@ class _Causal:
         elapsed = 0.0 if self._time is None else time - self._time
         drift = self.config.velocity_sigma * elapsed
         self._covariance, self._time = update_covariance(self._covariance, H, drift), time
-        return LaggedPose(time, angles, self._covariance, converged, chosen)
+        return [LaggedPose(time, angles, self._covariance, converged, chosen)]
 
     def finish(self) -> list[LaggedPose]:
         """No pose is withheld."""

@@ -79,8 +79,8 @@ class LiveReport:
 class FollowsPictures(Protocol):
     """What makes poses of pictures."""
 
-    def step(self, images: Images, time: float) -> PoseEstimate | None:
-        """A pose of these pictures, or of earlier ones; None where there is none yet."""
+    def step(self, images: Images, time: float) -> list[PoseEstimate]:
+        """Poses of these pictures, or of earlier ones, that are due."""
         ...
 
     def finish(self) -> list[PoseEstimate]:
@@ -121,7 +121,7 @@ def follow_live(
         with lap(report.stages, "detect"):
             return detector.detect_images(instant.images, instant.time)
 
-    def track(_: Instant, found: Detections) -> PoseEstimate | None:
+    def track(_: Instant, found: Detections) -> list[PoseEstimate]:
         with lap(report.stages, "track"):
             return tracker.step(found)
 
@@ -136,7 +136,7 @@ def follow_pictures(
     """As `follow_live`, with whatever makes poses of pictures."""
     report = LiveReport() if report is None else report
 
-    def step(instant: Instant, _: None) -> PoseEstimate | None:
+    def step(instant: Instant, _: None) -> list[PoseEstimate]:
         return follower.step(instant.images, instant.time)
 
     instants = ((instant, None) for instant in _timed(feed, report))
@@ -145,7 +145,7 @@ def follow_pictures(
 
 def _follow(
     feed: Feed, instants: Iterator[tuple[Instant, Made]],
-    step: Callable[[Instant, Made], PoseEstimate | None],
+    step: Callable[[Instant, Made], list[PoseEstimate]],
     finish: Callable[[], list[PoseEstimate]], on_pose: OnPose, report: LiveReport,
 ) -> LiveReport:  # fmt: skip
     waiting: deque[Instant] = deque()
@@ -154,8 +154,7 @@ def _follow(
         began = instant.taken if began is None else began
         report.missing += sum(image is None for image in instant.images)
         waiting.append(instant)
-        pose = step(instant, made)
-        if pose is not None:
+        for pose in step(instant, made):
             shown = _at(waiting, pose.time)
             report.latencies.append(time.monotonic() - shown.taken)
             _give(report, pose, shown, on_pose)

@@ -101,7 +101,7 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
     tracker = ColourTracker(sequence.rig, sequence.body, start)
     count = min(frames, len(sequence))
     shown = (sequence.frame(t) for t in range(count))
-    poses = [tracker.step(frame.images, frame.time) for frame in shown]
+    poses = [pose for frame in shown for pose in tracker.step(frame.images, frame.time)]
     found = np.array([pose.joints_head for pose in poses])
     wrong = 1e3 * np.linalg.norm(found - truth.joints_head[:count], axis=-1)
     seen = (truth.visibility[:count] == VISIBLE).any(1)[:, UPPER]

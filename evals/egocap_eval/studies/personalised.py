@@ -169,9 +169,8 @@ def live_joints(sequence: Sequence, found: Detections, lag: float = 0.0) -> Floa
     tracker = egocap.OnlineTracker(
         sequence.rig, sequence.body, TrackerConfig(smoothing="fixed-lag", lag=lag)
     )
-    poses = [tracker.step(found[t : t + 1]) for t in range(len(found.times))]
-    given = [pose for pose in poses if pose is not None] + tracker.finish()
-    return np.array([pose.joints_head for pose in given])
+    given = [pose for t in range(len(found.times)) for pose in tracker.step(found[t : t + 1])]
+    return np.array([pose.joints_head for pose in [*given, *tracker.finish()]])
 
 
 def _means(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:

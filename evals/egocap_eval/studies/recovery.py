@@ -78,8 +78,7 @@ def by_detections(footage: Footage, detections: Detections, trial: Trial, frames
     before, after = range(start - MISLED_FRAMES, start), range(start, start + frames)
     misled = [_detections_at(detections[t : t + 1], footage, trial.angles) for t in before]
     true = [detections[t : t + 1] for t in after]
-    poses = [tracker.step(found) for found in [*misled, *true]]
-    joints = [pose.joints_head for pose in poses if pose is not None]
+    joints = [pose.joints_head for found in [*misled, *true] for pose in tracker.step(found)]
     return _end_error(np.array(joints[MISLED_FRAMES:]), footage, start)
 
 
@@ -146,8 +145,8 @@ def after_darkness(footage: Footage, detections: Detections) -> dict[str, float 
 def _live_errors(footage: Footage, detections: Detections) -> Float[Array, "T"]:
     """Mean error of every frame by the online tracker, mm."""
     tracker = egocap.OnlineTracker(footage.rig, footage.body)
-    poses = [tracker.step(detections[t : t + 1]) for t in range(len(detections.times))]
-    joints = np.array([pose.joints_head for pose in poses if pose is not None])
+    joints = np.array([pose.joints_head for t in range(len(detections.times))
+                       for pose in tracker.step(detections[t : t + 1])])  # fmt: skip
     true = footage.truth.joints_head[: len(joints)]
     return np.array([_error_mm(*pair) for pair in zip(joints, true, strict=True)])
 

@@ -315,7 +315,7 @@ def test_a_live_run_that_fails_keeps_the_track(egocap, films, tiny_sequence, mon
     monkeypatch.setattr(OnlineTracker, "step", fails_late)
     words = ("--rig", tiny_sequence / "rig.json", "--body", "average:1.79", "--out", "live.npz")
     assert "unplugged" in egocap("live", *films, *words)[2]
-    assert len(load_track("live.npz").times) == sum(pose is not None for pose in seen) > 0
+    assert len(load_track("live.npz").times) == sum(map(len, seen)) > 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -33,7 +33,7 @@ def clip():
 def test_arms_are_followed_and_legs_stay(clip, rng):
     poses, pictures = clip
     tracker = ColourTracker(SMALL, PERSON, POSE, TERM, rng)
-    found = [tracker.step(images, t / 30) for t, images in enumerate(pictures)]
+    found = [p for t, images in enumerate(pictures) for p in tracker.step(images, t / 30)]
     last = found[-1]
     error = np.linalg.norm(last.joints_head - forward(PERSON, poses[-1]), axis=-1)[ARMS]
     still = np.linalg.norm(forward(PERSON, POSE) - forward(PERSON, poses[-1]), axis=-1)[ARMS]
@@ -52,8 +52,8 @@ def test_a_missing_picture_leaves_the_pose(clip):
         tracker.step([pictures[0][0], None], 0.0)
     tracker = ColourTracker(SMALL, PERSON, POSE, TERM)
     tracker.learn(pictures[0])
-    first = tracker.step(pictures[1], 0.1)
-    blind = tracker.step([None, pictures[2][1]], 0.2)
+    (first,) = tracker.step(pictures[1], 0.1)
+    (blind,) = tracker.step([None, pictures[2][1]], 0.2)
     assert np.array_equal(first.angles, blind.angles) and not blind.converged
     assert (blind.confidence <= first.confidence + 1e-9).all()
     with pytest.raises(InputError, match=r"after one of 0\.2 s"):

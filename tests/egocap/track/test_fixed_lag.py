@@ -181,31 +181,46 @@ def test_the_online_tracker_gives_every_frame_once_and_late_by_the_lag():
     found = motion.detect("simulated:2")
     config = replace(CONFIG, lag=0.1)
     tracker = OnlineTracker(motion.rig, motion.person, config)
-    poses = [tracker.step(found[t : t + 1]) for t in range(20)]
-    assert poses[:3] == [None] * 3
-    assert [pose.time for pose in poses[3:]] == list(found.times[:17])
+    given = [tracker.step(found[t : t + 1]) for t in range(20)]
+    assert [len(poses) for poses in given] == [0] * 3 + [1] * 17
+    poses = [pose for poses in given for pose in poses]
+    assert [pose.time for pose in poses] == list(found.times[:17])
     rest = tracker.finish()
     assert [pose.time for pose in rest] == list(found.times[17:])
     assert tracker.finish() == []
     batch = Tracker(motion.rig, motion.person, config).track(found)
-    np.testing.assert_allclose([p.angles for p in (*poses[3:], *rest)], batch.angles, atol=1e-9)
+    np.testing.assert_allclose([p.angles for p in (*poses, *rest)], batch.angles, atol=1e-9)
     np.testing.assert_allclose(
-        [p.covariance for p in (*poses[3:], *rest)], batch.covariance, atol=1e-12
+        [p.covariance for p in (*poses, *rest)], batch.covariance, atol=1e-12
     )
 
 
-def test_frames_are_passed_over_where_the_rate_falls():
-    """From 30 to 10 frames a second with a lag of 0.1 s: the lag stays."""
+def test_the_lag_stays_and_no_frame_is_lost_where_the_rate_falls():
+    """From 30 to 10 frames a second with a lag of 0.1 s."""
     motion = make_motion(40)
     seen, model = setup(motion, "simulated:2")
     smoother = FixedLagSmoother(motion.person, model, replace(CONFIG, lag=0.1))
     chosen = [*range(15), *range(17, 40, 3)]
-    lags = []
+    lags, given = [], []
     for t in chosen:
-        pose = smoother.step(seen[t : t + 1])
-        if pose is not None:
-            lags.append(motion.times[t] - pose.time)
+        poses = smoother.step(seen[t : t + 1])
+        given += [pose.time for pose in poses]
+        lags += [motion.times[t] - pose.time for pose in poses[-1:]]
     assert np.allclose(lags, 0.1, atol=1e-6)
+    given += [pose.time for pose in smoother.finish()]
+    assert given == list(motion.times[chosen])
+
+
+def test_every_frame_is_tracked_where_the_lag_lies_between_frames():
+    """At 15 frames a second, 0.1 s is one and a half frames, and clocks jitter."""
+    motion = make_motion(24)
+    found = motion.detect("simulated:2")
+    times = np.arange(24) / 15.0 + np.random.default_rng(0).uniform(0.0, 1e-3, 24)
+    track = Tracker(motion.rig, motion.person, replace(CONFIG, lag=0.1)).track(
+        replace(found, times=times)
+    )
+    assert np.array_equal(track.times, times)
+    assert len(track.angles) == len(times)
 
 
 def test_wrong_lags_are_refused():

@@ -22,7 +22,7 @@ rr = pytest.importorskip("rerun")
 def poses():
     made = make_motion(frames=4)
     tracker, found = OnlineTracker(made.rig, made.person), made.detect("simulated:2")
-    return [tracker.step(found[t : t + 1]) for t in range(4)]
+    return [pose for t in range(4) for pose in tracker.step(found[t : t + 1])]
 
 
 def recorded(path, poses, images):

@@ -21,7 +21,7 @@ def made():
 def poses(made):
     found = made.detect("simulated:2")
     tracker = OnlineTracker(made.rig, made.person, TrackerConfig(smoothing="fixed-lag"))
-    return [tracker.step(found[t : t + 1]) for t in range(4)]
+    return [pose for t in range(4) for pose in tracker.step(found[t : t + 1])]
 
 
 def test_the_track_holds_every_pose(tmp_path, made, poses):

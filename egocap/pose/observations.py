@@ -65,6 +65,11 @@ class Observations:
         flipped = self[::-1]
         return replace(flipped, times=-flipped.times)
 
+    def weighted(self, factor: float) -> Observations:
+        """The same with weights, those of modes too, times a factor."""
+        modes = self.modes and replace(self.modes, weights=self.modes.weights * factor)
+        return replace(self, weights=self.weights * factor, modes=modes)
+
     def __getitem__(self, frames: slice) -> Observations:
         """Some of the frames, in a copy."""
         modes = None if self.modes is None else self.modes[frames]

@@ -40,8 +40,12 @@ from egocap.track.smoother import (
 )
 from egocap.track.uncertainty import joint_deviations
 
-WINDOW = 6
-"""Frames solved together, at least; with a long lag, those that it needs."""
+WINDOW, WINDOW_S = 6, 0.18
+"""Frames solved together, at least, and seconds that they span; with a long lag, as many as it
+needs."""
+_FULL_S, _EXPONENT = 1.0 / 30.0, 0.5
+"""Time since the last frame from which a frame's detections count fully, and the exponent of the
+fraction of it below: errors of detectors persist, so that a higher rate tells less a frame."""
 _ACCELERATION = 2.0
 """Factor on the accelerations' deviation: the interval smoother gives detections half the weight.
 Chosen on validation clips."""
@@ -162,7 +166,7 @@ class FixedLagSmoother:
 
         None at the start; several where the frame rate falls.
         """
-        self._append(proposed)
+        self._append(self._weighted(proposed))
         self._solve()
         due = self._due()
         if due:
@@ -175,6 +179,13 @@ class FixedLagSmoother:
         rest = [frame.pose() for frame in self._window if frame.time > self._given]
         self._given = np.inf
         return rest
+
+    def _weighted(self, proposed: Observations) -> Observations:
+        """The detections of a frame with weights for the time since the last one."""
+        if not self._window:
+            return proposed
+        elapsed = float(proposed.times[0]) - self._window[-1].time
+        return proposed.weighted(min(elapsed / _FULL_S, 1.0) ** _EXPONENT)
 
     def _append(self, proposed: Observations) -> None:
         filtered, _, chosen = self._filter.step(proposed)
@@ -304,7 +315,8 @@ class FixedLagSmoother:
     def _forget(self) -> None:
         """Marginalise the frames beyond the window that were given."""
         window = self._window
-        while len(window) > WINDOW and window[0].time <= self._given:
+        last = min(self._given, window[-1].time - WINDOW_S)
+        while len(window) > WINDOW and window[0].time <= last:
             first = window[:3]
             self._past = marginalise(
                 self._past, np.array([frame.angles for frame in first]),

@@ -84,15 +84,11 @@ def autocorrelation(residual: Float[Array, "T V 18 2"], valid: Bool[Array, "T V 
 
 def apply_noise(observations: Observations, noise: NoiseEstimate) -> Observations:
     """The observations with that noise, for the smoother."""
-    scale = 1.0 / noise.sigma_factor[:, None, None]
-    weight = noise.independent_fraction**_SMOOTHER_EXPONENT
-    modes = observations.modes
+    scale, modes = 1.0 / noise.sigma_factor[:, None, None], observations.modes
     if modes is not None:
-        modes = replace(modes, whiten=modes.whiten * scale, weights=modes.weights * weight)
-    return replace(
-        observations, whiten=observations.whiten * scale, weights=observations.weights * weight,
-        modes=modes,
-    )  # fmt: skip
+        modes = replace(modes, whiten=modes.whiten * scale)
+    widened = replace(observations, whiten=observations.whiten * scale, modes=modes)
+    return widened.weighted(noise.independent_fraction**_SMOOTHER_EXPONENT)
 
 
 def weight_as_independent(observations: Observations, noise: NoiseEstimate) -> Observations:

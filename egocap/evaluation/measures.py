@@ -29,7 +29,8 @@ class Measure:
 
 
 def _pa(e: PoseErrors) -> float:
-    return MM * metrics.mean_error(e.under(same_joints(e.protocol, "similarity")), e.counted)
+    rules = same_joints(e.protocol, "similarity")
+    return MM * metrics.mean_error(e.under(rules), e.counted) if rules.defined(e.counted) else NAN
 
 
 def _pck(threshold: float) -> Callable[[PoseErrors], float]:

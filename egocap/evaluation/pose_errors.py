@@ -129,7 +129,7 @@ class PoseErrors:
         if not rules.defined(errors.counted):
             raise InputError(
                 f"{rules.name} needs {ALIGNMENTS[rules.alignment].needs}",
-                valid="another alignment, e.g. egocap-17-rigid",
+                valid="another alignment, e.g. egocap-17",
             )
         return errors
 

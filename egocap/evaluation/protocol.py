@@ -100,14 +100,23 @@ def _has_hips(valid: Array, joints: tuple[int, ...]) -> bool:
     return bool(valid[valid.any(1)][:, HIPS].all())
 
 
+def _has_shape(valid: Array, joints: tuple[int, ...]) -> bool:
+    """Fewer joints have next to no shape of their own: an alignment would make them exact."""
+    count = valid[:, joints].sum(1)
+    return bool((count[count > 0] >= _LEAST_JOINTS).all())
+
+
 def _has_bones(valid: Array, joints: tuple[int, ...]) -> bool:
     """A bone's length can be changed where both ends are known, up to the neck."""
     bones = [(a, b) for a, b in TREE if a in joints and b in joints]
-    return not any((valid[:, b] & ~valid[:, a]).any() for a, b in bones)
+    known = not any((valid[:, b] & ~valid[:, a]).any() for a, b in bones)
+    return known and _has_shape(valid, joints)
 
 
+_LEAST_JOINTS = 4
 _HIPS_NEEDED = "both hips in every frame that has any joint"
-_BONES_NEEDED = "with every joint all those between it and the neck"
+_SHAPE_NEEDED = f"at least {_LEAST_JOINTS} joints in every frame that has any"
+_BONES_NEEDED = f"{_SHAPE_NEEDED}, and with every joint all those between it and the neck"
 
 ALIGNMENTS: Mapping[str, AlignmentRule] = {
     "none": AlignmentRule("", "no alignment", lambda p, t, m, j: p),
@@ -115,12 +124,18 @@ ALIGNMENTS: Mapping[str, AlignmentRule] = {
         "-mid-hip", "mid-hips moved together", _mid_hip, _HIPS_NEEDED, _has_hips
     ),
     "rigid": AlignmentRule(
-        "-rigid", "each frame rigidly aligned", lambda p, t, m, j: align_rigid(p, t, m)
+        "-rigid",
+        "each frame rigidly aligned",
+        lambda p, t, m, j: align_rigid(p, t, m),
+        _SHAPE_NEEDED,
+        _has_shape,
     ),
     "similarity": AlignmentRule(
         "-pa",
         "each frame aligned by a similarity (Procrustes with scale)",
         lambda p, t, m, j: align_similarity(p, t, m),
+        _SHAPE_NEEDED,
+        _has_shape,
     ),
     "sequence": AlignmentRule(
         "-sequence",

@@ -35,7 +35,7 @@ class Report:
     """
 
     mpjpe_mm: float  # mean error of the protocol's joints
-    pa_mpjpe_mm: float  # after a similarity a frame
+    pa_mpjpe_mm: float | None  # after a similarity a frame; None: too few joints in a frame
     upper_mm: float | None  # shoulders, elbows, wrists, hands
     lower_mm: float | None  # hips, knees, ankles, feet
     median_mm: float
@@ -84,7 +84,7 @@ class Report:
 
     def __repr__(self) -> str:
         return (f"<Report: {self.protocol}, {self.frames} frames, MPJPE {self.mpjpe_mm:.1f} mm, "
-                f"PA-MPJPE {self.pa_mpjpe_mm:.1f} mm>")  # fmt: skip
+                f"PA-MPJPE {number(self.pa_mpjpe_mm)} mm>")  # fmt: skip
 
     def __str__(self) -> str:
         return f"{self.heading()}\n\n{self._summary().text()}"

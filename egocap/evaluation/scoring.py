@@ -100,7 +100,7 @@ def make_report(errors: PoseErrors, rng: np.random.Generator | None = None) -> R
     rules, truth, joints = errors.protocol, errors.truth, list(errors.protocol.joints)
     per_joint = MM * metrics.mean_error_per_joint(errors.joint_errors, errors.counted)
     values = {name: measure(errors, name) for name in MEASURES}
-    for name in ("mpjpe_mm", "pa_mpjpe_mm", "median_mm", "p95_mm"):
+    for name in ("mpjpe_mm", "median_mm", "p95_mm"):
         assert values[name] is not None, name
     ideal = PoseErrors(truth.joints_head, truth, rules, np.ones_like(errors.valid))
     return Report(

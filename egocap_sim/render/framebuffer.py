@@ -24,7 +24,8 @@ class AtlasBuffer:
     def __init__(self, needed: Bool[Array, "h w"], samples: int) -> None:
         most = int(GL.glGetIntegerv(GL.GL_MAX_SAMPLES))
         if samples > most:
-            raise MachineError(f"{samples} samples; OpenGL takes {most} at most on this machine")
+            raise MachineError(f"{samples} samples; OpenGL takes {most} at most on this machine "
+                               "(valid: fewer --samples, or 'samples' of [record])")  # fmt: skip
         self.height, self.width = needed.shape
         self.samples = samples
         self._renderbuffers: list[int] = []

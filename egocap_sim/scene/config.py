@@ -73,9 +73,9 @@ class MotionTable(Strict):
     parameters: dict[str, Parameter] = {}  # of a procedural motion
     file: str | None = None  # BVH or npz; path relative to the scene file
     start_s: Number = Field(default=0.0, ge=0)  # in the motion's own time, whatever its speed
-    up: Literal["y", "z"] | None = None  # None: detected from the file
+    up: Literal["y", "z"] | None = None  # of BVH files; None: detected
     unit: Literal["m", "cm", "mm", "inch", "foot", "cmu"] | None = None
-    joint_names: str | None = None  # TOML file that maps bodies to the file's joint names
+    joint_names: str | None = None  # TOML file that maps bodies to the files' joint names
     length_s: Number | None = Field(default=None, ge=0.5, le=3600)  # to make or use; None: all
     mirrored: Switch = False  # exchange left and right of a clip
     speed: Number = Field(default=1.0, ge=0.5, le=2.0)  # playback speed of a clip
@@ -100,6 +100,8 @@ class MotionTable(Strict):
             raise ValueError("'parameters' are for a procedural motion, not for a clip")
         if self.then is not None and self.length_s is None:
             raise ValueError("'then' requires 'length_s': the clips are joined half-way")
+        if self.then_start_s and self.then is None:
+            raise ValueError("'then_start_s' requires 'then', the second clip")
         return self
 
 
@@ -112,6 +114,13 @@ class PlaceTable(Strict):
     contact: Switch = True  # contact shadows on the floor
     textures: str | None = None  # folder of images for floors and walls, relative to the file
     panorama: str | None = None  # equirectangular image in place of the sky
+
+    @model_validator(mode="after")
+    def _chroma_is_even(self) -> PlaceTable:
+        if self.name == "chroma" and (self.textures or self.panorama):
+            key = "textures" if self.textures else "panorama"
+            raise ValueError(f"'{key}' is not for the place 'chroma', which has one colour")
+        return self
 
 
 class OthersTable(Strict):
@@ -187,6 +196,18 @@ class Scene(Strict):
     record: RecordTable = RecordTable()
     sensor: SensorTable | None = None  # None: perfect cameras
     episodes: EpisodesTable | None = None  # None: one sequence
+
+    @model_validator(mode="after")
+    def _episodes_draw_their_motions(self) -> Scene:
+        if self.episodes is None:
+            return self
+        given = self.motion.model_dump(exclude_defaults=True)
+        if self.episodes.motions and (unused := sorted(set(given) - {"name"})):
+            raise ValueError(f"'{unused[0]}' of [motion] is unused with 'motions' of [episodes]")
+        drawn = [key for key in ("start_s", "length_s") if key in given]
+        if self.motion.name is not None and drawn:
+            raise ValueError(f"'{drawn[0]}' of [motion] is drawn in [episodes]")
+        return self
 
     @model_validator(mode="after")
     def _others_begin_in_time(self) -> Scene:

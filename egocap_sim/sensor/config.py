@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from egocap.schema import Number, Strict
 
 Share = Annotated[Number, Field(ge=0, le=1)]
 Whole = Annotated[int, Field(strict=True)]
+_LEAST_WELL_E = 10.0
+"""Electrons at white below which images would be noise alone."""
 
 
 class SensorTable(Strict):
@@ -49,6 +51,13 @@ class SensorTable(Strict):
     calibration_translation_m: Number = Field(default=0.0, ge=0, le=0.2)
     calibration_focal: Number = Field(default=0.0, ge=0, le=0.3)  # share of the focal length
     calibration_centre_px: Number = Field(default=0.0, ge=0, le=100)
+
+    @field_validator("full_well_e")
+    @classmethod
+    def _none_or_enough(cls, electrons: float) -> float:
+        if 0.0 < electrons < _LEAST_WELL_E:
+            raise ValueError(f"valid: 0, or at least {_LEAST_WELL_E:g} electrons")
+        return electrons
 
     @model_validator(mode="before")
     @classmethod

@@ -58,13 +58,12 @@ class MotionSource:
     def _files(self) -> list[LoadedMotion]:
         from egocap_sim.motion.clips.clip_store import stored_motion
 
-        table, found = self.table, []
-        if table.file is not None:
-            names = Path(table.joint_names) if table.joint_names else None
-            found.append(stored_motion(Path(table.file), up=table.up, unit=table.unit, names=names))
-        if table.then is not None:
-            found.append(stored_motion(Path(table.then)))
-        return found
+        table = self.table
+        names = Path(table.joint_names) if table.joint_names else None
+        return [
+            stored_motion(Path(path), up=table.up, unit=table.unit, names=names)
+            for path in (table.file, table.then) if path is not None
+        ]  # fmt: skip
 
     def available_frames(self, clip: Clip) -> int:
         """Number of frames from the start time to the end of the clip. Raises InputError for 0."""

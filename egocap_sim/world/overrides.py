@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from egocap.errors import InputError
+from egocap_sim.core.resources import SAMPLED, rig_names
 
 if TYPE_CHECKING:
     from egocap_sim.scene.config import Scene
@@ -80,7 +81,6 @@ def override_scene(scene: Scene, changes: Overrides) -> Scene:
     file. Raises InputError or FileError for a change that is not valid.
     """
     from egocap.schema import checked
-    from egocap_sim.core.resources import SAMPLED
     from egocap_sim.scene.config import Scene
     from egocap_sim.scene.rig_source import resolve_rig
 
@@ -120,7 +120,6 @@ def override_scene(scene: Scene, changes: Overrides) -> Scene:
 
 def _replace_sources(data: dict[str, Any], changes: Overrides) -> None:
     """Replace the rig and the motion by a built-in one or a file."""
-    from egocap_sim.core.resources import SAMPLED, rig_names
     from egocap_sim.motion.generators.registry import MOTIONS
 
     if changes.rig is not None:
@@ -159,8 +158,9 @@ def _change_episodes(data: dict[str, Any], changes: Overrides, scene: str) -> No
             )
         data["episodes"]["clips"] = _absolute(changes.motions)
     if changes.motion is not None and "episodes" in data:
-        kept = {} if changes.motions is None else {"clips": data["episodes"]["clips"]}
-        data["episodes"] |= {"motions": [], "clips": None} | kept
+        data["episodes"]["motions"] = []
+        if changes.motions is None:
+            data["episodes"].pop("clips", None)
     if changes.start is not None and "episodes" in data and "file" not in data["motion"]:
         raise InputError("--start in a scene with episodes, which draw their own start times",
                          valid="--no-episodes, or --motion with a file")  # fmt: skip

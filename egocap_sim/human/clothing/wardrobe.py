@@ -61,7 +61,7 @@ def make_person(
     sex, years, body = _sample_body(shape_rng, sex, height_m, age_years, phenotype or {})
     tone = _tone(body.phenotype, _stream(seed, SKIN)) if skin_tone is None else float(skin_tone)
     clothes = sample_outfit(sex, years, tone, _stream(seed, OUTFIT))
-    changes = {**(outfit or {}), **WORN.get(headgear or "", {})}
+    changes = _with_accessory(outfit or {}, headgear)
     over_hair = headgear if headgear in HEADGEAR else None
     clothes = change_outfit(clothes, changes, hatless=over_hair is not None)
     chart = make_chart(body)
@@ -86,6 +86,18 @@ def make_person(
         actor=Actor(name, tuple(meshes)),
         description={"seed": int(seed), **_describe(sex, years, body), **drawn},
     )
+
+
+def _with_accessory(outfit: Mapping[str, str], headgear: str | None) -> dict[str, str]:
+    """The outfit with the headgear, if that is part of it."""
+    worn = WORN.get(headgear or "", {})
+    for part, kind in worn.items():
+        if outfit.get(part, kind) != kind:
+            raise InputError(
+                f"{part} '{outfit[part]}' with the headgear '{headgear}'",
+                valid=f"{part} '{kind}', or headgear 'none'",
+            )
+    return {**outfit, **worn}
 
 
 def _describe(sex: str, years: float, body: BareBody) -> dict[str, object]:

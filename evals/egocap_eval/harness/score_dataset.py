@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from tyro.conf import arg
 
 from egocap.cameras.rig_files import load_rig
@@ -113,10 +114,12 @@ def _outcome(
 def _summary(
     options: DatasetOptions, reports: dict[str, Report], provenance: dict[str, str | None]
 ) -> Outcome:
-    """Means over the frames of all sequences, and each sequence's own."""
-    frames = sum(report.frames for report in reports.values())
-    mean = {key: sum(getattr(r, key) * r.frames for r in reports.values()) / frames
-            for key in ("mpjpe_mm", "pa_mpjpe_mm")}  # fmt: skip
+    """Means over the frames of all sequences, and each sequence's own; None where one has none."""
+    counts = [report.frames for report in reports.values()]
+    frames, mean = sum(counts), {}
+    for key in ("mpjpe_mm", "pa_mpjpe_mm"):
+        own = [getattr(report, key) for report in reports.values()]
+        mean[key] = None if None in own else float(np.average(own, weights=counts))
     rows = [(name, str(r.frames), number(r.mpjpe_mm), number(r.pa_mpjpe_mm))
             for name, r in reports.items()]  # fmt: skip
     rows.append(("all", str(frames), number(mean["mpjpe_mm"]), number(mean["pa_mpjpe_mm"])))

@@ -5,6 +5,7 @@ from egocap.body.labels import LABEL_INDEX, LABELS
 from egocap.errors import InputError
 from egocap.evaluation import GroundTruth, evaluate_pose
 from egocap.evaluation.protocol import (
+    ALIGNMENTS,
     BONES,
     LOWER_LIMBS,
     PROTOCOLS,
@@ -73,7 +74,7 @@ def test_missing_joints_are_masked_in_every_protocol_or_refused(seed):
                 report = evaluate_pose(made, GroundTruth(truth, TIMES), valid=valid,
                                        protocol=name)  # fmt: skip
             except InputError as error:
-                assert rules.alignment in ("mid-hip", "bone-adjusted", "bones-then-rigid"), error
+                assert ALIGNMENTS[rules.alignment].needs, error
                 scores.append(str(error))
             else:
                 scores.append(report.to_json())
@@ -93,3 +94,19 @@ def test_bone_adjustment_needs_the_chain_to_the_neck():
     assert not [name for name in report.other_protocols_mm if "-ba" in name]
     with pytest.raises(InputError, match="between it and the neck"):
         evaluate_pose(truth, GroundTruth(truth, TIMES[:3]), valid=valid, protocol="egocap-17-ba")
+
+
+def test_poses_of_few_joints_are_not_aligned_in_shape():
+    """A similarity takes any single joint to its true place."""
+    truth = np.random.default_rng(0).normal(size=(3, 18, 3))
+    predicted, valid = truth + 0.1, np.zeros((3, 18), bool)
+    valid[0, 1:5] = True
+    given = predicted, GroundTruth(truth, TIMES[:3])
+    assert "egocap-17-pa" in evaluate_pose(*given, valid=valid).other_protocols_mm
+    valid[1, 1] = True
+    report = evaluate_pose(*given, valid=valid)
+    assert report.pa_mpjpe_mm is None
+    assert not [name for name in report.other_protocols_mm if name.endswith(("-pa", "-rigid"))
+                and "sequence" not in name]  # fmt: skip
+    with pytest.raises(InputError, match="at least 4 joints"):
+        evaluate_pose(*given, valid=valid, protocol="egocap-17-rigid")

@@ -52,6 +52,15 @@ def test_paths_are_relative_to_the_scene_file(tmp_path):
         ('name = "../up"\n[motion]\nname = "walk"\n', r"'name'.*pattern"),
         ('[motion]\nname = "walk"\n', r"'name'.*required"),
         (GOOD + "[rig]\nsize = [1280]\n", r"'rig\.size"),
+        (GOOD + "[sensor]\nfull_well_e = 5\n", r"'sensor\.full_well_e'.*at least 10 electrons"),
+        (GOOD + "then_start_s = 1.0\n", r"'motion'.*'then_start_s' requires 'then'"),
+        (GOOD + '[place]\nname = "chroma"\ntextures = "t"\n', r"'place'.*'textures' is not for"),
+        (GOOD + '[place]\nname = "chroma"\npanorama = "p"\n', r"'place'.*'panorama' is not for"),
+        (
+            GOOD + 'parameters = {speed = 1.0}\n[episodes]\nmotions = ["idle"]\n',
+            r"'parameters' of \[motion\] is unused with 'motions' of \[episodes\]",
+        ),
+        (GOOD + "start_s = 1.0\n[episodes]\n", r"'start_s' of \[motion\] is drawn in \[episodes\]"),
         ("name = mine\n", "TOML.*line 1"),
     ],
 )

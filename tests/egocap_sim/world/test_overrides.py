@@ -26,6 +26,11 @@ def test_a_start_is_refused_where_episodes_draw_it():
     assert one.motion.start_s == 2.0
 
 
+def test_a_file_beside_the_motions_of_episodes_is_refused():
+    with pytest.raises(ValueError, match=r"'file' of \[motion\] is unused with 'motions'"):
+        scene(motion={"file": "clip.bvh"}, episodes={"motions": ["walk"]})
+
+
 def test_a_rig_replaces_a_sampled_family():
     sampled = scene(rig={"name": "sampled", "family": "glasses", "size": [320, 256]})
     changed = override_scene(sampled, Overrides(rig="egorig2"))

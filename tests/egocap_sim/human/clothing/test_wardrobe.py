@@ -250,6 +250,7 @@ def test_every_haircut_can_be_worn():
         ({"outfit": {"shoes": "skis"}}, "barefoot"),
         ({"outfit": {"hat": "crown"}}, "sun_hat"),
         ({"outfit": {"hat": "cap"}, "headgear": "helmet"}, "none"),
+        ({"outfit": {"hat": "beanie"}, "headgear": "cap"}, "hat 'cap', or headgear 'none'"),
         ({"outfit": {"top": "tshirt", "bottom": "none"}}, "dress"),
         ({"outfit": {"top": "dress", "bottom": "shorts"}}, "leggings"),
         ({"seed": -1}, "from 0"),

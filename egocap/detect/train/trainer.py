@@ -106,7 +106,7 @@ class Trainer:
 
     def run(self) -> Outcome:
         """Train until finished or interrupted, with validation, logging and checkpoints."""
-        record = RunLog(self.folder, fresh=self.state.step == 0) if self.rank == 0 else None
+        record = RunLog(self.folder, self.state.step) if self.rank == 0 else None
         if self.progress() >= 1.0:  # resumed when it was finished
             return self._finish(record)
         since_check = since_validation = self.state.seconds

@@ -128,6 +128,26 @@ def test_warm_start_begins_with_the_weights(tmp_path):
         torch.testing.assert_close(again.network.state_dict()[name], value)
 
 
+def test_rows_of_a_killed_run_are_written_once(tmp_path):
+    config = replace(SHORT, steps=70, batch=2, augmentation=NO_AUGMENTATION, validate_minutes=1e-9)
+    first = trainer(tmp_path / "run", config, validation=store(2, 100))
+    stop_after(first, 30)
+    first.run()
+    checkpoint = (tmp_path / "run" / "checkpoint.pt").read_bytes()
+    second = trainer(tmp_path / "run", config, validation=store(2, 100))
+    second.resume()
+    stop_after(second, 50)
+    second.run()
+    (tmp_path / "run" / "checkpoint.pt").write_bytes(checkpoint)  # killed before it wrote another
+    third = trainer(tmp_path / "run", config, validation=store(2, 100))
+    assert third.resume() and third.state.step == 30
+    third.run()
+    for name, steps in (("log.csv", [20, 40, 60]), ("validation.csv", [*range(1, 71)])):
+        head, *rows = (tmp_path / "run" / name).read_text().splitlines()
+        assert head.startswith("step,")
+        assert [int(row.split(",")[0]) for row in rows] == steps
+
+
 def test_rate_rises_and_falls(tmp_path):
     run = trainer(tmp_path / "run", replace(SHORT, steps=100, warm_up=0.1))
     rates = []

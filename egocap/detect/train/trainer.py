@@ -81,6 +81,8 @@ class Trainer:
         self._start_scores: Scores | None = None
         if start is not None:
             self.network.load_state_dict(start)
+        if not (config.loss.visibility or config.loss.spread):
+            self.network.info.requires_grad_(False)  # else weight decay alone would change it
         self.network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = build_network(network).to(self.device)
         self.average.load_state_dict(self.network.state_dict())

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.adaptation.config import AdaptOptions
-from egocap.adaptation.labels import Labels, tracked_labels
+from egocap.adaptation.labels import Labels, at_picture_times, tracked_labels
 from egocap.data.detections import Detections, load_detections
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.track import Track, load_track
@@ -82,7 +82,10 @@ def _read(folder: Path) -> Recording:
 
 
 def _labels(sequence: Sequence, found: Detections, track: Track) -> Labels:
-    return tracked_labels(track, found, sequence.rig)
+    labels = tracked_labels(track, found, sequence.rig)
+    if sequence.frame_times is None:
+        return labels
+    return at_picture_times(labels, track, sequence.rig, sequence.frame_times)
 
 
 def labelled_views(

@@ -4,11 +4,12 @@ The tracker knows more than the detector that it follows: the past and the futur
 other views. A joint whose place in the image it states within a few pixels becomes a label. Where
 the detection agrees, the label is the mean of both by their precision; where it contradicts, the
 tracked place holds only if another view's detection agrees with it. All other labels are UNKNOWN.
+Pictures of footage are not all taken at their frames' times: labels are moved to the pictures'.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -16,10 +17,12 @@ from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
+from egocap.data.footage import FrameTimes
 from egocap.data.track import Track
 from egocap.data.truth import OUT_OF_VIEW, VISIBLE
 from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, UNKNOWN
 from egocap.errors import InputError
+from egocap.series import interpolate
 
 SURE_PX = 6.0
 """Largest standard deviation of a label, pixels at an image width of 640."""
@@ -79,3 +82,14 @@ def tracked_labels(track: Track, found: Detections, rig: Rig) -> Labels:
     state = np.where(inside & (track.hidden != OUT_OF_VIEW), state, OUTSIDE)
     state = np.where(sure | (state == OUTSIDE), state, UNKNOWN).astype(np.uint8)
     return Labels(points, state, contradicts & (state <= HIDDEN))
+
+
+def at_picture_times(labels: Labels, track: Track, rig: Rig, times: FrameTimes) -> Labels:
+    """Labels at the times of the frames, moved to those at which the views' pictures were taken."""
+    points = labels.points.copy()
+    before, _ = rig.project(track.joints_head)
+    for v in range(len(rig.mounts)):
+        taken = np.where(times.present[:, v], times.taken[:, v], times.time)
+        then, _ = rig.project(interpolate(taken, track.times, track.joints_head))
+        points[:, v] += then[v] - before[v]
+    return replace(labels, points=points)

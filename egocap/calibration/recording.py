@@ -16,6 +16,7 @@ from egocap.errors import FileError, InputError
 from egocap.files import read_bytes
 from egocap.media.decoding import decode
 from egocap.media.video import open_video
+from egocap.series import nearest
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
 MOST_VIEWS = 16
@@ -100,9 +101,9 @@ def _read_videos(sources: Sequence[Path], in_threes: bool) -> Recording:
     views = []
     for source, name, video in zip(sources, _view_names(sources), videos, strict=True):
         times = video.times - video.times[0]
-        nearest = np.abs(times[:, None] - wanted).argmin(0)
-        late = np.abs(times[nearest] - wanted) > apart
-        pictures = {i: video.image(int(at)) for i, at in enumerate(nearest) if not late[i]}
+        places = nearest(times, wanted)
+        late = np.abs(times[places] - wanted) > apart
+        pictures = {i: video.image(int(at)) for i, at in enumerate(places) if not late[i]}
         grey = {i: cv2.cvtColor(p, cv2.COLOR_RGB2GRAY) for i, p in pictures.items()
                 if p is not None}  # fmt: skip
         views.append(View(name, video.size, grey, source))

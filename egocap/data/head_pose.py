@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from egocap.data.track import Track
@@ -112,6 +112,15 @@ def interpolate_poses(
     return rigid(turned, moved)
 
 
+def beside(
+    times: Float[Array, "T"], known: Float[Array, "N"]
+) -> tuple[Int[Array, "T"], Int[Array, "T"]]:
+    """Places in `known` of the poses on either side of times; the same for a pose's own time."""
+    before = np.maximum(np.searchsorted(known, times + SAME_S, side="right") - 1, 0)
+    after = np.minimum(np.searchsorted(known, times - SAME_S), len(known) - 1)
+    return before, after
+
+
 def head_poses_at(
     times: Float[Array, "T"], known: Float[Array, "N"], poses: Float[Array, "N 4 4"]
 ) -> HeadPoses:
@@ -119,8 +128,7 @@ def head_poses_at(
     steps = np.diff(known)
     step = float(np.median(steps)) if len(steps) else 1e-3
     longest = max(GAP_S, (1.0 + _SLACK) * step)
-    after = np.clip(np.searchsorted(known, times - SAME_S), 0, len(known) - 1)
-    before = np.maximum(np.searchsorted(known, times + SAME_S, side="right") - 1, 0)
+    before, after = beside(times, known)
     distance = np.minimum(np.abs(known[after] - times), np.abs(known[before] - times))
     inside = known[after] - known[before] <= longest
     outside = (times < known[0]) | (times > known[-1])

@@ -12,6 +12,7 @@ Source: mirroring, EgoCap paper, section 4.3.1.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from math import cos, isfinite, pi, radians, sin
 from typing import Any
 
@@ -122,8 +123,7 @@ class CanonicalView:
         self.spec = (spec or ViewSpec()).mounted(float(mount.T_head_camera[0, 3]))
         self.mirrored = bool(mount.T_head_camera[1, 3] < 0.0)
         self._mount = mount
-        v, u = np.mgrid[: self.spec.height, : self.spec.width]
-        pixels, self.mask = self.to_camera(np.stack([u, v], -1))
+        pixels, self.mask = self.to_camera(self._grid)
         self._shrink = max(1, int(self._typical_magnification() / _SHRINK_ABOVE + 0.5))
         self._maps = self._fixed_maps(pixels)
 
@@ -142,15 +142,14 @@ class CanonicalView:
                 f"'{self._mount.name}'",
                 valid=f"({camera.height}, {camera.width}, 3), uint8",
             )
-        s, interpolation = self._shrink, cv2.INTER_LINEAR
         if nearest:
-            interpolation = cv2.INTER_NEAREST
-        if s > 1:
-            size = self._shrunk_size
-            picture = cv2.resize(
-                picture, size, interpolation=cv2.INTER_NEAREST if nearest else cv2.INTER_AREA
-            )
-        return cv2.remap(picture, *self._maps, interpolation, borderMode=cv2.BORDER_CONSTANT)
+            rows, columns, inside = self._nearest_pixels
+            found = np.zeros((*self.mask.shape, *picture.shape[2:]), np.uint8)
+            found[inside] = picture[rows, columns]
+            return found
+        if self._shrink > 1:
+            picture = cv2.resize(picture, self._shrunk_size, interpolation=cv2.INTER_AREA)
+        return cv2.remap(picture, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
 
     def to_view(self, pixels: Float[Array, "*n 2"]) -> tuple[Any, Any]:
         """Canonical points (..., 2) and validity of the camera's pixels (..., 2).
@@ -194,6 +193,20 @@ class CanonicalView:
         points = np.stack([u, v], -1)
         seen = self.to_camera(points)[1]
         return float(np.median(self.magnification(points)[seen])) if seen.any() else 1.0
+
+    @property
+    def _grid(self) -> Float[Array, "H W 2"]:
+        v, u = np.mgrid[: self.spec.height, : self.spec.width]
+        return np.stack([u, v], -1)
+
+    @cached_property
+    def _nearest_pixels(self) -> tuple[Array, Array, Bool[Array, "H W"]]:
+        """Row and column of the pixel nearest to each canonical one, where there is one."""
+        camera = self._mount.camera
+        pixels = np.where(self.mask[..., None], self.to_camera(self._grid)[0], -9.0)
+        u, v = np.moveaxis(np.rint(pixels).astype(int), -1, 0)
+        inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        return v[inside], u[inside], inside
 
     @property
     def _shrunk_size(self) -> tuple[int, int]:

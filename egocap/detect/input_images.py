@@ -44,7 +44,7 @@ def recorded_pictures(sequence: Sequence, index: int) -> tuple[UInt8[Array, "h w
     Raises FileError for a damaged image.
     """
     return tuple(
-        sequence.picture(index, v, _reduction(camera.width))
+        sequence.picture(index, v, _reduction(camera.width, camera.height))
         for v, camera in enumerate(sequence.rig.cameras)
     )
 
@@ -65,5 +65,7 @@ def ahead(jobs: Iterator[Any], make: Any, count: int = 2) -> Iterator[Any]:
                 future.cancel()
 
 
-def _reduction(width: int) -> int:
-    return next((factor for factor in (8, 4, 2) if width // factor >= ENOUGH), 1)
+def _reduction(width: int, height: int) -> int:
+    """Factor by which a JPEG is decoded smaller. It divides both sides: others would be padded."""
+    factors = (f for f in (8, 4, 2) if width // f >= ENOUGH and width % f == height % f == 0)
+    return next(factors, 1)

@@ -76,10 +76,10 @@ def _simulated(sequence: Sequence, source: str, seed: int) -> Detections:
 
     if seed < 0:
         raise InputError(f"seed {seed}", valid="0 or more")
-    camera, truth = sequence.rig.cameras[0], sequence.truth
+    truth = sequence.truth
     joints = ProjectedJoints(
         truth.joints_2d, truth.visibility == VISIBLE, truth.in_view, truth.time,
-        (camera.width, camera.height),
+        np.array([(camera.width, camera.height) for camera in sequence.rig.cameras]),
     )  # fmt: skip
     return simulate_detections(joints, source, np.random.default_rng(seed))
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX, MIRROR
@@ -109,7 +109,7 @@ class ProjectedJoints(NamedTuple):
     visible: Bool[Array, "T V 18"]  # not hidden
     in_view: Bool[Array, "T V 18"]  # within the image, hidden or not
     times: Float[Array, "T"]  # seconds
-    image_size: tuple[int, int]  # width, height in pixels
+    image_size: tuple[int, int] | Int[Array, "V 2"]  # width, height of all views or of each, pixels
 
 
 def simulate_detections(
@@ -128,18 +128,18 @@ def simulate_detections(
     joints_2d, visible, in_view, times, image_size = joints
     source = parse_source(source) if isinstance(source, str) else source
     shape = joints_2d.shape[:3]
-    width, height = image_size
+    sizes = np.broadcast_to(image_size, (shape[1], 2))
     assert visible.shape == in_view.shape == shape, (visible.shape, in_view.shape, shape)
-    scale = width / REFERENCE_WIDTH
+    scale = sizes[:, 0] / REFERENCE_WIDTH
     noise = rng.standard_normal((*shape, 2))
-    wild_place = rng.random((*shape, 2)) * (width, height) - 0.5
+    wild_place = rng.random((*shape, 2)) * sizes[:, None] - 0.5
     wild_chance = rng.random(shape)
 
     visible = visible & in_view
     guessed = in_view & ~visible & (source.occluded == "guess")
     seen = in_view if source.occluded == "keep" else visible | guessed
     memory = _autocorrelation(times, source.correlation)
-    sigma = source.sigma * scale * np.where(guessed, GUESS, 1.0)
+    sigma = source.sigma * scale[:, None] * np.where(guessed, GUESS, 1.0)
     if source.spread:
         level = _autoregression(rng.standard_normal(shape), memory)
         sigma = sigma * np.exp(source.spread * level)
@@ -147,12 +147,12 @@ def simulate_detections(
     honest = np.where(seen[..., None], joints_2d + sigma[..., None] * noise, wild_place)
     points, taken_for = _confused(honest, seen, times, scale, source, rng)
     sigma = np.take_along_axis(sigma, taken_for, 2)
-    inside = _inside(points, image_size)
+    inside = _inside(points, sizes)
     present = np.take_along_axis(seen, taken_for, 2)
     valid = inside & (present | (wild_chance < source.outliers))
     guessed = np.take_along_axis(guessed, taken_for, 2)
     sure = np.where(guessed, GUESS_CONFIDENCE, SEEN_CONFIDENCE) if guessed.any() else 1.0
-    modes, mode_weights = _modes(points, honest, valid, seen, image_size, source, rng)
+    modes, mode_weights = _modes(points, honest, valid, seen, sizes, source, rng)
     return Detections(
         times=np.asarray(times, float),
         points=np.where(valid[..., None], points, np.nan),
@@ -165,8 +165,8 @@ def simulate_detections(
     )
 
 
-def _inside(points: Float[Array, "*batch 2"], size: tuple[int, int]) -> Bool[Array, "*batch"]:
-    return np.all((points >= -0.5) & (points <= (size[0] - 0.5, size[1] - 0.5)), axis=-1)
+def _inside(points: Float[Array, "T V 18 2"], sizes: Int[Array, "V 2"]) -> Bool[Array, "T V 18"]:
+    return np.all((points >= -0.5) & (points <= sizes[:, None] - 0.5), axis=-1)
 
 
 def _autocorrelation(times: Float[Array, "T"], seconds: float) -> Float[Array, "T"]:
@@ -202,7 +202,7 @@ def _student_t(
 
 def _confused(
     honest: Float[Array, "T V 18 2"], seen: Bool[Array, "T V 18"], times: Float[Array, "T"],
-    scale: float, source: SimulatedSource, rng: np.random.Generator,
+    scale: Float[Array, "V"], source: SimulatedSource, rng: np.random.Generator,
 ) -> tuple[Float[Array, "T V 18 2"], Array]:  # fmt: skip
     """Points after swaps and stray limbs, and the joint (T, V, 18) that each shows."""
     T, V = honest.shape[:2]
@@ -247,12 +247,12 @@ def _episodes(
 
 def _modes(
     points: Float[Array, "T V 18 2"], honest: Float[Array, "T V 18 2"],
-    valid: Bool[Array, "T V 18"], seen: Bool[Array, "T V 18"], size: tuple[int, int],
+    valid: Bool[Array, "T V 18"], seen: Bool[Array, "T V 18"], sizes: Int[Array, "V 2"],
     source: SimulatedSource, rng: np.random.Generator,
 ) -> tuple[Float[Array, "T V 18 2 2"] | None, Float[Array, "T V 18 2"] | None]:  # fmt: skip
     if not source.modes:
         return None, None
-    elsewhere = (points != honest).any(-1) & seen & _inside(honest, size) & valid
+    elsewhere = (points != honest).any(-1) & seen & _inside(honest, sizes) & valid
     second = elsewhere & (rng.random(valid.shape) < source.modes)
     weights = np.stack([np.where(second, 0.6, 1.0) * valid, np.where(second, 0.4, 0.0)], -1)
     places = np.stack([points, honest], -2)

@@ -148,10 +148,12 @@ def first_seconds(detections: Detections, seconds: float) -> Detections:
 def choose_frames(
     angles: Float[Array, "T 37"], used: Int[Array, "T"], count: int
 ) -> Int[Array, "F"]:
-    """Frames that differ most from each other, among those with enough detections.
+    """Frames that differ most from each other, among those with enough detections, if any.
 
     Farthest-point selection: similar poses are redundant.
     """
+    if not used.any():
+        return np.array([], int)
     able = np.flatnonzero(used >= 0.5 * np.median(used[used > 0]))
     if len(able) <= count:
         return able

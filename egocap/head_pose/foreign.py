@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
-from egocap.data.head_pose import SAME_S, interpolate_poses, load_head_pose
+from egocap.data.head_pose import SAME_S, beside, interpolate_poses, load_head_pose
 from egocap.errors import FileError, InputError
 from egocap.geometry import inverse, rigid, unit
 from egocap.head_pose.alignment import Alignment, align, aligned
@@ -109,8 +109,7 @@ def _at_frames(
     """Interpolated at the frames between poses near in time; the other frames are gaps."""
     from egocap.head_pose.result import gaps_of
 
-    after = np.clip(np.searchsorted(time, times - SAME_S), 0, len(time) - 1)
-    before = np.maximum(np.searchsorted(time, times + SAME_S, side="right") - 1, 0)
+    before, after = beside(times, time)
     step = max(MOST_STEP, 1.5 * float(np.median(np.diff(time))))
     inside = (times >= time[0] - SAME_S) & (times <= time[-1] + SAME_S)
     covered = np.flatnonzero(inside & (time[after] - time[before] <= step))

@@ -1,8 +1,8 @@
-"""Model of a detector's errors: heavy tails, scale by confidence, bias by label, correlations.
+"""Model of a detector's errors: heavy tails, scale by confidence, correlations.
 
 In: errors of detections of footage with truth. Out: the detections and the settings with which the
 posterior is calibrated. An error is the stated standard deviation, times a factor for its
-confidence, times a Student-t variable, plus a bias. Errors of one frame are correlated between the
+confidence, times a Student-t variable. Errors of one frame are correlated between the
 views and along limbs, which the likelihood leaves out; it is a composite likelihood, whose
 temperature is the factor by which these correlations raise the variance of the angles. It follows
 from the errors, not from the coverage. Correlation from frame to frame is stated; the posterior of
@@ -25,9 +25,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 from pydantic import Field
 
-from egocap.body.labels import LABELS, MIRROR
 from egocap.data.detections import Detections
-from egocap.errors import FileError
 from egocap.files import write_json
 from egocap.posterior.config import PosteriorConfig
 from egocap.schema import Number, Strict, checked, read_json
@@ -43,8 +41,6 @@ _DEGREES = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0)
 _FACTORS = np.geomspace(0.4, 4.0, 93)
 _CLIP = 4.0
 """Standard deviations to which errors are clipped before moments are taken."""
-_LEAST_BIAS = 0.5
-"""Standard deviations below which a bias is 0: smaller ones differ from person to person."""
 _SHRINK = 0.1
 """Weight of independence in the estimated correlations."""
 
@@ -56,21 +52,14 @@ class DetectorError:
     detector: str  # `Detections.source` of what it was learned from
     degrees: float  # of freedom of the Student-t errors
     factors: tuple[float, ...]  # on the stated standard deviation, between `EDGES`
-    bias: dict[str, tuple[float, float]]  # standard deviations, left view; right view mirrored
     temperature: float
     memory: float  # correlation from each frame to the next
     frames: int
 
     def correct(self, detections: Detections) -> Detections:
-        """The detections without their bias, with standard deviations that hold."""
+        """The detections with standard deviations that hold."""
         which = np.searchsorted(EDGES, np.nan_to_num(detections.confidence))
-        sigma = detections.sigma * np.array(self.factors)[which]
-        points = detections.points
-        if points.shape[1] == 2:  # a left and a right camera
-            points = points - sigma[..., None] * _of_both_views(
-                np.array([self.bias[label] for label in LABELS])
-            )
-        return replace(detections, points=points, sigma=sigma)
+        return replace(detections, sigma=detections.sigma * np.array(self.factors)[which])
 
     def configure(self, config: PosteriorConfig) -> PosteriorConfig:
         """The settings with this model's tails and temperature."""
@@ -82,7 +71,6 @@ class DetectorError:
 
 
 Factor = Annotated[Number, Field(ge=1e-3, le=1e3)]
-Bias = Annotated[Number, Field(ge=-100.0, le=100.0)]
 
 
 class _File(Strict):
@@ -90,7 +78,6 @@ class _File(Strict):
     detector: str
     degrees: Number = Field(gt=2.0, le=1e6)
     factors: Annotated[tuple[Factor, ...], Field(min_length=5, max_length=5)]  # between `EDGES`
-    bias: dict[str, tuple[Bias, Bias]]
     temperature: Factor
     memory: Number = Field(ge=-1.0, le=1.0)
     frames: int = Field(ge=0)
@@ -99,8 +86,6 @@ class _File(Strict):
 def load_detector_error(path: str | Path = SHIPPED) -> DetectorError:
     """Read a model. Raises FileError."""
     data = checked(_File, read_json(path), path)
-    if data.bias.keys() != set(LABELS):
-        raise FileError(path, "not of all labels", key="bias", valid=LABELS)
     return DetectorError(**data.model_dump(exclude={"kind"}))
 
 
@@ -134,36 +119,15 @@ def learn_detector_error(
     error, good = np.concatenate(errors), np.concatenate(valid)
     confidence = np.concatenate([found.confidence for found in detections])
     which = np.searchsorted(EDGES, np.nan_to_num(confidence))
-    bias = _bias(error, good)
-    error = error - _of_both_views(bias)
     degrees, factors = _tails(error, good, which)
     error = np.clip(error / factors[which][..., None], -_CLIP, _CLIP)
     starts = np.cumsum([0, *(len(e) for e in errors)])
     return DetectorError(
         detector=detections[0].source, degrees=degrees,
         factors=tuple(round(float(f), 3) for f in factors),
-        bias={label: (round(float(x), 3), round(float(y), 3))
-              for label, (x, y) in zip(LABELS, bias, strict=True)},
         temperature=round(_temperature(_correlation(error, good), sensitivity, prior), 2),
         memory=round(_memory(error, good, starts), 3), frames=len(error),
     )  # fmt: skip
-
-
-def _of_both_views(bias: Float[Array, "18 2"]) -> Float[Array, "2 18 2"]:
-    """The left view's bias, and its mirror image for the right one."""
-    return np.stack([bias, bias[list(MIRROR)] * [-1.0, 1.0]])
-
-
-def _bias(error: Float[Array, "T 2 18 2"], good: Bool[Array, "T 2 18"]) -> Float[Array, "18 2"]:
-    """Median error of every label in the left view, with those of the right view mirrored."""
-    right = error[:, 1, list(MIRROR)] * [-1.0, 1.0]
-    both = np.concatenate([error[:, 0], right])
-    there = np.concatenate([good[:, 0], good[:, 1][:, list(MIRROR)]])
-    bias = np.array([
-        np.median(both[there[:, j], j], axis=0) if there[:, j].any() else np.zeros(2)
-        for j in range(len(LABELS))
-    ])  # fmt: skip
-    return np.where(np.abs(bias) >= _LEAST_BIAS, bias, 0.0)
 
 
 def _tails(error: Array, good: Array, which: Array) -> tuple[float, Float[Array, "K"]]:

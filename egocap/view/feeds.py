@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 from egocap.media.video import open_video
 from egocap.view.capture import Picture, Source
 
-_PATIENCE_S = 5.0  # without a picture of some view before it counts as gone
+_PATIENCE_S = 5.0  # without a picture of the first view before it counts as gone
 _STRAGGLER_S = 0.1
 
 Images = Sequence[UInt8[Array, "H W 3"] | None]
@@ -54,6 +54,7 @@ class LiveFeed:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
         self.sources, self.seconds, self.stopped = sources, seconds, stopped
+        self._missing = [False] * len(sources)
 
     @property
     def skipped(self) -> int:
@@ -73,11 +74,14 @@ class LiveFeed:
                 yield Instant(last, images, min(taken), last - min(taken))
 
     def _newest(self) -> list[Picture | None]:
+        """Views that had no picture the last time are not waited for, unless none had one."""
         patience = _PATIENCE_S
         pictures: list[Picture | None] = []
-        for source in self.sources:
-            pictures.append(source.newest(patience))
-            patience = _STRAGGLER_S
+        for source, gone in zip(self.sources, self._missing, strict=True):
+            pictures.append(source.newest(0.0 if gone else patience))
+            patience = patience if gone else _STRAGGLER_S
+        missing = [picture is None for picture in pictures]
+        self._missing = [gone and not all(missing) for gone in missing]
         return pictures
 
 

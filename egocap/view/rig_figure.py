@@ -25,7 +25,7 @@ from egocap.media.decoding import decode
 from egocap.pose.initial_poses import STARTS, start_poses
 from egocap.posterior.rig_coverage import RigCoverage, everyday_poses, rig_coverage
 
-SIDES = (("from the left", 0, 2), ("from the front", 1, 2), ("from above", 1, 0))
+SIDES = (("from the right", 0, 2), ("from the front", 1, 2), ("from above", 1, 0))
 """Titles and the head axes that run right and up in the drawing."""
 POSES = ("standing", "sitting")
 MARKS = ("o", "s", "^", "D")

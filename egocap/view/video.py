@@ -44,14 +44,15 @@ class VideoFile:
     def add(self, picture: UInt8[Array, "H W 3"], at: float | None = None) -> None:
         """Add an RGB picture; all have the size of the first, with even sides.
 
-        `at` is its time from the start [s]: the picture is dropped or repeated to keep that time.
+        `at` is its time from the start [s]: the picture is dropped or repeated to be shown at the
+        nearest frame's.
         Without it every picture is one frame.
         """
         from av.video.frame import VideoFrame
 
         if self._stream is None:
             self._stream = self._begin(picture.shape[1], picture.shape[0])
-        wanted = self.frames + 1 if at is None else int(at * self.fps + 1e-6) + 1
+        wanted = self.frames + 1 if at is None else int(at * self.fps + 0.5) + 1
         while self.frames < wanted:
             frame = VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
             frame.pts = self.frames

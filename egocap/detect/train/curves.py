@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from egocap.errors import FileError
-from egocap.files import replacing
+from egocap.files import replacing, write_atomically
 from egocap.schema import read_text
 
 if TYPE_CHECKING:
@@ -29,15 +29,18 @@ _LOG_S = 30.0  # between log messages
 
 
 class RunLog:
-    """Appends to a run folder's record."""
+    """Appends to a run folder's record, behind the rows up to the step it is resumed from."""
 
-    def __init__(self, folder: Path, fresh: bool) -> None:
+    def __init__(self, folder: Path, step: int) -> None:
         self._folder = folder
         self._sums, self._count = np.zeros(len(TERMS)), 0
         self._logged, self._views_logged = time.monotonic(), -1
-        if fresh:
-            _row(folder / "log.csv", ("step", "seconds", "views", "rate", *TERMS), fresh=True)
-            (folder / "validation.csv").unlink(missing_ok=True)
+        for name in ("log.csv", "validation.csv"):
+            if step == 0:
+                (folder / name).unlink(missing_ok=True)
+            _cut(folder / name, step)
+        if not (folder / "log.csv").exists():
+            _row(folder / "log.csv", ("step", "seconds", "views", "rate", *TERMS))
 
     def step(
         self, state: RunState, terms: Losses, rate: float, progress: float, left: float
@@ -65,6 +68,7 @@ class RunLog:
         """Add a validation and draw the curves."""
         values = scores.to_dict()
         path = self._folder / "validation.csv"
+        _cut(path, state.step - 1)  # a finished run that is resumed is scored again
         if not path.exists():
             _row(path, ("step", "seconds", "views", *values))
         rounded = [f"{v:.4f}" for v in values.values()]
@@ -113,9 +117,25 @@ def draw_curves(folder: Path) -> Path | None:
     return path
 
 
-def _row(path: Path, values: Any, fresh: bool = False) -> None:
-    with path.open("w" if fresh else "a", newline="") as file:
+def _row(path: Path, values: Any) -> None:
+    with path.open("a", newline="") as file:
         csv.writer(file).writerow(values)
+
+
+def _cut(path: Path, step: int) -> None:
+    """Drop a table's rows after a step, and one that was cut short. Raises FileError."""
+    if not path.exists():
+        return
+    head, *rows = read_text(path).splitlines() or [""]
+    kept = [row for row in rows if row.count(",") == head.count(",") and _step(row) <= step]
+    if len(kept) < len(rows):
+        write_atomically(path, "".join(f"{row}\r\n" for row in (head, *kept)))
+
+
+def _step(row: str) -> float:
+    """The step of a table's row; infinite for one that is damaged."""
+    number = row.partition(",")[0]
+    return int(number) if number.isdecimal() else np.inf
 
 
 def _read(path: Path, needed: Collection[str]) -> dict[str, np.ndarray]:

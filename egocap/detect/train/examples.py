@@ -35,7 +35,7 @@ SEEN, HIDDEN, OUTSIDE, UNKNOWN = range(4)
 """States of a label in a canonical view: visible, in view but occluded, outside the view, and not
 labelled, which training and scores leave out."""
 
-_FORMAT = 1  # of the store
+_FORMAT = 2  # of the store
 
 
 @dataclass(frozen=True, eq=False)

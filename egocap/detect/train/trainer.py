@@ -81,6 +81,8 @@ class Trainer:
         self._start_scores: Scores | None = None
         if start is not None:
             self.network.load_state_dict(start)
+        if not (config.loss.visibility or config.loss.spread):
+            self.network.info.requires_grad_(False)  # else weight decay alone would change it
         self.network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = build_network(network).to(self.device)
         self.average.load_state_dict(self.network.state_dict())
@@ -106,7 +108,7 @@ class Trainer:
 
     def run(self) -> Outcome:
         """Train until finished or interrupted, with validation, logging and checkpoints."""
-        record = RunLog(self.folder, fresh=self.state.step == 0) if self.rank == 0 else None
+        record = RunLog(self.folder, self.state.step) if self.rank == 0 else None
         if self.progress() >= 1.0:  # resumed when it was finished
             return self._finish(record)
         since_check = since_validation = self.state.seconds

@@ -120,10 +120,9 @@ def with_bursts(motion: SimulatedMotion, rng: np.random.Generator) -> SimulatedM
 
 def draw_detections(motion: SimulatedMotion, source: str, seed: int) -> Detections:
     """Simulated detections of a motion by the name of their source (`egocap.detect.synthetic`)."""
-    truth, camera = motion.truth, motion.rig.mounts[0].camera
-    joints = ProjectedJoints(
-        truth.joints_2d, motion.seen, truth.in_view, truth.time, (camera.width, camera.height)
-    )
+    truth = motion.truth
+    sizes = np.array([(camera.width, camera.height) for camera in motion.rig.cameras])
+    joints = ProjectedJoints(truth.joints_2d, motion.seen, truth.in_view, truth.time, sizes)
     return simulate_detections(joints, source, np.random.default_rng(seed))
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import egocap
-from egocap.adaptation.labels import tracked_labels
+from egocap.adaptation.labels import at_picture_times, tracked_labels
 from egocap.body.labels import LABEL_INDEX
+from egocap.data.footage import FrameTimes
 from egocap.detect.train.examples import HIDDEN, OUTSIDE, SEEN, UNKNOWN
 from egocap.errors import InputError
+from egocap.series import interpolate
 
 HAND, FRAMES = LABEL_INDEX["right_hand"], slice(30, 60)
 
@@ -57,6 +59,28 @@ def test_a_wrong_detection_in_one_view_is_corrected_from_the_other(motion, track
     assert labels.corrected[FRAMES, 0, HAND][held].all()
     assert (labels.state[FRAMES, 0, HAND][held] == HIDDEN).all()
     assert np.median(distance(labels, truth)[FRAMES, 0, HAND][held]) < 6.0
+
+
+def test_labels_are_where_joints_are_when_a_picture_is_taken(motion, tracked):
+    found, track, truth = tracked
+    taken = np.stack([track.times, track.times + 0.016], 1)  # half a frame apart
+    taken[-1] = track.times[-1]
+    present = np.ones(taken.shape, bool)
+    present[:5, 1] = False
+    times = FrameTimes(track.times, taken, np.zeros(taken.shape, int), present)
+    labels = tracked_labels(track, found, motion.rig)
+    moved = at_picture_times(labels, track, motion.rig, times)
+    assert np.array_equal(moved.points[:, 0], labels.points[:, 0])
+    assert np.array_equal(moved.points[:5], labels.points[:5])
+    then = motion.rig.project(interpolate(taken[:, 1], track.times, motion.joints))[0][1]
+    known = labels.known[5:, 1]
+    before, after, own = (
+        np.linalg.norm(a - b, axis=-1)[5:][known]
+        for a, b in ((labels.points[:, 1], then), (moved.points[:, 1], then),
+                     (labels.points[:, 1], truth[:, 1]))
+    )  # fmt: skip
+    assert np.percentile(after, 95) < 1.05 * np.percentile(own, 95)
+    assert np.percentile(before, 95) > 1.3 * np.percentile(own, 95)
 
 
 def test_detections_that_are_wrong_in_all_views_give_no_label(motion, tracked):

@@ -113,6 +113,21 @@ def test_marker_lands_where_points_say(size, side):
     np.testing.assert_allclose(found, target, atol=0.1)
 
 
+@pytest.mark.parametrize("size", [(640, 512), (1280, 1024), (1283, 1021), (2000, 1600)])
+def test_labels_are_those_of_the_nearest_pixels(size):
+    view = CanonicalView(mounted(1.0, size))
+    v, u = np.mgrid[: size[1], : size[0]]
+    parts = [view.image((a % 256).astype(np.uint8), nearest=True) for a in (u, v, u // 256)]
+    points = np.argwhere(view.mask)[::50, ::-1]
+    pixels, _ = view.to_camera(points)
+    near = np.rint(pixels).astype(int)
+    inside = ((near >= 0) & (near < size)).all(-1)
+    assert inside.sum() > 500
+    for found, wanted in zip(parts, (near[:, 0], near[:, 1], near[:, 0] // 256), strict=True):
+        at = found[points[:, 1], points[:, 0]]
+        np.testing.assert_array_equal(at, np.where(inside, wanted % 256, 0))
+
+
 def test_magnification_is_the_ratio_of_lengths():
     view = CanonicalView(mounted(1.0))
     at = np.array([[140.0, 100.0], [100.0, 150.0]])

@@ -64,6 +64,28 @@ def test_large_grey_and_deep_files(monkeypatch, tiny_sequence, kind, picture, sh
     assert right is None
 
 
+@pytest.mark.parametrize("size", [(1281, 1023), (5312, 2988), (1280, 1023), (1280, 1024)])
+def test_pixels_of_reduced_pictures_are_where_the_resized_camera_has_them(
+    monkeypatch, tiny_sequence, size
+):
+    width, height = size
+    middle = np.array([0.9 * width, 0.9 * height])
+    v, u = np.mgrid[:height, :width]
+    spread = 2.0 * ((u - middle[0]) ** 2 + (v - middle[1]) ** 2) / (0.05 * width) ** 2
+    _, data = cv2.imencode(".jpg", (250 * np.exp(-spread)).astype(np.uint8))
+    sequence = Sequence(tiny_sequence)
+    monkeypatch.setattr(Sequence, "files", lambda *_: {"left.jpg": (0, 1)})
+    monkeypatch.setattr(Sequence, "read", lambda *_: data.tobytes())
+    monkeypatch.setattr(sequence, "rig", sequence.rig.resized(*size))
+    picture = recorded_pictures(sequence, 0)[0]
+    assert picture is not None
+    grey = np.where(picture[..., 0] > 20, picture[..., 0], 0).astype(float)
+    v, u = np.mgrid[: grey.shape[0], : grey.shape[1]]
+    found = np.array([(u * grey).sum(), (v * grey).sum()]) / grey.sum()
+    scale = np.array(size) / (grey.shape[1], grey.shape[0])
+    np.testing.assert_allclose((found + 0.5) * scale - 0.5, middle, atol=0.1 * scale[0])
+
+
 def test_damaged_file_names_the_frame(monkeypatch, tiny_sequence):
     monkeypatch.setattr(Sequence, "read", lambda *_: b"no picture")
     with pytest.raises(FileError, match=r"frame 3.*left.* damaged"):

@@ -40,6 +40,18 @@ def draw(source, seed=0, **kwargs):
     return found, joints, visible, view
 
 
+def test_views_have_their_own_sizes():
+    joints = np.full((500, 2, 18, 2), 300.0)
+    joints[:, 1] += (700.0, 500.0)  # outside the first view's image
+    there, sizes = np.ones((500, 2, 18), bool), np.array([(640, 512), (1280, 1024)])
+    given = ProjectedJoints(joints, there, there, np.arange(500.0), sizes)
+    found = simulate_detections(given, "simulated:2", np.random.default_rng(0))
+    assert found.valid.all()
+    assert np.allclose(found.sigma, np.array([2.0, 4.0])[:, None])
+    error = (found.points - joints).std((0, 2, 3))
+    assert np.allclose(error, (2.0, 4.0), rtol=0.05)
+
+
 @pytest.mark.parametrize(
     ("text", "source"),
     [

@@ -19,7 +19,7 @@ from egocap.fitting.body_prior import (
 )
 from egocap.fitting.bundle_adjustment import joint_derivatives
 from egocap.fitting.config import FitConfig
-from egocap.fitting.fit_body import BODY_PASSES, first_seconds, fit_body
+from egocap.fitting.fit_body import BODY_PASSES, choose_frames, first_seconds, fit_body
 from egocap.fitting.fit_rig import RIG_PASSES, fit_rig
 
 FEW = FitConfig(frames=30)
@@ -146,3 +146,8 @@ def test_nothing_to_fit_is_refused(seen):
     for wrong in ({"frames": 0}, {"iterations": 0}, {"tolerance": 1.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             FitConfig(**wrong)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_window_without_detections_has_no_frames_to_choose():
+    assert len(choose_frames(np.zeros((5, 37)), np.zeros(5, int), 3)) == 0

@@ -5,19 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.body.labels import LABEL_INDEX
 from egocap.data.detections import Detections
 from egocap.errors import FileError
 from egocap.posterior.config import PosteriorConfig
 from egocap.posterior.detector_error import learn_detector_error, load_detector_error
 
 FRAMES = 4000
-HEAD = LABEL_INDEX["head"]
 PRIOR = 1e-6 * np.eye(37)
 
 
 def draw(shared=0.0, seed=0):
-    """Detections and truth: t errors of 4 degrees, doubled where unsure, the head's off by 1.5."""
+    """Detections and truth: t errors of 4 degrees, doubled where unsure."""
     rng = np.random.default_rng(seed)
     shape = (FRAMES, 2, 18)
     normal = rng.standard_normal((*shape, 2))
@@ -27,8 +25,6 @@ def draw(shared=0.0, seed=0):
     noise = normal / np.sqrt(rng.chisquare(4.0, mixing) / 2.0)[..., None]  # of unit variance
     confidence = np.where(rng.random(shape) < 0.3, 0.05, 0.95)
     noise *= np.where(confidence < 0.5, 2.0, 1.0)[..., None]
-    noise[:, 0, HEAD, 0] += 1.5
-    noise[:, 1, HEAD, 0] -= 1.5  # a mirror image
     truth, sigma = rng.uniform(0, 600, (*shape, 2)), rng.uniform(1, 4, shape)
     found = Detections(
         np.arange(FRAMES) / 30, truth + sigma[..., None] * noise, sigma, confidence,
@@ -55,9 +51,20 @@ def test_law_of_the_errors_is_found(model):
     assert model.degrees == 4.0 and model.detector == "learned:test" and model.frames == FRAMES
     assert model.factors[0] == pytest.approx(2.0, rel=0.1)
     assert model.factors[-1] == pytest.approx(1.0, rel=0.1)
-    assert model.bias["head"] == pytest.approx((1.5, 0.0), abs=0.15)
-    assert model.bias["left_hand"] == (0.0, 0.0)
     assert model.temperature == pytest.approx(1.0, abs=0.05) and abs(model.memory) < 0.05
+
+
+@pytest.mark.parametrize("views", [1, 4])
+def test_law_is_found_of_any_number_of_views(model, views):
+    found, truth = draw()
+    names = ("points", "sigma", "confidence", "valid")
+    four = {name: np.tile(getattr(found, name), (1, 2, 1, 1)[: getattr(found, name).ndim])
+            for name in names}  # fmt: skip
+    part = replace(found, **{name: array[:, :views] for name, array in four.items()})
+    moves = np.tile(sensitivity(True), (1, 2, 1, 1, 1))[:, :views]
+    other = learn_detector_error([part], [np.tile(truth, (1, 2, 1, 1))[:, :views]], moves, PRIOR)
+    assert other.degrees == model.degrees
+    assert other.factors[0] == pytest.approx(model.factors[0], rel=0.05)
 
 
 def test_corrected_detections_have_their_stated_spread(model):
@@ -67,7 +74,6 @@ def test_corrected_detections_have_their_stated_spread(model):
     squared = np.sum(away**2, axis=-1)
     for part in (found.confidence < 0.5, found.confidence > 0.5):
         # The median squared length of a plane t of 4 degrees and unit variances: 2 (sqrt 2 - 1).
-        part[:, :, HEAD] = False
         assert np.median(squared[part]) == pytest.approx(2 * (np.sqrt(2) - 1), rel=0.1)
 
 

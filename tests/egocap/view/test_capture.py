@@ -14,7 +14,7 @@ from egocap.pose.config import TrackerConfig
 from egocap.track.online import OnlineTracker
 from egocap.track.tracker import Tracker
 from egocap.track.uncertainty import confidences
-from egocap.view.capture import CameraSettings, Source, first_pictures, list_cameras
+from egocap.view.capture import CameraSettings, Picture, Source, first_pictures, list_cameras
 from egocap.view.feeds import LiveFeed, RecordedFeed
 from egocap.view.live_run import LiveReport, follow_live, warm_up
 from tests.egocap.conftest import make_motion
@@ -185,6 +185,32 @@ def test_a_view_that_ends_early_is_missing(tmp_path):
     detector = Slow(made, 0.02)
     follow_live(LiveFeed(sources), detector, OnlineTracker(made.rig, made.person, LIVE))
     assert [False, True] in detector.calls
+
+
+class Paced:
+    """A source that gives a picture at a rate [Hz]; 0: it hangs."""
+
+    skipped, exhausted = 0, False
+
+    def __init__(self, rate):
+        self.rate, self.began, self.given = rate, time.monotonic(), 0
+
+    def newest(self, timeout):
+        due = self.began + (self.given + 1) / self.rate if self.rate else np.inf
+        time.sleep(min(max(due - time.monotonic(), 0.0), timeout))
+        if time.monotonic() < due:
+            return None
+        self.given = int((time.monotonic() - self.began) * self.rate)
+        return Picture(np.zeros((2, 2, 3), np.uint8), time.monotonic())
+
+
+@pytest.mark.parametrize("rates", [(0, 30), (30, 0), (0, 0, 30, 30)])
+def test_views_that_hang_do_not_slow_the_others(rates, monkeypatch):
+    monkeypatch.setattr("egocap.view.feeds._PATIENCE_S", 0.5)
+    instants = list(LiveFeed([Paced(rate) for rate in rates], 2.0))
+    assert len(instants) > 25
+    for view, rate in enumerate(rates):
+        assert all((i.images[view] is None) == (rate == 0) for i in instants[1:])
 
 
 def test_what_is_no_source_is_named(tmp_path):

@@ -38,6 +38,16 @@ def test_a_film_keeps_time(tmp_path):
     assert np.allclose(values, [40, 200, 200, 200, 200, 200, 90], atol=8)
 
 
+def test_a_film_shows_every_picture_of_its_rate(tmp_path):
+    times = np.arange(20) / 30.0
+    for shifted in (times.round(3), times * 0.999, times + 0.01 * np.sin(np.arange(20))):
+        with VideoFile(tmp_path / "f.mp4", fps=30.0) as film:
+            for at, value in zip(shifted, range(20, 220, 10), strict=True):
+                film.add(grey(value), at)
+        values = [int(f.mean()) for f in frames(tmp_path / "f.mp4")]
+        assert np.allclose(values, range(20, 220, 10), atol=4)
+
+
 def test_a_film_that_fails_is_not_there(tmp_path):
     with pytest.raises(ZeroDivisionError), VideoFile(tmp_path / "f.mp4") as film:
         film.add(grey(1))

@@ -3,13 +3,14 @@
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
 from egocap.cameras.rig_files import parse_rig
 from egocap.errors import FileError, InputError
-from egocap.view.rig_figure import _views, draw_rig, load_photo, pose_of
+from egocap.view.rig_figure import SIDES, _side, _views, draw_rig, load_photo, pose_of
 
 PERSON = Proportions.from_lengths(1.75)
 LENS = {"model": "equidistant", "width": 320, "height": 256, "fov": 180.0}
@@ -30,6 +31,21 @@ def test_the_model_is_where_the_camera_projects_it():
             assert valid[v, j]
             column, row = np.rint((pixels[v, j] + 0.5) * scale - 0.5).astype(int)
             assert image[row, column].argmax() == channel
+
+
+@pytest.mark.parametrize("title, right, up", SIDES)
+def test_sides_are_seen_from_where_their_titles_say(title, right, up):
+    looks = {"right": (0, 1, 0), "left": (0, -1, 0), "front": (-1, 0, 0), "above": (0, 0, -1)}[
+        title.split()[-1]
+    ]
+    across = np.cross(looks, np.eye(3)[up])
+    axes = Figure().subplots()
+    _side(axes, RIG, PERSON, title, right, up)
+    for mount in RIG.mounts:
+        (mark,) = (line for line in axes.lines if line.get_label() == mount.name)
+        place = mount.T_head_camera[:3, 3]
+        np.testing.assert_allclose((mark.get_xdata()[0], mark.get_ydata()[0]),
+                                   (place @ across, place[up]))  # fmt: skip
 
 
 def test_a_picture_is_written_beside_a_photo(tmp_path):

@@ -15,6 +15,7 @@ from egocap.detect.train.checkpoint import load_checkpoint, load_run_weights
 from egocap.detect.train.config import (
     NO_AUGMENTATION,
     AugmentationConfig,
+    LossConfig,
     RunConfig,
     TrainingConfig,
 )
@@ -126,6 +127,38 @@ def test_warm_start_begins_with_the_weights(tmp_path):
     again = trainer(tmp_path / "again", start=load_run_weights(tmp_path / "run"))
     for name, value in load_run_weights(path).items():
         torch.testing.assert_close(again.network.state_dict()[name], value)
+
+
+def test_weights_without_a_loss_stay_as_they_are(tmp_path):
+    config = replace(SHORT, loss=LossConfig(visibility=0.0, spread=0.0))
+    run = trainer(tmp_path / "run", config)
+    before = {name: value.clone() for name, value in run.network.state_dict().items()}
+    run.run()
+    for network in (run.network, run.average):
+        for name, value in network.state_dict().items():
+            if name.startswith("info."):
+                torch.testing.assert_close(value, before[name], rtol=0, atol=0, msg=name)
+    assert not torch.equal(run.network.heat.weight, before["heat.weight"])
+
+
+def test_rows_of_a_killed_run_are_written_once(tmp_path):
+    config = replace(SHORT, steps=70, batch=2, augmentation=NO_AUGMENTATION, validate_minutes=1e-9)
+    first = trainer(tmp_path / "run", config, validation=store(2, 100))
+    stop_after(first, 30)
+    first.run()
+    checkpoint = (tmp_path / "run" / "checkpoint.pt").read_bytes()
+    second = trainer(tmp_path / "run", config, validation=store(2, 100))
+    second.resume()
+    stop_after(second, 50)
+    second.run()
+    (tmp_path / "run" / "checkpoint.pt").write_bytes(checkpoint)  # killed before it wrote another
+    third = trainer(tmp_path / "run", config, validation=store(2, 100))
+    assert third.resume() and third.state.step == 30
+    third.run()
+    for name, steps in (("log.csv", [20, 40, 60]), ("validation.csv", [*range(1, 71)])):
+        head, *rows = (tmp_path / "run" / name).read_text().splitlines()
+        assert head.startswith("step,")
+        assert [int(row.split(",")[0]) for row in rows] == steps
 
 
 def test_rate_rises_and_falls(tmp_path):

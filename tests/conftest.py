@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -32,7 +32,28 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 def pytest_report_header() -> str | None:
     """Say so."""
-    return None if find_spec("torch") else "without torch: its test files are left out"
+    return None if find_spec("torch") else "without torch: tests that use it are left out"
+
+
+def _skipped_without_torch() -> Generator[None, object, object]:
+    try:
+        return (yield)
+    except (ModuleNotFoundError, MachineError) as error:
+        if find_spec("torch") is None and "'torch'" in str(error):
+            pytest.skip(str(error))
+        raise
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None, object, object]:
+    """Skip tests whose fixtures use torch."""
+    return (yield from _skipped_without_torch())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, object, object]:
+    """Skip tests that use torch in the course of their work."""
+    return (yield from _skipped_without_torch())
 
 
 @pytest.fixture(scope="session")

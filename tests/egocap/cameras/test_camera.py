@@ -6,7 +6,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -182,6 +181,7 @@ def test_lists_and_single_precision_are_computed_in_double(camera):
 
 
 def test_torch_gives_the_same_and_autograd_the_same_jacobian(camera):
+    torch = pytest.importorskip("torch")
     points, _ = everywhere(camera, np.random.default_rng(6), n=200, to=2.6)
     points = np.concatenate([points, [[0, 0, 1.0]]]).reshape(3, 67, 3)
     tensor = torch.from_numpy(points).requires_grad_()
@@ -196,6 +196,7 @@ def test_torch_gives_the_same_and_autograd_the_same_jacobian(camera):
 
 
 def test_torch_rays_are_differentiable_and_float32_is_close(camera):
+    torch = pytest.importorskip("torch")
     pixels = np.random.default_rng(7).uniform(0, 800, (50, 2))
     rays = camera.ray(pixels)[0]
     tensor = torch.from_numpy(pixels).requires_grad_()

@@ -70,7 +70,7 @@ def refine(
             points, (offset[:, None, None] + grid) * _wide(half), T_camera_board, project
         )
         patch = _sampled(picture, pixels)
-        complete = np.isfinite(patch).all((1, 2))
+        complete = np.all(np.isfinite(patch), axis=(1, 2))
         good &= complete
         patch = np.where(complete[:, None, None], patch, 0.0)
         step = _foerstner(patch, grid, weight)
@@ -112,7 +112,7 @@ def _surroundings(
     side = np.arange(-_AROUND_PX, _AROUND_PX + 1)
     middle = _pixels(points, np.zeros((len(points), 1, 1, 2)), T_camera_board, projector(camera))
     pixels = np.rint(middle[:, 0]) + np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
-    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(-1)
+    inside = np.all((pixels >= 0) & (pixels < [camera.width, camera.height]), axis=-1)
     at = np.where(inside[..., None], pixels, 0).astype(int)
     rays, _ = camera.ray(at)
     R, t = T_camera_board[:3, :3], T_camera_board[:3, 3]
@@ -164,7 +164,7 @@ def _sampled(picture: Array, pixels: Float[Array, "n a b 2"]) -> Float[Array, "n
     """Grey values, NaN outside the picture."""
     height, width = picture.shape
     with np.errstate(invalid="ignore"):
-        inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(-1)
+        inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=-1)
     at = np.where(inside[..., None], pixels, 0.0).astype(np.float32)
     wide = at.reshape(len(at), -1, 2)
     values = cv2.remap(picture, wide[..., 0], wide[..., 1], cv2.INTER_LINEAR).reshape(inside.shape)

@@ -29,8 +29,8 @@ def start_view(corners: Corners, points: Float[Array, "K 3"], size: tuple[int, i
         each = [homography_residual(rays[b], points[corners.corner[b]]) / extent(rays[b])
                 for b in boards]  # fmt: skip
         errors.append(float(np.median(each)))
-    found = [_adjusted(corners, points, size, HALF_FIELDS[i])
-             for i in np.argsort(errors)[:_STARTS]]  # fmt: skip
+    best = sorted(zip(errors, HALF_FIELDS, strict=True))[:_STARTS]
+    found = [_adjusted(corners, points, size, half) for _, half in best]
     return min(found, key=lambda a: float(np.median(np.abs(a.residuals))))
 
 

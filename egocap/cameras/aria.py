@@ -135,7 +135,8 @@ def _lens(
             raise InputError(f"{name} with {len(parameters)} parameters", valid="8")
         fx, fy, cx, cy, *k = parameters
         affine = ((fx, 0.0), (0.0, fy))
-        return exact(Camera("kannala_brandt", *size, (cx, cy), affine, tuple(k), widest))
+        lens = Camera("kannala_brandt", *size, (cx, cy), affine, tuple(k), widest)  # type: ignore[arg-type]
+        return exact(lens)
     if kind not in _FISHEYE:
         raise InputError(f"unknown camera model '{name}'", valid="Fisheye624, KannalaBrandtK3")
     if len(parameters) not in (15, 16):

@@ -139,7 +139,7 @@ def load_camera(path: str | Path) -> Camera:
     Raises FileError, also for a file of several cameras.
     """
     cameras = read_cameras(path).cameras
-    if len(cameras) > 1:
+    if len(cameras) != 1:
         raise FileError(path, f"holds {len(cameras)} cameras: {', '.join(c.name for c in cameras)}",
                         valid="one camera; egocap rig convert makes a rig of several")  # fmt: skip
     return cameras[0].camera

@@ -88,13 +88,13 @@ def penetration(
     feet: Float[Array, "T F 3"], true_feet: Float[Array, "N F 3"], planted: Bool[Array, "N F"]
 ) -> Float[Array, "K"]:
     """Depth of feet below the ground that true feet stood on, where that is known, metres."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     stood = true_feet[planted]
     if not len(stood):
         return np.zeros(0)
     points = feet.reshape(-1, 3)
-    near = cKDTree(stood[:, :2]).query_ball_point(points[:, :2], NEAR_M)
+    near = KDTree(stood[:, :2]).query_ball_point(points[:, :2], NEAR_M)
     depths = [stood[found, 2].min() - point[2] for found, point in zip(near, points, strict=True)
               if found]  # fmt: skip
     return np.maximum(np.array(depths), 0.0)

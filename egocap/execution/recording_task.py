@@ -84,7 +84,9 @@ def _fetched(value: Any) -> Any:
         return {name: _fetched(one) for name, one in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
         return replace(value, **{f.name: _fetched(getattr(value, f.name)) for f in fields(value)})
-    return here(value) if isinstance(value, (str, Path)) else value
+    if isinstance(value, str):
+        return here(value)
+    return here(value) if isinstance(value, Path) else value
 
 
 @cache

@@ -114,7 +114,7 @@ def find_floor(
     std = float(own.std() / np.sqrt(len(own))) if len(own) > 2 else STEP
     level = Floor(up, np.inf, _peak(mean, levels, best), max(std, 1e-3))
     points = [p @ T[:3, :3].T + T[:3, 3] for T, s in found
-              for p in _ground(s, T[:3, 3] @ up - level.height)]  # fmt: skip
+              for p in _ground(s, float(T[:3, 3] @ up) - level.height)]  # fmt: skip
     return _tilted(level, np.concatenate(points)) if points else level
 
 

@@ -51,7 +51,7 @@ def by_structure_from_motion(
     views = Views.of(rig, config.width)
     frames = [*range(0, len(sequence) - 1, config.every), len(sequence) - 1]
     wearer = None if track is None else WearerMasks(track, views)
-    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL  # type: ignore[misc]
     with tempfile.TemporaryDirectory(prefix="egocap-sfm-") as folder:
         work = Path(folder)
         _write_pictures(sequence, frames, views, wearer, work)

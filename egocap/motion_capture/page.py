@@ -101,6 +101,7 @@ def _moments(sequence: Sequence, track: Track, found: Findings) -> list[tuple[st
     """Captions and JPEG pictures of the least certain frames."""
     import simplejpeg
 
+    assert track.confidence is not None
     shown = []
     for frame in found.worst:
         image = side_by_side(sequence.pictures(frame), track.joints_head[frame],

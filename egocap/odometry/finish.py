@@ -106,11 +106,12 @@ def _covariances(result: Adjusted) -> Float[Array, "K 6 6"]:
     free = np.flatnonzero(result.row >= 0)
     if result.system is None or not len(free):
         return found
-    factor = splu(csc_array(result.system), permc_spec="MMD_AT_PLUS_A")
+    system = csc_array(result.system)
+    factor = splu(system, permc_spec="MMD_AT_PLUS_A")
     sample = free[np.unique(np.linspace(0, len(free) - 1, _SAMPLED).astype(int))]
     for k in sample:
         at = 6 * result.row[k]
-        unit = np.zeros((result.system.shape[0], 6))
+        unit = np.zeros((len(system.indptr) - 1, 6))
         unit[at : at + 6] = np.eye(6)
         found[k] = factor.solve(unit)[at : at + 6]
     anchors = np.union1d(sample, np.flatnonzero(result.row < 0))

@@ -77,10 +77,10 @@ def learn_colour_term(
 ) -> ColourTerm:  # fmt: skip
     """The colour term with the colours of the most certain frames of a track.
 
-    Frames that are `seeing` in all views are preferred: the others may lack a picture.
+    Only frames that are `seeing` are taken: the others may lack a picture.
     Raises InputError for pictures that are not of the rig's shape.
     """
-    rows = np.flatnonzero(seeing) if seeing.any() else np.arange(len(angles))
+    rows = np.flatnonzero(seeing)
     chosen = rows[most_certain_frames(covariances[rows], PALETTE_FRAMES)]
     frames = [(images(int(t)), angles[t]) for t in chosen]
     settings = ColourTermConfig(size=config.colour_size, weight=config.colour_weight)

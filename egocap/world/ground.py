@@ -86,11 +86,11 @@ class Ground:
 
     def known(self, xy: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether a foothold is near."""
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
         if not len(self.gains):
             return np.zeros(xy.shape[:-1], bool)
-        distance, _ = cKDTree(self.footholds.places[:, :2]).query(xy)
+        distance, _ = KDTree(self.footholds.places[:, :2]).query(xy)
         return np.asarray(distance <= KNOWN_M)
 
 

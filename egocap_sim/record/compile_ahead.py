@@ -43,8 +43,8 @@ def compile_contacts() -> None:
 def _is_cached() -> bool:
     from egocap_sim.physics.contact_forces import contact_forces
 
-    folder = Path(contact_forces.stats.cache_path)
-    return any(folder.glob(f"*.{contact_forces.__name__}-*.nbi"))
+    folder = contact_forces.stats.cache_path
+    return folder is not None and any(Path(folder).glob(f"*.{contact_forces.__name__}-*.nbi"))
 
 
 if __name__ == "__main__":

@@ -95,7 +95,7 @@ try:
     import pyrender.renderer
     import pyrender.shader_program
     from OpenGL import contextdata
-    from OpenGL.platform import PLATFORM
+    from OpenGL.platform import PLATFORM  # type: ignore[attr-defined]
     from OpenGL.raw.GL.VERSION.GL_1_4 import glMultiDrawElements as draw_runs
     from pyrender.platforms import egl as _platform
 except Exception as error:  # PyOpenGL raises AttributeError, TypeError, ImportError, OSError, ...

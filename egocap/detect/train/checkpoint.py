@@ -69,8 +69,11 @@ def load_checkpoint(folder: Path, device: torch.device | str = "cpu") -> Checkpo
         return None
     with _whole(path):
         found = torch.load(path, map_location=device, weights_only=True)
-        parts = [dict(found[name]) for name in ("network", "average", "optimiser", "state")]
-        return Checkpoint(*parts, parsed(found["config"], path, key="config"))
+        network, average, optimiser, state = (
+            dict(found[name]) for name in ("network", "average", "optimiser", "state")
+        )
+        config = parsed(found["config"], path, key="config")
+        return Checkpoint(network, average, optimiser, state, config)
 
 
 def restore_checkpoint(

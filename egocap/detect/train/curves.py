@@ -144,10 +144,10 @@ def _read(path: Path, needed: Collection[str]) -> dict[str, np.ndarray]:
         return {}
     try:
         head, *rows = csv.reader(read_text(path).splitlines())
-        columns = np.array([row for row in rows if len(row) == len(head)], float).T
+        columns = [*np.array([row for row in rows if len(row) == len(head)], float).T]
     except (FileError, ValueError, csv.Error):
-        head, columns = [], np.zeros(0)
+        head, columns = [], []
     if not set(needed) <= set(head) or np.isinf(columns).any():
         log.warning("%s is damaged and not drawn", path)
         return {}
-    return dict(zip(head, columns, strict=True)) if columns.size else {}
+    return dict(zip(head, columns, strict=True)) if columns else {}

@@ -103,7 +103,7 @@ def _astray(rng: np.random.Generator, T: int, V: int) -> Float[Array, "T V 18 2"
         turn = rng.uniform(0.0, 2.0 * np.pi)
         away = rng.uniform(*_ASTRAY_PX) * np.array([np.cos(turn), np.sin(turn)])
         for v in np.flatnonzero(rng.random(V) < _ASTRAY_IN_VIEW):
-            shift[np.ix_(on, [v], limb)] += away
+            shift[np.ix_(np.flatnonzero(on), [v], limb)] += away  # type: ignore[list-item]
     return shift
 
 

@@ -231,6 +231,7 @@ def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:
     tracker = egocap.OnlineTracker(footage.rig, footage.body)
     report = follow_live(_Recorded(footage, frames), detector, tracker)
     stages = {"pictures": "decode", "detect": "detect", "track": "track"}
+    assert report.latency_ms is not None
     median, late = report.latency_ms
     return {
         "frames_per_second": report.rate,

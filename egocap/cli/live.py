@@ -150,6 +150,10 @@ def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: Tra
     """Raise InputError for impossible options, and for those that exclude each other."""
     if len(sources) != views:
         raise InputError(f"{len(sources)} sources", valid=f"{views}, one per view")
+    cameras = [int(name) for name in sources if name.isdigit()]
+    if twice := [camera for camera in cameras if cameras.count(camera) > 1]:
+        raise InputError(f"camera {twice[0]} is given for more than one view",
+                         valid="a camera of its own for each view; --list shows them")  # fmt: skip
     if not run.seconds > 0.0:
         raise InputError(f"--seconds {run.seconds:g}", valid="above 0")
     if not 0 <= run.port <= _LAST_PORT:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.cli.live import _print_live
+from egocap.cli.live import LiveOptions, _check, _print_live
 from egocap.errors import InputError, MachineError
 from egocap.pose.config import TrackerConfig
 from egocap.track.online import OnlineTracker
@@ -25,6 +25,13 @@ PARTS = ("times", "points", "sigma", "confidence", "valid")
 
 def one(found, t):
     return replace(found, **{name: getattr(found, name)[t : t + 1] for name in PARTS})
+
+
+@pytest.mark.parametrize("sources", [("0", "0"), ("1", "01")])
+def test_a_camera_is_of_one_view(sources):
+    with pytest.raises(InputError, match=r"camera \d is given for more than one view"):
+        _check(sources, 2, LiveOptions(), TrackerConfig())
+    _check(("0", "1"), 2, LiveOptions(), TrackerConfig())
 
 
 def test_frame_by_frame_is_the_causal_pass():

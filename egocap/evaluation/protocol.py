@@ -101,7 +101,7 @@ def _has_hips(valid: Array, joints: tuple[int, ...]) -> bool:
 
 
 def _has_shape(valid: Array, joints: tuple[int, ...]) -> bool:
-    """Fewer joints have next to no shape of their own: an alignment would make them exact."""
+    """One or two joints have no shape of their own: an alignment would make them exact."""
     count = valid[:, joints].sum(1)
     return bool((count[count > 0] >= _LEAST_JOINTS).all())
 
@@ -113,7 +113,7 @@ def _has_bones(valid: Array, joints: tuple[int, ...]) -> bool:
     return known and _has_shape(valid, joints)
 
 
-_LEAST_JOINTS = 4
+_LEAST_JOINTS = 3
 _HIPS_NEEDED = "both hips in every frame that has any joint"
 _SHAPE_NEEDED = f"at least {_LEAST_JOINTS} joints in every frame that has any"
 _BONES_NEEDED = f"{_SHAPE_NEEDED}, and with every joint all those between it and the neck"

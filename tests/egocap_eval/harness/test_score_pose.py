@@ -216,7 +216,11 @@ def test_your_tracker_is_scored_whatever_joints_are_missing(folder, truth, missi
     report = evaluate(result, sequence, detections=found)
     both = valid.all(1)[:, 1:]
     assert report.coverage_share == pytest.approx(both.mean())
-    assert report.mpjpe_mm < 60 and report.pa_mpjpe_mm < 60
+    assert report.mpjpe_mm < 60
+    if np.isin(both.sum(1), (1, 2)).any():  # a frame of too few joints to align
+        assert report.pa_mpjpe_mm is None
+    else:
+        assert report.pa_mpjpe_mm is not None and report.pa_mpjpe_mm < 60
     assert not [name for name in report.other_protocols_mm if "-ba" in name]
 
 

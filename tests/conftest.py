@@ -35,7 +35,9 @@ def pytest_report_header() -> str | None:
     return None if find_spec("torch") else "without torch: tests that use it are left out"
 
 
-def _skipped_without_torch() -> Generator[None, object, object]:
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None, object, object]:
+    """Skip tests that use torch in the course of their work, or whose fixtures do."""
     try:
         return (yield)
     except (ModuleNotFoundError, MachineError) as error:
@@ -44,16 +46,7 @@ def _skipped_without_torch() -> Generator[None, object, object]:
         raise
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_setup() -> Generator[None, object, object]:
-    """Skip tests whose fixtures use torch."""
-    return (yield from _skipped_without_torch())
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call() -> Generator[None, object, object]:
-    """Skip tests that use torch in the course of their work."""
-    return (yield from _skipped_without_torch())
+pytest_runtest_call = pytest_runtest_setup
 
 
 @pytest.fixture(scope="session")

@@ -153,10 +153,13 @@ class SequenceWriter:
             if (shard.name, shard.sha256) not in self._texts:
                 self._texts[shard.name, shard.sha256] = _json(shard)
                 shards[i] = shard.model_copy(update={"frames": []})
-        listed = ",".join(self._texts[shard.name, shard.sha256] for shard in shards)
         text = _json(manifest.model_copy(update={"shards": []}))
         assert text.endswith("[]}"), "shards are not the last field"
-        write_atomically(self.folder / MANIFEST, f"{text[:-2]}{listed}]}}".encode())
+        with replacing(self.folder / MANIFEST) as temporary, temporary.open("w") as file:
+            file.write(text[:-2])
+            for i, shard in enumerate(shards):
+                file.write("," * (i > 0) + self._texts[shard.name, shard.sha256])
+            file.write("]}")
         self.manifest = manifest.model_copy(update={"shards": shards})
 
 

@@ -108,7 +108,10 @@ def _print_summary(summary: Summary) -> None:
         print(f"{summary.folder}: {summary.frames} frames, {size:.1f} MB, already complete")
         return
     wearers = "1 wearer" if summary.people == 1 else f"{summary.people} wearers"
-    others = f" among {summary.bystanders} others" if summary.bystanders else ""
+    others = ""
+    if count := summary.bystanders:
+        each = "each " if summary.people > 1 else ""
+        others = f", {each}among {count} {'other' if count == 1 else 'others'}"
     print(f"{summary.folder}: {summary.frames} frames of {wearers}{others}, {size:.1f} MB, "
           f"{summary.frames_per_second:.1f} frames/s")  # fmt: skip
     if stats := summary.physics:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,13 @@ from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.head_pose.floor import find_floor
 from egocap.head_pose.imu import Inertial
-from egocap.head_pose.pictures import grey_frames
+from egocap.head_pose.pictures import grey_frames, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
 from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import Finished, finish
+from egocap.odometry.loop_closure import close_loops, join_segments
 from egocap.odometry.odometry import Odometry
 from egocap.odometry.views import Views
 
@@ -62,9 +64,12 @@ def by_odometry(
         why = max(sorted(set(reasons.values())), key=list(reasons.values()).count)
         raise InputError(f"{sequence.folder}: no head pose in {len(reasons)} frames: {why}",
                          valid="pictures with texture in two views at once")  # fmt: skip
+    pictures = partial(grey_pictures, sequence, views.rig)
+    joined = join_segments(odometry, pictures)
+    loops = close_loops(odometry, pictures)
     found = finish(odometry.map, views.centres)
     return MapPoses(found.frame, found.time, found.T_map_head, found.covariance, found.points,
-                    _facts(found), reasons)  # fmt: skip
+                    _facts(found) | {"joined": joined, "loops": loops}, reasons)  # fmt: skip
 
 
 def vertical_of(

@@ -28,7 +28,7 @@ def grey_frames(
         try:
             while True:
                 while len(waiting) < AHEAD and (index := next(upcoming, None)) is not None:
-                    waiting.append((index, pool.submit(_decoded, sequence, rig, index)))
+                    waiting.append((index, pool.submit(grey_pictures, sequence, rig, index)))
                 if not waiting:
                     return
                 index, future = waiting.popleft()
@@ -37,7 +37,8 @@ def grey_frames(
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _decoded(sequence: Sequence, rig: Rig, index: int) -> tuple[Grey | None, ...]:
+def grey_pictures(sequence: Sequence, rig: Rig, index: int) -> tuple[Grey | None, ...]:
+    """Grey pictures of a frame in all views at the size of `rig`; None: no picture."""
     return tuple(
         _picture(sequence, index, view, (mount.camera.width, mount.camera.height))
         for view, mount in enumerate(rig.mounts)

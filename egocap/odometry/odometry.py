@@ -10,10 +10,10 @@ Source: Klein and Murray 2007 (keyframes); Mur-Artal and Tardos 2017 (stereo poi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap.geometry import inverse, rigid
@@ -38,6 +38,8 @@ _OLDER = 4  # fixed keyframes before the window
 FLOW_NOISE_PX = 0.5
 """Standard deviation of a corner as the optical flow follows it, pixels at the reduced width: it
 moves pictures without turning or stretching them, so that fast turns shift it."""
+AGAIN_NOISE_PX = 0.25
+"""Standard deviation of a point that is seen again from elsewhere, with that of its depth."""
 FAST_TURN = np.deg2rad(3.0)
 """Turn from frame to frame above which the last picture is turned before corners are followed."""
 GREY_NOISE = 1.0
@@ -193,7 +195,9 @@ class Odometry:
             return "the points do not determine the pose"
         return Posed(index, time, R, t, seen[inlier], False, self._segment, H)
 
-    def _sharpened(self, pose: Posed, images: tuple[Image | None, ...]) -> Posed | str:
+    def _sharpened(
+        self, pose: Posed, images: tuple[Image | None, ...], noise_px: float | None = None
+    ) -> Posed | str:
         """The pose from points aligned with their first pictures as they look from there."""
         found = Observations.empty()
         for v, image in enumerate(images):
@@ -203,8 +207,31 @@ class Odometry:
             old = pose.seen[rows]
             A = self._warps(old.point, v, pose)
             pixels, good = aligned(self.map.patches, old.point, image, old.pixel, A)
-            found = found.joined(self._observed(v, old.point[good], pixels[good]))
+            found = found.joined(self._observed(v, old.point[good], pixels[good], noise_px))
         return self._pose(found, pose.R, pose.t, pose.index, pose.time)
+
+    def seen_again(
+        self, pose: Posed, points: Int[Array, "n"], images: tuple[Image | None, ...]
+    ) -> Posed | None:
+        """A pose from points of the map alone that it may see; None where too few fit there.
+
+        Twice: the first time from what lies within reach of the pose that is given.
+        """
+        if not len(points):
+            return None
+        for _ in range(2):
+            found = Observations.empty()
+            for v, lens in enumerate(self.views.lens_masks):
+                pixels, ahead = self.views.project(v, (self.map.points[points] - pose.t) @ pose.R)
+                u, w = np.clip(pixels.round(), 0, np.array(lens.shape)[::-1] - 1).astype(int).T
+                seen = np.flatnonzero(ahead & (lens[w, u] > 0))
+                seen = seen[fitting(self._warps(points[seen], v, pose))][: self.config.corners]
+                found = found.joined(self._observed(v, points[seen], pixels[seen]))
+            again = self._sharpened(replace(pose, seen=found), images, AGAIN_NOISE_PX)
+            if isinstance(again, str):
+                return None
+            pose = again
+        return pose
 
     def _warps(self, points: Array, view: int, pose: Posed) -> Float[Array, "n 2 2"]:
         return warps(self.map.patches, points, self.map.points[points], *self.map.hosts(points),

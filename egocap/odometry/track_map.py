@@ -66,6 +66,17 @@ class TrackMap:
         self.patches.extend(patches)
         return np.arange(first, first + len(points))
 
+    def move(self, segment: int, T: Float[Array, "4 4"], into: int) -> None:
+        """Move the frames and points of a segment by T, and make them part of another one."""
+        rows = [i for i, frame in enumerate(self.frames) if frame.segment == segment]
+        for i in rows:
+            frame = self.frames[i]
+            frame.R, frame.t = T[:3, :3] @ frame.R, T[:3, :3] @ frame.t + T[:3, 3]
+            frame.segment = into
+        own = np.isin(self.patches.host, rows)
+        self.points[own] = self.points[own] @ T[:3, :3].T + T[:3, 3]
+        self.patches.normal[own] = self.patches.normal[own] @ T[:3, :3].T
+
     def hosts(self, points: Int[Array, "n"]) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3"]]:
         """Poses of the keyframes that hold the points' patches."""
         rows, place = np.unique(self.patches.host[points], return_inverse=True)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 from tyro.conf import arg
 
@@ -32,13 +33,24 @@ from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_s
 from egocap_eval.harness.study import Outcome
 from egocap_sim.export.imu import write_imu
 
-CASES: Mapping[str, tuple[str, int]] = {
-    "walk": ("validation-walk", 250),
-    "minute": ("validation-walk", 1800),
-    "street": ("walk", 300),
-    "stairs": ("stairs", 300),
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, and frames in which a hand covers the lenses."""
+
+    scene: str
+    frames: int
+    covered: range = range(0)
+
+
+CASES: Mapping[str, Case] = {
+    "walk": Case("validation-walk", 250),
+    "minute": Case("validation-walk", 1800),
+    "covered": Case("validation-walk", 1800, range(800, 1100)),
+    "street": Case("walk", 300),
+    "stairs": Case("stairs", 300),
 }
-"""Scene and frames. The street has two people walking by."""
+"""The street has two people walking by."""
 
 MOST_MM, MOST_DEG, MOST_DRIFT, MOST_CPU_MS = 10.0, 0.3, 0.3, 2e3 / 15.0
 """Targets: position and rotation rms, drift in percent of the path, 15 frames/s on two cores."""
@@ -64,10 +76,10 @@ def study(
         raise InputError(f"unknown case '{unknown[0]}'", valid=CASES)
     found, by_sfm, sequences = {}, {}, []
     for name in cases:
-        scene, frames = CASES[name]
-        sequence = prepare_sequence(
-            builtin_scene(scene, size, frames=frames), work / "sequences" / name, workers
-        )
+        case = CASES[name]
+        folder = work / "sequences" / f"{case.scene}-{case.frames}"
+        prepare_sequence(builtin_scene(case.scene, size, frames=case.frames), folder, workers)
+        sequence = Covered(folder, case.covered)
         sequences.append(sequence)
         imu = work / "imu" / f"{name}.csv"
         found[name] = measure(sequence, name, imu, OdometryConfig())
@@ -81,8 +93,24 @@ def study(
     return Outcome({"cases": found, "sfm": by_sfm}, tables, missed, content_hashes(sequences))
 
 
+class Covered(Sequence):
+    """A sequence without the pictures of some frames."""
+
+    def __init__(self, folder: Path, covered: range) -> None:
+        super().__init__(folder)
+        self.covered = covered
+
+    def image_suffix(self, index: int, view: int) -> str | None:
+        """As `Sequence`, None in covered frames."""
+        return None if index in self.covered else super().image_suffix(index, view)
+
+    def picture(self, index: int, view: int, reduction: int = 1) -> UInt8[Array, "h w 3"] | None:
+        """As `Sequence`, None in covered frames."""
+        return None if index in self.covered else super().picture(index, view, reduction)
+
+
 def measure(
-    sequence: Sequence, name: str, imu: Path, config: OdometryConfig | SfmConfig
+    sequence: Covered, name: str, imu: Path, config: OdometryConfig | SfmConfig
 ) -> dict[str, Any]:
     """Score the poses of a sequence by a method, and up by a simulated IMU's file."""
     spent = time.process_time()
@@ -90,7 +118,8 @@ def measure(
         result = find_head_poses(sequence, sequence.rig, config, advance=advance)
     spent = time.process_time() - spent
     scores = score(result, sequence.truth.T_world_head)
-    return {"frames": len(sequence), "posed": len(result.time), "gaps": len(result.gaps), **scores,
+    return {"frames": len(sequence) - len(sequence.covered), "posed": len(result.time),
+            "gaps": len(result.gaps), **scores,
             **inertial_scores(result, sequence, imu), **result.facts,
             "cpu_ms_per_frame": 1e3 * spent / len(sequence)}  # fmt: skip
 

@@ -99,6 +99,7 @@ def live(
     from egocap.data.track import save_track
     from egocap.detect.train.interruption import Interruption
     from egocap.fitting.wearer import find_body
+    from egocap.view.feeds import open_feed, recorded
     from egocap.view.live_run import LiveReport
     from egocap.view.pose_log import pose_log
 
@@ -120,7 +121,8 @@ def live(
         display = _open_display(stack, loaded, run)
         follow = _by_colour if run.colour_only else _by_detections
         method, prepared = follow(sources, loaded, person, run, cameras, settings)
-        feed = _open_feed(stack, sources, run, cameras, lambda: stop.requested)
+        feed = open_feed(stack, sources, cameras, lambda: stop.requested, run.seconds,
+                         realtime=run.realtime)  # fmt: skip
         try:
             prepared(feed, display if kept is None else _keeping(display, kept), report)
         finally:  # what was tracked is kept, whatever ended the run
@@ -129,8 +131,8 @@ def live(
     if out is not None and not report.poses:
         raise MachineError("no pictures came, so that there is nothing to write")
     _print_live(report, json)
-    recorded = _recorded(sources, run)
-    return INTERRUPTED if stop.requested and recorded else DONE
+    every = recorded(sources, realtime=run.realtime)
+    return INTERRUPTED if stop.requested and every else DONE
 
 
 def _keeping(display: PoseDisplay, kept: PoseLog) -> OnPose:
@@ -148,12 +150,9 @@ Follow = Callable[["Feed", "OnPose", "LiveReport"], "LiveReport"]
 
 def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: TrackerConfig) -> None:
     """Raise InputError for impossible options, and for those that exclude each other."""
-    if len(sources) != views:
-        raise InputError(f"{len(sources)} sources", valid=f"{views}, one per view")
-    cameras = [int(name) for name in sources if name.isdigit()]
-    if twice := [camera for camera in cameras if cameras.count(camera) > 1]:
-        raise InputError(f"camera {twice[0]} is given for more than one view",
-                         valid="a camera of its own for each view; --list shows them")  # fmt: skip
+    from egocap.view.feeds import check_sources
+
+    check_sources(sources, views)
     if not run.seconds > 0.0:
         raise InputError(f"--seconds {run.seconds:g}", valid="above 0")
     if not 0 <= run.port <= _LAST_PORT:
@@ -175,11 +174,6 @@ def _require_writable(path: Path) -> None:
         raise InputError(f"{path} is a folder", valid="the name of a file")
     with disk_errors(path), TemporaryFile(dir=path.parent):
         pass
-
-
-def _recorded(sources: tuple[str, ...], options: LiveOptions) -> bool:
-    """Whether every frame of files is tracked, instead of the newest one."""
-    return not options.realtime and not any(name.isdigit() for name in sources)
 
 
 def _by_detections(
@@ -213,23 +207,6 @@ def _by_colour(
         f"colour only from '{options.start}'",
         lambda feed, on_pose, report: follow_pictures(feed, tracker, on_pose, report),
     )
-
-
-def _open_feed(
-    stack: ExitStack, names: tuple[str, ...], options: LiveOptions, cameras: CameraSettings,
-    stopped: Callable[[], bool],
-) -> Feed:  # fmt: skip
-    """Every frame of files, or sources that start to run now and are closed with the stack."""
-    from egocap.view.capture import Source
-    from egocap.view.feeds import LiveFeed, RecordedFeed
-
-    if _recorded(names, options):
-        return RecordedFeed(names, options.seconds, stopped)
-    found = []
-    for name in names:
-        found.append(Source(name, cameras))
-        stack.callback(found[-1].close)
-    return LiveFeed(found, options.seconds, stopped)
 
 
 def _open_display(stack: ExitStack, rig: Rig, options: LiveOptions) -> PoseDisplay:

@@ -4,6 +4,7 @@ import sys
 from functools import partial
 
 from egocap.cli import (  # noqa: F401 (each adds its commands)
+    bodies,
     calibrating,
     detecting,
     doctor,

@@ -1,8 +1,7 @@
-"""Commands of the tracker: track, fit-body."""
+"""The command `egocap track`."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -19,8 +18,7 @@ from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED, progress
 from egocap.detect.sources import detections_from
 from egocap.errors import InputError
-from egocap.fitting.config import FitConfig
-from egocap.locks import holding, locks, require_distinct
+from egocap.locks import holding, require_distinct
 from egocap.options import several
 from egocap.paper.config import SolverName
 from egocap.pose.config import TrackerConfig
@@ -28,7 +26,6 @@ from egocap.pose.config import TrackerConfig
 if TYPE_CHECKING:
     from egocap.data.track import Track
     from egocap.execution.recording_task import Report
-    from egocap.fitting.fit_body import BodyFit
 
 ENDING = ".track.npz"
 """Of the names of tracks of several sequences."""
@@ -171,59 +168,6 @@ def _track(
     return _report(result, [] if drift is None else drift.lines())
 
 
-@app.command
-@locks("out", "shape")
-def fit_body(
-    sequence: Positional[Path],
-    out: Path,
-    detections: str = "learned",
-    height: float | None = None,
-    seconds: float = 20.0,
-    config: Annotated[FitConfig, tyro.conf.OmitArgPrefixes] = FitConfig(),  # noqa: B008
-    seed: int = 0,
-    shape: Path | None = None,
-    json: bool = False,
-) -> int:
-    """Find a person's bone lengths from a few poses or the first seconds of any motion.
-
-    Bones that the motion does not show stay at the population's mean; the report marks them.
-
-    Args:
-        sequence: folder of a sequence.
-        out: body to write, json.
-        detections: where they come from, as for track.
-        height: the person's height in metres, if known.
-        seconds: length of the part of the sequence to use, from its beginning.
-        config: the fit's settings.
-        seed: seed of simulated detections.
-        shape: also fit sizes and colours of the Gaussians to the images; json to write.
-        json: print the report as JSON.
-    """
-    from egocap.data.sequence import Sequence
-    from egocap.files import disk_errors
-    from egocap.fitting.fit_body import BODY_PASSES, first_seconds
-    from egocap.fitting.fit_body import fit_body as fit
-
-    opened = Sequence(sequence)
-    found = first_seconds(detections_from(opened, detections, seed), seconds)
-    with progress("fit-body", BODY_PASSES * len(found.times)) as advance:
-        result = fit(found, opened.rig, height, config, on_frames=advance)
-    sizes = None
-    if shape is not None:
-        from egocap.fitting.appearance_fit import fit_shape
-
-        frames = [(opened.frame(int(t)).images, result.angles[i]) for i, t in result.spread(6)]
-        with progress("fit shape", 0):
-            fitted = fit_shape(result.proportions, opened.rig, frames)
-        sizes = fitted.scales
-        with disk_errors(shape.parent):
-            fitted.body.save(shape)
-    with disk_errors(out.parent):
-        result.proportions.save(out)
-    _print_body(out, result, sizes, json)
-    return DONE
-
-
 def _report(result: Track, drift: Sequence[str]) -> Report:
     from egocap.execution.recording_task import Report
     from egocap.track.consistency import warning_of
@@ -269,27 +213,3 @@ def _world_summary(result: Track) -> str:
             f"; feet on the ground {100 * planted[0]:.0f} (left), {100 * planted[1]:.0f} % (right)"
         )
     return text
-
-
-def _print_body(path: Path, fit: BodyFit, sizes: dict[str, float] | None, as_json: bool) -> None:
-    report = fit.report()
-    if as_json:
-        summary: dict[str, Any] = {
-            "body": str(path), "frames": len(fit.frames), "detections": fit.detections,
-            "converged": fit.converged, "residual": round(fit.residual, 3), "bones": report,
-        }  # fmt: skip
-        print(json.dumps(summary if sizes is None else summary | {"sizes": sizes}, indent=1))
-        return
-    unfinished = "" if fit.converged else "; not converged"
-    print(f"{path}: from {fit.detections} detections in {len(fit.frames)} frames, which miss by "
-          f"{fit.residual:.2f} standard deviations{unfinished}")  # fmt: skip
-    verdicts = {"well": "well determined", "badly": "badly determined",
-                "prior": "not seen: population mean"}  # fmt: skip
-    print(f"{'bone to':16s} {'length':>9s} {'std':>7s}")
-    for name, line in report.items():
-        if not name.startswith("right_"):
-            bone = name.replace("left_", "")
-            print(f"{bone:16s} {1e3 * float(line['length_m']):6.0f} mm {line['std_percent']:5.1f} %"
-                  f"  {verdicts[str(line['determined'])]}")  # fmt: skip
-    if sizes is not None:
-        print("sizes: " + ", ".join(f"{part} {100 * size:.0f} %" for part, size in sizes.items()))

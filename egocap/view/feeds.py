@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Protocol
@@ -15,8 +16,9 @@ from typing import Protocol
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
+from egocap.errors import InputError
 from egocap.media.video import open_video
-from egocap.view.capture import Picture, Source
+from egocap.view.capture import CameraSettings, Picture, Source
 
 _PATIENCE_S = 5.0  # without a picture of the first view before it counts as gone
 _STRAGGLER_S = 0.1
@@ -135,3 +137,35 @@ class _Nearest:
                 best = self._ahead
             self._ahead = next(self._frames, None)
         return (when, None) if best is None or abs(best[0] - when) > _STRAGGLER_S else best
+
+
+def open_feed(
+    stack: ExitStack, names: Sequence[str], cameras: CameraSettings,
+    stopped: Callable[[], bool], seconds: float = float("inf"), *, realtime: bool = False,
+) -> Feed:  # fmt: skip
+    """Every frame of files, or sources that start to run now and are closed with the stack.
+
+    `realtime`: files run by the clock, as cameras do.
+    """
+    if recorded(names, realtime=realtime):
+        return RecordedFeed(names, seconds, stopped)
+    found = []
+    for name in names:
+        found.append(Source(name, cameras))
+        stack.callback(found[-1].close)
+    return LiveFeed(found, seconds, stopped)
+
+
+def recorded(names: Sequence[str], *, realtime: bool) -> bool:
+    """Whether every frame of files is used, instead of the newest one."""
+    return not realtime and not any(name.isdigit() for name in names)
+
+
+def check_sources(names: Sequence[str], views: int) -> None:
+    """Raise InputError unless there is one source for every view."""
+    if len(names) != views:
+        raise InputError(f"{len(names)} sources", valid=f"{views}, one per view")
+    cameras = [int(name) for name in names if name.isdigit()]
+    if twice := [camera for camera in cameras if cameras.count(camera) > 1]:
+        raise InputError(f"camera {twice[0]} is given for more than one view",
+                         valid="a camera of its own for each view; --list shows them")  # fmt: skip

@@ -290,6 +290,24 @@ def test_live_by_colour_writes_a_track_and_a_film(egocap, films, tracked, tiny_s
     assert "1 sources" in complaint(egocap("live", films[0], *files))
 
 
+def test_a_guided_fit_asks_for_poses_and_writes_a_body(egocap, films, tiny_sequence):
+    words = ("fit-body", *films, "--guided", "--rig", tiny_sequence / "rig.json", "--out", "b.json")
+    code, out, err = egocap(*words, "--height", 1.79, "--json")
+    assert code == 0, err
+    assert "now: stretch both arms forward" in err
+    assert err.rstrip().endswith("; no more pictures")
+    told = json.loads(out)["bones"]["left_ankle"]["length_m"]
+    assert told == pytest.approx(Proportions.load("b.json").bone_lengths["left_ankle"], abs=1e-4)
+    assert "sources" in complaint(egocap("fit-body", films[0], *words[3:]))
+    assert "--guided without --rig" in complaint(egocap(*words[:4], *words[6:]))
+    assert "--shape with --guided" in complaint(egocap(*words, "--shape", "s.json"))
+    assert "simulated:2" in complaint(egocap(*words, "--detections", "simulated:2"))
+    assert "--rig without --guided" in complaint(
+        egocap("fit-body", tiny_sequence, "--rig", "r.json", "--out", "b.json")
+    )
+    assert "2 sequences" in complaint(egocap("fit-body", *films, "--out", "b.json"))
+
+
 def test_live_of_files_tracks_every_frame_for_an_animation(egocap, films, tiny_sequence):
     words = ("live", *films, "--rig", tiny_sequence / "rig.json", "--body", "average:1.79")
     code, out, err = egocap(*words, "--out", "live.npz", "--json")

@@ -8,8 +8,7 @@ from pathlib import Path
 from egocap.data.dataset import find_sequences
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.errors import InputError
-from egocap_sim.core.resources import find_file
-from egocap_sim.export.preview import save_contact_sheet
+from egocap_sim.core.resources import builtin_file, builtin_names, find_file
 from egocap_sim.record.recorder import generate as record
 from egocap_sim.scene.config import Scene, load_scene
 from egocap_sim.world.overrides import UNCHANGED, Overrides, override_scene
@@ -89,10 +88,20 @@ def preview(
         rows: frames to show, spread over the sequence.
         width: width of one picture in pixels.
     """
+    from egocap_sim.export.preview import save_contact_sheet
+
     folder = sequence.folder if isinstance(sequence, Sequence) else Path(sequence)
     save_contact_sheet(find_sequences([folder]), Path(out), rows=rows, tile_width=width)
 
 
+def scene_file(name_or_path: str | Path) -> Path:
+    """A scene's file; a folder, as of a recording, hides no built-in scene. Raises InputError."""
+    name = str(name_or_path)
+    if name in builtin_names("scene") and Path(name).is_dir():
+        return builtin_file("scene", name)
+    return find_file("scene", name_or_path)
+
+
 def _resolve_scene(scene: str | Path | Scene, overrides: Overrides) -> Scene:
-    loaded = scene if isinstance(scene, Scene) else load_scene(find_file("scene", scene))
+    loaded = scene if isinstance(scene, Scene) else load_scene(scene_file(scene))
     return override_scene(loaded, overrides)

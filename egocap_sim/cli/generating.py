@@ -46,12 +46,12 @@ def generate(
         json: print the summary as JSON; of several scenes, a list.
     """
     from egocap.errors import InputError
-    from egocap_sim.core.resources import find_file
+    from egocap_sim.api import scene_file
     from egocap_sim.scene.config import load_scene
 
     if not scenes:
         raise InputError("no scene given", valid="names or files of scenes")
-    files = [find_file("scene", name) for name in scenes]
+    files = [scene_file(name) for name in scenes]
     loaded = [override_scene(load_scene(file), overrides) for file in files]
     names = [scene.name for scene in loaded]
     if twice := [name for name in names if names.count(name) > 1]:

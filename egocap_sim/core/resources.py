@@ -49,10 +49,10 @@ def rig_file(name: str) -> Path:
 def find_file(kind: str, name_or_path: str | Path) -> Path:
     """Find a file by its path or by the name of a built-in one.
 
-    Text with a suffix or a slash, or the name of an existing file, is a path; a folder, as a
-    recording is, hides no built-in name. Raises InputError for an unknown name.
+    Text with a suffix or a slash, or the name of an existing file, is a path. Raises InputError for
+    an unknown name.
     """
     path = Path(name_or_path)
-    if path.suffix or len(path.parts) > 1 or path.is_file():
+    if path.suffix or len(path.parts) > 1 or path.exists():
         return path
     return builtin_file(kind, str(name_or_path))

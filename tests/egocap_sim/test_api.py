@@ -1,11 +1,14 @@
 """The simulator called from Python."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import egocap_sim
 from egocap.data.sequence import Sequence
 from egocap.errors import InputError
+from egocap_sim.api import scene_file
 from egocap_sim.scene.config import Scene
 from egocap_sim.world.overrides import Overrides
 
@@ -39,3 +42,12 @@ def test_a_value_given_twice_is_refused(tmp_path):
     with pytest.raises(InputError, match="--masks and --no-masks"):
         overrides = Overrides(masks=True, no_masks=True)
         egocap_sim.generate("validation-walk", tmp_path / "s", overrides=overrides)
+
+
+def test_a_folder_does_not_hide_a_built_in_scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("walk").mkdir()  # as the recording of that scene
+    Path("stairs").write_text("")
+    assert scene_file("walk").name == "walk.toml"
+    assert scene_file("stairs") == Path("stairs")
+    assert scene_file("mine/walk.toml") == Path("mine/walk.toml")

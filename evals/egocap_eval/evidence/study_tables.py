@@ -197,6 +197,32 @@ def start_up(results: Results) -> str:
     return markdown(header, rows, results)
 
 
+def head_path(results: Results) -> str:
+    """Where the head is in the world, by the odometry, against the truth."""
+    measures = {
+        "path_m": ("path, m", 0),
+        "first_aligned_mm": ("position, mm rms", 1),
+        "worst_mm": ("largest, mm", 1),
+        "rotation_deg": ("rotation, degrees rms", 3),
+        "drift_percent": ("at the end, % of the path", 3),
+        "up_error_deg": ("up, degrees", 2),
+        "height_error_mm": ("height, mm", 1),
+        "cpu_ms_per_frame": ("CPU ms a frame", 0),
+    }
+    labels = {"covered": "covered: the same, lenses covered for 10 s"}
+    rows = results.rows(
+        "head_pose.json",
+        "cases",
+        lambda r: [
+            (labels.get(name, name), f"{row['posed']} of {row['frames']}",
+             *(number(row[key], digits) for key, (_, digits) in measures.items()))
+            for name, row in r["cases"].items()
+        ],
+    )  # fmt: skip
+    heads = (head for head, _ in measures.values())
+    return markdown(("walk", "frames with a pose", *heads), rows, results)
+
+
 def physics(results: Results) -> str:
     """How closely simulated people follow recorded clips."""
     measures = {

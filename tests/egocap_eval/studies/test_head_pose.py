@@ -79,6 +79,7 @@ def test_cases_are_measured_alone_and_unknown_ones_refused(monkeypatch, tmp_path
            "cpu_ms_per_frame": 1.0, "frames": 5, "posed": 5}  # fmt: skip
     measured = []
     monkeypatch.setattr(head_pose, "prepare_sequence", lambda *told: None)
+    monkeypatch.setattr(head_pose, "Covered", lambda folder, covered: None)
     monkeypatch.setattr(head_pose, "content_hashes", lambda sequences: {})
     monkeypatch.setattr(head_pose, "_table", lambda rows: None)
     monkeypatch.setattr(
@@ -88,3 +89,10 @@ def test_cases_are_measured_alone_and_unknown_ones_refused(monkeypatch, tmp_path
     assert measured == ["minute"]
     with pytest.raises(InputError, match="unknown case 'hour'"):
         head_pose.study(tmp_path, sfm=("hour",))
+
+
+def test_covered_frames_have_no_picture(tiny_sequence):
+    covered = head_pose.Covered(tiny_sequence, range(2, 4))
+    shown = [covered.image_suffix(i, 0) is not None for i in range(5)]
+    assert shown == [True, True, False, False, True]
+    assert [covered.picture(i, 1) is not None for i in range(5)] == shown

@@ -20,7 +20,7 @@ from egocap.data.sequence import Sequence
 from egocap.data.sequence_writer import SequenceWriter, write_shard
 from egocap.data.truth import Truth
 from egocap.errors import FileError, InputError, MachineError
-from egocap.files import write_atomically
+from egocap.files import replacing, write_atomically
 
 ROOT = Path(__file__).parents[3]
 FRAMES, SHARD = 5, 2
@@ -201,14 +201,16 @@ def test_two_processes_do_not_write_one_folder(folder):
 
 
 def test_a_shard_that_was_listed_just_before_an_interruption_is_kept(tmp_path, monkeypatch):
-    def interrupted(path, content):
-        write_atomically(path, content)
+    @contextlib.contextmanager
+    def interrupted(path):
+        with replacing(path) as temporary:
+            yield temporary
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt), SequenceWriter(tmp_path, manifest(), {}) as writer:
         writer.begin()
         entry = write_shard(tmp_path, 0, 0, [frame_files(i) for i in writer.shard_range(0)])
-        monkeypatch.setattr("egocap.data.sequence_writer.write_atomically", interrupted)
+        monkeypatch.setattr("egocap.data.sequence_writer.replacing", interrupted)
         writer.add_shard(entry)
     assert list(load_manifest(tmp_path).shards) == [entry]
     assert (tmp_path / entry.name).exists()

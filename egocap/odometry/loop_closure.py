@@ -54,6 +54,24 @@ class Landmarks:
     descriptors: Float32[Array, "n 128"]
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where and when the frames of a map were."""
+
+    segment: Int[Array, "F"]
+    time: Float[Array, "F"]  # s
+    t: Float[Array, "F 3"]  # m
+
+    @classmethod
+    def of(cls, frames: Sequence[Posed]) -> Places:
+        return cls(np.array([f.segment for f in frames]), np.array([f.time for f in frames]),
+                   np.stack([f.t for f in frames]))  # fmt: skip
+
+
+Proposal = tuple[int, int, int, Float[Array, "4 4"]]
+"""Matches that agree, the rows of keyframes a and b, and b's head in a's head frame."""
+
+
 def join_segments(odometry: Odometry, pictures: Pictures) -> int:
     """Bring segments that see places of the longest one into its frame; how many were joined."""
     counts = Counter(f.segment for f in odometry.map.frames)
@@ -62,10 +80,15 @@ def join_segments(odometry: Odometry, pictures: Pictures) -> int:
     if not left:
         return 0
     known = {s: _landmarks(odometry, s, pictures) for s in (base, *left)}
-    while len(joined := [s for s in left if _join(odometry, known[base], known[s], pictures)]):
-        known[base] = [mark for s in (base, *joined) for mark in known[s]]
+    proposals: dict[int, list[Proposal]] = {s: [] for s in left}
+    joined = [base]
+    while joined and left:
+        new = [mark for s in joined for mark in known[s]]
+        for s in left:
+            proposals[s] += _proposals(odometry, new, known[s])
+        joined = [s for s in left if _join(odometry, proposals[s], known[s], pictures)]
         left = [s for s in left if s not in joined]
-    return len(known) - 1 - len(left)
+    return len(proposals) - len(left)
 
 
 def close_loops(odometry: Odometry, pictures: Pictures) -> int:
@@ -73,9 +96,9 @@ def close_loops(odometry: Odometry, pictures: Pictures) -> int:
     frames = odometry.map.frames
     (base, _), *_ = Counter(f.segment for f in frames).most_common()
     keys = [k for k in odometry.map.keyframes if frames[k].segment == base]
-    closed = 0
+    places, closed = Places.of(frames), 0
     for k in keys[::_EVERY]:
-        points = _around(odometry, frames[k], frames[k].time - LOOP_S)
+        points = _around(odometry, places, frames[k], frames[k].time - LOOP_S)
         if len(points) < odometry.config.fewest:
             continue
         found = odometry.seen_again(frames[k], points, pictures(frames[k].index))
@@ -85,15 +108,11 @@ def close_loops(odometry: Odometry, pictures: Pictures) -> int:
     return closed
 
 
-def _around(odometry: Odometry, pose: Posed, until: float) -> Int[Array, "n"]:
+def _around(odometry: Odometry, places: Places, pose: Posed, until: float) -> Int[Array, "n"]:
     """Points first seen until a time from near a pose in its segment, which does not see them."""
-    frames, hosts = odometry.map.frames, odometry.map.patches.host
-    near = np.array([
-        f.segment == pose.segment and f.time < until
-        and bool(np.linalg.norm(f.t - pose.t) < _AROUND_M)
-        for f in frames
-    ])  # fmt: skip
-    return np.setdiff1d(np.flatnonzero(near[hosts]), pose.seen.point)
+    near = (places.segment == pose.segment) & (places.time < until)
+    near &= np.linalg.norm(places.t - pose.t, axis=1) < _AROUND_M
+    return np.setdiff1d(np.flatnonzero(near[odometry.map.patches.host]), pose.seen.point)
 
 
 def _landmarks(odometry: Odometry, segment: int, pictures: Pictures) -> list[Landmarks]:
@@ -126,16 +145,21 @@ def _described(odometry: Odometry, row: int, images: tuple[Image | None, ...]) -
     return Landmarks(row, pair.points_head[kept], rays, density, descriptors[rows])
 
 
+def _proposals(
+    odometry: Odometry, base: Sequence[Landmarks], other: Sequence[Landmarks]
+) -> list[Proposal]:
+    """How keyframes of the base and of another segment may stand to each other."""
+    found = ((*_relative(odometry, a, b), a.row, b.row) for a in base for b in other)
+    return [(count, a, b, T) for count, T, a, b in found if count >= odometry.config.fewest]
+
+
 def _join(
-    odometry: Odometry, base: Sequence[Landmarks], other: Sequence[Landmarks], pictures: Pictures
-) -> bool:
+    odometry: Odometry, proposals: Sequence[Proposal], other: Sequence[Landmarks],
+    pictures: Pictures,
+) -> bool:  # fmt: skip
     """Move a segment into the frame of the base and link them; False where nothing confirms it."""
     frames = odometry.map.frames
-    proposals = [(count, a.row, b.row, T) for a in base for b in other
-                 for count, T in [_relative(odometry, a, b)]
-                 if count >= odometry.config.fewest]  # fmt: skip
-    proposals.sort(key=lambda proposal: -proposal[0])
-    for _, a, b, T_a_b in proposals[:_PROPOSALS]:
+    for _, a, b, T_a_b in sorted(proposals, key=lambda proposal: -proposal[0])[:_PROPOSALS]:
         T = _pose(frames[a]) @ T_a_b @ inverse(_pose(frames[b]))
         rows = sorted((mark.row for mark in other), key=lambda row: abs(row - b))[:_TRIED]
         found = _confirmed(odometry, frames[a].segment, rows, T, pictures)
@@ -153,12 +177,12 @@ def _confirmed(
     odometry: Odometry, base: int, rows: Sequence[int], T: Float[Array, "4 4"], pictures: Pictures
 ) -> dict[int, Posed]:
     """Poses of keyframes, moved by T, from points of the base segment in their pictures."""
-    found = {}
+    places, found = Places.of(odometry.map.frames), {}
     for row in rows:
         own = odometry.map.frames[row]
         moved = T @ _pose(own)
         pose = replace(own, R=moved[:3, :3], t=moved[:3, 3], segment=base)
-        points = _around(odometry, pose, np.inf)
+        points = _around(odometry, places, pose, np.inf)
         seen = odometry.seen_again(pose, points, pictures(own.index))
         if seen is not None:
             found[row] = seen

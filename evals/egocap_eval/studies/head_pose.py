@@ -81,7 +81,7 @@ def study(
         prepare_sequence(builtin_scene(case.scene, size, frames=case.frames), folder, workers)
         sequence = Covered(folder, case.covered)
         sequences.append(sequence)
-        imu = work / "imu" / f"{name}.csv"
+        imu = work / "imu" / f"{folder.name}.csv"
         found[name] = measure(sequence, name, imu, OdometryConfig())
         if name in sfm:
             by_sfm[name] = measure(sequence, f"{name}, sfm", imu, SfmConfig())

@@ -4,7 +4,7 @@ import numpy as np
 
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Mount, Rig, camera_rotation
-from egocap.geometry import rigid
+from egocap.geometry import inverse, rigid
 
 LOW, HIGH = np.array([-4.0, -3.5, 0.0]), np.array([4.5, 3.0, 3.0])  # m
 TEXEL = 0.05  # m
@@ -85,3 +85,10 @@ def walk(frames, speed=0.9, turn=0.5, fps=30.0):
         [np.stack([cn, o, sn], -1), np.stack([o, i, o], -1), np.stack([-sn, o, cn], -1)], 1
     )
     return rigid(Rz @ Ry, np.stack([x, y, z], -1))
+
+
+def apart(true, found):
+    """Distances [m] and angles [rad] between poses, the first ones aligned."""
+    off = inverse(true) @ (true[0] @ inverse(found[0])) @ found
+    angle = np.arccos(np.clip((np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1, 1))
+    return np.linalg.norm(off[:, :3, 3], axis=1), angle

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from egocap.geometry import inverse, rigid
+from egocap.geometry import rigid
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import finish
 from egocap.odometry.loop_closure import close_loops, join_segments
 from egocap.odometry.odometry import Odometry
 from egocap.odometry.ray_kernel import exponential
 from egocap.odometry.views import Views
-from tests.egocap.odometry.box_world import BoxWorld, small_rig, walk
+from tests.egocap.odometry.box_world import BoxWorld, apart, small_rig, walk
 
 RIG, WORLD = small_rig(), BoxWorld()
 CONFIG = OdometryConfig(width=320, corners=150)
@@ -22,14 +22,6 @@ def follow(pictures, frames, step_s=1 / 30):
     for i in range(frames):
         odometry.add(i, i * step_s, pictures(i))
     return odometry
-
-
-def away(poses, result):
-    """Distances [m] and angles [rad] of the poses, aligned at the first."""
-    true, found = poses[result.frame], result.T_map_head
-    off = inverse(true) @ (true[0] @ inverse(found[0])) @ found
-    cosine = (np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2
-    return np.linalg.norm(off[:, :3, 3], axis=1), np.arccos(np.clip(cosine, -1, 1))
 
 
 def covered(poses, after=WORLD):
@@ -51,7 +43,7 @@ def test_segments_of_one_place_are_joined():
     assert join_segments(odometry, pictures) == 1
     result = finish(odometry.map, odometry.views.centres)
     assert set(range(20)) | set(range(34, 56)) <= set(result.frame)
-    distance, angle = away(poses, result)
+    distance, angle = apart(poses[result.frame], result.T_map_head)
     assert distance.max() < 0.005
     assert angle.max() < np.deg2rad(0.1)
 
@@ -78,7 +70,8 @@ def test_a_loop_is_closed():
     before = [len(f.seen.point) for f in odometry.map.frames]
     assert close_loops(odometry, pictures) > 0
     assert sum(len(f.seen.point) for f in odometry.map.frames) > sum(before)
-    distance, angle = away(poses, finish(odometry.map, odometry.views.centres))
+    result = finish(odometry.map, odometry.views.centres)
+    distance, angle = apart(poses[result.frame], result.T_map_head)
     assert distance.max() < 0.004
     assert angle.max() < np.deg2rad(0.1)
 

@@ -10,7 +10,7 @@ from egocap.odometry.finish import finish
 from egocap.odometry.odometry import Odometry, is_wearer
 from egocap.odometry.ray_kernel import exponential
 from egocap.odometry.views import Views
-from tests.egocap.odometry.box_world import BoxWorld, small_rig, walk
+from tests.egocap.odometry.box_world import BoxWorld, apart, small_rig, walk
 
 RIG = small_rig()
 WORLD = BoxWorld()
@@ -31,10 +31,7 @@ def run(poses, change=None, config=CONFIG):
 def errors(poses, found, first=0):
     """Distances [m] and angles [rad] between poses, the first known ones aligned."""
     known = [i for i, f in enumerate(found) if f.T_world_head is not None and i >= first]
-    align = poses[known[0]] @ inverse(found[known[0]].T_world_head)
-    off = np.stack([inverse(poses[i]) @ align @ found[i].T_world_head for i in known])
-    angle = np.arccos(np.clip((np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1, 1))
-    return np.linalg.norm(off[:, :3, 3], axis=1), angle
+    return apart(poses[known], np.stack([found[i].T_world_head for i in known]))
 
 
 @pytest.fixture(scope="module")

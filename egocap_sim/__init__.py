@@ -11,6 +11,7 @@ _MODULES = {
     "generate": "api",
     "generate_episodes": "api",
     "preview": "api",
+    "refine": "refinement.refine",
     "verify": "verification.integrity",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -2,7 +2,12 @@
 
 from egocap.commandline import run
 from egocap.storage.words import local_words
-from egocap_sim.cli import generating, outputs, verifying  # noqa: F401 (each adds its commands)
+from egocap_sim.cli import (  # noqa: F401 (each adds its commands)
+    generating,
+    outputs,
+    refining,
+    verifying,
+)
 from egocap_sim.cli.registry import app
 
 

@@ -1,0 +1,70 @@
+"""The command that follows a tracked motion with a simulated body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from egocap.commandline import DONE
+from egocap_sim.cli.registry import app, print_json
+
+if TYPE_CHECKING:
+    from egocap_sim.refinement.refine import Refinement
+
+
+@app.command
+def refine(
+    track: Positional[Annotated[Path, arg(metavar="TRACK")]],
+    out: Path,
+    mass: float | None = None,
+    residual: float = 0.3,
+    forces: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Follow a tracked motion with a simulated body, on forces at its contacts.
+
+    Makes a motion physically possible, as far as the residual allows, and says what it changes.
+    Frames without a head pose, and those that nothing known bears, as on a bicycle, are kept.
+
+    Args:
+        track: track in the world, of `egocap track --head-pose`.
+        out: track to write.
+        mass: of the wearer in kg; default: of an average one with these bones.
+        residual: standard deviation of the force that no contact explains, in body weights.
+        forces: npz file for the force on every heel, toe, knee, hand and the seat.
+        json: print what changed as JSON.
+    """
+    from egocap.data.track import load_track, save_track
+    from egocap.errors import InputError
+    from egocap_sim.refinement.control import ControlConfig
+    from egocap_sim.refinement.refine import refine as follow
+    from egocap_sim.refinement.report import save_forces, summary
+
+    if not 0.01 <= residual <= 100.0:
+        raise InputError(f"a residual of {residual:g} body weights", valid="0.01 to 100")
+    found = follow(load_track(track), mass, ControlConfig(residual=residual))
+    save_track(out, found.track)
+    if forces is not None:
+        save_forces(forces, found)
+    changes = summary(found)
+    if json:
+        print_json({"track": str(out), **changes})
+    else:
+        _print_changes(out, found, changes)
+    return DONE
+
+
+def _print_changes(out: Path, found: Refinement, changes: dict[str, float]) -> None:
+    from egocap_sim.refinement.report import PARTS
+
+    print(f"{out}: {changes['refined']} of {changes['frames']} frames followed by a body of "
+          f"{found.mass_kg:.1f} kg, joints moved by {changes['moved_mm']:.1f} mm "
+          f"(95 % {changes['moved_95_mm']:.1f})")  # fmt: skip
+    if changes["refined"] < changes["frames"]:
+        print("others kept: no head pose, or borne by nothing known")
+    print(f"residual force, body weights: {changes['residual_before']:.2f} as tracked, "
+          f"{changes['residual']:.2f} refined (95 % {changes['residual_before_95']:.2f}, "
+          f"{changes['residual_95']:.2f})")  # fmt: skip
+    print("weight borne by: " + ", ".join(f"{part} {100 * changes[part]:.0f} %" for part in PARTS))

@@ -13,6 +13,8 @@ ABLATIONS = {
     "ablation.json": "procedural, simulated detections",
 }
 
+_TRACKED, _REFINED = "contacts, noisy head", "noisy head, refined"
+
 
 def speed(results: Results) -> str:
     """Frames a second of the detector, the tracker and the whole."""
@@ -221,6 +223,26 @@ def head_path(results: Results) -> str:
     )  # fmt: skip
     heads = (head for head, _ in measures.values())
     return markdown(("walk", "frames with a pose", *heads), rows, results)
+
+
+def refined(results: Results) -> str:
+    """What following a track with a simulated body changes."""
+    measures = {"mpjpe_mm": 1, "world_accel_error": 1, "foot_skate": 3, "penetration_mm": 1}
+    rows = results.rows(
+        "world.json",
+        "rows",
+        lambda r: [
+            (row["recording"], f"{row[_REFINED]['refined']:.0f} of {row['frames']}",
+             *(f"{number(row[_TRACKED][m], d)}, {number(row[_REFINED][m], d)}"
+               for m, d in measures.items()),
+             f"{row[_REFINED]['residual_before']:.3f}, {row[_REFINED]['residual']:.3f}")
+            for row in r["rows"]
+        ],
+    )  # fmt: skip
+    header = ("each: tracked, refined", "frames refined", "mean error, mm",
+              "acceleration error, m/s²", "foot skate, m/s", "penetration, mm",
+              "residual force, body weights")  # fmt: skip
+    return markdown(header, rows, results)
 
 
 def physics(results: Results) -> str:

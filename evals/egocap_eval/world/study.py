@@ -2,8 +2,9 @@
 
 Recorded validation clips and scenes (stairs, a bicycle, sitting) are rendered, detected and
 tracked; a long walk is simulated without pictures. Each is tracked with the true head poses: moved
-into the world only, with contacts, and with contacts and the errors of structure from motion. No
-validation clip runs: a training clip, acted out by another person, stands for it.
+into the world only, with contacts, and with contacts and the errors of structure from motion; the
+last is then followed by a simulated body (`egocap-sim refine`). No validation clip runs: a training
+clip, acted out by another person, stands for it.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ from egocap_eval.harness.sources import source_hashes
 from egocap_eval.harness.study import Outcome
 from egocap_eval.sets.motion_sets import motion_sets, split_clips
 from egocap_eval.studies.recorded import Recording, clip_seeds, detector_version, scenes_of
+from egocap_sim.refinement.refine import refine
+from egocap_sim.refinement.report import summary
 
 SCENES = {"validation-walk": 120, "stairs": 180, "bike": 90, "vr": 150}
 """Built-in scenes and their numbers of frames."""
@@ -79,12 +82,14 @@ class Case:
 
     contacts: bool
     noise: bool = False  # on the head poses
+    refined: bool = False  # followed by a simulated body
 
 
 CASES: Mapping[str, Case] = {
     "placed": Case(contacts=False),
     "contacts": Case(contacts=True),
     "contacts, noisy head": Case(contacts=True, noise=True),
+    "noisy head, refined": Case(contacts=True, noise=True, refined=True),
 }
 
 
@@ -127,11 +132,14 @@ def score(case: Case, one: Subject) -> Scores:
         poses = disturbed(poses, one.truth.time, np.random.default_rng(0))
     heads = HeadPoses(poses, np.ones(len(poses), bool), FLOOR_STD)
     tracker = Tracker(one.rig, one.body, TrackerConfig(contacts=case.contacts))
-    track = tracker.track(one.detections, one.images, heads)
+    track, changes = tracker.track(one.detections, one.images, heads), {}
+    if case.refined:
+        refinement = refine(track)
+        track, changes = refinement.track, summary(refinement)
     report = evaluate_pose(
         track.joints_head, GroundTruth.from_truth(one.truth), world=world_prediction(track)
     )
-    return {name: getattr(report, name) for name in MEASURES}
+    return {name: getattr(report, name) for name in MEASURES} | changes
 
 
 def disturbed(

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -340,3 +341,28 @@ def test_suspect_motion_is_listed_drawn_and_refused_by_strict(sim, monkeypatch, 
     summary = json.loads(out)
     assert summary["motions"][0]["verdict"] == "suspect"
     assert summary["physics"]["raw_error_max_cm"] > 20 > 5 > summary["physics"]["joint_error_cm"]
+
+
+def test_refine_follows_a_track_and_says_what_changed(sim):
+    from egocap.body.kinematics import label_positions
+    from egocap.body.proportions import Proportions
+    from egocap.data.track import Track, load_track, save_track
+
+    body, frames = Proportions.from_lengths(1.75), 20
+    angles, heads = np.zeros((frames, 37)), np.tile(np.eye(4), (frames, 1, 1))
+    joints = label_positions(body, angles)
+    track = Track(np.arange(frames) / 30, angles, joints, np.zeros(frames), np.ones(frames, bool),
+                  np.zeros(frames), 0.0, {}, body.offsets, T_world_head=heads,
+                  joints_world=joints, contacts=np.ones((frames, 4)))  # fmt: skip
+    save_track("track.npz", track)
+    words = "refine", "track.npz", "--out", "refined.npz"
+    code, out, _ = sim(*words, "--mass", 70, "--forces", "forces.npz")
+    assert code == 0 and "20 of 20 frames followed by a body of 70.0 kg" in out
+    assert "weight borne by: feet 9" in out and Path("forces.npz").exists()
+    assert load_track("refined.npz").config["refined"]["mass_kg"] == 70.0
+    assert json.loads(sim(*words, "--json")[1])["refined"] == 20
+    assert "0.01 to 100" in complaint(sim(*words, "--residual", 0))
+    assert "mass of 3 kg" in complaint(sim(*words, "--mass", 3))
+    save_track("head.npz", replace(track, contacts=None, T_world_head=None, joints_world=None))
+    assert "made with --head-pose" in complaint(sim("refine", "head.npz", "--out", "x.npz"))
+    assert not Path("x.npz").exists()

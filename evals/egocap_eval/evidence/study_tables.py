@@ -216,7 +216,7 @@ def head_path(results: Results) -> str:
         "head_pose.json",
         "cases",
         lambda r: [
-            (labels.get(name, name), f"{row['posed']} of {row['frames']}",
+            (labels.get(str(name), str(name)), f"{row['posed']} of {row['frames']}",
              *(number(row[key], digits) for key, (_, digits) in measures.items()))
             for name, row in r["cases"].items()
         ],
@@ -228,17 +228,15 @@ def head_path(results: Results) -> str:
 def refined(results: Results) -> str:
     """What following a track with a simulated body changes."""
     measures = {"mpjpe_mm": 1, "world_accel_error": 1, "foot_skate": 3, "penetration_mm": 1}
-    rows = results.rows(
-        "world.json",
-        "rows",
-        lambda r: [
-            (row["recording"], f"{row[_REFINED]['refined']:.0f} of {row['frames']}",
-             *(f"{number(row[_TRACKED][m], d)}, {number(row[_REFINED][m], d)}"
-               for m, d in measures.items()),
-             f"{row[_REFINED]['residual_before']:.3f}, {row[_REFINED]['residual']:.3f}")
-            for row in r["rows"]
-        ],
-    )  # fmt: skip
+
+    def cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
+        before, after = entry[_TRACKED], entry[_REFINED]
+        pairs = [(before[m], after[m], digits) for m, digits in measures.items()]
+        pairs.append((after["residual_before"], after["residual"], 3))
+        shown = (f"{number(a, digits)}, {number(b, digits)}" for a, b, digits in pairs)
+        return entry["recording"], f"{after['refined']:.0f} of {entry['frames']}", *shown
+
+    rows = results.rows("world.json", "rows", lambda r: map(cells, r["rows"]))
     header = ("each: tracked, refined", "frames refined", "mean error, mm",
               "acceleration error, m/s²", "foot skate, m/s", "penetration, mm",
               "residual force, body weights")  # fmt: skip

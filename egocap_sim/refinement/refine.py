@@ -18,7 +18,7 @@ from egocap.body.labels import LABEL_INDEX
 from egocap.body.proportions import Proportions
 from egocap.data.track import CONTACTS, Track
 from egocap.errors import InputError
-from egocap.geometry import quaternion_to_matrix, rigid, transform
+from egocap.geometry import GRAVITY, quaternion_to_matrix, rigid, transform
 from egocap.series import runs
 from egocap_sim.refinement.control import ControlConfig, Controller
 from egocap_sim.refinement.humanoid import HINGES, SUPPORTS, build_humanoid
@@ -50,6 +50,11 @@ class Refinement:
     residual_before: Float[Array, "T 6"]  # the same for the motion as tracked
     moved: Float[Array, "T 18"]  # distance of the joints in the world from the tracked ones, m
     mass_kg: float
+
+    @property
+    def weight(self) -> float:
+        """Of the body, N."""
+        return self.mass_kg * float(np.linalg.norm(GRAVITY))
 
 
 def refine(

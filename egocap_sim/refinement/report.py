@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from egocap.files import write_npz
-from egocap.geometry import GRAVITY
 from egocap_sim.refinement.humanoid import SUPPORTS
 from egocap_sim.refinement.refine import Refinement
 
@@ -22,7 +21,7 @@ def summary(found: Refinement) -> dict[str, float]:
 
     Distances are mm, forces body weights; feet, seat, knees and hands: share of the upward force.
     """
-    weight, own = found.mass_kg * float(np.linalg.norm(GRAVITY)), found.refined
+    own = found.refined
     result: dict[str, float] = {"frames": len(own), "refined": int(own.sum()),
                                 "mass_kg": found.mass_kg}  # fmt: skip
     if not own.any():
@@ -30,12 +29,12 @@ def summary(found: Refinement) -> dict[str, float]:
     moved = 1000 * found.moved[own]
     result |= {"moved_mm": float(moved.mean()), "moved_95_mm": float(np.percentile(moved, 95))}
     for name, wrench in (("residual_before", found.residual_before), ("residual", found.residual)):
-        force = np.linalg.norm(wrench[own, :3], axis=1) / weight
+        force = np.linalg.norm(wrench[own, :3], axis=1) / found.weight
         result |= {name: float(np.median(force)), f"{name}_95": float(np.percentile(force, 95))}
     up = found.support[own, :, 2].mean(0)
     parts = np.split(up, (4, 6, 8))
-    return result | {part: float(own.sum() / max(up.sum(), 1e-9))
-                     for part, own in zip(PARTS, parts, strict=True)}  # fmt: skip
+    return result | {name: float(part.sum() / max(up.sum(), 1e-9))
+                     for name, part in zip(PARTS, parts, strict=True)}  # fmt: skip
 
 
 def save_forces(path: Path, found: Refinement) -> None:

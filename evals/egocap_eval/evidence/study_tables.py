@@ -234,12 +234,13 @@ def refined(results: Results) -> str:
         pairs = [(before[m], after[m], digits) for m, digits in measures.items()]
         pairs.append((after["residual_before"], after["residual"], 3))
         shown = (f"{number(a, digits)}, {number(b, digits)}" for a, b, digits in pairs)
-        return entry["recording"], f"{after['refined']:.0f} of {entry['frames']}", *shown
+        return (entry["recording"], f"{after['refined']:.0f} of {entry['frames']}", *shown,
+                number(after["force_error"], 2))  # fmt: skip
 
     rows = results.rows("world.json", "rows", lambda r: map(cells, r["rows"]))
     header = ("each: tracked, refined", "frames refined", "mean error, mm",
               "acceleration error, m/s²", "foot skate, m/s", "penetration, mm",
-              "residual force, body weights")  # fmt: skip
+              "residual force, body weights", "error of a foot's force, body weights")  # fmt: skip
     return markdown(header, rows, results)
 
 

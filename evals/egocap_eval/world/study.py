@@ -24,6 +24,7 @@ from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.head_pose import HeadPoses
+from egocap.data.track import CONTACTS
 from egocap.data.truth import Truth
 from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.errors import FileError, InputError
@@ -40,7 +41,7 @@ from egocap_eval.harness.sources import source_hashes
 from egocap_eval.harness.study import Outcome
 from egocap_eval.sets.motion_sets import motion_sets, split_clips
 from egocap_eval.studies.recorded import Recording, clip_seeds, detector_version, scenes_of
-from egocap_sim.refinement.refine import refine
+from egocap_sim.refinement.refine import Refinement, refine
 from egocap_sim.refinement.report import summary
 
 SCENES = {"validation-walk": 120, "stairs": 180, "bike": 90, "vr": 150}
@@ -136,10 +137,25 @@ def score(case: Case, one: Subject) -> Scores:
     if case.refined:
         refinement = refine(track)
         track, changes = refinement.track, summary(refinement)
+        changes["force_error"] = force_error(refinement, one.truth)
     report = evaluate_pose(
         track.joints_head, GroundTruth.from_truth(one.truth), world=world_prediction(track)
     )
     return {name: getattr(report, name) for name in MEASURES} | changes
+
+
+def force_error(found: Refinement, truth: Truth) -> float | None:
+    """Upward force on each foot against the simulated one: rms difference, body weights.
+
+    Over refined frames whose contacts the simulation knows.
+    """
+    frames = found.refined & ~truth.propped
+    if not frames.any():
+        return None
+    weight = (truth.ground_force.sum(1) + truth.root_wrench[:, :3])[:, 2].mean()
+    feet = found.support[:, : len(CONTACTS), 2].reshape(-1, 2, 2).sum(2)
+    off = feet / found.weight - truth.ground_force[..., 2] / weight
+    return float(np.sqrt(np.mean(off[frames] ** 2)))
 
 
 def disturbed(

@@ -1,5 +1,7 @@
 """The world study: the head poses' errors, its targets, and one short walk from start to end."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from egocap_eval.world.study import (
     SHIFT,
     TURN,
     disturbed,
+    force_error,
     missed,
     study,
 )
@@ -31,6 +34,21 @@ def test_targets():
     assert [text.split(",")[0] for text in missed(rows)] == [
         "b: foot_skate 0.2", "b: contact_f1 0.50"
     ]  # fmt: skip
+
+
+def test_force_error_is_of_known_contacts_and_in_body_weights():
+    frames = 4
+    force = np.zeros((frames, 2, 3))
+    force[:, 0, 2] = 500.0  # N, of a lighter person than the refined one
+    wrench = np.zeros((frames, 6))
+    wrench[3], force[3, 0, 2] = [0, 0, 500.0, 0, 0, 0], 0.0
+    truth = SimpleNamespace(ground_force=force, root_wrench=wrench,
+                            propped=np.arange(frames) == 3)  # fmt: skip
+    support = np.zeros((frames, 10, 3))
+    support[:, 0, 2] = 1.1 * 981.0
+    found = SimpleNamespace(refined=np.ones(frames, bool), support=support, weight=981.0)
+    assert force_error(found, truth) == pytest.approx(np.sqrt(0.1**2 / 2))
+    assert force_error(SimpleNamespace(refined=np.zeros(frames, bool)), truth) is None
 
 
 def test_options_are_checked(tmp_path):

@@ -33,9 +33,9 @@ _LOST_M = 0.5  # distance of the head from the track that ends the simulation
 _AT_REST = {"hip": 0.3, "knee": 0.03, "hand": 0.03}
 """Probability that a resting seat, knee or hand bears weight, as the tracker does not state it."""
 _RESTS = 0.1  # speed at which that is half as probable, m/s
-_MISSING, _FLIGHT_S = 0.5, 1.0
-"""Residual force, in body weights, above which nothing known bears the body, as on a bicycle; for
-more than half of such a time, as it does so in a flight."""
+_MISSING, _SUSTAINED_S = 0.5, 0.25
+"""Residual force, in body weights, that is missing for half of such a time where nothing known
+bears the body, as on a bicycle or where a contact is lost; in a flight none is missing."""
 _RIGID = dict.fromkeys(("head_shift", "head_turn", "angle"), 1e-6)  # no change: as tracked
 
 
@@ -120,10 +120,10 @@ def _stretches(track: Track) -> Iterator[Int[Array, "n"]]:
 def _borne(
     stretch: Int[Array, "n"], times: Float[Array, "T"], residual: Float[Array, "T 6"]
 ) -> Iterator[Int[Array, "m"]]:
-    """Parts of a stretch whose weight the supports bear, but for flights; residual in weights."""
-    frames_of_window = max(1, round(_FLIGHT_S / float(np.median(np.diff(times[stretch])))))
+    """Parts of a stretch whose forces the supports explain; the residual is in body weights."""
+    window = max(1, round(_SUSTAINED_S / float(np.median(np.diff(times[stretch])))))
     force = np.linalg.norm(residual[stretch, :3], axis=1)
-    missing = median_filter(force, frames_of_window, mode="nearest") > _MISSING
+    missing = median_filter(force, window, mode="nearest") > _MISSING
     for part in runs(stretch[~missing]):
         if np.ptp(times[part]) >= _SHORTEST_S:
             yield part

@@ -133,11 +133,12 @@ def score(case: Case, one: Subject) -> Scores:
         poses = disturbed(poses, one.truth.time, np.random.default_rng(0))
     heads = HeadPoses(poses, np.ones(len(poses), bool), FLOOR_STD)
     tracker = Tracker(one.rig, one.body, TrackerConfig(contacts=case.contacts))
-    track, changes = tracker.track(one.detections, one.images, heads), {}
+    track = tracker.track(one.detections, one.images, heads)
+    changes: Scores = {}
     if case.refined:
         refinement = refine(track)
-        track, changes = refinement.track, summary(refinement)
-        changes["force_error"] = force_error(refinement, one.truth)
+        track = refinement.track
+        changes = {**summary(refinement), "force_error": force_error(refinement, one.truth)}
     report = evaluate_pose(
         track.joints_head, GroundTruth.from_truth(one.truth), world=world_prediction(track)
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from egocap.commandline import DONE
+from egocap.commandline import DONE, progress
 from egocap_sim.cli.registry import app, print_json
 
 if TYPE_CHECKING:
@@ -44,7 +44,9 @@ def refine(
 
     if not 0.01 <= residual <= 100.0:
         raise InputError(f"a residual of {residual:g} body weights", valid="0.01 to 100")
-    found = follow(load_track(track), mass, ControlConfig(residual=residual))
+    tracked, config = load_track(track), ControlConfig(residual=residual)
+    with progress("refine", 2 * len(tracked.times), unit="simulated frames") as advance:
+        found = follow(tracked, mass, config, advance)
     save_track(out, found.track)
     if forces is not None:
         save_forces(forces, found)

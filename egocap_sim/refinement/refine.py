@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -58,18 +58,21 @@ class Refinement:
 
 
 def refine(
-    track: Track, mass_kg: float | None = None, config: ControlConfig | None = None
-) -> Refinement:
+    track: Track, mass_kg: float | None = None, config: ControlConfig | None = None,
+    on_frames: Callable[[int], None] = lambda frames: None,
+) -> Refinement:  # fmt: skip
     """The motion of a simulated body that follows a track in the world.
 
-    `mass_kg`: of the wearer; by default of an average one with the track's bones. Raises InputError
-    for a track without contacts, too short, or that the body cannot follow.
+    `mass_kg`: of the wearer; by default of an average one with the track's bones. `on_frames` is
+    called with numbers of frames, of which each is simulated twice: as tracked, and refined. Raises
+    InputError for a track without contacts, too short, or that the body cannot follow.
     """
     if track.contacts is None or track.T_world_head is None or track.joints_world is None:
         raise InputError("the track has no contacts", valid="a track made with --head-pose")
     if track.offsets is None:
         raise InputError("the track has no bones", valid="a track of `egocap track`")
     stretches = [*_stretches(track)]
+    on_frames(2 * (len(track.times) - sum(map(len, stretches))))
     if not stretches:
         raise InputError(f"the track has no stretch of {_SHORTEST_S:g} s with known head poses")
     proportions = Proportions(track.offsets)
@@ -84,16 +87,17 @@ def refine(
     for stretch in stretches:
         motion = Reference.of(track, stretch, config.cutoff_hz)
         _, support[stretch], before[stretch] = _follow(
-            free, motion, track.times[stretch], probable[stretch]
+            free, motion, track.times[stretch], probable[stretch], on_frames
         )
         residual[stretch] = before[stretch]
         for frames in _borne(stretch, track.times, before / free.weight):
             poses, support[frames], residual[frames] = _follow(
-                penalised, motion, track.times[frames], probable[frames]
+                penalised, motion, track.times[frames], probable[frames], on_frames
             )
             heads[frames] = rigid(quaternion_to_matrix(poses[:, 3:7]), poses[:, :3])
             angles[np.ix_(frames, HINGES)] = poses[:, 7:]
             refined[frames] = True
+        on_frames(int(np.sum(~refined[stretch])))
     joints = label_positions(proportions, angles)
     world = transform(heads, joints)
     found = replace(
@@ -143,7 +147,7 @@ def _probabilities(track: Track) -> Float[Array, "T 10"]:
 
 def _follow(
     controller: Controller, motion: Reference, times: Float[Array, "T"],
-    probable: Float[Array, "T 10"],
+    probable: Float[Array, "T 10"], on_frames: Callable[[int], None],
 ) -> tuple[Float[Array, "T 44"], Float[Array, "T 10 3"], Float[Array, "T 6"]]:  # fmt: skip
     """Simulate a stretch: poses, forces on the supports and residual wrench in each frame."""
     model = controller.model
@@ -170,4 +174,5 @@ def _follow(
                 support[t], residual[t] = forces.support, forces.residual
             data.qfrc_applied[:] = forces.torque
             mujoco.mj_step2(model, data)
+        on_frames(1)
     return poses, support, residual

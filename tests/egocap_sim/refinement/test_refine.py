@@ -191,8 +191,10 @@ def test_frames_without_a_head_pose_are_kept():
     track = track_of(*standing(60))
     known = np.ones(60, bool)
     known[25:35] = False
-    found = refine(replace(track, in_world=known), MASS)
+    counted = []
+    found = refine(replace(track, in_world=known), MASS, on_frames=counted.append)
     np.testing.assert_array_equal(found.refined, known)
+    assert sum(counted) == 2 * 60
     np.testing.assert_array_equal(found.track.angles[~known], track.angles[~known])
     assert not found.support[~known].any()
 

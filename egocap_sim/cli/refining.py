@@ -58,15 +58,17 @@ def refine(
     return DONE
 
 
-def _print_changes(out: Path, found: Refinement, changes: dict[str, float]) -> None:
+def _print_changes(out: Path, found: Refinement, changes: dict[str, float | None]) -> None:
     from egocap_sim.refinement.report import PARTS
 
-    print(f"{out}: {changes['refined']} of {changes['frames']} frames followed by a body of "
-          f"{found.mass_kg:.1f} kg, joints moved by {changes['moved_mm']:.1f} mm "
-          f"(95 % {changes['moved_95_mm']:.1f})")  # fmt: skip
-    if changes["refined"] < changes["frames"]:
-        print("others kept: no head pose, or borne by nothing known")
-    print(f"residual force, body weights: {changes['residual_before']:.2f} as tracked, "
-          f"{changes['residual']:.2f} refined (95 % {changes['residual_before_95']:.2f}, "
-          f"{changes['residual_95']:.2f})")  # fmt: skip
-    print("weight borne by: " + ", ".join(f"{part} {100 * changes[part]:.0f} %" for part in PARTS))
+    frames, refined = len(found.refined), int(found.refined.sum())
+    print(f"{out}: {refined} of {frames} frames followed by a body of {found.mass_kg:.1f} kg")
+    if refined < frames:
+        print("the others are kept: no head pose, or borne by nothing known")
+    if not refined:
+        return
+    print("joints moved by {moved_mm:.1f} mm (95 % {moved_95_mm:.1f}); residual force "
+          "{residual_before:.2f} body weights as tracked, {residual:.2f} refined (95 % "
+          "{residual_before_95:.2f}, {residual_95:.2f})".format(**changes))  # fmt: skip
+    shares = (f"{part} {100 * (changes[part] or 0.0):.0f} %" for part in PARTS)
+    print(f"weight borne by: {', '.join(shares)}")

@@ -16,16 +16,16 @@ _QUANTITIES = ("moved_mm", "moved_95_mm", "residual_before", "residual_before_95
                "residual_95", *PARTS)  # fmt: skip
 
 
-def summary(found: Refinement) -> dict[str, float]:
-    """What a refinement changed, over the refined frames.
+def summary(found: Refinement) -> dict[str, float | None]:
+    """What a refinement changed, over the refined frames; None where there are none.
 
     Distances are mm, forces body weights; feet, seat, knees and hands: share of the upward force.
     """
     own = found.refined
-    result: dict[str, float] = {"frames": len(own), "refined": int(own.sum()),
+    result: dict[str, float | None] = {"frames": len(own), "refined": int(own.sum()),
                                 "mass_kg": found.mass_kg}  # fmt: skip
     if not own.any():
-        return result | dict.fromkeys(_QUANTITIES, 0.0)
+        return result | dict.fromkeys(_QUANTITIES)
     moved = 1000 * found.moved[own]
     result |= {"moved_mm": float(moved.mean()), "moved_95_mm": float(np.percentile(moved, 95))}
     for name, wrench in (("residual_before", found.residual_before), ("residual", found.residual)):

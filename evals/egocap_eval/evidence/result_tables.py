@@ -18,6 +18,7 @@ from egocap_eval.evidence.image_tables import (
     set_label,
 )
 from egocap_eval.evidence.page_table import ABSENT, Results, Row, interval, markdown, number
+from egocap_eval.evidence.paper_tables import paper, recordings
 from egocap_eval.evidence.registry import entries
 from egocap_eval.evidence.study_tables import (
     ablation,
@@ -135,6 +136,8 @@ TABLES: Mapping[str, Page] = {
         physics,
         image_model,
         mutation,
+        paper,
+        recordings,
         missed,
         reproduce,
     )

@@ -17,7 +17,9 @@ from egocap_eval.evidence.registry import ROOT
 from egocap_eval.evidence.result_tables import TABLES
 from egocap_eval.harness.study import Outcome
 
-PAGES = ("README.md", "docs/results.md", "docs/how-to/scale.md", "evals/README.md")
+PAGES = (
+    "README.md", "docs/results.md", "docs/paper.md", "docs/how-to/scale.md", "evals/README.md"
+)  # fmt: skip
 BLOCK = re.compile(r"(<!-- table (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 

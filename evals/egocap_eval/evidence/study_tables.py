@@ -211,7 +211,8 @@ def head_path(results: Results) -> str:
         "height_error_mm": ("height, mm", 1),
         "cpu_ms_per_frame": ("CPU ms a frame", 0),
     }
-    labels = {"covered": "covered: the same, lenses covered for 10 s"}
+    labels = {"covered": "covered: the same, lenses covered for 10 s",
+              "consumer": "consumer: half a minute with a rolling shutter and blur"}  # fmt: skip
     rows = results.rows(
         "head_pose.json",
         "cases",

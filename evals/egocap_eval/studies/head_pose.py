@@ -32,21 +32,24 @@ from egocap.odometry.config import OdometryConfig
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
 from egocap_sim.export.imu import write_imu
+from egocap_sim.sensor.config import SensorTable
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, and frames in which a hand covers the lenses."""
+    """A scene, frames in which a hand covers the lenses, and a preset of the sensor."""
 
     scene: str
     frames: int
     covered: range = range(0)
+    sensor: str | None = None  # the scene's own
 
 
 CASES: Mapping[str, Case] = {
     "walk": Case("validation-walk", 250),
     "minute": Case("validation-walk", 1800),
     "covered": Case("validation-walk", 1800, range(800, 1100)),
+    "consumer": Case("validation-walk", 900, sensor="consumer"),
     "street": Case("walk", 300),
     "stairs": Case("stairs", 300),
 }
@@ -77,8 +80,13 @@ def study(
     found, by_sfm, sequences = {}, {}, []
     for name in cases:
         case = CASES[name]
-        folder = work / "sequences" / f"{case.scene}-{case.frames}"
-        prepare_sequence(builtin_scene(case.scene, size, frames=case.frames), folder, workers)
+        scene = builtin_scene(case.scene, size, frames=case.frames)
+        title = f"{case.scene}-{case.frames}"
+        if case.sensor is not None:
+            sensor = SensorTable.model_validate({"preset": case.sensor})
+            scene, title = scene.model_copy(update={"sensor": sensor}), f"{title}-{case.sensor}"
+        folder = work / "sequences" / title
+        prepare_sequence(scene, folder, workers)
         sequence = Covered(folder, case.covered)
         sequences.append(sequence)
         imu = work / "imu" / f"{folder.name}.csv"

@@ -9,23 +9,21 @@ Source: EgoCap paper, section 5.3 and Table 1.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from tyro.conf import OmitArgPrefixes
 
-from egocap.detect.train.config import AugmentationConfig
+from egocap.detect.train.config import NO_AUGMENTATION, AugmentationConfig
 from egocap.errors import InputError
 from egocap_eval.harness.study import Outcome
 from egocap_eval.studies.small_detectors import Trainings, prepare_training, summary, table
 
-_PLAIN = AugmentationConfig(
-    background=0.0, recolour=0.0, scale=0.15, rotation_deg=0.0, shift=0.0, gamma=2.0,
-    colour=0.0, blur=0.0, noise=0.0, jpeg=0.0, occluders=0.0,
-)  # fmt: skip
+_PLAIN = replace(NO_AUGMENTATION, scale=0.15, gamma=2.0)
 
 ROWS: Mapping[str, AugmentationConfig] = {
     "green screen only": _PLAIN,
-    "+ background": AugmentationConfig(**{**vars(_PLAIN), "background": 1.0}),
-    "+ recolouring": AugmentationConfig(**{**vars(_PLAIN), "background": 1.0, "recolour": 0.7}),
+    "+ background": replace(_PLAIN, background=1.0),
+    "+ recolouring": replace(_PLAIN, background=1.0, recolour=0.7),
 }
 """Rows of the table, each adding to the previous one."""
 

@@ -5,6 +5,7 @@ from dataclasses import asdict
 import pytest
 
 from egocap.data.sequence import Sequence
+from egocap.detect.train.config import NO_AUGMENTATION
 from egocap.errors import InputError
 from egocap_eval.studies.augmentation import ROWS, missed, study
 from egocap_eval.studies.small_detectors import COLUMNS, Trainings, table
@@ -17,6 +18,7 @@ def rows(*pck):
 
 def test_each_row_adds_one_thing():
     plain, background, recolour = (asdict(c) for c in ROWS.values())
+    assert plain == asdict(NO_AUGMENTATION) | {"scale": 0.15, "gamma": 2.0}
     assert [k for k in plain if plain[k] != background[k]] == ["background"]
     assert [k for k in plain if background[k] != recolour[k]] == ["recolour"]
 

@@ -166,12 +166,20 @@ def true_up(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> Float[Array
     return unit((result.T_world_head[:, :3, :3] @ turned).mean(0)[:, 2])
 
 
-def inertial_scores(result: HeadTrajectory, sequence: Sequence, file: Path) -> dict[str, float]:
-    """Up and clock by an IMU that is simulated once, without the floor and walls."""
+def inertial_scores(
+    result: HeadTrajectory, sequence: Sequence, file: Path
+) -> dict[str, float | None]:
+    """Up and clock by an IMU that is simulated once, without the floor and walls.
+
+    None where the poses are too few to find its clock.
+    """
     if not file.exists():
         file.parent.mkdir(parents=True, exist_ok=True)
         write_imu(sequence, file, lambda _: None)
-    inertial = vertical_by_imu(result.time, result.T_world_head, read_imu(file))
+    try:
+        inertial = vertical_by_imu(result.time, result.T_world_head, read_imu(file))
+    except InputError:
+        return dict.fromkeys(("imu_up_error_deg", "imu_up_std_deg", "imu_clock_error_ms"))
     off = float(np.clip(inertial.vertical.up @ true_up(result, sequence.truth.T_world_head), -1, 1))
     return {"imu_up_error_deg": float(np.degrees(np.arccos(off))),
             "imu_up_std_deg": float(np.degrees(inertial.vertical.up_std)),

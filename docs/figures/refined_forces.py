@@ -14,6 +14,7 @@ from egocap.detect.synthetic import LEARNED_LIKE
 from egocap.pose.config import TrackerConfig
 from egocap.track.tracker import Tracker
 from egocap_eval.harness.motion_truth import draw_detections, simulate_motion
+from egocap_eval.world.study import foot_forces
 from egocap_sim.refinement.refine import refine
 
 SEED, FRAMES, SHOWN = 460, 300, slice(60, 200)
@@ -26,10 +27,7 @@ def forces():
     heads = HeadPoses(walk.truth.T_world_head, np.ones(FRAMES, bool), 0.003)
     tracker = Tracker(walk.rig, walk.proportions, TrackerConfig(contacts=True))
     found = refine(tracker.track(draw_detections(walk, LEARNED_LIKE, SEED), None, heads))
-    feet = found.support[:, :4, 2].reshape(-1, 2, 2).sum(2) / found.weight
-    true = walk.truth.ground_force[..., 2]
-    weight = (walk.truth.ground_force.sum(1) + walk.truth.root_wrench[:, :3])[:, 2].mean()
-    return walk.truth.time, feet, true / weight
+    return walk.truth.time, *foot_forces(found, walk.truth)
 
 
 def main(out):

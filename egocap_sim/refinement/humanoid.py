@@ -30,7 +30,9 @@ SUPPORTS: tuple[str, ...] = (
 HEEL_SHARE = 0.3
 """Distance of the heel behind the ankle, as a share of the toe's before it: the tracker's."""
 _HALF_WIDTH_M = 0.03  # of a sole: each heel and toe bears at two points
-SITE_SUPPORT: Int[Array, "14"] = np.array([0, 0, 1, 1, 2, 2, 3, 3, 4, 5, 6, 7, 8, 9])
+SITE_SUPPORT: Int[Array, "14"] = np.repeat(
+    np.arange(len(SUPPORTS)), [2 if name in CONTACTS else 1 for name in SUPPORTS]
+)
 """The support of each of the model's sites, which are named by their place here."""
 
 _ARMATURE = 0.01  # kg m^2 on every hinge: keeps light segments stable

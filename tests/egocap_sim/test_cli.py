@@ -22,6 +22,7 @@ from egocap_sim.core.resources import builtin_file, rig_file
 from egocap_sim.scene.config import Scene, to_toml
 from egocap_sim.verification.integrity import verify
 from egocap_sim.world.overrides import Overrides, override_scene
+from tests.egocap_sim.refinement.made_tracks import standing, track_of
 
 GOOD = 'name = "x"\nframes = 2\n[motion]\nname = "idle"\n[rig]\nsize = [96, 64]\n'
 
@@ -344,16 +345,9 @@ def test_suspect_motion_is_listed_drawn_and_refused_by_strict(sim, monkeypatch, 
 
 
 def test_refine_follows_a_track_and_says_what_changed(sim):
-    from egocap.body.kinematics import label_positions
-    from egocap.body.proportions import Proportions
-    from egocap.data.track import Track, load_track, save_track
+    from egocap.data.track import load_track, save_track
 
-    body, frames = Proportions.from_lengths(1.75), 20
-    angles, heads = np.zeros((frames, 37)), np.tile(np.eye(4), (frames, 1, 1))
-    joints = label_positions(body, angles)
-    track = Track(np.arange(frames) / 30, angles, joints, np.zeros(frames), np.ones(frames, bool),
-                  np.zeros(frames), 0.0, {}, body.offsets, T_world_head=heads,
-                  joints_world=joints, contacts=np.ones((frames, 4)))  # fmt: skip
+    track = track_of(*standing(20))
     save_track("track.npz", track)
     words = "refine", "track.npz", "--out", "refined.npz"
     code, out, _ = sim(*words, "--mass", 70, "--forces", "forces.npz")

@@ -28,6 +28,7 @@ class Results:
     """The results of a folder by file name."""
 
     def __init__(self, folder: Path = COMMITTED) -> None:
+        self.folder = folder
         self._cited = {name: Cited(entry, folder) for name, entry in entries().items()}
 
     def __getitem__(self, file: str) -> Cited:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from egocap_eval.evidence.page_table import COMMITTED, Results, Row, markdown, number
+from egocap_eval.evidence.page_table import Results, Row, markdown, number
 from egocap_eval.harness.suite import PaperRow, load_suite
 from egocap_eval.harness.thresholds import Numbers
 
@@ -22,16 +22,16 @@ METHODS = {
 
 def paper(results: Results) -> str:
     """The paper's statements with numbers, and ours."""
+    header = ("section", "statement", "the paper", "ours", "unit", "conditions of ours")
     if results[FULL].record is None:
-        return markdown(("statement",), results.rows(FULL, "the paper's statements", list), results)
+        return markdown(header, results.rows(FULL, "the paper's statements", list), results)
     suite = load_suite("full")
-    numbers = Numbers(results[FULL].result["scores"], COMMITTED)
+    numbers = Numbers(results[FULL].result["scores"], results.folder)
     rows = [
         Row(_file(row), (row.section, row.statement, row.paper, shown["shown"], row.unit,
                          shown["note"]))
         for row, shown in zip(suite.rows, numbers.rows(suite.rows), strict=True)
     ]  # fmt: skip
-    header = ("section", "statement", "the paper", "ours", "unit", "conditions of ours")
     return markdown(header, rows, results)
 
 

@@ -153,10 +153,15 @@ def force_error(found: Refinement, truth: Truth) -> float | None:
     frames = found.refined & ~truth.propped
     if not frames.any():
         return None
-    weight = (truth.ground_force.sum(1) + truth.root_wrench[:, :3])[:, 2].mean()
+    refined, simulated = foot_forces(found, truth)
+    return float(np.sqrt(np.mean((refined - simulated)[frames] ** 2)))
+
+
+def foot_forces(found: Refinement, truth: Truth) -> tuple[Float[Array, "T 2"], Float[Array, "T 2"]]:
+    """Upward force on the left and right foot, refined and simulated, each in its body's weight."""
     feet = found.support[:, : len(CONTACTS), 2].reshape(-1, 2, 2).sum(2)
-    off = feet / found.weight - truth.ground_force[..., 2] / weight
-    return float(np.sqrt(np.mean(off[frames] ** 2)))
+    weight = (truth.ground_force.sum(1) + truth.root_wrench[:, :3])[:, 2].mean()
+    return feet / found.weight, truth.ground_force[..., 2] / weight
 
 
 def disturbed(

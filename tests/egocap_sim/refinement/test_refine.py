@@ -6,13 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from egocap.body.kinematics import label_positions
-from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_INDEX, JOINTS, POINT_INDEX, points
-from egocap.data.track import CONTACTS, Track
+from egocap.data.track import CONTACTS
 from egocap.errors import InputError
 from egocap.files import read_npz
-from egocap.geometry import axis_angle, rigid, transform
+from egocap.geometry import axis_angle, transform
 from egocap.world.foot_points import HEEL_SHARE as TRACKED_HEEL
 from egocap_sim.refinement.control import ControlConfig
 from egocap_sim.refinement.humanoid import (
@@ -25,32 +23,15 @@ from egocap_sim.refinement.humanoid import (
 from egocap_sim.refinement.reference import Reference
 from egocap_sim.refinement.refine import Refinement, refine
 from egocap_sim.refinement.report import save_forces, summary
+from tests.egocap_sim.refinement.made_tracks import BODY, FPS, standing, track_of
 
-FPS, MASS = 30.0, 70.0
+MASS = 70.0
 WEIGHT = MASS * 9.81
-BODY = Proportions.from_lengths(1.75)
 
 
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
-
-
-def track_of(angles, heads, contacts=None) -> Track:
-    """A track of an average person."""
-    frames = len(angles)
-    joints = label_positions(BODY, angles)
-    return Track(
-        np.arange(frames) / FPS, angles, joints, np.zeros(frames), np.ones(frames, bool),
-        np.full(frames, 36.0), 0.01, {}, offsets=BODY.offsets, T_world_head=heads,
-        joints_world=transform(heads, joints),
-        contacts=np.ones((frames, 4)) if contacts is None else contacts,
-    )  # fmt: skip
-
-
-def standing(frames=45, height=1.6):
-    """Angles and head poses of a person who stands still."""
-    return np.zeros((frames, 37)), rigid(np.tile(np.eye(3), (frames, 1, 1)), [0.0, 0.0, height])
 
 
 def bow(frames=60):

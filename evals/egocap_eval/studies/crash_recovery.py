@@ -42,7 +42,7 @@ def study(
     """Kill a generation repeatedly; the result must be complete and byte-identical.
 
     Args:
-        folder: Folder of the data set; an existing one is continued.
+        folder: Folder of the data set, which takes longer than the kills; a part is continued.
         scene: Scene of episodes.
         frames: Stereo frames in all.
         minutes: Duration of the kills.
@@ -66,6 +66,8 @@ def study(
         raise MachineError(f"the last run ended with {rest.returncode}: {shlex.join(command)}")
     result: dict[str, Any] = {**killed, "seconds": seconds, **verify_dataset(folder, sample)}
     missed = [*result["problems"]]
+    if result["kills"] < kills:
+        missed.append(f"{result['kills']} of {kills} kills: the data set was complete before")
     if result["frames"] != frames:
         missed.append(f"{result['frames']} frames, not {frames}")
     if result["different"]:

@@ -118,6 +118,11 @@ def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> No
         return
     print(f"{path}: {len(result.time)} of {frames} frames, path of {length:.1f} m")
     print(_origin(result.facts))
+    for view, found in result.facts.get("self_calibration", {}).items():
+        print(f"{view} corrected: turned by {found['rotation_deg']:.2f} degrees, moved by "
+              f"{found['translation_mm']:.1f} mm, focal length {found['focal_percent']:+.2f} %, "
+              f"centre by {found['centre_px']:.1f} px; lag {found['lag_ms']:.1f} ms, first to last "
+              f"row {found['readout_ms']:.1f} +- {found['readout_std_ms']:.1f} ms")  # fmt: skip
     if "imu" in result.facts:
         told = result.facts["imu"]
         left = 1e3 * told["residual_m_s2"]

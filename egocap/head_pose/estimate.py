@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -22,14 +22,17 @@ from egocap.head_pose.pictures import grey_frames, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
 from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.head_pose.wearer import WearerMasks
+from egocap.odometry import self_calibration
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import Finished, finish
 from egocap.odometry.loop_closure import close_loops, join_segments
-from egocap.odometry.odometry import Odometry
+from egocap.odometry.odometry import HeadPose, Odometry
+from egocap.odometry.self_calibration import Correction
 from egocap.odometry.views import Views
 
 log = logging.getLogger(__name__)
 FLOOR_FRAMES = 16
+LONGEST = 900  # frames in which keyframes are sought that correct the rig
 Advance = Callable[[int], None]
 
 
@@ -42,6 +45,7 @@ class MapPoses:
     T_map_head: Float[Array, "N 4 4"]
     covariance: Float[Array, "N 6 6"] | None  # of rotation (head frame) and position
     points: Float[Array, "P 3"]
+    views: Views  # in which the pictures were seen
     facts: dict[str, Any]  # how they were found, JSON-ready
     reasons: dict[int, str]  # why another frame has none
 
@@ -52,11 +56,10 @@ def by_odometry(
     """Poses in the map's frame. InputError where no frame has one."""
     views = Views.of(rig, config.width)
     wearer = None if track is None else WearerMasks(track, views)
+    correction = _correction(sequence, views, config, wearer) if config.self_calibration else None
+    views = views if correction is None else correction.views
     odometry, reasons = Odometry(views, config), {}
-    for index, images in grey_frames(sequence, views.rig, range(len(sequence))):
-        time = float(sequence.times[index])
-        masks = () if wearer is None else wearer.at(time)
-        pose = odometry.add(index, time, images, masks)
+    for index, pose in _followed(sequence, odometry, wearer):
         if pose.T_world_head is None:
             reasons[index] = pose.problem
         advance(1)
@@ -67,30 +70,49 @@ def by_odometry(
     pictures = partial(grey_pictures, sequence, views.rig)
     joined = join_segments(odometry, pictures)
     loops = close_loops(odometry, pictures)
-    found = finish(odometry.map, views.centres)
+    found = finish(odometry.map, views)
+    facts = _facts(found) | {"joined": joined, "loops": loops}
+    if correction is not None:
+        facts["self_calibration"] = correction.facts()
     return MapPoses(found.frame, found.time, found.T_map_head, found.covariance, found.points,
-                    _facts(found) | {"joined": joined, "loops": loops}, reasons)  # fmt: skip
+                    views, facts, reasons)  # fmt: skip
 
 
-def vertical_of(
-    sequence: Sequence,
-    rig: Rig,
-    width: int,
-    found: MapPoses,
-    inertial: Vertical | None = None,
-) -> Vertical:
+def _followed(
+    sequence: Sequence, odometry: Odometry, wearer: WearerMasks | None
+) -> Iterator[tuple[int, HeadPose]]:
+    """Frames of a sequence and their poses, one after the other."""
+    for index, images in grey_frames(sequence, odometry.views.rig, range(len(sequence))):
+        time = float(sequence.times[index])
+        masks = () if wearer is None else wearer.at(time)
+        yield index, odometry.add(index, time, images, masks)
+
+
+def _correction(
+    sequence: Sequence, views: Views, config: OdometryConfig, wearer: WearerMasks | None
+) -> Correction | None:
+    """What is wrong with a rig, by its first keyframes."""
+    odometry = Odometry(views, replace(config, noise_px=self_calibration.NOISE_PX))
+    for index, _ in _followed(sequence, odometry, wearer):
+        if len(odometry.map.keyframes) >= self_calibration.KEYFRAMES or index >= LONGEST:
+            break
+    if not odometry.map.frames:
+        return None
+    return self_calibration.find_correction(odometry.map, views)
+
+
+def vertical_of(sequence: Sequence, found: MapPoses, inertial: Vertical | None = None) -> Vertical:
     """Up and the floor's height, from the map's planes, an IMU and some pictures of a width."""
     vertical = find_vertical(found.points, found.T_map_head)
     if inertial is not None and inertial.up_std < vertical.up_std:
         vertical = inertial
-    views = Views.of(rig, width)
     rows = np.unique(np.linspace(0, len(found.frame) - 1, FLOOR_FRAMES).astype(int))
     frames = []
     for row in rows:
         at = int(found.frame[row])
-        _, images = next(grey_frames(sequence, views.rig, range(at, at + 1)))
+        _, images = next(grey_frames(sequence, found.views.rig, range(at, at + 1)))
         frames.append((found.T_map_head[row], images))
-    floor = find_floor(views, frames, vertical.up)
+    floor = find_floor(found.views, frames, vertical.up)
     if floor is None:
         log.warning("the floor was not found: heights are relative to the first head")
     else:

@@ -43,7 +43,5 @@ def find_head_poses(
     by = by_structure_from_motion if isinstance(settings, SfmConfig) else by_odometry
     found = by(sequence, settings, rig, track, advance)  # type: ignore[arg-type]
     inertial = None if sensor is None else vertical_by_imu(found.time, found.T_map_head, sensor)
-    vertical = vertical_of(
-        sequence, rig, settings.width, found, None if inertial is None else inertial.vertical
-    )
+    vertical = vertical_of(sequence, found, None if inertial is None else inertial.vertical)
     return head_trajectory(found, len(sequence), vertical, inertial)

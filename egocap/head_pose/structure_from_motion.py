@@ -66,7 +66,7 @@ def by_structure_from_motion(
     facts = {"method": "sfm", "adjusted": len(adjusted), "points": len(points),
              "residual_px": round(float(found.compute_mean_reprojection_error()), 3)}  # fmt: skip
     reasons = dict.fromkeys(set(range(len(sequence))) - set(known.tolist()), NO_POSE)
-    return MapPoses(known, sequence.times[known], T_map_head, None, points, facts, reasons)
+    return MapPoses(known, sequence.times[known], T_map_head, None, points, views, facts, reasons)
 
 
 def _write_pictures(

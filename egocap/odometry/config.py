@@ -23,5 +23,7 @@ class OdometryConfig:
     """Metres after which a frame becomes a keyframe."""
     keyframe_turn: float = 10.0
     """Degrees after which a frame becomes a keyframe."""
+    self_calibration: bool = True
+    """Correct the rig, and find lags and rolling shutters, from the first pictures that move."""
     patience: int = 5
     """Frames without a pose after which the map is given up and a new segment begins."""

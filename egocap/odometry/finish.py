@@ -18,6 +18,7 @@ from egocap.geometry import rigid
 from egocap.odometry.adjustment import Adjusted, Problem, adjust
 from egocap.odometry.ray_kernel import refine_pose, squared_residuals
 from egocap.odometry.track_map import TrackMap
+from egocap.odometry.views import Views
 from egocap.series import interpolate
 
 LOSS = 3.0  # standard deviations
@@ -38,17 +39,19 @@ class Finished:
     segments: int
 
 
-def finish(found: TrackMap, centres: Float[Array, "V 3"]) -> Finished:
+def finish(found: TrackMap, views: Views) -> Finished:
     """Adjust the segment with the most frames; the others are left out."""
     segment, _ = Counter(f.segment for f in found.frames).most_common(1)[0]
     keys = [k for k in found.keyframes if found.frames[k].segment == segment]
-    problem, numbers = found.problem(keys, np.arange(len(keys)) < 1, centres)
+    if views.timed:
+        found.renew_twists(range(len(found.frames)))
+    problem, numbers = found.problem(keys, np.arange(len(keys)) < 1, views)
     result = adjust(problem, LOSS, 10, system=True)
     found.points[numbers] = result.points
     for i, k in enumerate(keys):
         found.frames[k].R, found.frames[k].t = result.R[i], result.t[i]
     noise = noise_factor(problem, result)
-    own = _refine_frames(found, segment, set(keys), numbers, centres)
+    own = _refine_frames(found, segment, set(keys), numbers, views)
     rows = [i for i, f in enumerate(found.frames) if f.segment == segment]
     frames = [found.frames[i] for i in rows]
     between = _interpolated(_covariances(result), np.array(keys), np.array(rows))
@@ -77,7 +80,7 @@ def noise_factor(problem: Problem, result: Adjusted) -> float:
 
 def _refine_frames(
     found: TrackMap, segment: int, keys: set[int], numbers: Int[Array, "P"],
-    centres: Float[Array, "V 3"],
+    views: Views,
 ) -> Float[Array, "N 6 6"]:  # fmt: skip
     """Refine the frames between the keyframes against the points; their own covariances."""
     known = np.zeros(len(found.points), bool)
@@ -92,7 +95,8 @@ def _refine_frames(
         rows = np.flatnonzero(known[f.seen.point])
         seen = f.seen[rows]
         f.R, f.t, H = refine_pose(
-            f.R, f.t, found.points[seen.point], centres[seen.view], seen.ray, seen.inv_sigma,
+            f.R, f.t, found.points[seen.point],
+            *views.sights(seen.view, seen.ray, seen.delay, f.twist), seen.inv_sigma,
             np.array([10.0, LOSS]), 5,
         )  # fmt: skip
         own.append(np.linalg.inv(H))

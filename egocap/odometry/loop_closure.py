@@ -137,7 +137,8 @@ def _described(odometry: Odometry, row: int, images: tuple[Image | None, ...]) -
     if descriptors is None:
         return none
     pixels = np.array([spot.pt for spot in spots])
-    pair = stereo.match(views, 0, other, images, pixels, odometry.config.noise_px)  # pyright: ignore
+    pair = stereo.match(views, 0, other, images, pixels, odometry.config.noise_px,  # pyright: ignore
+                        odometry.map.frames[row].twist)  # fmt: skip
     kept = ~is_wearer(pair.points_head)
     rows = pair.rows[kept]
     rays, _ = views.rays(0, pixels[rows])

@@ -24,7 +24,7 @@ from egocap.odometry.corners import find_corners
 from egocap.odometry.ray_kernel import refine_pose, squared_residuals
 from egocap.odometry.rejections import RejectionMap
 from egocap.odometry.surface_patches import aligned, fitting, patches_at, warps
-from egocap.odometry.track_map import Observations, Posed, TrackMap
+from egocap.odometry.track_map import Observations, Posed, TrackMap, twist_between
 from egocap.odometry.views import Views
 
 WIDTHS = np.array([30.0, 12.0, 5.0, 3.0])
@@ -88,8 +88,9 @@ class Odometry:
             return self._begin(index, time, images, masks)
         R, t = self._predicted(time)
         seen = self._follow(images, masks, R, t)
-        pose = self._pose(seen, R, t, index, time)
+        pose = self._pose(seen, replace(self._last, index=index, time=time, R=R, t=t))
         if isinstance(pose, Posed):
+            pose.twist = self._twist(pose)
             pose = self._sharpened(pose, images)
         if isinstance(pose, str):
             return self._miss(pose, len(seen.point))
@@ -161,8 +162,20 @@ class Odometry:
             last_pixel = np.array(image.shape)[::-1] - 1
             u, w = np.clip(pixels.round().astype(int), 0, last_pixel).T
             good &= ahead & (masks[v][w, u] > 0)
-            found = found.joined(self._observed(v, old.point[good], pixels[good], FLOW_NOISE_PX))
+            noise_px = max(FLOW_NOISE_PX, self.config.noise_px)
+            found = found.joined(self._observed(v, old.point[good], pixels[good], noise_px))
         return found
+
+    def _twist(self, pose: Posed) -> Float[Array, "6"]:
+        """The head's velocity at a new pose, from the last ones' extrapolated."""
+        last, before = self._last, self._before
+        if not self.views.timed or last is None:
+            return pose.twist
+        now = twist_between(last, pose, pose.R)
+        if before is None or self._missed:
+            return now
+        step = (pose.time - last.time) / (pose.time - before.time)
+        return now + step * (now - twist_between(before, last, pose.R))
 
     def _observed(
         self, view: int, points: Array, pixels: Float[Array, "n 2"], noise_px: float | None = None
@@ -172,18 +185,17 @@ class Odometry:
         _, density = self.views.ray_derivative(view, rays)
         blur = GREY_NOISE / np.maximum(self.map.patches.sharpness[points], 1e-3)
         sigma = np.hypot(noise_px or self.config.noise_px, blur)
-        return Observations(points, np.full(len(points), view), pixels, rays, density / sigma)
+        return Observations(points, np.full(len(points), view), pixels, rays,
+                            self.views.delay(view, pixels), density / sigma)  # fmt: skip
 
-    def _pose(
-        self, seen: Observations, R: Float[Array, "3 3"], t: Float[Array, "3"], index: int,
-        time: float,
-    ) -> Posed | str:  # fmt: skip
-        """The robust pose, or why there is none."""
+    def _pose(self, seen: Observations, guess: Posed) -> Posed | str:
+        """The robust pose near a guess, or why there is none."""
         if len(seen.point) < self.config.fewest:
             return "too few points followed"
-        data = (self.map.points[seen.point], self.views.centres[seen.view], seen.ray,
+        data = (self.map.points[seen.point],
+                *self.views.sights(seen.view, seen.ray, seen.delay, guess.twist),
                 seen.inv_sigma)  # fmt: skip
-        R, t, H = refine_pose(R, t, *data, WIDTHS, 6)
+        R, t, H = refine_pose(guess.R, guess.t, *data, WIDTHS, 6)
         inlier = squared_residuals(R, t, *data) < GATE**2
         self._learn_wearer(seen, inlier)
         if len(np.unique(seen.point[inlier])) < self.config.fewest:
@@ -193,7 +205,8 @@ class Odometry:
         sigma = np.sqrt(np.trace(np.linalg.inv(H)[3:, 3:]))
         if not sigma < MOST_SIGMA:
             return "the points do not determine the pose"
-        return Posed(index, time, R, t, seen[inlier], False, self._segment, H)
+        return replace(guess, R=R, t=t, seen=seen[inlier], keyframe=False, segment=self._segment,
+                       information=H)  # fmt: skip
 
     def _sharpened(
         self, pose: Posed, images: tuple[Image | None, ...], noise_px: float | None = None
@@ -208,7 +221,7 @@ class Odometry:
             A = self._warps(old.point, v, pose)
             pixels, good = aligned(self.map.patches, old.point, image, old.pixel, A)
             found = found.joined(self._observed(v, old.point[good], pixels[good], noise_px))
-        return self._pose(found, pose.R, pose.t, pose.index, pose.time)
+        return self._pose(found, pose)
 
     def seen_again(
         self, pose: Posed, points: Int[Array, "n"], images: tuple[Image | None, ...]
@@ -222,7 +235,9 @@ class Odometry:
         for _ in range(2):
             found = Observations.empty()
             for v, lens in enumerate(self.views.lens_masks):
-                pixels, ahead = self.views.project(v, (self.map.points[points] - pose.t) @ pose.R)
+                pixels, ahead = self.views.project_moving(
+                    v, (self.map.points[points] - pose.t) @ pose.R, pose.twist
+                )
                 u, w = np.clip(pixels.round(), 0, np.array(lens.shape)[::-1] - 1).astype(int).T
                 seen = np.flatnonzero(ahead & (lens[w, u] > 0))
                 seen = seen[fitting(self._warps(points[seen], v, pose))][: self.config.corners]
@@ -285,7 +300,8 @@ class Odometry:
             for b in self.views.partners[a]:
                 if not len(corners) or images[b] is None:
                     continue
-                pair = stereo.match(self.views, a, b, images, corners, self.config.noise_px)  # pyright: ignore
+                pair = stereo.match(self.views, a, b, images, corners, self.config.noise_px,  # pyright: ignore
+                                    pose.twist)  # fmt: skip
                 own = is_wearer(pair.points_head)
                 self.wearer[a].add(corners[pair.rows], own)
                 rows, kept = pair.rows[~own], np.flatnonzero(~own)
@@ -309,7 +325,9 @@ class Odometry:
         free = keys[-self.config.window :]
         older = keys[-self.config.window - _OLDER : -self.config.window]
         fixed = np.arange(len(older) + len(free)) < max(len(older), 1)
-        problem, numbers = self.map.problem([*older, *free], fixed, self.views.centres)
+        if self.views.timed:
+            self.map.renew_twists([*older, *free][:-1])
+        problem, numbers = self.map.problem([*older, *free], fixed, self.views)
         found = adjust(problem, 3.0, 3)
         for i, k in enumerate([*older, *free]):
             self.map.frames[k].R, self.map.frames[k].t = found.R[i], found.t[i]

@@ -97,6 +97,32 @@ def squared_residuals(R, t, X, o, b, inv_sigma):
 
 
 @njit(cache=True)
+def linearised(R, t, X, frame, point, o, b, inv_sigma):
+    """Residuals (N, 2) of observations and their derivatives.
+
+    Poses R (K, 3, 3) and t (K, 3); points X (P, 3); observation n is of `point` n by `frame` n.
+    Derivatives: by the pose (N, 2, 6), by the point (N, 2, 3), by the centre o (N, 2, 3) and by the
+    ray b (N, 2, 3), the last for small residuals.
+    """
+    N = len(frame)
+    r, J_pose, J_point = np.empty((N, 2)), np.empty((N, 2, 6)), np.empty((N, 2, 3))
+    J_centre, J_ray, basis = np.empty((N, 2, 3)), np.empty((N, 2, 3)), np.empty((2, 3))
+    for n in range(N):
+        k = frame[n]
+        residual(R[k], t[k], X[point[n]], o[n], b[n], inv_sigma[n], r[n], J_pose[n], J_point[n])
+        tangents(b[n], basis)
+        for a in range(2):
+            for i in range(3):
+                J_ray[n, a, i] = -inv_sigma[n] * basis[a, i]
+                # J_point = g R^T, and the centre is subtracted from R^T (X - t).
+                J_centre[n, a, i] = -(
+                    J_point[n, a, 0] * R[k, 0, i] + J_point[n, a, 1] * R[k, 1, i]
+                    + J_point[n, a, 2] * R[k, 2, i]
+                )  # fmt: skip
+    return r, J_pose, J_point, J_centre, J_ray
+
+
+@njit(cache=True)
 def normal_equations(R, t, X, o, b, inv_sigma, width):
     """J^T W J (6, 6), J^T W r (6) and the robust cost at a pose; `width` of the loss in sigmas."""
     r, J, J_point = np.empty(2), np.empty((2, 6)), np.empty((2, 3))

@@ -21,7 +21,8 @@ NEAREST, FARTHEST = 0.4, 40.0  # m
 STEP = 2.0  # px of disparity between hypotheses
 _ALIKE, _APART, _DISTINCT = 0.80, 3, 0.06
 _LEAST_GAIN = 0.005  # of the correlation, for another orientation than facing the ray
-_EPIPOLAR = 1.2  # px from the epipolar curve
+_EPIPOLAR = 1.2  # px from the epipolar curve, or so many standard deviations:
+_OFF_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +37,21 @@ class StereoMatches:
 
 def match(
     views: Views, a: int, b: int, images: tuple[UInt8[Array, "H W"], ...],
-    pixels: Float[Array, "n 2"], noise_px: float,
+    pixels: Float[Array, "n 2"], noise_px: float, twist: Float[Array, "6"],
 ) -> StereoMatches:  # fmt: skip
-    """Corners of view a that one place of view b matches distinctly, with their points."""
+    """Corners of view a that one place of view b matches distinctly, with their points.
+
+    `twist`: velocity of the head in its frame, rad/s and m/s.
+    """
     rays, valid = views.rays(a, pixels)
     slope, density = views.ray_derivative(a, rays)
-    origin, far = views.centres[a], views.centres[b] - views.centres[a]
+    origin, rays = views.sights(np.full(len(rays), a), rays, views.delay(a, pixels), twist)
+    far = views.centres[b] - views.centres[a]
     steps = np.linalg.norm(far) * density.max(initial=1.0) * (1 / NEAREST - 1 / FARTHEST) / STEP
     inverse_depth = np.linspace(1 / FARTHEST, 1 / NEAREST, max(int(steps), 8))
-    points = origin + rays[:, None] / inverse_depth[None, :, None]
-    where, J, seen = views.project_jacobian(b, points)
+    points = origin[:, None] + rays[:, None] / inverse_depth[None, :, None]
+    late = views.later(points, views.delay(b, pixels), twist)  # as if in the same row
+    where, J, seen = views.project_jacobian(b, late)
     A = (J / inverse_depth[None, :, None, None]) @ slope[:, None]
     scores = patches.correlations(
         images[a], pixels, images[b], where, A, seen & valid[:, None], 1.0
@@ -58,7 +64,8 @@ def match(
     planes = _Planes(rays[rows], slope[rows], 1.0 / inverse_depth[best], J[rows, best])
     templates, _ = patches.templates_at(images[a], pixels[rows])
     found, fit, normal = planes.aligned(templates, images[b], where[rows, best])
-    return _triangulated(views, (a, b), rays[rows], rows, found, fit > _ALIKE, noise_px, normal)
+    return _triangulated(views, (a, b), (origin[rows], rays[rows]), rows, found, fit > _ALIKE,
+                         noise_px, normal, twist)  # fmt: skip
 
 
 def _best(scores: Float[Array, "n H"]) -> tuple[Int[Array, "n"], Bool[Array, "n"]]:
@@ -103,16 +110,18 @@ class _Planes:
 
 
 def _triangulated(
-    views: Views, pair: tuple[int, int], rays: Float[Array, "m 3"], rows: Array,
-    found: Float[Array, "m 2"], good: Bool[Array, "m"], noise_px: float,
-    normal: Float[Array, "m 3"],
+    views: Views, pair: tuple[int, int], sights: tuple[Float[Array, "m 3"], Float[Array, "m 3"]],
+    rows: Array, found: Float[Array, "m 2"], good: Bool[Array, "m"], noise_px: float,
+    normal: Float[Array, "m 3"], twist: Float[Array, "6"],
 ) -> StereoMatches:  # fmt: skip
-    a, b = pair
-    other, valid = views.rays(b, found)
-    points, distance = intersect(views.centres[a], rays, views.centres[b], other)
-    back, _ = views.project(b, points)
+    (a, b), (origin, rays) = pair, sights
+    seen, valid = views.rays(b, found)
+    late = views.delay(b, found)
+    centre, other = views.sights(np.full(len(seen), b), seen, late, twist)
+    points, distance = intersect(origin, rays, centre, other)
+    back, _ = views.project(b, views.later(points, late, twist))
     good = good & valid & (distance > NEAREST) & (distance < 2 * FARTHEST)
-    good &= np.linalg.norm(back - found, axis=1) < _EPIPOLAR
+    good &= np.linalg.norm(back - found, axis=1) < max(_EPIPOLAR, _OFF_SIGMAS * noise_px)
     _, density = views.ray_derivative(a, rays)
     parallax = np.linalg.norm(np.cross(rays, other), axis=1)
     with np.errstate(divide="ignore"):
@@ -122,11 +131,12 @@ def _triangulated(
 
 
 def intersect(
-    o1: Float[Array, "3"], d1: Float[Array, "n 3"], o2: Float[Array, "3"], d2: Float[Array, "n 3"]
-) -> tuple[Float[Array, "n 3"], Float[Array, "n"]]:
+    o1: Float[Array, "n 3"], d1: Float[Array, "n 3"],
+    o2: Float[Array, "n 3"], d2: Float[Array, "n 3"],
+) -> tuple[Float[Array, "n 3"], Float[Array, "n"]]:  # fmt: skip
     """Points on the rays o1 + s d1 nearest to the rays from o2, and s [m]; s < 0 is behind."""
     across = o2 - o1
     cosine = (d1 * d2).sum(1)
     sine2 = np.maximum(1.0 - cosine**2, 1e-12)
-    s = (d1 @ across - cosine * (d2 @ across)) / sine2
+    s = ((d1 * across).sum(1) - cosine * (d2 * across).sum(1)) / sine2
     return o1 + s[:, None] * d1, s

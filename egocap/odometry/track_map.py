@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
+from scipy.spatial.transform import Rotation
 
 from egocap.odometry.adjustment import Problem
 from egocap.odometry.surface_patches import SurfacePatches
+from egocap.odometry.views import Views
+
+_NEAR_S = 0.15  # between frames whose poses tell a velocity
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,17 +24,17 @@ class Observations:
     point: Int[Array, "n"]
     view: Int[Array, "n"]
     pixel: Float[Array, "n 2"]
-    ray: Float[Array, "n 3"]  # head frame
+    ray: Float[Array, "n 3"]  # head frame, when it was seen
+    delay: Float[Array, "n"]  # s, of that after the frame's time
     inv_sigma: Float[Array, "n"]  # 1 / rad
 
     @classmethod
     def empty(cls) -> Observations:
         none = np.zeros(0, int)
-        return cls(none, none, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+        return cls(none, none, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
     def __getitem__(self, rows: Array) -> Observations:
-        return Observations(self.point[rows], self.view[rows], self.pixel[rows], self.ray[rows],
-                            self.inv_sigma[rows])  # fmt: skip
+        return Observations(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def joined(self, other: Observations) -> Observations:
         pairs = ((getattr(self, n), getattr(other, n)) for n in self.__dataclass_fields__)
@@ -48,6 +53,14 @@ class Posed:
     keyframe: bool
     segment: int
     information: Float[Array, "6 6"]
+    twist: Float[Array, "6"] = field(default_factory=lambda: np.zeros(6))
+    """Velocity in the head frame, rad/s and m/s."""
+
+
+def twist_between(before: Posed, after: Posed, R: Float[Array, "3 3"]) -> Float[Array, "6"]:
+    """Mean velocity from one frame to another in a head frame, rad/s and m/s."""
+    turn = Rotation.from_matrix(before.R.T @ after.R).as_rotvec()
+    return np.r_[turn, R.T @ (after.t - before.t)] / (after.time - before.time)
 
 
 @dataclass
@@ -83,8 +96,18 @@ class TrackMap:
         poses = [self.frames[i] for i in rows]
         return np.stack([p.R for p in poses])[place], np.stack([p.t for p in poses])[place]
 
+    def renew_twists(self, rows: Iterable[int]) -> None:
+        """Velocities of frames from the poses before and after them, where there are any."""
+        for row in rows:
+            own = self.frames[row]
+            near = [f for i in (row - 1, row, row + 1) if 0 <= i < len(self.frames)
+                    for f in (self.frames[i],) if f.segment == own.segment
+                    and abs(f.time - own.time) < _NEAR_S]  # fmt: skip
+            if near[0].time < near[-1].time:
+                own.twist = twist_between(near[0], near[-1], own.R)
+
     def problem(
-        self, keyframes: list[int], fixed: Array, centres: Float[Array, "V 3"]
+        self, keyframes: list[int], fixed: Array, views: Views
     ) -> tuple[Problem, Int[Array, "P"]]:
         """The adjustment of these frames (rows), and the numbers of its points.
 
@@ -97,14 +120,14 @@ class TrackMap:
         order = np.flatnonzero(kept)
         order = order[np.argsort(point[order], kind="stable")]
         numbers, counts = np.unique(point[order], return_counts=True)
-        view, ray, inv_sigma = (
-            np.concatenate([getattr(s, name) for s in seen])[order]
-            for name in ("view", "ray", "inv_sigma")
-        )
+        inv_sigma = np.concatenate([s.inv_sigma for s in seen])[order]
+        sights = [views.sights(s.view, s.ray, s.delay, self.frames[k].twist)
+                  for k, s in zip(keyframes, seen, strict=True)]  # fmt: skip
+        origin, ray = (np.concatenate(parts)[order] for parts in zip(*sights, strict=True))
         poses = [self.frames[k] for k in keyframes]
         problem = Problem(
             np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), self.points[numbers],
-            np.concatenate([[0], np.cumsum(counts)]), frame[order], centres[view], ray, inv_sigma,
+            np.concatenate([[0], np.cumsum(counts)]), frame[order], origin, ray, inv_sigma,
             np.asarray(fixed),
         )  # fmt: skip
         return problem, numbers

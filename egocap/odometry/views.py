@@ -1,4 +1,11 @@
-"""The views of a rig at working size: rays, their derivatives and standard deviations."""
+"""The views of a rig at working size: rays, their derivatives, and when pixels are exposed.
+
+A frame's pose is that at its time. A pixel of a late view, or of a rolling shutter's row, is
+exposed `delay` seconds after it, when the head has moved by its twist: rotation [rad/s] and
+translation [m/s] in the head frame.
+
+Source: Hedborg et al. 2012, Rolling shutter bundle adjustment.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
+from egocap.geometry import exponential
 
 RIM = np.deg2rad(3.0)
 """Outermost part of the field of view, left out."""
@@ -21,9 +29,11 @@ _GRID = 8
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """A rig whose pictures are at most `width` pixels wide."""
+    """A rig whose pictures are at most `width` pixels wide, and when its views are exposed."""
 
     rig: Rig
+    lag_s: tuple[float, ...] = ()  # of the middle row of each view behind the frame; empty: none
+    readout_s: tuple[float, ...] = ()  # of each view, from the first row to the last; empty: none
 
     @classmethod
     def of(cls, rig: Rig, width: int) -> Views:
@@ -85,6 +95,50 @@ class Views:
         """Pixels of points in the head frame."""
         T = self.T_camera_head[view]
         return self.cameras[view].project(points_head @ T[:3, :3].T + T[:3, 3])
+
+    @property
+    def timed(self) -> bool:
+        """Whether pixels are exposed at other times than the frame's."""
+        return any(self.lag_s) or any(self.readout_s)
+
+    def delay(self, view: int, pixels: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
+        """Seconds from the frame's time to the exposure of a view's pixels."""
+        if not self.timed:
+            return np.zeros(pixels.shape[:-1])
+        row = pixels[..., 1] / (self.cameras[view].height - 1) - 0.5
+        return self.lag_s[view] + self.readout_s[view] * np.clip(row, -0.5, 0.5)
+
+    def sights(
+        self, view: Int[Array, "n"], rays: Float[Array, "n 3"], delay: Float[Array, "n"],
+        twist: Float[Array, "6"],
+    ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:  # fmt: skip
+        """Camera centres [m] and rays, seen `delay` after a frame, in its own head frame."""
+        centres = self.centres[view]
+        if not delay.any():
+            return centres, rays
+        R = exponential(delay[:, None] * twist[:3])
+        moved = np.einsum("nij,nj->ni", R, centres) + delay[:, None] * twist[3:]
+        return moved, np.einsum("nij,nj->ni", R, rays)
+
+    def later(
+        self, points_head: Float[Array, "n *m 3"], delay: Float[Array, "n"],
+        twist: Float[Array, "6"],
+    ) -> Float[Array, "n *m 3"]:  # fmt: skip
+        """Points in the head frame `delay` after a frame, from those in the frame's."""
+        if not delay.any():
+            return points_head
+        moved = (delay[:, None] * twist[3:]).reshape(-1, *(1,) * (points_head.ndim - 2), 3)
+        R = exponential(delay[:, None] * twist[:3])
+        return np.einsum("n...j,nji->n...i", points_head - moved, R)
+
+    def project_moving(
+        self, view: int, points_head: Float[Array, "n 3"], twist: Float[Array, "6"]
+    ) -> tuple[Float[Array, "n 2"], Bool[Array, "n"]]:
+        """`project` with the rows' times."""
+        pixels, valid = self.project(view, points_head)
+        if not self.timed:
+            return pixels, valid
+        return self.project(view, self.later(points_head, self.delay(view, pixels), twist))
 
     def turned(
         self, view: int, image: UInt8[Array, "H W"], turn: Float[Array, "3 3"]

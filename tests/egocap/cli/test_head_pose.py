@@ -10,6 +10,7 @@ from egocap.data.sequence import Sequence
 from egocap.geometry import inverse
 from egocap.head_pose.config import SfmConfig
 from egocap.head_pose.estimate import MapPoses
+from egocap.odometry.views import Views
 from tests.egocap.cli.test_cli import complaint
 from tests.egocap.head_pose.motion import T_DEVICE_HEAD, head_motion, quaternions
 
@@ -83,6 +84,7 @@ def test_structure_from_motion_has_the_sequence_the_body_and_its_settings(
         frames = np.array([1, 2, 3])
         poses = head_motion(sequence.times[frames])
         return MapPoses(frames, sequence.times[frames], poses, None, np.zeros((0, 3)),
+                        Views.of(rig, config.width),
                         {"method": "sfm", "points": 0}, {0: "dark"})  # fmt: skip
 
     name = "egocap.head_pose.from_pictures.by_structure_from_motion"

@@ -25,25 +25,34 @@ def small_rig(width=320, height=256):
 class BoxWorld:
     """A room whose faces carry smooth random texture."""
 
-    def __init__(self, seed=0, contrast=60.0, scale=1.0):
+    def __init__(self, seed=0, contrast=60.0, scale=1.0, texel=TEXEL):
         rng = np.random.default_rng(seed)
         side = int(12.0 / TEXEL)
-        self.low, self.high, self.texel = scale * LOW, scale * HIGH, scale * TEXEL
+        self.low, self.high, self.texel = scale * LOW, scale * HIGH, scale * texel
         self.texture = 128.0 + contrast * rng.normal(size=(6, side, side)).clip(-2, 2)
 
-    def picture(self, rig, view, T_world_head):
-        """Grey picture of one view, 8 bits."""
+    def picture(self, rig, view, T_world_head, rows=slice(None)):
+        """Grey picture of one view, 8 bits, or some of its rows."""
         mount = rig.mounts[view]
         camera = mount.camera
-        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
+        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)[rows]
         rays, valid = camera.ray(pixels.astype(float))
         T = T_world_head @ mount.T_head_camera
         d = rays.reshape(-1, 3) @ T[:3, :3].T
-        values = self._seen(T[:3, 3], d).reshape(camera.height, camera.width)
+        values = self._seen(T[:3, 3], d).reshape(valid.shape)
         return np.where(valid, values, 0.0).round().clip(0, 255).astype(np.uint8)
 
     def pictures(self, rig, T_world_head):
         return tuple(self.picture(rig, v, T_world_head) for v in range(len(rig.mounts)))
+
+    def rolling(self, rig, poses):
+        """Pictures of all views whose bands of rows, from the top, are taken at these poses."""
+        edges = np.linspace(0, rig.cameras[0].height, len(poses) + 1).round().astype(int)
+        return tuple(
+            np.vstack([self.picture(rig, v, T, slice(a, b))
+                       for T, a, b in zip(poses, edges, edges[1:], strict=False)])
+            for v in range(len(rig.mounts))
+        )  # fmt: skip
 
     def _seen(self, origin, d):
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -41,7 +41,7 @@ def test_segments_of_one_place_are_joined():
     odometry = follow(pictures, len(poses))
     assert {f.segment for f in odometry.map.frames} == {0, 1}
     assert join_segments(odometry, pictures) == 1
-    result = finish(odometry.map, odometry.views.centres)
+    result = finish(odometry.map, odometry.views)
     assert set(range(20)) | set(range(34, 56)) <= set(result.frame)
     distance, angle = apart(poses[result.frame], result.T_map_head)
     assert distance.max() < 0.005
@@ -70,7 +70,7 @@ def test_a_loop_is_closed():
     before = [len(f.seen.point) for f in odometry.map.frames]
     assert close_loops(odometry, pictures) > 0
     assert sum(len(f.seen.point) for f in odometry.map.frames) > sum(before)
-    result = finish(odometry.map, odometry.views.centres)
+    result = finish(odometry.map, odometry.views)
     distance, angle = apart(poses[result.frame], result.T_map_head)
     assert distance.max() < 0.004
     assert angle.max() < np.deg2rad(0.1)

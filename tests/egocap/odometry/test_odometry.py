@@ -50,7 +50,7 @@ def test_a_walk_is_followed_to_millimetres(walked):
 
 def test_the_whole_recording_is_adjusted_with_a_covariance(walked):
     poses, odometry, _ = walked
-    result = finish(odometry.map, odometry.views.centres)
+    result = finish(odometry.map, odometry.views)
     off = inverse(poses[0]) @ poses
     distance = np.linalg.norm(result.T_map_head[:, :3, 3] - off[:, :3, 3], axis=1)
     assert distance.max() < 0.005

@@ -1,0 +1,145 @@
+"""Corrections of a rig from pictures of a box: planted errors of calibration and shutter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from egocap.geometry import exponential, inverse
+from egocap.odometry import self_calibration
+from egocap.odometry.config import OdometryConfig
+from egocap.odometry.finish import finish
+from egocap.odometry.odometry import Odometry
+from egocap.odometry.ray_kernel import linearised
+from egocap.odometry.self_calibration import PARAMETERS, corrected, find_correction
+from egocap.odometry.views import Views
+from tests.egocap.odometry.box_world import BoxWorld, apart, small_rig, walk
+
+WORLD, VIEWS = BoxWorld(texel=0.1), Views.of(small_rig(), 320)
+CONFIG = OdometryConfig(width=320, corners=120)
+FRAMES, BANDS, STEPS = 48, 16, 64  # of the walk; of a picture's rows; of poses from frame to frame
+READOUT = BANDS * 2 / STEPS / 30  # s
+TOLERANT = replace(CONFIG, noise_px=self_calibration.NOISE_PX)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """Poses of a walk, `STEPS` a frame."""
+    return walk((FRAMES + 1) * STEPS, turn=1.2, fps=30.0 * STEPS)
+
+
+@pytest.fixture(scope="module")
+def still(fine):
+    """Pictures whose rows are taken at once."""
+    return [WORLD.pictures(VIEWS.rig, T) for T in fine[STEPS::STEPS]]
+
+
+@pytest.fixture(scope="module")
+def rolling(fine):
+    """Pictures of a rolling shutter."""
+    rows = STEPS * np.arange(1, FRAMES + 1)[:, None] + 2 * np.arange(BANDS) + 1 - BANDS
+    return [WORLD.rolling(VIEWS.rig, fine[row]) for row in rows]
+
+
+def follow(views, pictures, config):
+    odometry = Odometry(views, config)
+    found = [odometry.add(i, i / 30.0, own) for i, own in enumerate(pictures)]
+    return odometry, sum(f.T_world_head is not None for f in found)
+
+
+def path_error(fine, odometry):
+    """Largest distance [m] from the true path, the first poses aligned."""
+    result = finish(odometry.map, odometry.views)
+    distance, _ = apart(fine[STEPS * (result.frame + 1)], result.T_map_head)
+    return distance.max()
+
+
+def miscalibrated():
+    """The rig with its right view turned by 0.4 degrees, and both centres and lengths wrong."""
+    values = np.zeros((2, len(PARAMETERS)))
+    values[1, :3] = np.deg2rad([0.3, -0.2, 0.2])
+    values[:, 6] = 0.003, -0.002
+    values[:, 7:9] = [0.6, -0.4], [-0.5, 0.3]
+    return corrected(VIEWS, values)
+
+
+def test_a_miscalibrated_rig_is_corrected(fine, still):
+    wrong = miscalibrated()
+    before, _ = follow(wrong, still, CONFIG)
+    odometry, _ = follow(wrong, still, TOLERANT)
+    correction = find_correction(odometry.map, wrong)
+    assert correction is not None
+    for found, true, given in zip(
+        correction.views.cameras, VIEWS.cameras, wrong.cameras, strict=True
+    ):
+        off = np.abs(np.subtract(found.centre, true.centre))
+        assert (off < 0.4 * np.abs(np.subtract(given.centre, true.centre)) + 0.1).all()
+    T = inverse(VIEWS.rig.T_head_camera[0]) @ VIEWS.rig.T_head_camera[1]
+    turn = inverse(T) @ (
+        inverse(correction.views.rig.T_head_camera[0]) @ correction.views.rig.T_head_camera[1]
+    )
+    angle = np.degrees(np.arccos(np.clip((np.trace(turn[:3, :3]) - 1) / 2, -1, 1)))
+    assert angle < 0.1
+    after, posed = follow(correction.views, still, CONFIG)
+    assert posed == FRAMES
+    assert path_error(fine, after) < 0.3 * path_error(fine, before)
+
+
+def test_a_rolling_shutter_is_found_and_its_path_is_right(fine, rolling):
+    odometry, _ = follow(VIEWS, rolling, TOLERANT)
+    correction = find_correction(odometry.map, VIEWS)
+    assert correction is not None
+    assert correction.values[:, -1] == pytest.approx([READOUT] * 2, abs=0.0015)
+    assert correction.facts()["left"]["readout_ms"] == pytest.approx(1e3 * READOUT, abs=1.5)
+    before, _ = follow(VIEWS, rolling, CONFIG)
+    after, posed = follow(correction.views, rolling, CONFIG)
+    assert posed == FRAMES
+    assert path_error(fine, after) < 0.4 * path_error(fine, before)
+
+
+def test_an_exact_rig_stays_as_it_is(still):
+    odometry, _ = follow(VIEWS, still, TOLERANT)
+    assert find_correction(odometry.map, VIEWS) is None
+
+
+def test_too_few_keyframes_tell_nothing(still):
+    odometry, _ = follow(miscalibrated(), still[:8], TOLERANT)
+    assert find_correction(odometry.map, VIEWS) is None
+
+
+def test_points_and_sights_move_with_the_head(rng):
+    """A point seen later lies on the ray as moved into the frame."""
+    views = Views(VIEWS.rig, (0.0, 0.004), (0.02, 0.01))
+    twist = np.array([0.5, -1.0, 2.0, 1.5, 0.2, -0.3])
+    points = rng.normal(size=(50, 3)) + [2.0, 0.0, -1.5]
+    for v in range(2):
+        pixels, valid = views.project_moving(v, points, twist)
+        for _ in range(3):
+            delay = views.delay(v, pixels)
+            pixels, valid = views.project(v, views.later(points, delay, twist))
+        assert valid.sum() > 20
+        assert np.ptp(delay[valid]) > 0.003
+        rays, _ = views.rays(v, pixels[valid])
+        centre, ray = views.sights(
+            np.full(len(rays), v), rays, views.delay(v, pixels[valid]), twist
+        )
+        away = points[valid] - centre
+        assert np.abs(np.cross(away, ray)).max() < 1e-5
+
+
+def test_derivatives_of_residuals_by_centre_and_ray(rng):
+    R, t, X = exponential(rng.normal(size=(1, 3))), rng.normal(size=(1, 3)), rng.normal(size=(5, 3))
+    X = X + 4.0
+    o, inv_sigma, none = 0.1 * rng.normal(size=(5, 3)), np.full(5, 100.0), np.zeros(5, int)
+    away = (X - t) @ R[0] - o
+    b = away / np.linalg.norm(away, axis=1, keepdims=True)
+    at = np.arange(5)
+    r, *_, J_centre, J_ray = linearised(R, t, X, none, at, o, b, inv_sigma)
+    assert np.abs(r).max() < 1e-10
+    for i in range(3):
+        h = 1e-6 * np.eye(3)[i]
+        by_centre = linearised(R, t, X, none, at, o + h, b, inv_sigma)[0] / 1e-6
+        assert by_centre == pytest.approx(J_centre[:, :, i], abs=1e-3)
+        turned = b + h - (b @ h)[:, None] * b  # stays of unit length
+        by_ray = linearised(R, t, X, none, at, o, turned, inv_sigma)[0] / 1e-6
+        assert by_ray == pytest.approx(J_ray[:, :, i], abs=1e-2)

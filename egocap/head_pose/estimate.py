@@ -22,12 +22,16 @@ from egocap.head_pose.pictures import grey_frames, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
 from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.head_pose.wearer import WearerMasks
-from egocap.odometry import self_calibration
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import Finished, finish
 from egocap.odometry.loop_closure import close_loops, join_segments
 from egocap.odometry.odometry import HeadPose, Odometry
-from egocap.odometry.self_calibration import Correction
+from egocap.odometry.self_calibration import (
+    KEYFRAMES,
+    NOISES_PX,
+    Correction,
+    find_correction,
+)
 from egocap.odometry.views import Views
 
 log = logging.getLogger(__name__)
@@ -92,13 +96,17 @@ def _correction(
     sequence: Sequence, views: Views, config: OdometryConfig, wearer: WearerMasks | None
 ) -> Correction | None:
     """What is wrong with a rig, by its first keyframes."""
-    odometry = Odometry(views, replace(config, noise_px=self_calibration.NOISE_PX))
-    for index, _ in _followed(sequence, odometry, wearer):
-        if len(odometry.map.keyframes) >= self_calibration.KEYFRAMES or index >= LONGEST:
-            break
-    if not odometry.map.frames:
-        return None
-    return self_calibration.find_correction(odometry.map, views)
+    correction: Correction | None = None
+    for noise_px in NOISES_PX:
+        now = views if correction is None else correction.views
+        odometry = Odometry(now, replace(config, noise_px=noise_px))
+        for index, _ in _followed(sequence, odometry, wearer):
+            if len(odometry.map.keyframes) >= KEYFRAMES or index >= LONGEST:
+                break
+        correction = find_correction(odometry.map, views, correction)
+        if correction is None:
+            return None
+    return correction
 
 
 def vertical_of(sequence: Sequence, found: MapPoses, inertial: Vertical | None = None) -> Vertical:

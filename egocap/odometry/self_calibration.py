@@ -3,9 +3,10 @@
 In: the map of an odometry that took a rig as it was given. Out: the same rig with its mounts, focal
 lengths and centres corrected, the lag of each view, and the readout time of its rolling shutter.
 
-Keyframes, points and the rig are adjusted together; the corrections have prior standard deviations,
-which also settle what pictures cannot tell: the distance between the cameras and the direction of
-the head. Its geometry, or its timing, stays as given where nothing significant is found.
+Keyframes, points and the rig are adjusted together. The corrections have prior standard deviations,
+which also settle what pictures cannot tell: the distance between the cameras. The mean pose of the
+cameras on the head, which they cannot tell either, is kept. The rig's geometry, or its timing,
+stays as given where nothing significant is found.
 
 Source: Triggs et al. 2000, section 6 (the reduced camera system); Hedborg et al. 2012 (rows).
 """
@@ -19,29 +20,36 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
+from scipy.sparse import csr_array
 
 from egocap.geometry import exponential
 from egocap.odometry.ray_kernel import linearised, turned
 from egocap.odometry.track_map import TrackMap
 from egocap.odometry.views import Views
 
-NOISE_PX = 1.0
-"""Standard deviation of a corner, pixels, with a rig that may be wrong."""
+NOISES_PX = 1.0, 0.3
+"""Standard deviation of a corner, pixels, with a rig as given, and as corrected a first time."""
 KEYFRAMES = 30
 """From so many the rig is corrected."""
 FEWEST_KEYFRAMES = 10
 SIGNIFICANT = 6.0
 """Standard deviations of a correction that is believed: neighbouring corners err together."""
+LIKELY = 3.0
+"""Prior standard deviations within which a correction is believed."""
+AGREE, LEAST_AGREE = 0.5, 0.65
+"""Standard deviations by which a share of the corners errs with a correction that is believed."""
 
 PARAMETERS = ("rotation x", "rotation y", "rotation z", "x", "y", "z", "focal length",
               "centre u", "centre v", "lag", "readout")  # fmt: skip
 PRIOR = np.array([*[np.deg2rad(0.5)] * 3, *[0.003] * 3, 0.005, 2.0, 2.0, 0.005, 0.02])
-"""Standard deviations: rad, m, share, px, s."""
+"""Standard deviations: rad and m in the camera's frame, share, px, s."""
 LAG = PARAMETERS.index("lag")
-TIMING = np.arange(len(PARAMETERS)) >= LAG
-_FIXED = 1e-4  # of the prior standard deviation, where a correction is not sought
+TIMING = np.array([name in ("lag", "readout") for name in PARAMETERS])
+_FIXED = 1e-3  # of the prior standard deviation, where a correction is not sought
 _STEP = 1e-3 * PRIOR
 _ROUNDS = 12
+_LOSS, _LEAST_NOISE = 3.0, 0.02  # width of the loss, and the noise, in standard deviations
+_HELD = 1e12  # information of the first keyframe
 _CHI2_MEDIAN = 2.0 * np.log(2.0)  # of 2 degrees of freedom
 
 
@@ -98,20 +106,32 @@ def corrected(views: Views, values: Float[Array, "V 11"]) -> Views:
     return Views(rig, tuple(values[:, 9].tolist()), tuple(values[:, 10].tolist()))
 
 
-def find_correction(found: TrackMap, views: Views) -> Correction | None:
-    """What is significantly wrong with a rig, from the map's longest segment; None: nothing."""
+def find_correction(
+    found: TrackMap, views: Views, first: Correction | None = None
+) -> Correction | None:
+    """What is significantly wrong with a rig, from a map's longest segment; None: nothing.
+
+    `first`: an earlier correction of the rig, with which the map was made.
+    """
+    if not found.frames:
+        return None
     segment, _ = Counter(f.segment for f in found.frames).most_common(1)[0]
     keys = [k for k in found.keyframes if found.frames[k].segment == segment]
     if len(keys) < FEWEST_KEYFRAMES:
         return None
     found.renew_twists(keys)
     seen = _observations(found, keys)
-    poses = np.stack([found.frames[k].R for k in keys]), np.stack([found.frames[k].t for k in keys])
+    state = (np.stack([found.frames[k].R for k in keys]),
+             np.stack([found.frames[k].t for k in keys]), found.points[seen.numbers])  # fmt: skip
+    start = np.zeros((len(views), len(PARAMETERS))) if first is None else first.values
     sought = np.ones(len(PARAMETERS), bool)
     while sought.any():
-        values, std = _adjusted(views, seen, *poses, found.points[seen.numbers], sought)
-        sure = (np.abs(values) > SIGNIFICANT * std).any(0)
-        believed = np.array([sure[kind == TIMING].any() for kind in TIMING]) & sought
+        values, std, agree = _adjusted(views, seen, *state, start * sought, sought)
+        unlikely = (np.abs(values) > LIKELY * PRIOR).any()
+        if unlikely or (first is None and agree < LEAST_AGREE):
+            return None
+        sure = np.any(np.abs(values) > SIGNIFICANT * std, axis=0)
+        believed = sought & np.where(TIMING, np.any(sure & TIMING), np.any(sure & ~TIMING))
         if np.array_equal(believed, sought):
             return Correction(corrected(views, values), values, std)
         sought = believed
@@ -120,19 +140,20 @@ def find_correction(found: TrackMap, views: Views) -> Correction | None:
 
 def _adjusted(
     views: Views, seen: _Seen, R: Float[Array, "K 3 3"], t: Float[Array, "K 3"],
-    X: Float[Array, "P 3"], sought: Bool[Array, "11"],
-) -> tuple[Float[Array, "V 11"], Float[Array, "V 11"]]:  # fmt: skip
-    """The corrections that are sought, and their standard deviations."""
+    X: Float[Array, "P 3"], values: Float[Array, "V 11"], sought: Bool[Array, "11"],
+) -> tuple[Float[Array, "V 11"], Float[Array, "V 11"], float]:  # fmt: skip
+    """The corrections that are sought, their standard deviations, and the share that agrees."""
     prior = np.tile(np.where(sought, PRIOR, _FIXED * PRIOR), (len(views), 1))
-    prior[0, LAG] *= _FIXED  # lags are behind the first view
-    values, noise = np.zeros_like(prior), np.inf
+    prior[0, LAG] = _FIXED * PRIOR[LAG]  # lags are behind the first view
+    system = _system(views, seen, R, t, X, values, prior, np.inf)
     for _ in range(_ROUNDS):
-        (pose, rig, points), noise, covariance = _step(views, seen, R, t, X, values, prior, noise)
+        pose, rig, points = system.step()
         R = np.stack([turned(a, w) for a, w in zip(R, pose[:, :3], strict=True)])
         t, X, values = t + pose[:, 3:], X + points, values + rig
+        system = _system(views, seen, R, t, X, values, prior, system.noise)
         if np.abs(rig / PRIOR).max() < 1e-3:
             break
-    return values * (prior == PRIOR), np.sqrt(np.diag(covariance)).reshape(values.shape)  # pyright: ignore
+    return values * (prior == PRIOR), system.std(), system.agree
 
 
 def _observations(found: TrackMap, keys: list[int]) -> _Seen:
@@ -162,55 +183,98 @@ def _sights(
     return centre, np.einsum("nij,nj->ni", turn, rays)
 
 
-def _step(
-    views: Views, seen: _Seen, R: Float[Array, "K 3 3"], t: Float[Array, "K 3"],
-    X: Float[Array, "P 3"], values: Float[Array, "V 11"], prior: Float[Array, "V 11"],
-    noise: float,
-) -> tuple[tuple[Array, Array, Array], float, Float[Array, "S S"]]:  # fmt: skip
-    """One Gauss-Newton step of poses, rig and points; the noise before it; the rig's covariance."""
-    N, K, count = len(seen.frame), len(R), values.size
+def _sights_by_value(
+    views: Views, seen: _Seen, values: Float[Array, "V 11"]
+) -> tuple[Float[Array, "N 3"], Float[Array, "N 3"], Float[Array, "N 3 Q"], Float[Array, "N 3 Q"]]:
+    """Centres and rays of all observations, and their derivatives (central differences)."""
+    N = len(seen.frame)
     o, b = np.empty((N, 3)), np.empty((N, 3))
-    do, db = np.zeros((N, 3, count)), np.zeros((N, 3, count))
+    do, db = (np.zeros((N, 3, *values.shape)) for _ in range(2))
     for v in range(len(views)):
         rows = np.flatnonzero(seen.view == v)
         o[rows], b[rows] = _sights(views, seen, values, v)
         for i, h in enumerate(_STEP):
-            less, more = values.copy(), values.copy()
-            less[v, i], more[v, i] = values[v, i] - h, values[v, i] + h
-            (o0, b0), (o1, b1) = (_sights(views, seen, x, v) for x in (less, more))
-            column = v * len(PARAMETERS) + i
-            do[rows, :, column], db[rows, :, column] = (o1 - o0) / (2 * h), (b1 - b0) / (2 * h)
+            step = np.zeros_like(values)
+            step[v, i] = h
+            (o0, b0), (o1, b1) = (_sights(views, seen, values + d, v) for d in (-step, step))
+            do[rows, :, v, i], db[rows, :, v, i] = (o1 - o0) / (2 * h), (b1 - b0) / (2 * h)
+    return o, b, do.reshape(N, 3, -1), db.reshape(N, 3, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Normal equations of the poses and the rig, in this order, and of the points."""
+
+    noise: float  # of the residuals, in the assumed standard deviation
+    agree: float  # share of the observations
+    H: Float[Array, "S S"]
+    g: Float[Array, "S"]
+    W: Float[Array, "P 3 S"]
+    V_inv: Float[Array, "P 3 3"]
+    g_point: Float[Array, "P 3"]
+    shape: tuple[int, ...]  # of the rig's values
+
+    def reduced(self) -> tuple[Float[Array, "S S"], Float[Array, "S"]]:
+        """The equations without the points."""
+        flat = self.W.reshape(-1, len(self.g))
+        eliminated = (self.V_inv @ self.W).reshape(flat.shape)
+        return self.H - flat.T @ eliminated, self.g - eliminated.T @ self.g_point.ravel()
+
+    def step(self) -> tuple[Float[Array, "K 6"], Float[Array, "V 11"], Float[Array, "P 3"]]:
+        """Gauss-Newton steps of the poses, the rig and the points."""
+        S, g = self.reduced()
+        step, first = np.linalg.solve(S, -g), len(g) - int(np.prod(self.shape))
+        points = -np.einsum("pij,pj->pi", self.V_inv, self.g_point + self.W @ step)
+        return step[:first].reshape(-1, 6), step[first:].reshape(self.shape), points
+
+    def std(self) -> Float[Array, "V 11"]:
+        """Standard deviations of the rig's values."""
+        covariance = np.linalg.inv(self.reduced()[0])
+        return np.sqrt(np.diag(covariance)[-int(np.prod(self.shape)) :]).reshape(self.shape)
+
+
+def _system(
+    views: Views, seen: _Seen, R: Float[Array, "K 3 3"], t: Float[Array, "K 3"],
+    X: Float[Array, "P 3"], values: Float[Array, "V 11"], prior: Float[Array, "V 11"],
+    noise: float,
+) -> _System:  # fmt: skip
+    """The equations at a state, with a loss as wide as the residuals, at most as `noise`."""
+    N, K = len(seen.frame), len(R)
+    o, b, do, db = _sights_by_value(views, seen, values)
     r, J_pose, J_point, J_centre, J_ray = linearised(
         R, t, X, seen.frame, seen.point, o, b, seen.inv_sigma
     )
-    J_rig = J_centre @ do + J_ray @ db
     squared = (r**2).sum(1)
     free = 1.0 - 3.0 * len(X) / (2.0 * N)
     measured = float(np.sqrt(np.median(squared) / _CHI2_MEDIAN / max(free, 0.2)))
-    noise = max(min(noise, measured), 0.02)
-    width2 = (3.0 * noise) ** 2
+    noise = max(min(noise, measured), _LEAST_NOISE)
+    width2 = (_LOSS * noise) ** 2
     weight = (width2 / (width2 + squared)) ** 2 / noise**2
-    J = np.zeros((N, 2, 6 * K + count))
-    J[np.arange(N)[:, None], :, 6 * seen.frame[:, None] + np.arange(6)] = J_pose.transpose(0, 2, 1)
-    J[:, :, 6 * K :] = J_rig
-    weighted = weight[:, None, None] * J
-    H = np.einsum("nai,naj->ij", weighted, J, optimize=True)
-    g = np.einsum("nai,na->i", weighted, r)
-    H[np.arange(6), np.arange(6)] += 1e12  # the first keyframe is held
-    rig = np.arange(6 * K, len(H))
-    H[rig, rig] += 1.0 / prior.ravel() ** 2
-    g[rig] += values.ravel() / prior.ravel() ** 2
-    W, V, gp = np.zeros((len(X), 3, len(H))), np.zeros((len(X), 3, 3)), np.zeros((len(X), 3))
-    np.add.at(W, seen.point, J_point.transpose(0, 2, 1) @ weighted)
-    scaled = weight[:, None, None] * J_point
-    np.add.at(V, seen.point, scaled.transpose(0, 2, 1) @ J_point)
-    np.add.at(gp, seen.point, np.einsum("nai,na->ni", scaled, r))
-    V += 1e-6 * np.eye(3) * np.trace(V, axis1=1, axis2=2)[:, None, None] + 1e-9 * np.eye(3)
-    VW = np.linalg.solve(V, W)
-    S = H - np.einsum("pai,paj->ij", W, VW, optimize=True)
-    rhs = g - np.einsum("pai,pa->i", VW, gp)
-    inverse = np.linalg.inv(S)
-    step = -inverse @ rhs
-    points = -np.linalg.solve(V, (gp + W @ step)[..., None])[..., 0]
-    parts = step[: 6 * K].reshape(K, 6), step[6 * K :].reshape(values.shape), points
-    return parts, noise, inverse[6 * K :, 6 * K :]
+    J = np.zeros((N, 2, 6 * K + values.size))
+    columns = 6 * seen.frame[:, None] + np.arange(6)
+    J[np.arange(N)[:, None], :, columns] = J_pose.transpose(0, 2, 1)
+    J[:, :, 6 * K :] = J_centre @ do + J_ray @ db
+    weighted = (weight[:, None, None] * J).reshape(2 * N, -1)
+    H, g = weighted.T @ J.reshape(2 * N, -1), weighted.T @ r.ravel()
+    H[np.arange(6), np.arange(6)] += _HELD
+    given = np.diag(1.0 / prior.ravel() ** 2) + _kept_mean(views)
+    H[6 * K :, 6 * K :] += given
+    g[6 * K :] += given @ values.ravel()
+    of_point = csr_array((np.ones(N), (seen.point, np.arange(N))), shape=(len(X), N))
+    by_point = weight[:, None, None] * J_point.transpose(0, 2, 1)
+    W, V, g_point = (
+        (of_point @ part.reshape(N, -1)).reshape(len(X), 3, -1)
+        for part in (by_point @ J, by_point @ J_point, by_point @ r[..., None])
+    )
+    V = V + 1e-6 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
+    agree = float((squared < AGREE**2).mean())
+    return _System(noise, agree, H, g, W, np.linalg.inv(V), g_point[..., 0], values.shape)
+
+
+def _kept_mean(views: Views) -> Float[Array, "Q Q"]:
+    """Information that keeps the cameras' mean rotation and place on the head."""
+    mean = np.zeros((6, len(views), len(PARAMETERS)))
+    for v, R in enumerate(views.rig.T_head_camera[:, :3, :3]):
+        mean[:3, v, :3] = mean[3:, v, 3:6] = R / len(views)
+    mean = mean.reshape(6, -1) / (_FIXED * PRIOR[:6, None])
+    return mean.T @ mean

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from egocap.geometry import exponential, inverse
-from egocap.odometry import self_calibration
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import finish
 from egocap.odometry.odometry import Odometry
 from egocap.odometry.ray_kernel import linearised
-from egocap.odometry.self_calibration import PARAMETERS, corrected, find_correction
+from egocap.odometry.self_calibration import NOISES_PX, PARAMETERS, corrected, find_correction
 from egocap.odometry.views import Views
 from tests.egocap.odometry.box_world import BoxWorld, apart, small_rig, walk
 
@@ -19,7 +18,7 @@ WORLD, VIEWS = BoxWorld(texel=0.1), Views.of(small_rig(), 320)
 CONFIG = OdometryConfig(width=320, corners=120)
 FRAMES, BANDS, STEPS = 48, 16, 64  # of the walk; of a picture's rows; of poses from frame to frame
 READOUT = BANDS * 2 / STEPS / 30  # s
-TOLERANT = replace(CONFIG, noise_px=self_calibration.NOISE_PX)
+TOLERANT = replace(CONFIG, noise_px=NOISES_PX[0])
 
 
 @pytest.fixture(scope="module")

@@ -103,6 +103,8 @@ def _refuse(
 def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> None:
     import numpy as np
 
+    from egocap.head_pose.rig_correction import correction_lines
+
     position = result.T_world_head[:, :3, 3]
     length = float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
     summary: dict[str, Any] = {
@@ -118,11 +120,8 @@ def _print(path: Path, result: HeadTrajectory, frames: int, as_json: bool) -> No
         return
     print(f"{path}: {len(result.time)} of {frames} frames, path of {length:.1f} m")
     print(_origin(result.facts))
-    for view, found in result.facts.get("self_calibration", {}).items():
-        print(f"{view} corrected: turned by {found['rotation_deg']:.2f} degrees, moved by "
-              f"{found['translation_mm']:.1f} mm, focal length {found['focal_percent']:+.2f} %, "
-              f"centre by {found['centre_px']:.1f} px; lag {found['lag_ms']:.1f} ms, first to last "
-              f"row {found['readout_ms']:.1f} +- {found['readout_std_ms']:.1f} ms")  # fmt: skip
+    for line in correction_lines(result.facts.get("self_calibration", {})):
+        print(line)
     if "imu" in result.facts:
         told = result.facts["imu"]
         left = 1e3 * told["residual_m_s2"]

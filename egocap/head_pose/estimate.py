@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -20,23 +20,18 @@ from egocap.head_pose.floor import find_floor
 from egocap.head_pose.imu import Inertial
 from egocap.head_pose.pictures import grey_frames, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
+from egocap.head_pose.rig_correction import find_rig_correction, followed
 from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import Finished, finish
 from egocap.odometry.loop_closure import close_loops, join_segments
-from egocap.odometry.odometry import HeadPose, Odometry
-from egocap.odometry.self_calibration import (
-    KEYFRAMES,
-    NOISES_PX,
-    Correction,
-    find_correction,
-)
+from egocap.odometry.odometry import Odometry
+from egocap.odometry.self_calibration import Correction
 from egocap.odometry.views import Views
 
 log = logging.getLogger(__name__)
 FLOOR_FRAMES = 16
-LONGEST = 900  # frames in which keyframes are sought that correct the rig
 Advance = Callable[[int], None]
 
 
@@ -60,10 +55,12 @@ def by_odometry(
     """Poses in the map's frame. InputError where no frame has one."""
     views = Views.of(rig, config.width)
     wearer = None if track is None else WearerMasks(track, views)
-    correction = _correction(sequence, views, config, wearer) if config.self_calibration else None
+    correction: Correction | None = None
+    if config.self_calibration:
+        correction = find_rig_correction(sequence, rig, config, wearer)
     views = views if correction is None else correction.views
     odometry, reasons = Odometry(views, config), {}
-    for index, pose in _followed(sequence, odometry, wearer):
+    for index, pose in followed(sequence, odometry, wearer):
         if pose.T_world_head is None:
             reasons[index] = pose.problem
         advance(1)
@@ -80,33 +77,6 @@ def by_odometry(
         facts["self_calibration"] = correction.facts()
     return MapPoses(found.frame, found.time, found.T_map_head, found.covariance, found.points,
                     views, facts, reasons)  # fmt: skip
-
-
-def _followed(
-    sequence: Sequence, odometry: Odometry, wearer: WearerMasks | None
-) -> Iterator[tuple[int, HeadPose]]:
-    """Frames of a sequence and their poses, one after the other."""
-    for index, images in grey_frames(sequence, odometry.views.rig, range(len(sequence))):
-        time = float(sequence.times[index])
-        masks = () if wearer is None else wearer.at(time)
-        yield index, odometry.add(index, time, images, masks)
-
-
-def _correction(
-    sequence: Sequence, views: Views, config: OdometryConfig, wearer: WearerMasks | None
-) -> Correction | None:
-    """What is wrong with a rig, by its first keyframes."""
-    correction: Correction | None = None
-    for noise_px in NOISES_PX:
-        now = views if correction is None else correction.views
-        odometry = Odometry(now, replace(config, noise_px=noise_px))
-        for index, _ in _followed(sequence, odometry, wearer):
-            if len(odometry.map.keyframes) >= KEYFRAMES or index >= LONGEST:
-                break
-        correction = find_correction(odometry.map, views, correction)
-        if correction is None:
-            return None
-    return correction
 
 
 def vertical_of(sequence: Sequence, found: MapPoses, inertial: Vertical | None = None) -> Vertical:

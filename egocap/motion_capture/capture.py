@@ -1,6 +1,6 @@
 """Motion capture in one call: footage and a rig file in; track, BVH, film and page out.
 
-Stages: sequence (import), detections.npz, body.json, head.npz (with `world`), track.npz,
+Stages: sequence (import), detections.npz, rig.json, body.json, head.npz (with `world`), track.npz,
 motion.bvh, film.mp4, index.html.
 """
 
@@ -103,11 +103,12 @@ def mocap(
             f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other order",
             valid="the files in the order of the rig, or --accept-swapped",
         )
-    body, bones = steps.body(stages, sequence, found, options, on_step)
-    heads = steps.head_poses(stages, sequence, options, on_step)
-    track = steps.track(stages, sequence, found, body, tracker, heads, on_step)
+    rig = steps.rig(stages, sequence, options, on_step)
+    body, bones = steps.body(stages, rig, found, options, on_step)
+    heads = steps.head_poses(stages, sequence, rig, options, on_step)
+    track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step)
     assert sequence.footage is not None
-    findings = find(track, found, sequence.rig, sequence.footage, agreement, options.height)
+    findings = find(track, found, rig, sequence.footage, agreement, options.height)
     _results(stages, sequence, track, findings, bones, options, on_step)
     return Capture(folder, sequence, track, findings)
 

@@ -22,6 +22,8 @@ class MocapOptions:
     height 0, otherwise relative to the head."""
     head_pose: Path | None = None
     """Head poses in place of those of --world, npz with `time` and `T_world_head`."""
+    self_calibration: bool = True
+    """Correct the rig file by what the cameras see of the surroundings: rig.json."""
     skip_film: bool = False
     """Write no film."""
     accept_swapped: bool = False

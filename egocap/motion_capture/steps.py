@@ -1,4 +1,4 @@
-"""Stages of a run that make numbers: detections, the wearer's body, head poses and the track."""
+"""Stages of a run that make numbers: detections, the rig, the body, head poses and the track."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from egocap.body.proportions import Proportions
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig, write_rig
 from egocap.data.detections import Detections, load_detections, save_detections
 from egocap.data.head_pose import read_head_poses
 from egocap.data.sequence import Sequence as Recording
@@ -21,6 +23,7 @@ from egocap.files import sha256, write_json
 from egocap.fitting.wearer import find_body
 from egocap.footage.sources import Step
 from egocap.head_pose.from_pictures import find_head_poses
+from egocap.head_pose.rig_correction import correction_lines, find_rig_correction
 from egocap.motion_capture.body import fit_wearer
 from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.detecting import detect_in_pieces
@@ -49,8 +52,29 @@ def detections(
     return stages.run("detections.npz", settings, write, load_detections)
 
 
+def rig(stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step) -> Rig:
+    """The rig as the surroundings tell it, or as given: rig.json."""
+
+    def write(path: Path) -> None:
+        found = None
+        if options.self_calibration and len(sequence.rig.mounts) > 1:
+            advance = on_step("rig", 1)
+            try:
+                found = find_rig_correction(sequence, sequence.rig)
+            except InputError as error:
+                log.warning("%s: the rig file is taken as it is", error)
+            advance(1)
+        if found is not None:
+            for line in correction_lines(found.facts()):
+                log.warning("%s", line)
+        write_rig(path, sequence.rig if found is None else found.rig(sequence.rig))
+
+    settings = {"self_calibration": options.self_calibration}
+    return stages.run("rig.json", settings, write, load_rig)
+
+
 def body(
-    stages: Stages, sequence: Recording, found: Detections, options: MocapOptions, on_step: Step
+    stages: Stages, rig: Rig, found: Detections, options: MocapOptions, on_step: Step
 ) -> tuple[Proportions, dict[str, Any]]:
     """Proportions (body.json), and the report of their fit; empty where they were given."""
     report = stages.folder / "body-report.json"
@@ -60,7 +84,7 @@ def body(
             given.save(path)
             write_json(report, {})
             return
-        fit = fit_wearer(found, sequence.rig, options.height, on_step)
+        fit = fit_wearer(found, rig, options.height, on_step)
         fit.proportions.save(path)
         write_json(report, fit.report())
 
@@ -71,13 +95,13 @@ def body(
 
 
 def head_poses(
-    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
+    stages: Stages, sequence: Recording, rig: Rig, options: MocapOptions, on_step: Step
 ) -> Path | None:
     """File of the head's path: the given one, or head.npz; None where the motion has no world."""
 
     def write(path: Path) -> None:
         advance = on_step("head pose", len(sequence))
-        find_head_poses(sequence, sequence.rig, advance=advance).save(path)
+        find_head_poses(sequence, rig, advance=advance).save(path)
 
     if not options.world:
         return options.head_pose
@@ -89,7 +113,7 @@ def head_poses(
 
 
 def track(
-    stages: Stages, sequence: Recording, found: Detections, body: Proportions,
+    stages: Stages, sequence: Recording, rig: Rig, found: Detections, body: Proportions,
     tracker: TrackerConfig, head_pose: Path | None, on_step: Step,
 ) -> Track:  # fmt: skip
     """The offline track: track.npz. Raises as `Tracker.track`."""
@@ -97,7 +121,7 @@ def track(
     def write(path: Path) -> None:
         advance = on_step("track", len(sequence))
         heads = None if head_pose is None else read_head_poses(head_pose, found.times)
-        track = track_in_windows(sequence.folder, found, body, tracker, advance, heads)
+        track = track_in_windows(sequence.folder, found, body, tracker, advance, heads, rig)
         config = track.config | {"sequence": sequence.manifest.config_sha256}
         save_track(path, replace(track, config=config))
 

@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import forward
+from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.head_pose import HeadPoses
 from egocap.data.sequence import Sequence
@@ -37,14 +38,17 @@ def track_in_windows(
     config: TrackerConfig,
     on_frames: Callable[[int], None] = lambda count: None,
     heads: HeadPoses | None = None,
+    rig: Rig | None = None,
 ) -> Track:
     """The track of a recorded sequence from its detections and images. Raises as `Tracker`.
 
-    With `heads`, the head poses of its frames, the track is in the world, too.
+    With `heads`, the head poses of its frames, the track is in the world, too. `rig`: in place of
+    the sequence's own.
     """
+    rig = Sequence(folder).rig if rig is None else rig
     windows = split(len(found.times))
     jobs = [
-        (folder, found[w.start : w.stop], w.start, body, config,
+        (folder, rig, found[w.start : w.stop], w.start, body, config,
          None if heads is None else heads[w.start : w.stop])
         for w in windows
     ]  # fmt: skip
@@ -59,8 +63,7 @@ def track_in_windows(
     joined = join(windows, parts, body)
     estimated = joined.config["estimated"]
     assert isinstance(estimated, dict)
-    rig = turned_rig(Sequence(folder).rig, estimated)
-    return with_consistency(joined, found, rig, body, config)
+    return with_consistency(joined, found, turned_rig(rig, estimated), body, config)
 
 
 def split(frames: int) -> list[range]:
@@ -99,15 +102,14 @@ def join(windows: list[range], parts: list[Track], body: Proportions) -> Track:
 
 
 def _track(
-    folder: Path, found: Detections, first: int, body: Proportions, config: TrackerConfig,
+    folder: Path, rig: Rig, found: Detections, first: int, body: Proportions, config: TrackerConfig,
     heads: HeadPoses | None, on_frames: Callable[[int], None] = lambda count: None,
 ) -> Track:  # fmt: skip
-    sequence = Sequence(folder)
-    tracker = Tracker(sequence.rig, body, config)
+    tracker = Tracker(rig, body, config)
     if not (config.colour or config.checks_appearance):
         return tracker.track(found, heads=heads, on_frames=on_frames)
     rows = range(first, first + len(found.times))
-    images = reduced_images(sequence, rows, config.colour_size)
+    images = reduced_images(Sequence(folder), rows, config.colour_size)
     return tracker.track(found, images.__getitem__, heads, on_frames)
 
 

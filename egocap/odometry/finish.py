@@ -43,8 +43,7 @@ def finish(found: TrackMap, views: Views) -> Finished:
     """Adjust the segment with the most frames; the others are left out."""
     segment, _ = Counter(f.segment for f in found.frames).most_common(1)[0]
     keys = [k for k in found.keyframes if found.frames[k].segment == segment]
-    if views.timed:
-        found.renew_twists(range(len(found.frames)))
+    found.renew_twists(range(len(found.frames)))
     problem, numbers = found.problem(keys, np.arange(len(keys)) < 1, views)
     result = adjust(problem, LOSS, 10, system=True)
     found.points[numbers] = result.points
@@ -96,7 +95,7 @@ def _refine_frames(
         seen = f.seen[rows]
         f.R, f.t, H = refine_pose(
             f.R, f.t, found.points[seen.point],
-            *views.sights(seen.view, seen.ray, seen.delay, f.twist), seen.inv_sigma,
+            *views.sights(seen.view, seen.ray, seen.delay, f.motion), seen.inv_sigma,
             np.array([10.0, LOSS]), 5,
         )  # fmt: skip
         own.append(np.linalg.inv(H))

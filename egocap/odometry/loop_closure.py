@@ -138,7 +138,7 @@ def _described(odometry: Odometry, row: int, images: tuple[Image | None, ...]) -
         return none
     pixels = np.array([spot.pt for spot in spots])
     pair = stereo.match(views, 0, other, images, pixels, odometry.config.noise_px,  # pyright: ignore
-                        odometry.map.frames[row].twist)  # fmt: skip
+                        odometry.map.frames[row].motion)  # fmt: skip
     kept = ~is_wearer(pair.points_head)
     rows = pair.rows[kept]
     rays, _ = views.rays(0, pixels[rows])

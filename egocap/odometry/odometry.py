@@ -25,7 +25,7 @@ from egocap.odometry.ray_kernel import refine_pose, squared_residuals
 from egocap.odometry.rejections import RejectionMap
 from egocap.odometry.surface_patches import aligned, fitting, patches_at, warps
 from egocap.odometry.track_map import Observations, Posed, TrackMap, twist_between
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 
 WIDTHS = np.array([30.0, 12.0, 5.0, 3.0])
 """Widths of the loss in a pose's successive rounds, standard deviations."""
@@ -73,11 +73,14 @@ class Odometry:
     def add(
         self, index: int, time: float, images: tuple[Image | None, ...],
         excluded: tuple[Bool[Array, "H W"] | None, ...] = (),
+        late: Float[Array, "V"] | None = None,
     ) -> HeadPose:  # fmt: skip
         """The head pose at the next frame from grey pictures of the working size.
 
-        `excluded`: pixels that do not show the static surroundings, one array a view.
+        `excluded`: pixels that do not show the static surroundings, one array a view. `late`:
+        seconds after `time` at which each picture was taken.
         """
+        motion = Motion.none(len(self.views)) if late is None else Motion(np.zeros(6), late)
         masks = tuple(
             lens if k is None else np.where(k, 0, lens).astype(np.uint8)
             for lens, k in zip(
@@ -85,12 +88,14 @@ class Odometry:
             )
         )
         if self._last is None or self._segment < 0:
-            return self._begin(index, time, images, masks)
+            return self._begin(index, time, motion, images, masks)
         R, t = self._predicted(time)
-        seen = self._follow(images, masks, R, t)
-        pose = self._pose(seen, replace(self._last, index=index, time=time, R=R, t=t))
+        seen = self._follow(images, masks, R, t, motion)
+        motion = replace(motion, twist=self._last.motion.twist)
+        guess = replace(self._last, index=index, time=time, R=R, t=t, motion=motion)
+        pose = self._pose(seen, guess)
         if isinstance(pose, Posed):
-            pose.twist = self._twist(pose)
+            pose.motion = replace(motion, twist=self._twist(pose))
             pose = self._sharpened(pose, images)
         if isinstance(pose, str):
             return self._miss(pose, len(seen.point))
@@ -103,11 +108,13 @@ class Odometry:
         return _result(pose)
 
     def _begin(
-        self, index: int, time: float, images: tuple[Image | None, ...], masks: tuple[Image, ...]
-    ) -> HeadPose:
+        self, index: int, time: float, motion: Motion, images: tuple[Image | None, ...],
+        masks: tuple[Image, ...],
+    ) -> HeadPose:  # fmt: skip
         """Start a segment where stereo finds enough points."""
         origin = Posed(index, time, np.eye(3), np.zeros(3), Observations.empty(), False,
-                       len({f.segment for f in self.map.frames}), np.zeros((6, 6)))  # fmt: skip
+                       len({f.segment for f in self.map.frames}), np.zeros((6, 6)),
+                       motion)  # fmt: skip
         seen = self._new_points(origin, images, masks)
         if len(np.unique(seen.point)) < self.config.fewest:
             return HeadPose(None, None, len(np.unique(seen.point)), "too few points with depth")
@@ -140,7 +147,7 @@ class Odometry:
 
     def _follow(
         self, images: tuple[Image | None, ...], masks: tuple[Image, ...],
-        R: Float[Array, "3 3"], t: Float[Array, "3"],
+        R: Float[Array, "3 3"], t: Float[Array, "3"], motion: Motion,
     ) -> Observations:  # fmt: skip
         """Followed points in the new pictures, from their places at the predicted pose."""
         found = Observations.empty()
@@ -163,14 +170,13 @@ class Odometry:
             u, w = np.clip(pixels.round().astype(int), 0, last_pixel).T
             good &= ahead & (masks[v][w, u] > 0)
             noise_px = max(FLOW_NOISE_PX, self.config.noise_px)
-            found = found.joined(self._observed(v, old.point[good], pixels[good], noise_px))
+            found = found.joined(self._observed(v, old.point[good], pixels[good], motion, noise_px))
         return found
 
     def _twist(self, pose: Posed) -> Float[Array, "6"]:
         """The head's velocity at a new pose, from the last ones' extrapolated."""
         last, before = self._last, self._before
-        if not self.views.timed or last is None:
-            return pose.twist
+        assert last is not None
         now = twist_between(last, pose, pose.R)
         if before is None or self._missed:
             return now
@@ -178,22 +184,23 @@ class Odometry:
         return now + step * (now - twist_between(before, last, pose.R))
 
     def _observed(
-        self, view: int, points: Array, pixels: Float[Array, "n 2"], noise_px: float | None = None
-    ) -> Observations:
+        self, view: int, points: Array, pixels: Float[Array, "n 2"], motion: Motion,
+        noise_px: float | None = None,
+    ) -> Observations:  # fmt: skip
         rays, valid = self.views.rays(view, pixels)
         points, pixels, rays = points[valid], pixels[valid], rays[valid]
         _, density = self.views.ray_derivative(view, rays)
         blur = GREY_NOISE / np.maximum(self.map.patches.sharpness[points], 1e-3)
         sigma = np.hypot(noise_px or self.config.noise_px, blur)
         return Observations(points, np.full(len(points), view), pixels, rays,
-                            self.views.delay(view, pixels), density / sigma)  # fmt: skip
+                            self.views.delay(view, pixels, motion), density / sigma)  # fmt: skip
 
     def _pose(self, seen: Observations, guess: Posed) -> Posed | str:
         """The robust pose near a guess, or why there is none."""
         if len(seen.point) < self.config.fewest:
             return "too few points followed"
         data = (self.map.points[seen.point],
-                *self.views.sights(seen.view, seen.ray, seen.delay, guess.twist),
+                *self.views.sights(seen.view, seen.ray, seen.delay, guess.motion),
                 seen.inv_sigma)  # fmt: skip
         R, t, H = refine_pose(guess.R, guess.t, *data, WIDTHS, 6)
         inlier = squared_residuals(R, t, *data) < GATE**2
@@ -220,7 +227,9 @@ class Odometry:
             old = pose.seen[rows]
             A = self._warps(old.point, v, pose)
             pixels, good = aligned(self.map.patches, old.point, image, old.pixel, A)
-            found = found.joined(self._observed(v, old.point[good], pixels[good], noise_px))
+            found = found.joined(
+                self._observed(v, old.point[good], pixels[good], pose.motion, noise_px)
+            )
         return self._pose(found, pose)
 
     def seen_again(
@@ -236,12 +245,12 @@ class Odometry:
             found = Observations.empty()
             for v, lens in enumerate(self.views.lens_masks):
                 pixels, ahead = self.views.project_moving(
-                    v, (self.map.points[points] - pose.t) @ pose.R, pose.twist
+                    v, (self.map.points[points] - pose.t) @ pose.R, pose.motion
                 )
                 u, w = np.clip(pixels.round(), 0, np.array(lens.shape)[::-1] - 1).astype(int).T
                 seen = np.flatnonzero(ahead & (lens[w, u] > 0))
                 seen = seen[fitting(self._warps(points[seen], v, pose))][: self.config.corners]
-                found = found.joined(self._observed(v, points[seen], pixels[seen]))
+                found = found.joined(self._observed(v, points[seen], pixels[seen], pose.motion))
             again = self._sharpened(replace(pose, seen=found), images, AGAIN_NOISE_PX)
             if isinstance(again, str):
                 return None
@@ -301,7 +310,7 @@ class Odometry:
                 if not len(corners) or images[b] is None:
                     continue
                 pair = stereo.match(self.views, a, b, images, corners, self.config.noise_px,  # pyright: ignore
-                                    pose.twist)  # fmt: skip
+                                    pose.motion)  # fmt: skip
                 own = is_wearer(pair.points_head)
                 self.wearer[a].add(corners[pair.rows], own)
                 rows, kept = pair.rows[~own], np.flatnonzero(~own)
@@ -309,8 +318,8 @@ class Odometry:
                                         pair.normal_head[kept] @ pose.R.T)  # fmt: skip
                 points = pair.points_head[kept] @ pose.R.T + pose.t
                 numbers = self.map.add_points(points, patches)
-                added = added.joined(self._observed(a, numbers, corners[rows]))
-                added = added.joined(self._observed(b, numbers, pair.pixels[kept]))
+                added = added.joined(self._observed(a, numbers, corners[rows], pose.motion))
+                added = added.joined(self._observed(b, numbers, pair.pixels[kept], pose.motion))
                 corners = np.delete(corners, pair.rows, axis=0)
         return added
 
@@ -325,8 +334,7 @@ class Odometry:
         free = keys[-self.config.window :]
         older = keys[-self.config.window - _OLDER : -self.config.window]
         fixed = np.arange(len(older) + len(free)) < max(len(older), 1)
-        if self.views.timed:
-            self.map.renew_twists([*older, *free][:-1])
+        self.map.renew_twists([*older, *free][:-1])
         problem, numbers = self.map.problem([*older, *free], fixed, self.views)
         found = adjust(problem, 3.0, 3)
         for i, k in enumerate([*older, *free]):

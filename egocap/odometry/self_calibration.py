@@ -22,10 +22,11 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 from scipy.sparse import csr_array
 
+from egocap.cameras.rig import Rig
 from egocap.geometry import exponential
 from egocap.odometry.ray_kernel import linearised, turned
 from egocap.odometry.track_map import TrackMap
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 
 NOISES_PX = 1.0, 0.3
 """Standard deviation of a corner, pixels, with a rig as given, and as corrected a first time."""
@@ -61,6 +62,14 @@ class Correction:
     values: Float[Array, "V 11"]
     std: Float[Array, "V 11"]
 
+    def rig(self, given: Rig) -> Rig:
+        """The rig, given at any size of its pictures, with mounts and lenses corrected."""
+        values = self.values.copy()
+        small = self.views.cameras
+        values[:, 7:9] *= [[g.width / s.width, g.height / s.height]
+                           for g, s in zip(given.cameras, small, strict=True)]  # fmt: skip
+        return corrected(Views(given), values).rig
+
     def facts(self) -> dict[str, Any]:
         """JSON-ready form of what is used, for each view."""
         found = {}
@@ -87,7 +96,8 @@ class _Seen:
     view: Int[Array, "N"]
     pixel: Float[Array, "N 2"]
     inv_sigma: Float[Array, "N"]
-    twist: Float[Array, "K 6"]
+    late: Float[Array, "N"]  # s, of the pictures
+    twist: Float[Array, "N 6"]  # of the head
 
 
 def corrected(views: Views, values: Float[Array, "V 11"]) -> Views:
@@ -167,8 +177,10 @@ def _observations(found: TrackMap, keys: list[int]) -> _Seen:
         np.concatenate([getattr(s, name) for s in own])[rows]
         for name in ("view", "pixel", "inv_sigma")
     )
-    twist = np.stack([found.frames[k].twist for k in keys])
-    return _Seen(numbers, frame[rows], place, view, pixel, inv_sigma, twist)
+    twist, late = (np.stack([getattr(found.frames[k].motion, name) for k in keys])
+                   for name in ("twist", "late"))  # fmt: skip
+    return _Seen(numbers, frame[rows], place, view, pixel, inv_sigma, late[frame[rows], view],
+                 twist[frame[rows]])  # fmt: skip
 
 
 def _sights(
@@ -177,7 +189,8 @@ def _sights(
     """Centres and rays of the observations by view v with corrections."""
     now, rows = corrected(views, values), np.flatnonzero(seen.view == v)
     rays, _ = now.rays(v, seen.pixel[rows])
-    delay, twist = now.delay(v, seen.pixel[rows]), seen.twist[seen.frame[rows]]
+    delay = seen.late[rows] + now.delay(v, seen.pixel[rows], Motion.none(len(views)))
+    twist = seen.twist[rows]
     turn = exponential(delay[:, None] * twist[:, :3])
     centre = turn @ now.centres[v] + delay[:, None] * twist[:, 3:]
     return centre, np.einsum("nij,nj->ni", turn, rays)

@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from egocap.geometry import UP, unit
 from egocap.odometry import patch_kernel as patches
 from egocap.odometry.surface_patches import surface_slope
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 
 NEAREST, FARTHEST = 0.4, 40.0  # m
 STEP = 2.0  # px of disparity between hypotheses
@@ -37,20 +37,17 @@ class StereoMatches:
 
 def match(
     views: Views, a: int, b: int, images: tuple[UInt8[Array, "H W"], ...],
-    pixels: Float[Array, "n 2"], noise_px: float, twist: Float[Array, "6"],
+    pixels: Float[Array, "n 2"], noise_px: float, motion: Motion,
 ) -> StereoMatches:  # fmt: skip
-    """Corners of view a that one place of view b matches distinctly, with their points.
-
-    `twist`: velocity of the head in its frame, rad/s and m/s.
-    """
+    """Corners of view a that one place of view b matches distinctly, with their points."""
     rays, valid = views.rays(a, pixels)
     slope, density = views.ray_derivative(a, rays)
-    origin, rays = views.sights(np.full(len(rays), a), rays, views.delay(a, pixels), twist)
+    origin, rays = views.sights(np.full(len(rays), a), rays, views.delay(a, pixels, motion), motion)
     far = views.centres[b] - views.centres[a]
     steps = np.linalg.norm(far) * density.max(initial=1.0) * (1 / NEAREST - 1 / FARTHEST) / STEP
     inverse_depth = np.linspace(1 / FARTHEST, 1 / NEAREST, max(int(steps), 8))
     points = origin[:, None] + rays[:, None] / inverse_depth[None, :, None]
-    late = views.later(points, views.delay(b, pixels), twist)  # as if in the same row
+    late = views.later(points, views.delay(b, pixels, motion), motion)  # as if in the same row
     where, J, seen = views.project_jacobian(b, late)
     A = (J / inverse_depth[None, :, None, None]) @ slope[:, None]
     scores = patches.correlations(
@@ -65,7 +62,7 @@ def match(
     templates, _ = patches.templates_at(images[a], pixels[rows])
     found, fit, normal = planes.aligned(templates, images[b], where[rows, best])
     return _triangulated(views, (a, b), (origin[rows], rays[rows]), rows, found, fit > _ALIKE,
-                         noise_px, normal, twist)  # fmt: skip
+                         noise_px, normal, motion)  # fmt: skip
 
 
 def _best(scores: Float[Array, "n H"]) -> tuple[Int[Array, "n"], Bool[Array, "n"]]:
@@ -112,14 +109,14 @@ class _Planes:
 def _triangulated(
     views: Views, pair: tuple[int, int], sights: tuple[Float[Array, "m 3"], Float[Array, "m 3"]],
     rows: Array, found: Float[Array, "m 2"], good: Bool[Array, "m"], noise_px: float,
-    normal: Float[Array, "m 3"], twist: Float[Array, "6"],
+    normal: Float[Array, "m 3"], motion: Motion,
 ) -> StereoMatches:  # fmt: skip
     (a, b), (origin, rays) = pair, sights
     seen, valid = views.rays(b, found)
-    late = views.delay(b, found)
-    centre, other = views.sights(np.full(len(seen), b), seen, late, twist)
+    late = views.delay(b, found, motion)
+    centre, other = views.sights(np.full(len(seen), b), seen, late, motion)
     points, distance = intersect(origin, rays, centre, other)
-    back, _ = views.project(b, views.later(points, late, twist))
+    back, _ = views.project(b, views.later(points, late, motion))
     good = good & valid & (distance > NEAREST) & (distance < 2 * FARTHEST)
     good &= np.linalg.norm(back - found, axis=1) < max(_EPIPOLAR, _OFF_SIGMAS * noise_px)
     _, density = views.ray_derivative(a, rays)

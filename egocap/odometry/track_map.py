@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from egocap.odometry.adjustment import Problem
 from egocap.odometry.surface_patches import SurfacePatches
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 
 _NEAR_S = 0.15  # between frames whose poses tell a velocity
 
@@ -53,8 +53,7 @@ class Posed:
     keyframe: bool
     segment: int
     information: Float[Array, "6 6"]
-    twist: Float[Array, "6"] = field(default_factory=lambda: np.zeros(6))
-    """Velocity in the head frame, rad/s and m/s."""
+    motion: Motion
 
 
 def twist_between(before: Posed, after: Posed, R: Float[Array, "3 3"]) -> Float[Array, "6"]:
@@ -104,7 +103,8 @@ class TrackMap:
                     for f in (self.frames[i],) if f.segment == own.segment
                     and abs(f.time - own.time) < _NEAR_S]  # fmt: skip
             if near[0].time < near[-1].time:
-                own.twist = twist_between(near[0], near[-1], own.R)
+                twist = twist_between(near[0], near[-1], own.R)
+                own.motion = replace(own.motion, twist=twist)
 
     def problem(
         self, keyframes: list[int], fixed: Array, views: Views
@@ -121,7 +121,7 @@ class TrackMap:
         order = order[np.argsort(point[order], kind="stable")]
         numbers, counts = np.unique(point[order], return_counts=True)
         inv_sigma = np.concatenate([s.inv_sigma for s in seen])[order]
-        sights = [views.sights(s.view, s.ray, s.delay, self.frames[k].twist)
+        sights = [views.sights(s.view, s.ray, s.delay, self.frames[k].motion)
                   for k, s in zip(keyframes, seen, strict=True)]  # fmt: skip
         origin, ray = (np.concatenate(parts)[order] for parts in zip(*sights, strict=True))
         poses = [self.frames[k] for k in keyframes]

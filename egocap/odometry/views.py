@@ -28,6 +28,19 @@ _GRID = 8
 
 
 @dataclass(frozen=True, eq=False)
+class Motion:
+    """How the head moves at a frame, and how late the picture of each view was taken."""
+
+    twist: Float[Array, "6"]  # rad/s and m/s, head frame
+    late: Float[Array, "V"]  # s
+
+    @classmethod
+    def none(cls, views: int) -> Motion:
+        """At rest, with pictures of one instant."""
+        return cls(np.zeros(6), np.zeros(views))
+
+
+@dataclass(frozen=True, eq=False)
 class Views:
     """A rig whose pictures are at most `width` pixels wide, and when its views are exposed."""
 
@@ -96,49 +109,43 @@ class Views:
         T = self.T_camera_head[view]
         return self.cameras[view].project(points_head @ T[:3, :3].T + T[:3, 3])
 
-    @property
-    def timed(self) -> bool:
-        """Whether pixels are exposed at other times than the frame's."""
-        return any(self.lag_s) or any(self.readout_s)
-
-    def delay(self, view: int, pixels: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
+    def delay(self, view: int, pixels: Float[Array, "n 2"], motion: Motion) -> Float[Array, "n"]:
         """Seconds from the frame's time to the exposure of a view's pixels."""
-        if not self.timed:
-            return np.zeros(pixels.shape[:-1])
-        row = pixels[..., 1] / (self.cameras[view].height - 1) - 0.5
-        return self.lag_s[view] + self.readout_s[view] * np.clip(row, -0.5, 0.5)
+        row = np.clip(pixels[:, 1] / (self.cameras[view].height - 1) - 0.5, -0.5, 0.5)
+        lag = motion.late[view] + (self.lag_s[view] if self.lag_s else 0.0)
+        return lag + (self.readout_s[view] if self.readout_s else 0.0) * row
 
     def sights(
         self, view: Int[Array, "n"], rays: Float[Array, "n 3"], delay: Float[Array, "n"],
-        twist: Float[Array, "6"],
+        motion: Motion,
     ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:  # fmt: skip
         """Camera centres [m] and rays, seen `delay` after a frame, in its own head frame."""
         centres = self.centres[view]
         if not delay.any():
             return centres, rays
-        R = exponential(delay[:, None] * twist[:3])
-        moved = np.einsum("nij,nj->ni", R, centres) + delay[:, None] * twist[3:]
+        R = exponential(delay[:, None] * motion.twist[:3])
+        moved = np.einsum("nij,nj->ni", R, centres) + delay[:, None] * motion.twist[3:]
         return moved, np.einsum("nij,nj->ni", R, rays)
 
     def later(
-        self, points_head: Float[Array, "n *m 3"], delay: Float[Array, "n"],
-        twist: Float[Array, "6"],
+        self, points_head: Float[Array, "n *m 3"], delay: Float[Array, "n"], motion: Motion
     ) -> Float[Array, "n *m 3"]:  # fmt: skip
         """Points in the head frame `delay` after a frame, from those in the frame's."""
         if not delay.any():
             return points_head
-        moved = (delay[:, None] * twist[3:]).reshape(-1, *(1,) * (points_head.ndim - 2), 3)
-        R = exponential(delay[:, None] * twist[:3])
+        moved = (delay[:, None] * motion.twist[3:]).reshape(-1, *(1,) * (points_head.ndim - 2), 3)
+        R = exponential(delay[:, None] * motion.twist[:3])
         return np.einsum("n...j,nji->n...i", points_head - moved, R)
 
     def project_moving(
-        self, view: int, points_head: Float[Array, "n 3"], twist: Float[Array, "6"]
+        self, view: int, points_head: Float[Array, "n 3"], motion: Motion
     ) -> tuple[Float[Array, "n 2"], Bool[Array, "n"]]:
         """`project` with the rows' times."""
         pixels, valid = self.project(view, points_head)
-        if not self.timed:
+        delay = self.delay(view, pixels, motion)
+        if not delay.any():
             return pixels, valid
-        return self.project(view, self.later(points_head, self.delay(view, pixels), twist))
+        return self.project(view, self.later(points_head, delay, motion))
 
     def turned(
         self, view: int, image: UInt8[Array, "H W"], turn: Float[Array, "3 3"]

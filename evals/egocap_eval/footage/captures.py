@@ -2,8 +2,8 @@
 
 Every case is simulated with two clocks, exported as H.264 files (`egocap-sim export --format
 videos`) and captured by `egocap mocap`, a process that sees the files, the rig and the person's
-height alone. The reference runs the same stages on the simulated sequence itself, whose images are
-not compressed again and whose clocks are known.
+height alone. The reference runs the same stages on the simulated sequence itself, with the rig that
+`mocap` corrected: its images are not compressed again and its clocks are known.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from tyro.conf import arg
 
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig
 from egocap.data.footage import FrameTimes
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.track import Track, load_track
@@ -111,7 +113,9 @@ def measure(sequence: Sequence, videos: Path, out: Path) -> dict[str, Any]:
     assert imported.footage is not None
     times = scene_times(sequence, planted, captured.times)
     error = joint_error_mm(captured.joints_head, sequence, times)
-    reference = _reference_error(sequence, height, float(times[0]), float(times[-1]))
+    reference = _reference_error(
+        sequence, load_rig(out / "rig.json"), height, float(times[0]), float(times[-1])
+    )
     return {
         "frames": len(captured.times),
         **clock_scores(sequence, planted, imported.footage),
@@ -141,15 +145,17 @@ def joint_error_mm(
     return float(1e3 * errors.joint_errors[errors.counted].mean())
 
 
-def _reference_error(sequence: Sequence, height: float, first: float, last: float) -> float:
-    """Error of the same stages on the sequence itself, over a span of its time."""
-    track = track_with_known_clocks(sequence, height)
+def _reference_error(
+    sequence: Sequence, rig: Rig, height: float, first: float, last: float
+) -> float:
+    """Error of the same stages with a rig on the sequence itself, over a span of its time."""
+    track = track_with_known_clocks(sequence, rig, height)
     rows = (track.times >= first) & (track.times <= last)
     return joint_error_mm(track.joints_head[rows], sequence, track.times[rows])
 
 
-def track_with_known_clocks(sequence: Sequence, height: float) -> Track:
-    """Detect, fit the body and track as `mocap` does, with the true times of every picture."""
+def track_with_known_clocks(sequence: Sequence, rig: Rig, height: float) -> Track:
+    """Detect, fit the body and track with a rig as `mocap` does, with every picture's true time."""
     found = Detector(sequence.rig).detect(sequence)
     if sequence.sensor is not None:
         taken = sequence.sensor.time
@@ -157,8 +163,8 @@ def track_with_known_clocks(sequence: Sequence, height: float) -> Track:
         times = FrameTimes(sequence.times, taken, np.zeros(taken.shape, int), everything)
         widths = np.array([camera.width for camera in sequence.rig.cameras], float)
         found = at_frame_times(found, times, widths)
-    body = fit_wearer(found, sequence.rig, height).proportions
-    return track_in_windows(sequence.folder, found, body, TrackerConfig())
+    body = fit_wearer(found, rig, height).proportions
+    return track_in_windows(sequence.folder, found, body, TrackerConfig(), rig=rig)
 
 
 def _scenes(

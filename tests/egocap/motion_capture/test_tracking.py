@@ -70,7 +70,7 @@ def test_the_check_of_joined_windows_uses_the_estimated_rotations(motion, monkey
         def __exit__(self, *_):
             pass
 
-    def track(folder, found, first, body, config, heads):
+    def track(folder, rig, found, first, body, config, heads):
         rows, count = slice(first, first + len(found.times)), len(found.times)
         return Track(
             times=found.times, angles=motion.angles[rows], joints_head=motion.joints[rows],

@@ -11,7 +11,7 @@ from egocap.odometry.finish import finish
 from egocap.odometry.odometry import Odometry
 from egocap.odometry.ray_kernel import linearised
 from egocap.odometry.self_calibration import NOISES_PX, PARAMETERS, corrected, find_correction
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 from tests.egocap.odometry.box_world import BoxWorld, apart, small_rig, walk
 
 WORLD, VIEWS = BoxWorld(texel=0.1), Views.of(small_rig(), 320)
@@ -96,6 +96,23 @@ def test_a_rolling_shutter_is_found_and_its_path_is_right(fine, rolling):
     assert path_error(fine, after) < 0.4 * path_error(fine, before)
 
 
+def test_views_of_different_times_are_followed_where_the_times_are_known(fine):
+    """The right view is late by 8 ms in the first half, early in the second."""
+    late = np.where(np.arange(FRAMES) < FRAMES // 2, 16, -16)  # steps
+    pictures = [
+        tuple(WORLD.picture(VIEWS.rig, v, fine[(i + 1) * STEPS + v * late[i]]) for v in range(2))
+        for i in range(FRAMES)
+    ]
+    found = []
+    for told in (False, True):
+        odometry = Odometry(VIEWS, CONFIG)
+        for i, own in enumerate(pictures):
+            seconds = np.array([0.0, late[i] / STEPS / 30]) if told else None
+            odometry.add(i, i / 30.0, own, (), seconds)
+        found.append(path_error(fine, odometry))
+    assert found[1] < min(0.01, 0.4 * found[0])
+
+
 def test_an_exact_rig_stays_as_it_is(still):
     odometry, _ = follow(VIEWS, still, TOLERANT)
     assert find_correction(odometry.map, VIEWS) is None
@@ -109,19 +126,17 @@ def test_too_few_keyframes_tell_nothing(still):
 def test_points_and_sights_move_with_the_head(rng):
     """A point seen later lies on the ray as moved into the frame."""
     views = Views(VIEWS.rig, (0.0, 0.004), (0.02, 0.01))
-    twist = np.array([0.5, -1.0, 2.0, 1.5, 0.2, -0.3])
+    motion = Motion(np.array([0.5, -1.0, 2.0, 1.5, 0.2, -0.3]), np.array([0.003, -0.002]))
     points = rng.normal(size=(50, 3)) + [2.0, 0.0, -1.5]
     for v in range(2):
-        pixels, valid = views.project_moving(v, points, twist)
+        pixels, valid = views.project_moving(v, points, motion)
         for _ in range(3):
-            delay = views.delay(v, pixels)
-            pixels, valid = views.project(v, views.later(points, delay, twist))
+            delay = views.delay(v, pixels, motion)
+            pixels, valid = views.project(v, views.later(points, delay, motion))
         assert valid.sum() > 20
         assert np.ptp(delay[valid]) > 0.003
         rays, _ = views.rays(v, pixels[valid])
-        centre, ray = views.sights(
-            np.full(len(rays), v), rays, views.delay(v, pixels[valid]), twist
-        )
+        centre, ray = views.sights(np.full(len(rays), v), rays, delay[valid], motion)
         away = points[valid] - centre
         assert np.abs(np.cross(away, ray)).max() < 1e-5
 

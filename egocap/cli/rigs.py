@@ -1,8 +1,8 @@
-"""Commands of rigs: rig convert, rig check, rig show, fit-rig."""
+"""Commands of rigs: rig convert, rig check, rig show, correct-rig, fit-rig."""
 
 from __future__ import annotations
 
-import json
+import json as jsons
 import re
 import tomllib
 from dataclasses import dataclass, replace
@@ -167,7 +167,7 @@ def check(options: Check) -> int:
 
     found = check_rig(load_rig(options.rig))
     if options.json:
-        print(json.dumps({"rig": str(options.rig), "problems": found}, indent=1))
+        print(jsons.dumps({"rig": str(options.rig), "problems": found}, indent=1))
     else:
         for problem in found:
             print(f"{options.rig}: {problem}")
@@ -194,11 +194,56 @@ def show(options: Show) -> int:
         found = draw_rig(load_rig(options.rig), options.out, person, options.poses, options.sigma,
                          photo, options.view)  # fmt: skip
     if options.json:
-        print(json.dumps({"rig": str(options.rig)} | found.to_dict(), indent=1))
+        print(jsons.dumps({"rig": str(options.rig)} | found.to_dict(), indent=1))
         return DONE
     of = found.summary
     print(f"{options.out}: joints seen by a view {of['any_view']:.0%} of the time, by all "
           f"{of['all_views']:.0%}; Cramer-Rao bound {of['bound_mm']:.0f} mm")  # fmt: skip
+    return DONE
+
+
+@app.command
+@locks("out")
+def correct_rig(
+    footage: Positional[Path],
+    out: Path,
+    rig: Path | None = None,
+    track: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Correct a rig file by what its cameras see of the surroundings while the head moves.
+
+    Finds how the cameras are turned and placed to each other, focal lengths, centres, the lag of
+    each view and the readout of a rolling shutter. The distance between the cameras and their mean
+    place on the head are kept: calibrate and fit-rig find those. mocap does this by itself.
+
+    Args:
+        footage: folder of a sequence: some seconds of walking or looking around.
+        out: rig to write, .toml or .json.
+        rig: rig file to correct; by default the sequence's own.
+        track: track of the sequence; its body masks the wearer.
+        json: print the corrections as JSON.
+    """
+    from egocap.cameras.rig_files import load_rig, write_rig
+    from egocap.data.sequence import Sequence
+    from egocap.data.track import load_track
+    from egocap.head_pose.rig_correction import correction_lines, find_rig_correction
+    from egocap.head_pose.wearer import WearerMasks
+    from egocap.odometry.config import OdometryConfig
+    from egocap.odometry.views import Views
+
+    opened, config = Sequence(footage), OdometryConfig()
+    given = opened.rig if rig is None else load_rig(rig)
+    views = Views.of(given, config.width)
+    wearer = None if track is None else WearerMasks(load_track(track), views)
+    found = find_rig_correction(opened, given, config, wearer)
+    write_rig(out, given if found is None else found.rig(given))
+    facts = {} if found is None else found.facts()
+    if json:
+        print(jsons.dumps({"rig": str(out), "corrections": facts}, indent=1))
+        return DONE
+    lines = correction_lines(facts) or ["nothing found that differs from the rig file"]
+    print(f"{out}: " + "\n".join(lines))
     return DONE
 
 
@@ -274,7 +319,7 @@ def _print_fit(path: Path, fit: RigFit, as_json: bool) -> None:
             "converged": fit.converged, "residual": round(fit.residual, 3), "mount": report,
             "notes": notes, "bones": fit.body.report(),
         }  # fmt: skip
-        print(json.dumps(summary, indent=1))
+        print(jsons.dumps(summary, indent=1))
         return
     unfinished = "" if fit.converged else "; not converged"
     print(f"{path}: from {fit.frames} frames, {fit.neutral} of {fit.stances} neutral stances; "

@@ -23,7 +23,7 @@ from egocap.odometry.odometry import HeadPose, Odometry
 from egocap.odometry.self_calibration import KEYFRAMES, NOISES_PX, Correction, find_correction
 from egocap.odometry.views import Views
 
-LONGEST = 900  # frames in which keyframes are sought
+LONGEST = 450  # frames in which keyframes are sought
 
 
 def find_rig_correction(

@@ -32,9 +32,11 @@ NOISES_PX = 1.0, 0.3
 """Standard deviation of a corner, pixels, with a rig as given, and as corrected a first time."""
 KEYFRAMES = 30
 """From so many the rig is corrected."""
-FEWEST_KEYFRAMES = 10
-SIGNIFICANT = 6.0
-"""Standard deviations of a correction that is believed: neighbouring corners err together."""
+FEWEST_KEYFRAMES = 3
+ALIKE = 9.0
+"""Observations that count as one: those of a point, and of neighbours, err together."""
+SIGNIFICANT = 2.0
+"""Standard deviations of a correction that is believed."""
 LIKELY = 3.0
 """Prior standard deviations within which a correction is believed."""
 AGREE, LEAST_AGREE = 0.5, 0.65
@@ -262,7 +264,7 @@ def _system(
     measured = float(np.sqrt(np.median(squared) / _CHI2_MEDIAN / max(free, 0.2)))
     noise = max(min(noise, measured), _LEAST_NOISE)
     width2 = (_LOSS * noise) ** 2
-    weight = (width2 / (width2 + squared)) ** 2 / noise**2
+    weight = (width2 / (width2 + squared)) ** 2 / (ALIKE * noise**2)
     J = np.zeros((N, 2, 6 * K + values.size))
     columns = 6 * seen.frame[:, None] + np.arange(6)
     J[np.arange(N)[:, None], :, columns] = J_pose.transpose(0, 2, 1)

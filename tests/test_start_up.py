@@ -30,6 +30,7 @@ COMMANDS = {
         "export",
         "live",
         "fit-body",
+        "correct-rig",
         "fit-rig",
         "head-pose",
         "posterior",

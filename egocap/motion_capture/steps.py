@@ -29,6 +29,7 @@ from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.detecting import detect_in_pieces
 from egocap.motion_capture.stages import Stages
 from egocap.motion_capture.tracking import track_in_windows
+from egocap.odometry.config import OdometryConfig
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
 
@@ -101,10 +102,11 @@ def head_poses(
 
     def write(path: Path) -> None:
         advance = on_step("head pose", len(sequence))
-        find_head_poses(sequence, rig, advance=advance).save(path)
+        find_head_poses(sequence, rig, odometry, advance=advance).save(path)
 
     if not options.world:
         return options.head_pose
+    odometry = OdometryConfig(self_calibration=options.self_calibration)
     try:
         return stages.run("head.npz", {}, write, lambda path: path)
     except InputError as error:

@@ -146,6 +146,15 @@ def test_a_body_is_fitted_and_reported(egocap, tracked, tiny_sequence):
     assert "height of 178" in complaint(egocap(*wrong))
 
 
+def test_a_rig_that_shows_nothing_new_is_written_as_it_is(egocap, tiny_sequence):
+    code, out, err = egocap("correct-rig", tiny_sequence, "--out", "same.json", "--json")
+    assert code == 0, err
+    assert json.loads(out) == {"rig": "same.json", "corrections": {}}
+    assert load_rig("same.json").mounts == Sequence(tiny_sequence).rig.mounts
+    code, out, _ = egocap("correct-rig", tiny_sequence, "--out", "same.toml")
+    assert code == 0 and "nothing found" in out
+
+
 def test_a_rig_is_fitted_and_reported(egocap, tracked, tiny_sequence):
     found = ["--detections", tracked / "det.npz", "--neutral", 0, 1, "--frames", 8]
     words = ("fit-rig", tiny_sequence, "--out", "rig.toml", *found, "--body", "body.json")

@@ -10,7 +10,13 @@ from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import finish
 from egocap.odometry.odometry import Odometry
 from egocap.odometry.ray_kernel import linearised
-from egocap.odometry.self_calibration import NOISES_PX, PARAMETERS, corrected, find_correction
+from egocap.odometry.self_calibration import (
+    NOISES_PX,
+    PARAMETERS,
+    Correction,
+    corrected,
+    find_correction,
+)
 from egocap.odometry.views import Motion, Views
 from tests.egocap.odometry.box_world import BoxWorld, apart, small_rig, walk
 
@@ -116,6 +122,18 @@ def test_views_of_different_times_are_followed_where_the_times_are_known(fine):
 def test_an_exact_rig_stays_as_it_is(still):
     odometry, _ = follow(VIEWS, still, TOLERANT)
     assert find_correction(odometry.map, VIEWS) is None
+
+
+def test_a_correction_fits_pictures_of_any_size():
+    """Found at the working size, given back for the pictures' own."""
+    full = VIEWS.rig.resized(640, 512)
+    wrong = miscalibrated()
+    values = np.zeros((2, len(PARAMETERS)))
+    values[:, 6:9] = [0.01, 2.0, -1.0]
+    found = Correction(corrected(wrong, values), values, values).rig(full)
+    for camera, before in zip(found.cameras, full.cameras, strict=True):
+        assert np.subtract(camera.centre, before.centre) == pytest.approx([4.0, -2.0])
+        assert camera.affine[0][0] == pytest.approx(1.01 * before.affine[0][0])
 
 
 def test_too_few_keyframes_tell_nothing(still):

@@ -14,6 +14,8 @@ from numpy import ndarray as Array
 
 from egocap.adaptation.config import AdaptOptions
 from egocap.adaptation.labels import Labels, at_picture_times, tracked_labels
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig
 from egocap.data.detections import Detections, load_detections
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.track import Track, load_track
@@ -64,9 +66,10 @@ def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step
     stages = Stages(work)
     wearer = MocapOptions(height=options.height, body=options.body, weights=options.weights)
     found = steps.detections(stages, sequence, wearer, on_step)
-    body, _ = steps.body(stages, sequence, found, wearer, on_step)
-    track = steps.track(stages, sequence, found, body, TrackerConfig(), None, on_step)
-    return Recording(sequence, _labels(sequence, found, track))
+    rig = steps.rig(stages, sequence, wearer, on_step)
+    body, _ = steps.body(stages, rig, found, wearer, on_step)
+    track = steps.track(stages, sequence, rig, found, body, TrackerConfig(), None, on_step)
+    return Recording(sequence, _labels(sequence, rig, found, track))
 
 
 def _is_tracked(folder: Path) -> bool:
@@ -78,14 +81,16 @@ def _read(folder: Path) -> Recording:
     """The recording of a folder of `mocap`."""
     sequence = open_sequence(folder / "sequence")
     found = load_detections(folder / "detections.npz")
-    return Recording(sequence, _labels(sequence, found, load_track(folder / "track.npz")))
+    corrected = folder / "rig.json"
+    rig = load_rig(corrected) if corrected.exists() else sequence.rig
+    return Recording(sequence, _labels(sequence, rig, found, load_track(folder / "track.npz")))
 
 
-def _labels(sequence: Sequence, found: Detections, track: Track) -> Labels:
-    labels = tracked_labels(track, found, sequence.rig)
+def _labels(sequence: Sequence, rig: Rig, found: Detections, track: Track) -> Labels:
+    labels = tracked_labels(track, found, rig)
     if sequence.frame_times is None:
         return labels
-    return at_picture_times(labels, track, sequence.rig, sequence.frame_times)
+    return at_picture_times(labels, track, rig, sequence.frame_times)
 
 
 def labelled_views(

@@ -55,7 +55,7 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                  "egocap_eval/sets"),
     "accuracy": (*NOISE, *TRACKER, *SCORES, *WORLD, "egocap_eval/studies/accuracy.py"),
     "adapt": (*FOOTAGE_TRACKED, "egocap/adaptation", "egocap/detect/train", *FITTED,
-              "egocap/motion_capture", "egocap_eval/studies/adaptation.py"),
+              *HEAD_POSE, "egocap/motion_capture", "egocap_eval/studies/adaptation.py"),
     "augmentation": (*SMALL_DETECTORS, "egocap_eval/studies/augmentation.py"),
     "calibrate": (*GEOMETRY, "egocap/boards", "egocap/calibration", "egocap_sim/boards",
                   "egocap_eval/calibration"),

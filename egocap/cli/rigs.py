@@ -236,7 +236,7 @@ def correct_rig(
     given = opened.rig if rig is None else load_rig(rig)
     views = Views.of(given, config.width)
     wearer = None if track is None else WearerMasks(load_track(track), views)
-    found = find_rig_correction(opened, given, config, wearer)
+    found = find_rig_correction(opened, views, config, wearer)
     write_rig(out, given if found is None else found.rig(given))
     facts = {} if found is None else found.facts()
     if json:

@@ -57,7 +57,7 @@ def by_odometry(
     wearer = None if track is None else WearerMasks(track, views)
     correction: Correction | None = None
     if config.self_calibration:
-        correction = find_rig_correction(sequence, rig, config, wearer)
+        correction = find_rig_correction(sequence, views, config, wearer)
     views = views if correction is None else correction.views
     odometry, reasons = Odometry(views, config), {}
     for index, pose in followed(sequence, odometry, wearer):

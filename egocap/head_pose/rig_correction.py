@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.cameras.rig import Rig
 from egocap.data.sequence import Sequence
 from egocap.head_pose.pictures import grey_frames
 from egocap.head_pose.wearer import WearerMasks
@@ -28,15 +27,11 @@ LONGEST = 450  # frames in which keyframes are sought
 
 def find_rig_correction(
     sequence: Sequence,
-    rig: Rig,
+    views: Views,
     config: OdometryConfig = OdometryConfig(),  # noqa: B008 (frozen)
     wearer: WearerMasks | None = None,
 ) -> Correction | None:
-    """The correction of a rig of a sequence; None where nothing is found to be wrong.
-
-    Raises InputError for a rig of one view.
-    """
-    views = Views.of(rig, config.width)
+    """The correction of the views of a sequence; None where nothing is found to be wrong."""
     correction: Correction | None = None
     for noise_px in NOISES_PX:
         now = views if correction is None else correction.views

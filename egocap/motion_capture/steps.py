@@ -30,6 +30,7 @@ from egocap.motion_capture.detecting import detect_in_pieces
 from egocap.motion_capture.stages import Stages
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.odometry.config import OdometryConfig
+from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
 
@@ -57,11 +58,11 @@ def rig(stages: Stages, sequence: Recording, options: MocapOptions, on_step: Ste
     """The rig as the surroundings tell it, or as given: rig.json."""
 
     def write(path: Path) -> None:
-        found = None
+        found, config = None, OdometryConfig()
         if options.self_calibration and len(sequence.rig.mounts) > 1:
             advance = on_step("rig", 1)
             try:
-                found = find_rig_correction(sequence, sequence.rig)
+                found = find_rig_correction(sequence, Views.of(sequence.rig, config.width), config)
             except InputError as error:
                 log.warning("%s: the rig file is taken as it is", error)
             advance(1)

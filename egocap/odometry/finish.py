@@ -5,7 +5,6 @@ In: the map of an odometry. Out: poses of its longest segment with covariances, 
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +40,7 @@ class Finished:
 
 def finish(found: TrackMap, views: Views) -> Finished:
     """Adjust the segment with the most frames; the others are left out."""
-    segment, _ = Counter(f.segment for f in found.frames).most_common(1)[0]
-    keys = [k for k in found.keyframes if found.frames[k].segment == segment]
+    segment, keys = found.longest()
     found.renew_twists(range(len(found.frames)))
     problem, numbers = found.problem(keys, np.arange(len(keys)) < 1, views)
     result = adjust(problem, LOSS, 10, system=True)
@@ -95,7 +93,7 @@ def _refine_frames(
         seen = f.seen[rows]
         f.R, f.t, H = refine_pose(
             f.R, f.t, found.points[seen.point],
-            *views.sights(seen.view, seen.ray, seen.delay, f.motion), seen.inv_sigma,
+            *views.sights(seen.view, seen.ray, seen.delay, f.motion.twist), seen.inv_sigma,
             np.array([10.0, LOSS]), 5,
         )  # fmt: skip
         own.append(np.linalg.inv(H))

@@ -94,8 +94,7 @@ def join_segments(odometry: Odometry, pictures: Pictures) -> int:
 def close_loops(odometry: Odometry, pictures: Pictures) -> int:
     """Observe points of earlier visits in the longest segment's keyframes; how many closed one."""
     frames = odometry.map.frames
-    (base, _), *_ = Counter(f.segment for f in frames).most_common()
-    keys = [k for k in odometry.map.keyframes if frames[k].segment == base]
+    _, keys = odometry.map.longest()
     places, closed = Places.of(frames), 0
     for k in keys[::_EVERY]:
         points = _around(odometry, places, frames[k], frames[k].time - LOOP_S)

@@ -200,7 +200,7 @@ class Odometry:
         if len(seen.point) < self.config.fewest:
             return "too few points followed"
         data = (self.map.points[seen.point],
-                *self.views.sights(seen.view, seen.ray, seen.delay, guess.motion),
+                *self.views.sights(seen.view, seen.ray, seen.delay, guess.motion.twist),
                 seen.inv_sigma)  # fmt: skip
         R, t, H = refine_pose(guess.R, guess.t, *data, WIDTHS, 6)
         inlier = squared_residuals(R, t, *data) < GATE**2

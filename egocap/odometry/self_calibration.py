@@ -13,7 +13,6 @@ Source: Triggs et al. 2000, section 6 (the reduced camera system); Hedborg et al
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -127,8 +126,7 @@ def find_correction(
     """
     if not found.frames:
         return None
-    segment, _ = Counter(f.segment for f in found.frames).most_common(1)[0]
-    keys = [k for k in found.keyframes if found.frames[k].segment == segment]
+    _, keys = found.longest()
     if len(keys) < FEWEST_KEYFRAMES:
         return None
     found.renew_twists(keys)
@@ -192,10 +190,7 @@ def _sights(
     now, rows = corrected(views, values), np.flatnonzero(seen.view == v)
     rays, _ = now.rays(v, seen.pixel[rows])
     delay = seen.late[rows] + now.delay(v, seen.pixel[rows], Motion.none(len(views)))
-    twist = seen.twist[rows]
-    turn = exponential(delay[:, None] * twist[:, :3])
-    centre = turn @ now.centres[v] + delay[:, None] * twist[:, 3:]
-    return centre, np.einsum("nij,nj->ni", turn, rays)
+    return now.sights(seen.view[rows], rays, delay, seen.twist[rows])
 
 
 def _sights_by_value(

@@ -42,7 +42,9 @@ def match(
     """Corners of view a that one place of view b matches distinctly, with their points."""
     rays, valid = views.rays(a, pixels)
     slope, density = views.ray_derivative(a, rays)
-    origin, rays = views.sights(np.full(len(rays), a), rays, views.delay(a, pixels, motion), motion)
+    origin, rays = views.sights(
+        np.full(len(rays), a), rays, views.delay(a, pixels, motion), motion.twist
+    )
     far = views.centres[b] - views.centres[a]
     steps = np.linalg.norm(far) * density.max(initial=1.0) * (1 / NEAREST - 1 / FARTHEST) / STEP
     inverse_depth = np.linspace(1 / FARTHEST, 1 / NEAREST, max(int(steps), 8))
@@ -114,7 +116,7 @@ def _triangulated(
     (a, b), (origin, rays) = pair, sights
     seen, valid = views.rays(b, found)
     late = views.delay(b, found, motion)
-    centre, other = views.sights(np.full(len(seen), b), seen, late, motion)
+    centre, other = views.sights(np.full(len(seen), b), seen, late, motion.twist)
     points, distance = intersect(origin, rays, centre, other)
     back, _ = views.project(b, views.later(points, late, motion))
     good = good & valid & (distance > NEAREST) & (distance < 2 * FARTHEST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
@@ -95,6 +96,11 @@ class TrackMap:
         poses = [self.frames[i] for i in rows]
         return np.stack([p.R for p in poses])[place], np.stack([p.t for p in poses])[place]
 
+    def longest(self) -> tuple[int, list[int]]:
+        """The segment with the most frames, and the rows of its keyframes."""
+        segment, _ = Counter(f.segment for f in self.frames).most_common(1)[0]
+        return segment, [k for k in self.keyframes if self.frames[k].segment == segment]
+
     def renew_twists(self, rows: Iterable[int]) -> None:
         """Velocities of frames from the poses before and after them, where there are any."""
         for row in rows:
@@ -121,7 +127,7 @@ class TrackMap:
         order = order[np.argsort(point[order], kind="stable")]
         numbers, counts = np.unique(point[order], return_counts=True)
         inv_sigma = np.concatenate([s.inv_sigma for s in seen])[order]
-        sights = [views.sights(s.view, s.ray, s.delay, self.frames[k].motion)
+        sights = [views.sights(s.view, s.ray, s.delay, self.frames[k].motion.twist)
                   for k, s in zip(keyframes, seen, strict=True)]  # fmt: skip
         origin, ray = (np.concatenate(parts)[order] for parts in zip(*sights, strict=True))
         poses = [self.frames[k] for k in keyframes]

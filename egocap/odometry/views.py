@@ -117,14 +117,17 @@ class Views:
 
     def sights(
         self, view: Int[Array, "n"], rays: Float[Array, "n 3"], delay: Float[Array, "n"],
-        motion: Motion,
+        twist: Float[Array, "*n 6"],
     ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:  # fmt: skip
-        """Camera centres [m] and rays, seen `delay` after a frame, in its own head frame."""
+        """Camera centres [m] and rays, seen `delay` after a frame, in its own head frame.
+
+        `twist`: that of the frame, or one for each ray of several frames.
+        """
         centres = self.centres[view]
         if not delay.any():
             return centres, rays
-        R = exponential(delay[:, None] * motion.twist[:3])
-        moved = np.einsum("nij,nj->ni", R, centres) + delay[:, None] * motion.twist[3:]
+        R = exponential(delay[:, None] * twist[..., :3])
+        moved = np.einsum("nij,nj->ni", R, centres) + delay[:, None] * twist[..., 3:]
         return moved, np.einsum("nij,nj->ni", R, rays)
 
     def later(

@@ -154,7 +154,7 @@ def test_points_and_sights_move_with_the_head(rng):
         assert valid.sum() > 20
         assert np.ptp(delay[valid]) > 0.003
         rays, _ = views.rays(v, pixels[valid])
-        centre, ray = views.sights(np.full(len(rays), v), rays, delay[valid], motion)
+        centre, ray = views.sights(np.full(len(rays), v), rays, delay[valid], motion.twist)
         away = points[valid] - centre
         assert np.abs(np.cross(away, ray)).max() < 1e-5
 

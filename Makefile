@@ -36,6 +36,8 @@ demo: light
 	$(BIN)/egocap-eval pose $(OUT)/walk --track $(OUT)/walk.track.npz
 	$(BIN)/egocap-sim preview $(OUT)/walk --out $(OUT)/walk.png
 
+# One thread of the numeric libraries for each of the two processes.
+test: export OMP_NUM_THREADS := 1
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import warnings
 from collections.abc import Generator, Iterator
 from importlib.util import find_spec
@@ -14,6 +15,8 @@ from egocap.errors import MachineError
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene, load_scene
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # nohup ignores it, and tests send it
 
 _NEEDS_TORCH = re.compile(
     r"^(import torch|from torch|from safetensors.torch"

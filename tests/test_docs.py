@@ -5,7 +5,7 @@ import importlib.util
 import os
 import re
 import shlex
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -77,7 +77,14 @@ def help_of(program: str, *words: str) -> str:
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=name_of)
 def test_python_runs_as_it_stands(page, tmp_path, monkeypatch, small_walk):
-    """Every block of a page, one after the other, in a folder with a rig file and out/walk."""
+    """Every block of a page, one after the other, in a folder with a rig file and out/walk.
+
+    Of what README generates, the first frames.
+    """
+    import egocap_sim
+
+    generate = egocap_sim.generate
+    monkeypatch.setattr(egocap_sim, "generate", partial(generate, frames=30))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_rig.toml").write_text(SMALL_RIG)
     (tmp_path / "out").mkdir()

@@ -10,7 +10,7 @@ from egocap.errors import InputError
 from egocap.fitting.config import FitConfig
 from egocap.fitting.guide import BONES, REQUESTS, Guide, joined
 
-FEW = FitConfig(frames=30)
+FEW = FitConfig(frames=15)
 LEGS = [
     i for i, name in enumerate(LABELS) if name.split("_")[-1] in ("hip", "knee", "ankle", "foot")
 ]

@@ -20,7 +20,16 @@ from egocap_sim.verification.integrity import verify
 
 pytest.importorskip("moto.server")
 distributed = pytest.importorskip("distributed")
-FRAMES, NAME = 240, "kills"
+FRAMES, NAME = 120, "kills"
+SERVE = """
+import sys
+from moto.core import DEFAULT_ACCOUNT_ID
+from moto.s3.models import s3_backends
+from moto.server import main
+
+s3_backends[DEFAULT_ACCOUNT_ID]["aws"].create_bucket(sys.argv[2], "us-east-1")
+main(["-H", "127.0.0.1", "-p", sys.argv[1]])
+"""
 
 
 def free_port():
@@ -37,7 +46,7 @@ class Server:
         self.start()
 
     def start(self):
-        command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(self.port)]
+        command = [sys.executable, "-c", SERVE, str(self.port), NAME]
         self.process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
@@ -46,9 +55,6 @@ class Server:
                 break
             assert self.process.poll() is None
             time.sleep(0.1)
-        bucket = urllib.request.Request(f"{self.address}/{NAME}", method="PUT")
-        bucket.add_header("Authorization", "AWS4-HMAC-SHA256 Credential=a/2/us-east-1/s3/x")
-        urllib.request.urlopen(bucket, timeout=60).close()
 
     def kill(self):
         self.process.kill()
@@ -102,7 +108,7 @@ def test_nothing_is_lost(server, tiny_scene, tmp_path):
         client.kill()
         client.communicate()
         client = run()
-        wait_for_more(server, client, 20)
+        wait_for_more(server, client, 15)
         server.kill()
         time.sleep(1.0)
         server.start()

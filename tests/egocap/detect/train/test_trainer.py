@@ -141,7 +141,8 @@ def test_weights_without_a_loss_stay_as_they_are(tmp_path):
     assert not torch.equal(run.network.heat.weight, before["heat.weight"])
 
 
-def test_rows_of_a_killed_run_are_written_once(tmp_path):
+def test_rows_of_a_killed_run_are_written_once(tmp_path, monkeypatch):
+    monkeypatch.setattr("egocap.detect.train.curves.draw_curves", lambda folder: None)
     config = replace(SHORT, steps=70, batch=2, augmentation=NO_AUGMENTATION, validate_minutes=1e-9)
     first = trainer(tmp_path / "run", config, validation=store(2, 100))
     stop_after(first, 30)

@@ -49,7 +49,7 @@ LAG = PARAMETERS.index("lag")
 TIMING = np.array([name in ("lag", "readout") for name in PARAMETERS])
 _FIXED = 1e-3  # of the prior standard deviation, where a correction is not sought
 _STEP = 1e-3 * PRIOR
-_ROUNDS = 12
+_ROUNDS, _SMALL_STEP = 12, 1e-2  # at most; of the prior standard deviation, of the last one
 _LOSS, _LEAST_NOISE = 3.0, 0.02  # width of the loss, and the noise, in standard deviations
 _HELD = 1e12  # information of the first keyframe
 _CHI2_MEDIAN = 2.0 * np.log(2.0)  # of 2 degrees of freedom
@@ -155,13 +155,14 @@ def _adjusted(
     """The corrections that are sought, their standard deviations, and the share that agrees."""
     prior = np.tile(np.where(sought, PRIOR, _FIXED * PRIOR), (len(views), 1))
     prior[0, LAG] = _FIXED * PRIOR[LAG]  # lags are behind the first view
-    system = _system(views, seen, R, t, X, values, prior, np.inf)
+    derivatives = _derivatives(views, seen, values)  # corrections are small: the same every round
+    system = _system(views, seen, R, t, X, values, derivatives, prior, np.inf)
     for _ in range(_ROUNDS):
         pose, rig, points = system.step()
         R = np.stack([turned(a, w) for a, w in zip(R, pose[:, :3], strict=True)])
         t, X, values = t + pose[:, 3:], X + points, values + rig
-        system = _system(views, seen, R, t, X, values, prior, system.noise)
-        if np.abs(rig / PRIOR).max() < 1e-3:
+        system = _system(views, seen, R, t, X, values, derivatives, prior, system.noise)
+        if np.abs(rig / PRIOR).max() < _SMALL_STEP:
             break
     return values * (prior == PRIOR), system.std(), system.agree
 
@@ -193,22 +194,30 @@ def _sights(
     return now.sights(seen.view[rows], rays, delay, seen.twist[rows])
 
 
-def _sights_by_value(
+def _all_sights(
     views: Views, seen: _Seen, values: Float[Array, "V 11"]
-) -> tuple[Float[Array, "N 3"], Float[Array, "N 3"], Float[Array, "N 3 Q"], Float[Array, "N 3 Q"]]:
-    """Centres and rays of all observations, and their derivatives (central differences)."""
-    N = len(seen.frame)
-    o, b = np.empty((N, 3)), np.empty((N, 3))
-    do, db = (np.zeros((N, 3, *values.shape)) for _ in range(2))
+) -> tuple[Float[Array, "N 3"], Float[Array, "N 3"]]:
+    """Centres and rays of all observations."""
+    o, b = (np.empty((len(seen.frame), 3)) for _ in range(2))
     for v in range(len(views)):
-        rows = np.flatnonzero(seen.view == v)
+        rows = seen.view == v
         o[rows], b[rows] = _sights(views, seen, values, v)
+    return o, b
+
+
+def _derivatives(
+    views: Views, seen: _Seen, values: Float[Array, "V 11"]
+) -> tuple[Float[Array, "N 3 Q"], Float[Array, "N 3 Q"]]:
+    """Of centres and rays by the corrections (central differences)."""
+    do, db = (np.zeros((len(seen.frame), 3, *values.shape)) for _ in range(2))
+    for v in range(len(views)):
+        rows = seen.view == v
         for i, h in enumerate(_STEP):
             step = np.zeros_like(values)
             step[v, i] = h
             (o0, b0), (o1, b1) = (_sights(views, seen, values + d, v) for d in (-step, step))
             do[rows, :, v, i], db[rows, :, v, i] = (o1 - o0) / (2 * h), (b1 - b0) / (2 * h)
-    return o, b, do.reshape(N, 3, -1), db.reshape(N, 3, -1)
+    return do.reshape(*do.shape[:2], -1), db.reshape(*db.shape[:2], -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,40 +254,53 @@ class _System:
 
 def _system(
     views: Views, seen: _Seen, R: Float[Array, "K 3 3"], t: Float[Array, "K 3"],
-    X: Float[Array, "P 3"], values: Float[Array, "V 11"], prior: Float[Array, "V 11"],
-    noise: float,
+    X: Float[Array, "P 3"], values: Float[Array, "V 11"],
+    derivatives: tuple[Float[Array, "N 3 Q"], Float[Array, "N 3 Q"]],
+    prior: Float[Array, "V 11"], noise: float,
 ) -> _System:  # fmt: skip
     """The equations at a state, with a loss as wide as the residuals, at most as `noise`."""
     N, K = len(seen.frame), len(R)
-    o, b, do, db = _sights_by_value(views, seen, values)
     r, J_pose, J_point, J_centre, J_ray = linearised(
-        R, t, X, seen.frame, seen.point, o, b, seen.inv_sigma
+        R, t, X, seen.frame, seen.point, *_all_sights(views, seen, values), seen.inv_sigma
     )
     squared = (r**2).sum(1)
     free = 1.0 - 3.0 * len(X) / (2.0 * N)
     measured = float(np.sqrt(np.median(squared) / _CHI2_MEDIAN / max(free, 0.2)))
     noise = max(min(noise, measured), _LEAST_NOISE)
     width2 = (_LOSS * noise) ** 2
-    weight = (width2 / (width2 + squared)) ** 2 / (ALIKE * noise**2)
-    J = np.zeros((N, 2, 6 * K + values.size))
-    columns = 6 * seen.frame[:, None] + np.arange(6)
-    J[np.arange(N)[:, None], :, columns] = J_pose.transpose(0, 2, 1)
-    J[:, :, 6 * K :] = J_centre @ do + J_ray @ db
-    weighted = (weight[:, None, None] * J).reshape(2 * N, -1)
-    H, g = weighted.T @ J.reshape(2 * N, -1), weighted.T @ r.ravel()
+    weight = np.repeat((width2 / (width2 + squared)) ** 2 / (ALIKE * noise**2), 2)
+    do, db = derivatives
+    of_rig = np.broadcast_to(6 * K + np.arange(values.size), (N, values.size))
+    J = _rows(
+        np.concatenate([J_pose, J_centre @ do + J_ray @ db], axis=2),
+        np.concatenate([6 * seen.frame[:, None] + np.arange(6), of_rig], axis=1),
+        6 * K + values.size,
+    )
+    of_point = _rows(J_point, 3 * seen.point[:, None] + np.arange(3), 3 * len(X))
+    weighted, weighted_point = (csr_array(A.multiply(weight[:, None])).T for A in (J, of_point))
+    H, g = (weighted @ J).toarray(), weighted @ r.ravel()
     H[np.arange(6), np.arange(6)] += _HELD
     given = np.diag(1.0 / prior.ravel() ** 2) + _kept_mean(views)
     H[6 * K :, 6 * K :] += given
     g[6 * K :] += given @ values.ravel()
-    of_point = csr_array((np.ones(N), (seen.point, np.arange(N))), shape=(len(X), N))
-    by_point = weight[:, None, None] * J_point.transpose(0, 2, 1)
-    W, V, g_point = (
-        (of_point @ part.reshape(N, -1)).reshape(len(X), 3, -1)
-        for part in (by_point @ J, by_point @ J_point, by_point @ r[..., None])
-    )
+    W = (weighted_point @ J).toarray().reshape(len(X), 3, -1)
+    V = _blocks(weighted_point @ of_point, 3)
     V = V + 1e-6 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
+    g_point = (weighted_point @ r.ravel()).reshape(-1, 3)
     agree = float((squared < AGREE**2).mean())
-    return _System(noise, agree, H, g, W, np.linalg.inv(V), g_point[..., 0], values.shape)
+    return _System(noise, agree, H, g, W, np.linalg.inv(V), g_point, values.shape)
+
+
+def _rows(J: Float[Array, "N 2 n"], columns: Int[Array, "N n"], width: int) -> csr_array:
+    """Derivatives of two residuals each as rows of a matrix."""
+    N, _, n = J.shape
+    index = np.repeat(columns, 2, axis=0).ravel()
+    return csr_array((J.ravel(), index, n * np.arange(2 * N + 1)), shape=(2 * N, width))
+
+
+def _blocks(A: csr_array, size: int) -> Float[Array, "P n n"]:
+    """The blocks on the diagonal of a matrix that has no others."""
+    return A.tobsr((size, size)).data
 
 
 def _kept_mean(views: Views) -> Float[Array, "Q Q"]:

@@ -284,8 +284,9 @@ def _system(
     H[6 * K :, 6 * K :] += given
     g[6 * K :] += given @ values.ravel()
     W = (weighted_point @ J).toarray().reshape(len(X), 3, -1)
-    V = _blocks(weighted_point @ of_point, 3)
-    V = V + 1e-6 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
+    V = np.zeros((len(X), 3, 3))
+    np.add.at(V, seen.point, weight[::2, None, None] * (J_point.transpose(0, 2, 1) @ J_point))
+    V += 1e-6 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
     g_point = (weighted_point @ r.ravel()).reshape(-1, 3)
     agree = float((squared < AGREE**2).mean())
     return _System(noise, agree, H, g, W, np.linalg.inv(V), g_point, values.shape)
@@ -296,11 +297,6 @@ def _rows(J: Float[Array, "N 2 n"], columns: Int[Array, "N n"], width: int) -> c
     N, _, n = J.shape
     index = np.repeat(columns, 2, axis=0).ravel()
     return csr_array((J.ravel(), index, n * np.arange(2 * N + 1)), shape=(2 * N, width))
-
-
-def _blocks(A: csr_array, size: int) -> Float[Array, "P n n"]:
-    """The blocks on the diagonal of a matrix that has no others."""
-    return A.tobsr((size, size)).data
 
 
 def _kept_mean(views: Views) -> Float[Array, "Q Q"]:

@@ -136,6 +136,20 @@ def test_a_correction_fits_pictures_of_any_size():
         assert camera.affine[0][0] == pytest.approx(1.01 * before.affine[0][0])
 
 
+def test_a_point_behind_all_that_see_it_tells_nothing(still):
+    wrong = miscalibrated()
+    odometry, _ = follow(wrong, still, TOLERANT)
+    before = find_correction(odometry.map, wrong)
+    frames = [odometry.map.frames[k] for k in odometry.map.keyframes]
+    seen = np.concatenate([np.unique(frame.seen.point) for frame in frames])
+    point = int(np.argmax(np.bincount(seen)))
+    centre = np.mean([frame.t for frame in frames], axis=0)
+    odometry.map.points[point] = centre - 1e3 * (odometry.map.points[point] - centre)
+    after = find_correction(odometry.map, wrong)
+    assert before is not None and after is not None
+    assert (np.abs(after.values - before.values) < 3.0 * before.std + 1e-9).all()
+
+
 def test_too_few_keyframes_tell_nothing(still):
     odometry, _ = follow(miscalibrated(), still[:8], TOLERANT)
     assert find_correction(odometry.map, VIEWS) is None

@@ -83,8 +83,7 @@ def test_python_runs_as_it_stands(page, tmp_path, monkeypatch, small_walk):
     """
     import egocap_sim
 
-    generate = egocap_sim.generate
-    monkeypatch.setattr(egocap_sim, "generate", partial(generate, frames=30))
+    monkeypatch.setattr(egocap_sim, "generate", partial(egocap_sim.generate, frames=30))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_rig.toml").write_text(SMALL_RIG)
     (tmp_path / "out").mkdir()

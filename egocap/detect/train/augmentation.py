@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.detect.train.config import AugmentationConfig
@@ -81,10 +81,12 @@ def recoloured(
             gain[list(covered)] = np.clip(factor, 0.2, 4.0)
     # shift of hue: permute the channels of clothes, not of skin
     order = rng.permutation(3) if rng.random() < 0.4 else np.arange(3)
-    clothes = np.zeros(256, bool)
-    clothes[[p for covered in OUTFIT[:-1] for p in covered]] = True
-    source = np.where(clothes[parts][..., None], image[..., order], image)
-    return np.minimum(source * gain[parts], 255.0).astype(np.uint8)
+    clothes = np.zeros(256, np.uint8)
+    clothes[[p for covered in OUTFIT[:-1] for p in covered]] = 1
+    source = image.copy()
+    cv2.copyTo(np.ascontiguousarray(image[..., order]), cv2.LUT(parts, clothes), source)
+    gains = cv2.LUT(cv2.merge([parts] * 3), gain[None])
+    return cv2.multiply(source, gains, dtype=cv2.CV_8U)
 
 
 def camouflaged(
@@ -96,7 +98,7 @@ def camouflaged(
     if np.count_nonzero(worn) < _LEAST_PX:
         return image
     near = cv2.dilate(worn.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
-    behind = near & ~WEARER[parts] & image.any(-1)  # without the black outside the image circle
+    behind = near & ~WEARER[parts] & _lit(image)  # without the black outside the image circle
     if np.count_nonzero(behind) < _LEAST_PX:
         return image
     colour = image[behind].mean(0) * np.exp(rng.normal(0.0, 0.12, 3))
@@ -122,9 +124,9 @@ def replaced_background(
     )
     behind = cv2.warpAffine(behind, M, (width, height), borderMode=cv2.BORDER_REFLECT_101)
     wearer = WEARER[parts]
-    lens = image.any(-1)  # the black outside the image circle is kept
-    alpha = cv2.blur((wearer | ~lens).astype(np.float32), (3, 3))[..., None]
-    return (image * alpha + behind * (1.0 - alpha)).astype(np.uint8)
+    lens = _lit(image)  # the black outside the image circle is kept
+    alpha = cv2.blur((wearer | ~lens).astype(np.float32), (3, 3))
+    return cv2.blendLinear(image, behind, alpha, 1.0 - alpha)
 
 
 def moved(
@@ -170,9 +172,8 @@ def occluded(
             cv2.fillPoly(shape, [cv2.convexHull(corners.astype(np.int32))], 1)
         colour = rng.integers(0, 256, 3)
         texture = rng.normal(0, 20, (max(1, height // 8), max(1, width // 8), 1))
-        texture = cv2.resize(texture.astype(np.float32), (width, height))[..., None]
         painted = np.clip(colour + texture, 0, 255).astype(np.uint8)
-        image = np.where(shape[..., None] > 0, painted, image)
+        cv2.copyTo(cv2.resize(painted, (width, height)), shape, image)
         cover |= shape
     at = np.clip(np.rint(points).astype(int), 0, (width - 1, height - 1))
     under = (cover[at[:, 1], at[:, 0]] > 0) & (state == SEEN)
@@ -270,9 +271,10 @@ def noisy(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array
     height, width = image.shape[:2]
     channels = 3 if rng.random() < 0.5 else 1
     # the sum of two 8-bit uniform draws is nearly normal and much cheaper than normal draws
-    raw = rng.integers(0, 256, (2, height, width, channels), np.uint8).astype(np.float32).sum(0)
-    sigma = rng.uniform(1.0, 12.0)
-    return np.clip(image + (raw - 255.0) * (sigma / 104.5), 0, 255).astype(np.uint8)
+    raw = rng.integers(0, 256, (2, height, width, channels), np.uint8)
+    scale = rng.uniform(1.0, 12.0) / 104.5  # 104.5: the sum's standard deviation
+    noise = cv2.addWeighted(raw[0], scale, raw[1], scale, -255.0 * scale, dtype=cv2.CV_32F)
+    return cv2.add(image, noise if channels == 3 else cv2.merge([noise] * 3), dtype=cv2.CV_8U)
 
 
 def recompressed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt8[Array, "H W 3"]:
@@ -283,3 +285,8 @@ def recompressed(image: UInt8[Array, "H W 3"], rng: np.random.Generator) -> UInt
         np.ascontiguousarray(image), quality=int(rng.integers(12, 90)), colorsubsampling="420"
     )
     return simplejpeg.decode_jpeg(data)
+
+
+def _lit(image: UInt8[Array, "H W 3"]) -> Bool[Array, "H W"]:
+    """Pixels that are not black."""
+    return cv2.transform(image, np.ones((1, 3), np.float32)) > 0

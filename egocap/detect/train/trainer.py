@@ -12,7 +12,6 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from torch import nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from egocap.detect.network import DetectorNetwork, NetworkConfig, build_network
-from egocap.detect.train.augmentation import augment
+from egocap.detect.train.batches import Batch, Batches, workers_for
 from egocap.detect.train.checkpoint import (
     RunState,
     restore_checkpoint,
@@ -32,7 +31,7 @@ from egocap.detect.train.checkpoint import (
 )
 from egocap.detect.train.config import TrainingConfig
 from egocap.detect.train.curves import RunLog
-from egocap.detect.train.examples import Example, Views, ViewStore
+from egocap.detect.train.examples import ViewStore
 from egocap.detect.train.interruption import Interruption
 from egocap.detect.train.loss import Losses, losses
 from egocap.detect.train.mixed_precision import mixed_precision
@@ -145,7 +144,7 @@ class Trainer:
             return self.state.step / self.config.steps
         return self.state.seconds / (60.0 * self.config.minutes)
 
-    def _step(self, batch: tuple[torch.Tensor, ...]) -> Losses:
+    def _step(self, batch: Batch) -> Losses:
         images, points, state = (t.to(self.device, non_blocking=True) for t in batch)
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
@@ -176,31 +175,19 @@ class Trainer:
         move = get_ema_multi_avg_fn(decay)
         move([mine[k] for k in floats], [theirs[k] for k in floats], self.state.step)
 
-    def _batches(self) -> Iterator[tuple[torch.Tensor, ...]]:
-        """Batches from the current step on, prefetched by a thread."""
-        with ThreadPoolExecutor(1) as pool:
-            step = self.state.step
-            ahead = [pool.submit(self._batch, step), pool.submit(self._batch, step + 1)]
-            while True:
-                begun = time.monotonic()
-                batch = ahead.pop(0).result()
-                self._waited = time.monotonic() - begun
-                step += 1
-                ahead.append(pool.submit(self._batch, step + 1))
-                yield batch
-
-    def _batch(self, step: int) -> tuple[torch.Tensor, ...]:
-        rng = np.random.default_rng([self.config.seed, self.rank, step])
-        made = []
-        for _ in range(self.config.batch):
-            view, other = self.training.draw(rng), self.backgrounds.draw(rng)
-            changes = self.config.augmentation
-            made.append(augment(example(*view), changes, rng, example(*other)))
-        return (
-            torch.from_numpy(np.stack([e.image for e in made])),
-            torch.from_numpy(np.stack([e.points for e in made]).astype(np.float32)),
-            torch.from_numpy(np.stack([e.state for e in made]).astype(np.int64)),
-        )
+    def _batches(self) -> Iterator[Batch]:
+        """Batches from the current step on, with the time waited for each."""
+        batches = Batches(
+            self.training, self.backgrounds, self.config.augmentation, self.config.batch,
+            self.config.seed, self.rank,
+        )  # fmt: skip
+        local = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+        ahead = batches.from_step(self.state.step, workers_for(self.device, local))
+        while True:
+            begun = time.monotonic()
+            batch = next(ahead)
+            self._waited = time.monotonic() - begun
+            yield batch
 
     def _validate(self, record: RunLog | None) -> Scores | None:
         if self.validation is None or record is None:
@@ -229,7 +216,7 @@ class Trainer:
             indices = self._held_out()
             held_out = len(self.validation.sequences), len(indices)
             bias = sigma_bias(predict(self.average, self.validation, indices))
-            self.average.info.log_sigma_bias.add_(torch.from_numpy(bias))
+            self.average.info.log_sigma_bias.add_(torch.from_numpy(bias).to(self.device))
             scores = score(predict(self.average, self.validation, indices))
             record.validation(self.state, scores)
         path = save_run_weights(self.folder, self.average, scores)
@@ -260,16 +247,9 @@ class Trainer:
         return bool(flag > 0)
 
 
-def example(views: Views, row: int) -> Example:
-    """One view of a sequence, read from disk."""
-    parts = None if views.parts is None else np.asarray(views.parts[row])
-    return Example(
-        np.asarray(views.images[row]), views.points[row].astype(float), views.state[row], parts
-    )
-
-
 def _device(local_rank: int) -> torch.device:
     if torch.cuda.is_available():
+        torch.backends.cudnn.benchmark = True  # all batches are of one size
         return torch.device("cuda", local_rank)
     return torch.device("cpu")
 

@@ -75,8 +75,12 @@ class Batches(Dataset[Batch]):
 
 
 def workers_for(device: torch.device, trainings: int) -> int:
-    """Processes that make the batches of one of several trainings on this machine."""
-    return len(os.sched_getaffinity(0)) // trainings if device.type == "cuda" else 0
+    """Processes that make the batches of one of several trainings on this machine.
+
+    For a GPU, as many as its share of the cores less the one that trains.
+    """
+    cores = len(os.sched_getaffinity(0)) // trainings
+    return max(cores - 1, 1) if device.type == "cuda" else 0
 
 
 def example(views: Views, row: int) -> Example:

@@ -32,5 +32,6 @@ def test_other_steps_seeds_and_processes_have_other_batches():
 def test_processes_make_batches_for_a_gpu_alone(monkeypatch):
     monkeypatch.setattr("os.sched_getaffinity", lambda _: range(16))
     assert workers_for(torch.device("cpu"), 1) == 0
-    assert workers_for(torch.device("cuda"), 1) == 16
-    assert workers_for(torch.device("cuda", 3), 4) == 4
+    assert workers_for(torch.device("cuda"), 1) == 15
+    assert workers_for(torch.device("cuda", 3), 4) == 3
+    assert workers_for(torch.device("cuda"), 16) == 1

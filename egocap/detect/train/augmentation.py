@@ -24,6 +24,7 @@ OUTFIT: tuple[tuple[int, ...], ...] = (
     (2, 3, 6, 7, 10, 11), (8, 12), (1, 14, 18), (15, 19), (16, 17, 20, 21), (4, 5, 9, 13),
 )  # fmt: skip
 """Parts recoloured together: shirt, sleeves, hips and thighs, shins, shoes, skin."""
+_CLOTHES = np.isin(np.arange(256), [p for garment in OUTFIT[:-1] for p in garment]).astype(np.uint8)
 _LEAST_PX = 30  # of a garment, and of its background
 _DIM = 16.0  # added to levels 0 to 255
 
@@ -81,10 +82,8 @@ def recoloured(
             gain[list(covered)] = np.clip(factor, 0.2, 4.0)
     # shift of hue: permute the channels of clothes, not of skin
     order = rng.permutation(3) if rng.random() < 0.4 else np.arange(3)
-    clothes = np.zeros(256, np.uint8)
-    clothes[[p for covered in OUTFIT[:-1] for p in covered]] = 1
     source = image.copy()
-    cv2.copyTo(np.ascontiguousarray(image[..., order]), cv2.LUT(parts, clothes), source)
+    cv2.copyTo(np.ascontiguousarray(image[..., order]), cv2.LUT(parts, _CLOTHES), source)
     gains = cv2.LUT(cv2.merge([parts] * 3), gain[None])
     return cv2.multiply(source, gains, dtype=cv2.CV_8U)
 

@@ -5,7 +5,6 @@ A batch depends only on seed, process of the training and step.
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +18,7 @@ from jaxtyping import Float, Int64, UInt8
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
+from egocap.detect.engine import available_cores
 from egocap.detect.train.augmentation import augment
 from egocap.detect.train.config import AugmentationConfig
 from egocap.detect.train.examples import Example, Views, ViewStore
@@ -79,8 +79,7 @@ def workers_for(device: torch.device, trainings: int) -> int:
 
     For a GPU, as many as its share of the cores less the one that trains.
     """
-    cores = len(os.sched_getaffinity(0)) // trainings
-    return max(cores - 1, 1) if device.type == "cuda" else 0
+    return max(available_cores() // trainings - 1, 1) if device.type == "cuda" else 0
 
 
 def example(views: Views, row: int) -> Example:

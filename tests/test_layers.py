@@ -23,7 +23,7 @@ LAYERS = (
     {"egocap.export"},
     {"egocap.footage", "egocap.calibration", "egocap.odometry", "egocap.world"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose", "egocap.head_pose"},  # not each other
-    {"egocap.detect.train", "egocap.image_model"},
+    {"egocap.detect.train", "egocap.image_model", "egocap.consistency"},
     {"egocap.track", "egocap.datasets"},
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
     {"egocap.view"},

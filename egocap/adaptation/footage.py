@@ -30,6 +30,7 @@ from egocap.motion_capture import steps
 from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.stages import Stages
 from egocap.pose.config import TrackerConfig
+from egocap.track.consistency import geometry_warning_of
 
 STRETCH_S, GAP_S = 4.0, 0.3
 FEWEST = 10  # stretches
@@ -57,7 +58,8 @@ def check_footage(folder: Path) -> None:
 def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step) -> Recording:
     """Detections, track and labels of a sequence, made in `work`; or those of a folder of `mocap`.
 
-    Raises FileError, and InputError as `Tracker`.
+    Raises FileError, InputError as `Tracker`, and for a track that a wrong rig or body biases: the
+    detector would learn the bias.
     """
     if _is_tracked(folder):
         return _read(folder)
@@ -65,8 +67,7 @@ def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step
     make_folder(work)
     stages = Stages(work)
     wearer = MocapOptions(height=options.height, body=options.body, weights=options.weights)
-    found = steps.detections(stages, sequence, wearer, on_step)
-    rig = steps.rig(stages, sequence, wearer, on_step)
+    found, rig = steps.detections_and_rig(stages, sequence, wearer, on_step)
     body, _ = steps.body(stages, rig, found, wearer, on_step)
     track = steps.track(stages, sequence, rig, found, body, TrackerConfig(), None, on_step)
     return Recording(sequence, _labels(sequence, rig, found, track))
@@ -87,6 +88,9 @@ def _read(folder: Path) -> Recording:
 
 
 def _labels(sequence: Sequence, rig: Rig, found: Detections, track: Track) -> Labels:
+    if (wrong := geometry_warning_of(track)) is not None:
+        raise InputError(f"{sequence.folder.name}: {wrong}", valid="footage of a rig that is "
+                         "calibrated as it is, and --height or --body of its wearer")  # fmt: skip
     labels = tracked_labels(track, found, rig)
     if sequence.frame_times is None:
         return labels

@@ -7,6 +7,7 @@ motion.bvh, film.mp4, index.html.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,10 +32,12 @@ from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.findings import Findings, find
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
+from egocap.motion_capture.tracking import is_long, tracking_pool
 from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.track.view_agreement import check_agreement
 from egocap.view.film import write_film
+from egocap.workers import WorkerPool
 
 FILM, PAGE = "film.mp4", "index.html"
 
@@ -95,21 +98,21 @@ def mocap(
     if options.head_pose is not None:
         _ = read_head_poses(options.head_pose, sequence.times)  # or refuse now
     stages = Stages(folder)
-    found = steps.detections(stages, sequence, options, on_step)
-    agreement = check_agreement(found, sequence.rig)
-    if agreement.looks_exchanged and not options.accept_swapped:
-        raise InputError(
-            "the views look exchanged: rays to the same joint miss each other by "
-            f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other order",
-            valid="the files in the order of the rig, or --accept-swapped",
-        )
-    rig = steps.rig(stages, sequence, options, on_step)
-    body, bones = steps.body(stages, rig, found, options, on_step)
-    heads = steps.head_poses(stages, sequence, rig, options, on_step)
-    track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step)
-    assert sequence.footage is not None
-    findings = find(track, found, rig, sequence.footage, agreement, options.height)
-    _results(stages, sequence, track, findings, bones, options, on_step)
+    with tracking_pool() if is_long(len(sequence)) else nullcontext() as pool:
+        found, rig = steps.detections_and_rig(stages, sequence, options, on_step, pool)
+        agreement = check_agreement(found, sequence.rig)
+        if agreement.looks_exchanged and not options.accept_swapped:
+            raise InputError(
+                "the views look exchanged: rays to the same joint miss each other by "
+                f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other "
+                "order", valid="the files in the order of the rig, or --accept-swapped",
+            )  # fmt: skip
+        body, bones = steps.body(stages, rig, found, options, on_step)
+        heads = steps.head_poses(stages, sequence, rig, options, on_step)
+        track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step, pool)
+        assert sequence.footage is not None
+        findings = find(track, found, rig, sequence.footage, agreement, options.height)
+        _results(stages, sequence, track, findings, bones, options, on_step, pool)
     return Capture(folder, sequence, track, findings)
 
 
@@ -124,14 +127,21 @@ def _refuse_early(options: MocapOptions) -> None:
 
 def _results(
     stages: Stages, sequence: Recording, track: Track, findings: Findings, bones: dict[str, Any],
-    options: MocapOptions, on_step: Step,
+    options: MocapOptions, on_step: Step, pool: WorkerPool | None,
 ) -> None:  # fmt: skip
+    """The files for people, the page in a worker while the film is made."""
+
     def film(path: Path) -> None:
         write_film(path, sequence, track, on_step("film", len(sequence)))
 
     stages.run("motion.bvh", {}, lambda path: write_bvh(path, evenly(track)), lambda path: path)
+    write_json(stages.folder / "findings.json", findings.to_dict())
+    page = (stages.folder / PAGE, sequence.folder, track, findings, bones,
+            None if options.skip_film else FILM)  # fmt: skip
+    written = None if pool is None else pool.submit(write_page, *page)
     if not options.skip_film:
         stages.run(FILM, {}, film, lambda path: path)
-    write_json(stages.folder / "findings.json", findings.to_dict())
-    write_page(stages.folder / PAGE, sequence, track, findings, bones,
-               None if options.skip_film else FILM)  # fmt: skip
+    if written is None:
+        write_page(*page)
+    else:
+        written.result()

@@ -6,30 +6,26 @@ that allow for it. The covariance of a track holds if its inputs are right; the 
 presume that.
 
 Source: residuals against the stated noise, as the reduced chi-square of Bevington & Robinson 2003,
-chapter 4, with medians; mixture of a sound and a faulty rig by Bayes' rule. The relation between
-residual and error is measured by `egocap-eval doubt`.
+chapter 4, with medians. The relation between residual and error is measured by `egocap-eval doubt`.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.body.labels import LABEL_INDEX, LABELS
+from egocap.body.labels import LABEL_INDEX
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import forward
 from egocap.cameras.rig import Rig
+from egocap.consistency.attitude import attitudes, load_attitudes
 from egocap.data.detections import Detections
 from egocap.data.track import Track
-from egocap.geometry import unit
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import angular_residual
 from egocap.pose.observations import observe
-from egocap.pose.pose_prior import load_posture
 from egocap.track.uncertainty import confidences
 from egocap.track.view_agreement import CONFIDENT, Agreement, check_agreement, spread, triangulate
 
@@ -55,14 +51,10 @@ without detections, and of a pose that nothing is known of."""
 _SIZE_NOISE, _SIZE_SPREAD, _MOST_SIZE_SPREAD = 0.07, 1.8, 0.15
 """Of the logarithm of the limbs' size: error, spread relative to the rest, and its maximum."""
 _MOST_MISS = 1.6  # of rays, relative to that of the stated errors, with which limbs are measured
+_TURN_SPREAD, _MOST_TURN_SPREAD = 0.43, 0.07
+"""Of the rotation [rad] of the views against each other: the spread by it, and the maximum."""
 _BLOCK_S = 0.5
 _FRAMES = 300  # looked at for the limbs' size
-_FAULTY = 0.1
-"""Prior probability of a rig that is rotated on the head by anything below `_RANGE`."""
-_RANGE = np.deg2rad(45.0)
-_BETWEEN, _HELD_S = 0.4, 1.5
-"""Of the variance of the attitude, the fraction between recordings (training clips); time for which
-the head is held."""
 _LIMBS = np.array([
     [LABEL_INDEX[side + joint] for joint in joints]
     for side in ("left_", "right_")
@@ -92,8 +84,15 @@ class Consistency:
     @property
     def warning(self) -> str | None:
         """The likeliest cause of a misfit in one line; None where all fits."""
-        return (self._of_nothing() or self._of_the_views() or self._of_the_body()
-                or self._of_the_rig() or self._of_frames())  # fmt: skip
+        return self._of_nothing() or self.geometry or self._of_frames()
+
+    @property
+    def geometry(self) -> str | None:
+        """The likeliest cause in the rig, the order of the views or the body; None where all fit.
+
+        The whole track is then biased, which no covariance states.
+        """
+        return self._of_the_views() or self._of_the_body() or self._of_the_rig()
 
     def confidences(
         self, joints_head: Float[Array, "T 18 3"], covariance: Float[Array, "T 18 3 3"]
@@ -116,7 +115,8 @@ class Consistency:
         roll, pitch, yaw = np.rad2deg(self.attitude)
         views = {name: _plain(value) for name, value in asdict(self.agreement).items()}
         return {
-            "warning": self.warning, "frames_in_doubt": round(self.in_doubt, 4),
+            "warning": self.warning, "geometry": self.geometry,
+            "frames_in_doubt": round(self.in_doubt, 4),
             "residual": _plain(self._residual), "visible_joints": _plain(self.visible),
             "views": views, "size": _plain(self.size),
             "attitude_deg": {"roll": _plain(roll), "pitch": _plain(pitch), "yaw": _plain(yaw)},
@@ -166,11 +166,9 @@ class Consistency:
         if abs(self.attitude[2]) > np.pi / 2:
             return "the body faces backwards: left and right of the detections look exchanged"
         if self.right_attitude < ODD_ATTITUDE:
-            off = self.attitude - _attitudes()[0]
-            axis = int(np.argmax(np.abs(off) / np.sqrt(np.diag(_attitudes()[1]))))
-            name = ("roll", "pitch", "yaw")[axis]
-            return (f"the rig is probably rotated on the head, in {name} by about "
-                    f"{np.rad2deg(off[axis]):.0f} degrees: heads are seldom held so")  # fmt: skip
+            axis, off = load_attitudes().oddest(self.attitude)
+            return (f"the rig is probably rotated on the head, in {axis} by about "
+                    f"{np.rad2deg(off):.0f} degrees: heads are seldom held so")  # fmt: skip
         return None
 
     def _of_frames(self) -> str | None:
@@ -200,6 +198,12 @@ def warning_of(track: Track) -> str | None:
     return found.get("warning") if isinstance(found, dict) else None
 
 
+def geometry_warning_of(track: Track) -> str | None:
+    """The likeliest cause in the rig, the views or the body; None where they fit."""
+    found = track.config.get("consistency")
+    return found.get("geometry") if isinstance(found, dict) else None
+
+
 def check_consistency(
     joints_head: Float[Array, "T 18 3"], found: Detections, rig: Rig, proportions: Proportions,
     config: TrackerConfig = TrackerConfig(),  # noqa: B008 (frozen)
@@ -219,10 +223,11 @@ def check_consistency(
     fit = np.interp(np.where(np.isfinite(residual), residual, 0.0), _RESIDUALS, _SPREADS)
     odd = 0.0 if np.isnan(size) else max(abs(np.log(size)) - _SIZE_NOISE, 0.0)
     scale = min(_SIZE_SPREAD * odd, _MOST_SIZE_SPREAD)
-    seconds = float(np.ptp(found.times)) if len(found.times) else 0.0
+    turn = 0.0 if np.isnan(agreement.turned) else np.deg2rad(agreement.turned)
+    fit = np.maximum(fit, min(_TURN_SPREAD * turn, _MOST_TURN_SPREAD))
     return Consistency(
         residual, float(visible.mean()), np.sqrt(_LEAST_SPREAD**2 + unseen**2 + fit**2 + scale**2),
-        agreement, size, attitude, _right_attitude(attitude, seconds),
+        agreement, size, attitude, load_attitudes().probability(attitude),
     )  # fmt: skip
 
 
@@ -245,43 +250,6 @@ def limb_size(found: Detections, rig: Rig, proportions: Proportions) -> float:
 def _lengths(joints: Float[Array, "*T 18 3"]) -> Float[Array, "*T 4 2"]:
     """Lengths [m] of the bones of the limbs."""
     return np.linalg.norm(np.diff(joints[..., _LIMBS, :], axis=-2), axis=-1)
-
-
-def attitudes(joints_head: Float[Array, "*T 18 3"]) -> Float[Array, "*T 3"]:
-    """Roll, pitch and yaw [rad] of the trunk in the head frame: 0 upright and facing ahead."""
-    at = {name: joints_head[..., i, :] for i, name in enumerate(LABELS)}
-    up = unit(at["neck"] - 0.5 * (at["left_hip"] + at["right_hip"]))
-    left = at["left_shoulder"] - at["right_shoulder"] + at["left_hip"] - at["right_hip"]
-    left = unit(left - up * np.sum(up * left, -1, keepdims=True))
-    return np.stack([
-        np.arctan2(-up[..., 1], up[..., 2]), np.arctan2(up[..., 0], up[..., 2]),
-        np.arctan2(-left[..., 0], left[..., 1]),
-    ], -1)  # fmt: skip
-
-
-@cache
-def _attitudes() -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Mean and covariance of the attitude in the learned pose prior, linearised."""
-    prior, body = load_posture(), Proportions.from_lengths(1.75)
-    mean, step = attitudes(forward(body, prior.mean)), 1e-5
-    J = np.stack([(attitudes(forward(body, prior.mean + step * e)) - mean) / step
-                  for e in np.eye(len(prior.mean))], -1)  # fmt: skip
-    return mean, J @ np.linalg.solve(prior.precision, J.T)
-
-
-def _right_attitude(attitude: Float[Array, "3"], seconds: float) -> float:
-    """Probability that the rig is not rotated on the head, by the median attitude of the trunk.
-
-    Medians over recordings vary less than single frames, and more so the longer they are.
-    """
-    mean, covariance = _attitudes()
-    share = _BETWEEN + (1.0 - _BETWEEN) * min(_HELD_S / max(seconds, _HELD_S), 1.0)
-    covariance = share * covariance
-    off = attitude - mean
-    density = np.exp(-0.5 * off @ np.linalg.solve(covariance, off))
-    density /= np.sqrt(np.linalg.det(2.0 * np.pi * covariance))
-    sound, faulty = (1.0 - _FAULTY) * density, _FAULTY / (2.0 * _RANGE) ** 3
-    return float(sound / (sound + faulty))
 
 
 def _residuals(

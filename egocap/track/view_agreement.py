@@ -45,12 +45,17 @@ class Agreement:
     @property
     def looks_exchanged(self) -> bool:
         """Whether the views fit the rig only in the other order."""
-        return self.exchanged < 0.5 * self.as_given and self.as_given > 2.0 * self.expected
+        return self.exchanged < min(0.5 * self.as_given, self._most)
 
     @property
     def looks_like_another_rig(self) -> bool:
         """Whether the views fit the rig in no order."""
-        return self.as_given > max(3.0 * self.expected, 0.8) and not self.looks_exchanged
+        return self.as_given > self._most and not self.looks_exchanged
+
+    @property
+    def _most(self) -> float:
+        """Of views that fit the rig."""
+        return max(3.0 * self.expected, 0.8)
 
 
 def check_agreement(found: Detections, rig: Rig, frames: int = 300) -> Agreement:

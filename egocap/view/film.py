@@ -17,13 +17,13 @@ from egocap.data.input_checks import require_same_times
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.detect.input_images import ahead
-from egocap.view.skeleton import draw_in_space, draw_views
+from egocap.view.skeleton import BACKGROUND, draw_in_space, draw_views, panel_widths
 from egocap.view.video import VideoFile
 
 FILM_HZ = 15.0
 HEIGHT, CURVE_HEIGHT = 840, 120
 """Of the film, and of its curve, pixels."""
-_DARK, _LINE, _TEXT, _NOW = (24, 24, 24), (150, 150, 150), (200, 200, 200), (240, 228, 66)
+_LINE, _TEXT, _NOW = (150, 150, 150), (200, 200, 200), (240, 228, 66)
 _MARGIN = 18  # pixels of the curve's title, and below it
 
 
@@ -55,30 +55,33 @@ class FilmPictures:
     def __init__(self, sequence: Sequence, track: Track) -> None:
         self._sequence, self._track = sequence, track
         self._truth = sequence.truth.joints_head if sequence.manifest.truth else None
-        cameras = sequence.rig.cameras
-        self._columns = 1 if len(cameras) <= 2 else 2
-        rows = ceil(len(cameras) / self._columns)
-        self._height = (HEIGHT - CURVE_HEIGHT) // rows // 2 * 2
-        widest = max(camera.width / camera.height for camera in cameras)
-        self._width = round(widest * self._height / 2) * 2
-        self._curve = self._draw_curve()
+        rig, count = sequence.rig, len(sequence.rig.cameras)
+        columns = 1 if count <= 2 else 2
+        height = (HEIGHT - CURVE_HEIGHT) // ceil(count / columns) // 2 * 2
+        widths = panel_widths(rig, height)
+        self._panels = [
+            (slice(row * height, (row + 1) * height), slice(left, left + width))
+            for v, width in enumerate(widths)
+            for row, column in [divmod(v, columns)]
+            for left in [HEIGHT + column * max(widths)]
+        ]
+        shape = HEIGHT, HEIGHT + columns * max(widths), 3
+        self._blank = np.full(shape, BACKGROUND, np.uint8)
+        self._draw_curve(self._blank[-CURVE_HEIGHT:, HEIGHT:])
 
     def draw(self, index: int) -> UInt8[Array, "h w 3"]:
         """One picture, RGB."""
-        right = np.full((HEIGHT, self._columns * self._width, 3), _DARK, np.uint8)
+        canvas = self._blank.copy()
         joints, confidence = self._track.joints_head[index], self._confidence[index]
         grey = () if self._truth is None else (self._truth[index],)
         images, rig = self._sequence.pictures(index), self._sequence.rig
-        panels = draw_views(images, joints, confidence, rig, self._height, grey)
-        for v, panel in enumerate(panels):
-            row, column = divmod(v, self._columns)
-            top, left = row * self._height, column * self._width
-            right[top : top + self._height, left : left + panel.shape[1]] = panel
-        right[-CURVE_HEIGHT:] = self._curve
-        now = round(index / max(len(self._sequence) - 1, 1) * (right.shape[1] - 1))
-        right[-CURVE_HEIGHT + _MARGIN :, max(now - 1, 0) : now + 1] = _NOW
-        space = draw_in_space(joints, confidence, HEIGHT, grey)
-        return np.concatenate([space, right], axis=1)
+        panels = [canvas[panel] for panel in self._panels]
+        draw_views(panels, images, joints, confidence, rig, grey)
+        draw_in_space(canvas[:, :HEIGHT], joints, confidence, grey)
+        curve = canvas[-CURVE_HEIGHT + _MARGIN :, HEIGHT:]
+        now = round(index / max(len(self._sequence) - 1, 1) * (curve.shape[1] - 1))
+        curve[:, max(now - 1, 0) : now + 1] = _NOW
+        return canvas
 
     @property
     def _confidence(self) -> Float[Array, "T 18"]:
@@ -86,11 +89,10 @@ class FilmPictures:
         found = self._track.confidence
         return np.ones(self._track.joints_head.shape[:2]) if found is None else found
 
-    def _draw_curve(self) -> UInt8[Array, "h w 3"]:
+    def _draw_curve(self, canvas: UInt8[Array, "h w 3"]) -> None:
         """The mean error if the truth is known, else the least confidence, over time."""
         import cv2
 
-        canvas = np.full((CURVE_HEIGHT, self._columns * self._width, 3), _DARK, np.uint8)
         if self._truth is None:
             values, title, top = 100 * self._confidence.min(1), "least confidence, %", 100.0
         else:
@@ -103,4 +105,3 @@ class FilmPictures:
         cv2.polylines(canvas, [line], False, _LINE, 1, cv2.LINE_AA, 4)
         cv2.putText(canvas, f"{title}, up to {top:.0f}", (6, _MARGIN - 5),
                     cv2.FONT_HERSHEY_SIMPLEX, 0.42, _TEXT, 1, cv2.LINE_AA)  # fmt: skip
-        return canvas

@@ -29,6 +29,10 @@ _FLOOR = np.array([
 """Ends of the floor's lines, two after two."""
 
 
+BACKGROUND = 24
+"""Grey value of what nothing is drawn on."""
+
+
 def side_by_side(
     images: Sequence[UInt8[Array, "H W 3"] | None], joints_head: Float[Array, "18 3"],
     confidence: Float[Array, "18"], rig: Rig, height: int = 360,
@@ -37,40 +41,47 @@ def side_by_side(
 
     Both sides are even, as films want them.
     """
-    panels = draw_views(images, joints_head, confidence, rig, height)
-    return np.concatenate([*panels, draw_in_space(joints_head, confidence, height)], axis=1)
+    height = height // 2 * 2
+    ends = np.cumsum([*panel_widths(rig, height), height])
+    canvas = np.full((height, int(ends[-1]), 3), BACKGROUND, np.uint8)
+    *panels, space = np.split(canvas, ends[:-1], axis=1)
+    draw_views(panels, images, joints_head, confidence, rig)
+    draw_in_space(space, joints_head, confidence)
+    return canvas
+
+
+def panel_widths(rig: Rig, height: int) -> list[int]:
+    """Widths of the views at a height, even."""
+    return [round(camera.width * height / camera.height / 2) * 2 for camera in rig.cameras]
 
 
 def draw_views(
-    images: Sequence[UInt8[Array, "H W 3"] | None], joints_head: Float[Array, "18 3"],
-    confidence: Float[Array, "18"], rig: Rig, height: int,
+    panels: Sequence[UInt8[Array, "h w 3"]], images: Sequence[UInt8[Array, "H W 3"] | None],
+    joints_head: Float[Array, "18 3"], confidence: Float[Array, "18"], rig: Rig,
     grey: Sequence[Float[Array, "18 3"]] = (),
-) -> list[UInt8[Array, "h w 3"]]:  # fmt: skip
-    """Every view at a height with the pose over it, and other poses in grey below; RGB.
+) -> None:  # fmt: skip
+    """Fill every view's panel with its picture and the pose over it, other poses in grey below.
 
-    A missing picture is black. Widths are even.
+    A missing picture is black.
     """
-    panels = []
-    for image, camera in zip(images, rig.cameras, strict=True):
-        panels.append(_scaled(image, round(camera.width * height / camera.height / 2) * 2, height))
+    for panel, image in zip(panels, images, strict=True):
+        _fill(panel, image)
     poses = [*((joints, np.zeros(len(LABELS))) for joints in grey), (joints_head, confidence)]
     for joints, sure in poses:
         pixels, inside = rig.project(joints)
         for v, camera in enumerate(rig.cameras):
-            scale = np.array([panels[v].shape[1] / camera.width, height / camera.height])
+            scale = np.divide(panels[v].shape[1::-1], (camera.width, camera.height))
             at = (np.where(inside[v][:, None], pixels[v], 0.0) + 0.5) * scale - 0.5
-            panels[v] = draw_pose(panels[v], at, inside[v], sure)
-    return panels
+            draw_pose(panels[v], at, inside[v], sure)
 
 
 def draw_pose(
-    image: UInt8[Array, "H W 3"], points: Float[Array, "18 2"], shown: Array,
+    canvas: UInt8[Array, "H W 3"], points: Float[Array, "18 2"], shown: Array,
     confidence: Float[Array, "18"],
-) -> UInt8[Array, "H W 3"]:  # fmt: skip
-    """An image with limbs and joints over it: left blue, right vermilion, unsure ones grey."""
+) -> None:  # fmt: skip
+    """Draw limbs and joints on an image: left blue, right vermilion, unsure ones grey."""
     import cv2
 
-    canvas = np.ascontiguousarray(image).copy()
     thick = max(1, canvas.shape[0] // 150)
     at = np.rint(16.0 * points).astype(int)
     for a, b in LIMBS:
@@ -80,25 +91,23 @@ def draw_pose(
     for j in np.flatnonzero(shown).tolist():
         colour = _colour(j) if confidence[j] >= SURE else UNSURE
         cv2.circle(canvas, at[j].tolist(), 24 * thick, colour, -1, cv2.LINE_AA, 4)
-    return canvas
 
 
 def draw_in_space(
-    joints_head: Float[Array, "18 3"], confidence: Float[Array, "18"], size: int,
-    grey: Sequence[Float[Array, "18 3"]] = (),
-) -> UInt8[Array, "h w 3"]:  # fmt: skip
-    """The pose seen from before and the left, over a floor at its lowest foot; others in grey."""
+    canvas: UInt8[Array, "S S 3"], joints_head: Float[Array, "18 3"],
+    confidence: Float[Array, "18"], grey: Sequence[Float[Array, "18 3"]] = (),
+) -> None:  # fmt: skip
+    """Draw the pose seen from before and the left, over a floor at its lowest foot; others grey."""
     import cv2
 
-    canvas = np.full((size // 2 * 2, size // 2 * 2, 3), 24, np.uint8)
+    size, everything = len(canvas), np.ones(len(LABELS), bool)
     floor = float(joints_head[:, 2].min())
     lines = _seen(_FLOOR + [0.0, 0.0, floor], size).reshape(-1, 2, 2)
     for first, last in np.rint(16.0 * lines).astype(int).tolist():
         cv2.line(canvas, first, last, (58, 58, 58), 1, cv2.LINE_AA, 4)
-    everything = np.ones(len(LABELS), bool)
     for joints in grey:
-        canvas = draw_pose(canvas, _seen(joints, size), everything, np.zeros(len(LABELS)))
-    return draw_pose(canvas, _seen(joints_head, size), everything, confidence)
+        draw_pose(canvas, _seen(joints, size), everything, np.zeros(len(LABELS)))
+    draw_pose(canvas, _seen(joints_head, size), everything, confidence)
 
 
 def _seen(points: Float[Array, "N 3"], size: int) -> Float[Array, "N 2"]:
@@ -112,13 +121,16 @@ def _seen(points: Float[Array, "N 3"], size: int) -> Float[Array, "N 2"]:
     return np.stack([away @ right, away @ down], -1) / depth[:, None] * focal + size / 2
 
 
-def _scaled(image: UInt8[Array, "H W 3"] | None, width: int, height: int) -> UInt8[Array, "h w 3"]:
+def _fill(panel: UInt8[Array, "h w 3"], image: UInt8[Array, "H W 3"] | None) -> None:
+    """Put a picture into a panel, at its size."""
     import cv2
 
     if image is None:
-        return np.zeros((height, width, 3), np.uint8)
+        panel[:] = 0
+        return
+    height, width = panel.shape[:2]
     reduce = cv2.INTER_AREA if image.shape[0] > 2 * height else cv2.INTER_LINEAR
-    return cv2.resize(image, (width, height), interpolation=reduce)  # pyright: ignore[reportReturnType]
+    cv2.resize(image, (width, height), panel, interpolation=reduce)
 
 
 def _colour(label: int) -> tuple[int, int, int]:

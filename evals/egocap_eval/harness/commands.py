@@ -47,7 +47,7 @@ STUDIES = {
     "fuzz": ("fuzz.study", "Feed mutated files to every reader."),
     "augmentation": ("studies.augmentation", "Train detectors with and without augmentation."),
     "training-set": ("studies.training_set", "Train detectors on fewer people or frames."),
-    "learn-prior": ("priors.study", "Learn the tracker's pose and motion priors from clips."),
+    "learn-prior": ("priors.study", "Learn the priors of poses, motion and attitude from clips."),
     "learn-contacts": (
         "world.learn_contacts",
         "Learn when heels and toes touch the ground, from clips.",

@@ -1,7 +1,8 @@
 """Hashes of source files, for telling whether a result is of the code at hand.
 
 Paths are relative to the repository, `egocap_eval` standing for its package wherever it lies. A
-folder stands for all files in it, and a pattern (`egocap/detect/*.py`) for the files it matches.
+folder stands for all files in it, and a pattern (`egocap/detect/*.py`) for the files it matches;
+`egocap/track!consistency` leaves modules out, by their names with commas between them.
 Python is hashed by its syntax tree: comments, docstrings and layout do not count.
 """
 
@@ -49,9 +50,10 @@ def python_hash(text: str) -> str:
 
 @cache
 def _path_hash(path: str) -> str:
-    found = locate(path)
+    kept, _, left_out = path.partition("!")
+    found, names = locate(kept), left_out.split(",")
     matched = found.rglob("*") if found.is_dir() else found.parent.glob(found.name)
-    files = sorted(p for p in matched if _counts(p))
+    files = sorted(p for p in matched if _counts(p) and p.stem not in names)
     lines = (f"{file.relative_to(found.parent)} {file_hash(file)}" for file in files)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 

@@ -13,7 +13,14 @@ CAMERAS = tuple(f"egocap/cameras/{module}.py" for module in (
     "camera", "camera_files", "camera_set", "lens", "ray_kernel", "rig", "rig_files"))  # fmt: skip
 """Without the formats of other programs."""
 GEOMETRY = ("egocap/geometry.py", *CAMERAS, "egocap/body")
-TRACKER = (*GEOMETRY, "egocap/pose", "egocap/track", "egocap/series.py")
+TRACK = ("egocap/track!consistency,view_agreement",)
+TRACKER = (*GEOMETRY, "egocap/pose", *TRACK, "egocap/series.py")
+CONFIDENCE = ("egocap/consistency", "egocap/track/consistency.py",
+              "egocap/track/view_agreement.py")  # fmt: skip
+"""What a track says of its inputs; poses do not depend on it."""
+LIVE = ("egocap/cli/live.py", *(f"egocap/view/{module}.py" for module in (
+    "capture", "feeds", "live_run", "pose_log")))  # fmt: skip
+"""Without what it shows and records on request."""
 IN_WORLD = ("egocap/world", "egocap/data/head_pose.py")
 SCORES = ("egocap/evaluation/*.py",)
 WORLD = (*(f"egocap_sim/{room}" for room in (
@@ -47,14 +54,14 @@ FORMULA_TESTS: dict[str, tuple[str, ...]] = {
     "egocap/posterior/information.py": ("tests/egocap/posterior/test_information.py",),
 }  # fmt: skip
 """The formula modules, and the tests of each that must notice its mutants."""
-CAPTURED = (*FOOTAGE_TRACKED, *IMPORTED, *FITTED, *HEAD_POSE, "egocap/motion_capture")
+CAPTURED = (*FOOTAGE_TRACKED, *CONFIDENCE, *IMPORTED, *FITTED, *HEAD_POSE, "egocap/motion_capture")
 
 STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "ablation": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/ablation.py",
                  "egocap_eval/studies/recovery.py", "egocap_eval/studies/recorded.py",
                  "egocap_eval/sets"),
     "accuracy": (*NOISE, *TRACKER, *SCORES, *WORLD, "egocap_eval/studies/accuracy.py"),
-    "adapt": (*FOOTAGE_TRACKED, "egocap/adaptation", "egocap/detect/train", *FITTED,
+    "adapt": (*FOOTAGE_TRACKED, *CONFIDENCE, "egocap/adaptation", "egocap/detect/train", *FITTED,
               *HEAD_POSE, "egocap/motion_capture", "egocap_eval/studies/adaptation.py"),
     "augmentation": (*SMALL_DETECTORS, "egocap_eval/studies/augmentation.py"),
     "calibrate": (*GEOMETRY, "egocap/boards", "egocap/calibration", "egocap_sim/boards",
@@ -69,7 +76,7 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                  "egocap_eval/studies/recorded.py"),
     "detector": (*DETECTOR, *GEOMETRY, *SCORES, *WORLD, *VALIDATION_FRAMES,
                  "egocap_eval/detection/detector.py"),
-    "doubt": (*NOISE, *TRACKER, *WORLD, *HARNESS, "egocap_eval/studies/doubt.py"),
+    "doubt": (*NOISE, *TRACKER, *CONFIDENCE, *WORLD, *HARNESS, "egocap_eval/studies/doubt.py"),
     "faults": ("egocap/cli", "egocap/commandline.py", "egocap/files.py", "egocap/locks.py",
                "egocap/workers.py", "egocap/data", "egocap/execution",
                "egocap_eval/fuzz/faults.py", "egocap_eval/fuzz/long_commands.py",
@@ -81,7 +88,7 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                  "calibration_targets", "mutations", "result_targets", "study", "targets", "trials",
                  "watchdog", "work_targets"))),
     "head-pose": (*GEOMETRY, *WORLD, *HARNESS, *HEAD_POSE, "egocap_eval/studies/head_pose.py"),
-    "image-model": (*GEOMETRY, *IMAGE_MODEL, "egocap/track", *WORLD, "egocap_eval/image_model"),
+    "image-model": (*GEOMETRY, *IMAGE_MODEL, *TRACK, *WORLD, "egocap_eval/image_model"),
     "personalised": (*FOOTAGE_TRACKED, *FITTED, "egocap_eval/studies/personalised.py"),
     "physics": (*GEOMETRY, *WORLD, "egocap_eval/studies/physics.py"),
     "posterior": (*FOOTAGE_TRACKED, "egocap/posterior", "egocap_eval/posterior"),
@@ -93,8 +100,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
             "egocap_eval/harness/run.py"),
     "runtime": (*FOOTAGE_TRACKED, *PAPER, "egocap/view/live_run.py",
                 "egocap_eval/studies/runtime.py"),
-    "soak": (*FOOTAGE_TRACKED, "egocap_sim/record", "egocap/data", "egocap/execution",
-             "egocap/view", "egocap/cli/live.py", "egocap_eval/footage/soak.py"),
+    "soak": (*FOOTAGE_TRACKED, "egocap_sim/record", "egocap/data", "egocap/execution", *LIVE,
+             "egocap_eval/footage/soak.py"),
     "stress": (*NOISE, *TRACKER, *SCORES, *WORLD, *MOTION_TRUTH, "egocap_eval/studies/stress.py"),
     "stress-rendered": (*FOOTAGE_TRACKED, "egocap_eval/studies/stress_rendered.py"),
     "sync": (*GEOMETRY, *WORLD, *HARNESS, *IMPORTED),

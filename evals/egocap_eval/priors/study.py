@@ -1,7 +1,8 @@
 """Learn the tracker's priors from clips that simulated people act out.
 
 The pose prior is the mean and covariance of the angles; the Gaussian motion prior, their
-covariances over time; the motion network learns to correct tracks from detections with errors.
+covariances over time; the motion network learns to correct tracks from detections with errors. The
+attitude is that of the trunk in the head frame over whole recordings.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+from egocap.consistency import attitude
 from egocap.errors import InputError
 from egocap.evaluation.table import Table
 from egocap.pose import motion_network, motion_prior, pose_prior
@@ -18,7 +20,8 @@ from egocap_eval.harness.study import Outcome
 from egocap_eval.priors.config import TrainingConfig
 from egocap_eval.priors.takes import BUILT_IN, FPS, make_takes
 
-Prior = Literal["pose", "motion", "network"]
+Prior = Literal["pose", "motion", "network", "attitude"]
+_OF_CLIPS = "pose", "attitude"  # without built-in motions
 
 
 def study(
@@ -30,7 +33,7 @@ def study(
     draws: int = 4,
     training: Annotated[TrainingConfig, OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
 ) -> Outcome:
-    """Learn the tracker's pose prior, Gaussian motion prior or motion network from motions.
+    """Learn a prior of the tracker from motions: of poses, motion or attitude, or the network.
 
     Args:
         prior: Which prior to learn.
@@ -41,10 +44,10 @@ def study(
         draws: Tracks of every take that the network learns from.
         training: How the network is trained.
     """
-    if folder is None and (prior == "pose" or write is None):
+    if folder is None and (prior in _OF_CLIPS or write is None):
         raise InputError("no folder of clips", valid="a folder; for a prior of built-in motions "
                          "alone, --write FILE")  # fmt: skip
-    built_in = () if prior == "pose" else BUILT_IN
+    built_in = () if prior in _OF_CLIPS else BUILT_IN
     takes = make_takes(folder, built_in=built_in, keep=work and work / "takes")
     motions = [take.angles for take in takes]
     if prior == "pose":
@@ -52,6 +55,9 @@ def study(
     elif prior == "motion":
         learned = motion_prior.learn_motion_prior(motions, FPS)
         motion_prior.save_motion_prior(learned, write or motion_prior.FILE)
+    elif prior == "attitude":
+        learned = attitude.learn_attitudes([take.joints_head for take in takes])
+        attitude.save_attitudes(learned, len(takes), write or attitude.FILE)
     else:
         from egocap_eval.priors.tracks import make_tracks
         from egocap_eval.priors.training import train_network

@@ -8,6 +8,7 @@ that could be closed. The people have development seeds.
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_s
 from egocap_eval.harness.study import Outcome
 from egocap_sim.scene.config import Scene
 from egocap_sim.sensor.config import SensorTable
+
+log = logging.getLogger(__name__)
 
 SIZE = (640, 512)
 FPS = 15
@@ -66,11 +69,9 @@ def study(
         )
         sequences += [footage, harsh, clean]
         options = AdaptOptions(minutes=minutes, weights=weights)
-        made = adapt([footage.folder], work / f"adapted-{seed}", options)
-        assert made is not None  # not interrupted
-        after = made.weights or weights
+        after, told = _adapted(footage.folder, work / f"adapted-{seed}", options)
         rows.append({
-            "person": seed, "adaptation": made.to_dict() | {"weights": None},
+            "person": seed, "adaptation": told,
             "clean": scores(clean, weights), "clean, adapted": scores(clean, after),
             "harsh": scores(harsh, weights), "harsh, adapted": scores(harsh, after),
         })  # fmt: skip
@@ -80,6 +81,17 @@ def study(
     result = {"rows": rows, "mean": mean, "gap_closed": closed, "minutes": minutes}
     config = content_hashes(sequences) | {"weights": open_weights(weights).sha256}
     return Outcome(result, _tables(result), _missed(result), config)
+
+
+def _adapted(footage: Path, out: Path, options: AdaptOptions) -> tuple[Path | None, dict[str, Any]]:
+    """The weights after adaptation, those before where it refuses the footage, and its report."""
+    try:
+        made = adapt([footage], out, options)
+    except InputError as error:
+        log.warning("%s", error)
+        return options.weights, {"kept": False, "refused": str(error)}
+    assert made is not None  # not interrupted
+    return made.weights or options.weights, made.to_dict() | {"weights": None}
 
 
 def scenes(
@@ -142,14 +154,17 @@ def _tables(result: dict[str, Any]) -> list[Table]:
     rows += [("mean", case, *(number(values[m]) for m in measures))
              for case, values in result["mean"].items()]  # fmt: skip
     header = ("person", "sensor and weights", *(m.replace("_", " ") for m in measures))
-    labels = [
-        (str(row["person"]), str(made["kept"]), str(made["images"]), str(made["steps"]),
-         number(100 * made["labelled"]), number(100 * made["corrected"]), number(made["gain"]),
-         number(made["gain_standard_error"]))
-        for row in result["rows"] for made in [row["adaptation"]]
-    ]  # fmt: skip
+    labels = [(str(row["person"]), *_told(row["adaptation"])) for row in result["rows"]]
     return [
         Table("Detector before and after", header, tuple(rows)),
         Table("Adaptation", ("person", "kept", "images", "steps", "labelled %", "corrected %",
                              "gain held out", "standard error"), tuple(labels)),
     ]  # fmt: skip
+
+
+def _told(made: dict[str, Any]) -> tuple[str, ...]:
+    if "refused" in made:
+        return "refused", *6 * ("-",)
+    return (str(made["kept"]), str(made["images"]), str(made["steps"]),
+            number(100 * made["labelled"]), number(100 * made["corrected"]), number(made["gain"]),
+            number(made["gain_standard_error"]))  # fmt: skip

@@ -9,6 +9,7 @@ import pytest
 
 import egocap
 from egocap.adaptation import adapt as module
+from egocap.adaptation import footage as footage_module
 from egocap.adaptation.adapt import adapt
 from egocap.adaptation.config import AdaptOptions
 from egocap.adaptation.footage import FEWEST, GAP_S, Recording, stretches, track_footage
@@ -123,8 +124,18 @@ def test_a_folder_of_mocap_is_not_tracked_again(tiny_sequence, tmp_path, monkeyp
     assert not (tmp_path / "work").exists()
 
 
-def test_a_sequence_is_detected_and_tracked(tiny_sequence, tmp_path, empty_cache, tiny_file):
-    options = AdaptOptions(weights=tiny_file, body="average:1.75")
+def test_a_sequence_is_detected_and_tracked(tiny_sequence, tmp_path):
+    options = AdaptOptions(body="average:1.79")
     recording = track_footage(tiny_sequence, tmp_path, options, lambda *_: lambda _: None)
-    assert recording.labels.state.shape == (7, 2, 18)
+    assert recording.labels.state.shape == (7, 2, 18) and recording.labels.known.mean() > 0.3
     assert {"detections.npz", "track.npz"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_a_track_that_a_wrong_rig_biases_teaches_nothing(
+    tiny_sequence, tmp_path, monkeypatch, empty_cache, tiny_file
+):
+    told = "the views are rotated by about 4 degrees against the rig file"
+    monkeypatch.setattr(footage_module, "geometry_warning_of", lambda track: told)
+    options = AdaptOptions(weights=tiny_file, body="average:1.79")
+    with pytest.raises(InputError, match=f"{told}.*calibrated"):
+        track_footage(tiny_sequence, tmp_path, options, lambda *_: lambda _: None)

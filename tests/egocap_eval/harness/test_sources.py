@@ -3,6 +3,7 @@
 import pytest
 
 from egocap.errors import FileError
+from egocap_eval.harness import sources
 from egocap_eval.harness.sources import locate, python_hash, source_hashes
 
 CODE = '''"""Module."""
@@ -35,3 +36,21 @@ def test_paths_are_packages_or_of_the_repository():
     assert locate("egocap/track").is_dir()
     with pytest.raises(FileError, match="no such source"):
         source_hashes(["egocap/no_such_room"])
+
+
+def test_modules_are_left_out_by_name(tmp_path, monkeypatch):
+    for name in ("solver", "report"):
+        (tmp_path / f"{name}.py").write_text("x = 1\n")
+    monkeypatch.setattr(sources, "locate", lambda path: tmp_path)
+
+    def hashes():
+        sources._path_hash.cache_clear()
+        sources.file_hash.cache_clear()
+        return source_hashes(["room", "room!report", "room!report,other"])
+
+    before = hashes()
+    (tmp_path / "report.py").write_text("x = 2\n")
+    assert [name for name, value in hashes().items() if value != before[name]] == ["room"]
+    (tmp_path / "solver.py").write_text("x = 2\n")
+    assert all(value != before[name] for name, value in hashes().items())
+    sources._path_hash.cache_clear()

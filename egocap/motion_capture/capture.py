@@ -37,7 +37,6 @@ from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.track.view_agreement import check_agreement
 from egocap.view.film import write_film
-from egocap.workers import WorkerPool
 
 FILM, PAGE = "film.mp4", "index.html"
 
@@ -110,9 +109,9 @@ def mocap(
         body, bones = steps.body(stages, rig, found, options, on_step)
         heads = steps.head_poses(stages, sequence, rig, options, on_step)
         track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step, pool)
-        assert sequence.footage is not None
-        findings = find(track, found, rig, sequence.footage, agreement, options.height)
-        _results(stages, sequence, track, findings, bones, options, on_step, pool)
+    assert sequence.footage is not None
+    findings = find(track, found, rig, sequence.footage, agreement, options.height)
+    _results(stages, sequence, track, findings, bones, options, on_step)
     return Capture(folder, sequence, track, findings)
 
 
@@ -127,21 +126,14 @@ def _refuse_early(options: MocapOptions) -> None:
 
 def _results(
     stages: Stages, sequence: Recording, track: Track, findings: Findings, bones: dict[str, Any],
-    options: MocapOptions, on_step: Step, pool: WorkerPool | None,
+    options: MocapOptions, on_step: Step,
 ) -> None:  # fmt: skip
-    """The files for people, the page in a worker while the film is made."""
-
     def film(path: Path) -> None:
         write_film(path, sequence, track, on_step("film", len(sequence)))
 
     stages.run("motion.bvh", {}, lambda path: write_bvh(path, evenly(track)), lambda path: path)
-    write_json(stages.folder / "findings.json", findings.to_dict())
-    page = (stages.folder / PAGE, sequence.folder, track, findings, bones,
-            None if options.skip_film else FILM)  # fmt: skip
-    written = None if pool is None else pool.submit(write_page, *page)
     if not options.skip_film:
         stages.run(FILM, {}, film, lambda path: path)
-    if written is None:
-        write_page(*page)
-    else:
-        written.result()
+    write_json(stages.folder / "findings.json", findings.to_dict())
+    write_page(stages.folder / PAGE, sequence, track, findings, bones,
+               None if options.skip_film else FILM)  # fmt: skip

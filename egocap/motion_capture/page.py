@@ -69,16 +69,12 @@ _VERDICTS = {"well": "well determined", "badly": "badly determined",
 
 
 def write_page(
-    path: Path, folder: Path, track: Track, found: Findings, bones: dict[str, Any],
+    path: Path, sequence: Sequence, track: Track, found: Findings, bones: dict[str, Any],
     film: str | None,
 ) -> None:  # fmt: skip
-    """Write the page of the sequence in a folder, whole or not at all.
-
-    `bones`: `BodyFit.report()`; empty for a given body.
-    """
+    """Write the page, whole or not at all. `bones`: `BodyFit.report()`; empty for a given body."""
     import jinja2
 
-    sequence = Sequence(folder)
     agreement = found.agreement
     facts = (
         f"{found.frames} frames, {found.seconds:.1f} s. A joint is within 5 cm with a probability "

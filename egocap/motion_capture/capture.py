@@ -7,7 +7,6 @@ motion.bvh, film.mp4, index.html.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,6 @@ from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.findings import Findings, find
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
-from egocap.motion_capture.tracking import is_long, tracking_pool
 from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.track.view_agreement import check_agreement
@@ -97,18 +95,18 @@ def mocap(
     if options.head_pose is not None:
         _ = read_head_poses(options.head_pose, sequence.times)  # or refuse now
     stages = Stages(folder)
-    with tracking_pool() if is_long(len(sequence)) else nullcontext() as pool:
-        found, rig = steps.detections_and_rig(stages, sequence, options, on_step, pool)
-        agreement = check_agreement(found, sequence.rig)
-        if agreement.looks_exchanged and not options.accept_swapped:
-            raise InputError(
-                "the views look exchanged: rays to the same joint miss each other by "
-                f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other "
-                "order", valid="the files in the order of the rig, or --accept-swapped",
-            )  # fmt: skip
-        body, bones = steps.body(stages, rig, found, options, on_step)
-        heads = steps.head_poses(stages, sequence, rig, options, on_step)
-        track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step, pool)
+    found = steps.detections(stages, sequence, options, on_step)
+    agreement = check_agreement(found, sequence.rig)
+    if agreement.looks_exchanged and not options.accept_swapped:
+        raise InputError(
+            "the views look exchanged: rays to the same joint miss each other by "
+            f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other order",
+            valid="the files in the order of the rig, or --accept-swapped",
+        )
+    rig = steps.rig(stages, sequence, options, on_step)
+    body, bones = steps.body(stages, rig, found, options, on_step)
+    heads = steps.head_poses(stages, sequence, rig, options, on_step)
+    track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step)
     assert sequence.footage is not None
     findings = find(track, found, rig, sequence.footage, agreement, options.height)
     _results(stages, sequence, track, findings, bones, options, on_step)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -35,29 +33,14 @@ from egocap.odometry.config import OdometryConfig
 from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
-from egocap.workers import WorkerPool
 
 log = logging.getLogger(__name__)
 
 
-def detections_and_rig(
-    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step,
-    pool: WorkerPool | None = None,
-) -> tuple[Detections, Rig]:  # fmt: skip
-    """Detections in all frames, and the rig as the surroundings tell it, meanwhile in a worker."""
-    detect = _detections(stages, sequence, options, on_step)
-    correct = _rig(stages, sequence, options, on_step, pool)
-    if pool is None:
-        return detect(), correct()
-    with ThreadPoolExecutor(1, thread_name_prefix="rig") as beside:
-        corrected = beside.submit(correct)
-        return detect(), corrected.result()
-
-
-def _detections(
+def detections(
     stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
-) -> Callable[[], Detections]:
-    """The stage of detections.npz."""
+) -> Detections:
+    """Detections in all frames: detections.npz."""
 
     def write(path: Path) -> None:
         detector = Detector(sequence.rig, weights)
@@ -68,45 +51,28 @@ def _detections(
 
     weights = open_weights(options.weights)
     settings = {"sequence": sequence.manifest.config_sha256, "weights": weights.sha256}
-    return stages.plan("detections.npz", settings, write, load_detections)
+    return stages.run("detections.npz", settings, write, load_detections)
 
 
-def _rig(
-    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step,
-    pool: WorkerPool | None,
-) -> Callable[[], Rig]:  # fmt: skip
-    """The stage of rig.json: the rig as the surroundings tell it, or as given."""
+def rig(stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step) -> Rig:
+    """The rig as the surroundings tell it, or as given: rig.json."""
 
     def write(path: Path) -> None:
-        found = None
+        found, config = None, OdometryConfig()
         if options.self_calibration and len(sequence.rig.mounts) > 1:
+            advance = on_step("rig", 1)
             try:
-                if pool is not None:
-                    found = pool.submit(corrected_rig, sequence.folder).result()
-                else:
-                    advance = on_step("rig", 1)
-                    found = corrected_rig(sequence.folder)
-                    advance(1)
+                found = find_rig_correction(sequence, Views.of(sequence.rig, config.width), config)
             except InputError as error:
                 log.warning("%s: the rig file is taken as it is", error)
-        rig, told = found or (sequence.rig, ())
-        for line in told:
-            log.warning("%s", line)
-        write_rig(path, rig)
+            advance(1)
+        if found is not None:
+            for line in correction_lines(found.facts()):
+                log.warning("%s", line)
+        write_rig(path, sequence.rig if found is None else found.rig(sequence.rig))
 
     settings = {"self_calibration": options.self_calibration}
-    return stages.plan("rig.json", settings, write, load_rig)
-
-
-def corrected_rig(folder: Path) -> tuple[Rig, list[str]] | None:
-    """The rig of a sequence as its surroundings tell it, and what differs; None: nothing.
-
-    Raises InputError as `Views.of`.
-    """
-    sequence, config = Recording(folder), OdometryConfig()
-    views = Views.of(sequence.rig, config.width)
-    found = find_rig_correction(sequence, views, config)
-    return None if found is None else (found.rig(sequence.rig), correction_lines(found.facts()))
+    return stages.run("rig.json", settings, write, load_rig)
 
 
 def body(
@@ -151,16 +117,14 @@ def head_poses(
 
 def track(
     stages: Stages, sequence: Recording, rig: Rig, found: Detections, body: Proportions,
-    tracker: TrackerConfig, head_pose: Path | None, on_step: Step, pool: WorkerPool | None = None,
+    tracker: TrackerConfig, head_pose: Path | None, on_step: Step,
 ) -> Track:  # fmt: skip
     """The offline track: track.npz. Raises as `Tracker.track`."""
 
     def write(path: Path) -> None:
         advance = on_step("track", len(sequence))
         heads = None if head_pose is None else read_head_poses(head_pose, found.times)
-        track = track_in_windows(
-            sequence.folder, found, body, tracker, advance, heads, rig, pool
-        )  # fmt: skip
+        track = track_in_windows(sequence.folder, found, body, tracker, advance, heads, rig)
         config = track.config | {"sequence": sequence.manifest.config_sha256}
         save_track(path, replace(track, config=config))
 

@@ -6,7 +6,6 @@ The angles of two windows are blended over their overlap.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -40,12 +39,11 @@ def track_in_windows(
     on_frames: Callable[[int], None] = lambda count: None,
     heads: HeadPoses | None = None,
     rig: Rig | None = None,
-    pool: WorkerPool | None = None,
 ) -> Track:
     """The track of a recorded sequence from its detections and images. Raises as `Tracker`.
 
     With `heads`, the head poses of its frames, the track is in the world, too. `rig`: in place of
-    the sequence's own. `pool`: the processes that track, by default one for every core.
+    the sequence's own.
     """
     rig = Sequence(folder).rig if rig is None else rig
     windows = split(len(found.times))
@@ -57,25 +55,15 @@ def track_in_windows(
     if len(jobs) == 1:
         return _track(*jobs[0], on_frames)
     parts = []
-    with nullcontext(pool) if pool else tracking_pool() as workers:
-        tracked = workers.map(_track, *zip(*jobs, strict=True))
-        for window, part in zip(windows, tracked, strict=True):
+    workers = min(available_cores(), len(jobs))
+    with WorkerPool(workers) as pool:
+        for window, part in zip(windows, pool.map(_track, *zip(*jobs, strict=True)), strict=True):
             parts.append(part)
             on_frames(window.stop - max(window.start, 0) - (OVERLAP if window.start else 0))
     joined = join(windows, parts, body)
     estimated = joined.config["estimated"]
     assert isinstance(estimated, dict)
     return with_consistency(joined, found, turned_rig(rig, estimated), body, config)
-
-
-def is_long(frames: int) -> bool:
-    """Whether a recording is tracked in several windows."""
-    return len(split(frames)) > 1
-
-
-def tracking_pool() -> WorkerPool:
-    """A process for every core."""
-    return WorkerPool(available_cores())
 
 
 def split(frames: int) -> list[range]:

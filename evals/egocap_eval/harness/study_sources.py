@@ -54,7 +54,7 @@ FORMULA_TESTS: dict[str, tuple[str, ...]] = {
     "egocap/posterior/information.py": ("tests/egocap/posterior/test_information.py",),
 }  # fmt: skip
 """The formula modules, and the tests of each that must notice its mutants."""
-CAPTURED = (*FOOTAGE_TRACKED, *CONFIDENCE, *IMPORTED, *FITTED, *HEAD_POSE, "egocap/motion_capture")
+CAPTURED = (*FOOTAGE_TRACKED, *IMPORTED, *FITTED, *HEAD_POSE, "egocap/motion_capture")
 
 STUDY_SOURCES: dict[str, tuple[str, ...]] = {
     "ablation": (*FOOTAGE_TRACKED, *PAPER, "egocap_eval/studies/ablation.py",

@@ -1,7 +1,5 @@
 """A stage runs again only if its settings, its input or its file changed."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import pytest
 
 from egocap.motion_capture.stages import Stages
@@ -44,17 +42,3 @@ def test_a_stage_that_fails_is_run_again(tmp_path):
         Stages(tmp_path).run("a.txt", {}, fail, lambda p: p)
     again = Stages(tmp_path).run("a.txt", {}, lambda p: p.write_text("whole"), lambda p: p)
     assert again.read_text() == "whole"
-
-
-def test_planned_stages_are_known_by_their_order_and_made_in_any(tmp_path):
-    def write(path):
-        path.write_text(path.name)
-
-    stages = Stages(tmp_path)
-    first, second = (stages.plan(name, {}, write, lambda p: p.name) for name in ("a", "b"))
-    with ThreadPoolExecutor(2) as pool:
-        assert [pool.submit(made).result() for made in (second, first)] == ["b", "a"]
-    again, written = Stages(tmp_path), []
-    for name in ("a", "b"):
-        again.run(name, {}, written.append, lambda p: p.name)
-    assert not written

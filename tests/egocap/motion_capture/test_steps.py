@@ -25,9 +25,9 @@ def test_another_body_in_the_same_file(tmp_path):
 def test_other_weights_in_the_same_file(tmp_path, monkeypatch, same):
     made = []
     sequence = SimpleNamespace(manifest=SimpleNamespace(config_sha256="x"))
-    stages = SimpleNamespace(plan=lambda name, settings, write, read: made.append(settings))
+    stages = SimpleNamespace(run=lambda name, settings, write, read: made.append(settings))
     hashes = iter(["one", "one" if same else "two"])
     monkeypatch.setattr(steps, "open_weights", lambda path: SimpleNamespace(sha256=next(hashes)))
     for _ in range(2):
-        steps._detections(stages, sequence, MocapOptions(weights=tmp_path / "w"), None)
+        steps.detections(stages, sequence, MocapOptions(weights=tmp_path / "w"), None)
     assert (made[0] == made[1]) is same

@@ -13,6 +13,8 @@ from egocap.body.side_colours import side_colour
 from egocap.cameras.rig import Rig
 from egocap.geometry import unit
 
+BACKGROUND = 24
+"""Grey value of what nothing is drawn on."""
 UNSURE = (120, 120, 120)
 SURE = 0.5
 """Confidence under which a joint is drawn grey."""
@@ -27,10 +29,6 @@ _FLOOR = np.array([
     for x, y in ((near, -1.0), (near, 1.0), (-1.0, near), (1.0, near))
 ])  # fmt: skip
 """Ends of the floor's lines, two after two."""
-
-
-BACKGROUND = 24
-"""Grey value of what nothing is drawn on."""
 
 
 def side_by_side(

@@ -1,11 +1,13 @@
 """The command egocap, and a smooth made-up motion seen by the paper's rig at 640 x 512."""
 
+import json
 import sys
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,6 +71,15 @@ def peak_below(most: float) -> Iterator[None]:
     finally:
         tracemalloc.stop()
     assert peak < most
+
+
+def rewritten(file: Path, change: Callable[[Any], object], to: Path | None = None) -> Path:
+    """A JSON file after a change of its content, in place or written to another path."""
+    data = json.loads(file.read_text())
+    change(data)
+    path = to or file
+    path.write_text(json.dumps(data))
+    return path
 
 
 def make_motion(frames=90, seed=0, extent=0.35, fps=FPS):

@@ -1,7 +1,5 @@
 """The volumetric body: its count, symmetry, outline, file."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,6 +8,7 @@ from hypothesis import strategies as st
 from egocap.body.gaussians import RADIUS_SIGMAS, SKULL, GaussianBody, stature
 from egocap.body.proportions import Proportions
 from egocap.errors import EgocapError, FileError, InputError
+from tests.egocap.conftest import rewritten
 
 PERSON = Proportions.from_lengths(1.75)
 
@@ -80,11 +79,8 @@ def test_file_gives_every_number_back(tmp_path):
 def test_a_bad_file_is_refused_with_its_key(tmp_path, change, message):
     path = tmp_path / "g.json"
     GaussianBody.from_proportions(PERSON).save(path)
-    data = json.loads(path.read_text())
-    change(data)
-    path.write_text(json.dumps(data))
     with pytest.raises(FileError, match=message):
-        GaussianBody.load(path)
+        GaussianBody.load(rewritten(path, change))
 
 
 @settings(deadline=None, max_examples=30)

@@ -1,7 +1,6 @@
 """Proportions: construction, sanity, and body.json with everything that can be wrong with it."""
 
 import contextlib
-import json
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from egocap.body.labels import LABEL_INDEX
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import POINT_INDEX, POINT_PARENTS, POINTS
 from egocap.errors import FileError, InputError
+from tests.egocap.conftest import rewritten
 
 PERSON = Proportions.from_lengths(1.75)
 
@@ -20,13 +20,6 @@ PERSON = Proportions.from_lengths(1.75)
 def body_file(tmp_path):
     path = tmp_path / "body.json"
     PERSON.save(path)
-    return path
-
-
-def rewritten(path, change):
-    data = json.loads(path.read_text())
-    change(data)
-    path.write_text(json.dumps(data))
     return path
 
 

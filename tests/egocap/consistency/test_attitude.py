@@ -1,7 +1,5 @@
 """Attitudes of the trunk: their definition, learning with a known answer, and the file in use."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -16,6 +14,7 @@ from egocap.consistency.attitude import (
 )
 from egocap.errors import FileError
 from egocap.geometry import axis_angle, exponential
+from tests.egocap.conftest import rewritten
 
 REST = Proportions.from_lengths(1.75).rest_joints
 
@@ -73,9 +72,5 @@ def test_round_trip(tmp_path):
     ],
 )
 def test_bad_files_are_named(tmp_path, change, says):
-    data = json.loads(FILE.read_text())
-    change(data)
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps(data))
     with pytest.raises(FileError, match=says):
-        load_attitudes(path)
+        load_attitudes(rewritten(FILE, change, tmp_path / "a.json"))

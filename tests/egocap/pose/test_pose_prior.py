@@ -1,13 +1,12 @@
 """The learned posture prior: learning with a known answer, the file, and its defects."""
 
-import json
-
 import numpy as np
 import pytest
 
 from egocap.body.skeleton import DOF_INDEX, LIMITS, MIRROR_DOFS, MIRROR_SIGNS
 from egocap.errors import FileError
 from egocap.pose.pose_prior import FILE, FLOOR, learn_posture, load_posture, save_posture
+from tests.egocap.conftest import rewritten
 
 
 def test_learns_a_known_gaussian():
@@ -51,9 +50,5 @@ def test_the_one_in_use_is_sane_and_symmetric():
     ],
 )
 def test_bad_files_are_named(tmp_path, change, says):
-    data = json.loads(FILE.read_text())
-    change(data)
-    path = tmp_path / "p.json"
-    path.write_text(json.dumps(data))
     with pytest.raises(FileError, match=says):
-        load_posture(path)
+        load_posture(rewritten(FILE, change, tmp_path / "p.json"))

@@ -59,12 +59,11 @@ class FilmPictures:
         columns = 1 if count <= 2 else 2
         height = (HEIGHT - CURVE_HEIGHT) // ceil(count / columns) // 2 * 2
         widths = panel_widths(rig, height)
-        self._panels = [
-            (slice(row * height, (row + 1) * height), slice(left, left + width))
-            for v, width in enumerate(widths)
-            for row, column in [divmod(v, columns)]
-            for left in [HEIGHT + column * max(widths)]
-        ]
+        self._panels = []
+        for v, width in enumerate(widths):
+            row, column = divmod(v, columns)
+            top, left = row * height, HEIGHT + column * max(widths)
+            self._panels.append(np.s_[top : top + height, left : left + width])
         shape = HEIGHT, HEIGHT + columns * max(widths), 3
         self._blank = np.full(shape, BACKGROUND, np.uint8)
         self._draw_curve(self._blank[-CURVE_HEIGHT:, HEIGHT:])

@@ -36,12 +36,13 @@ demo: light
 	$(BIN)/egocap-eval pose $(OUT)/walk --track $(OUT)/walk.track.npz
 	$(BIN)/egocap-sim preview $(OUT)/walk --out $(OUT)/walk.png
 
-# One thread of the numeric libraries for each of the two processes.
+# One thread of the numeric libraries for each of the two processes. A process that dies ends the
+# tests and names the one it was in: after a restart, pytest-xdist waits for ever.
 test: export OMP_NUM_THREADS := 1
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 
 # The tests, without those of training, on each other supported Python of the PATH, pyenv or uv.
 test-all: test

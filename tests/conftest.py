@@ -38,6 +38,11 @@ def pytest_report_header() -> str | None:
     return None if find_spec("torch") else "without torch: tests that use it are left out"
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the long files, so that no process waits for another's at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup() -> Generator[None, object, object]:
     """Skip tests that use torch in the course of their work, or whose fixtures do."""
@@ -79,9 +84,9 @@ def no_lines_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("egocap.commandline._EVERY_S", 1e6)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
-    """Address of a Dask scheduler with one worker, both in threads of this process."""
+    """Address of a Dask scheduler with one worker, both in threads of this process, which end."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=1, processes=False, dashboard_address=":0", silence_logs=50

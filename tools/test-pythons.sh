@@ -31,7 +31,7 @@ for version in $versions; do
     [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
     "$venv/bin/python" -m pip install --quiet --constraint requirements.lock --editable '.[test]'
     echo "$("$venv/bin/python" --version): $("$venv/bin/python" -m pip list 2>/dev/null | wc -l) packages"
-    "$venv/bin/python" -m pytest -n auto --dist loadfile "$@"
+    "$venv/bin/python" -m pytest -n auto --dist loadfile --no-loadscope-reorder --max-worker-restart 0 "$@"
 done
 [ -n "$found" ] || { echo "none of Python $versions was found" >&2; exit 1; }
 echo "passed on Python$found"

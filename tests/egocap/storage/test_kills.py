@@ -20,6 +20,7 @@ from egocap_sim.verification.integrity import verify
 
 pytest.importorskip("moto.server")
 distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.long
 FRAMES, NAME = 120, "kills"
 SERVE = """
 import sys

@@ -11,6 +11,7 @@ from egocap_eval.fuzz.mutations import mutated
 from egocap_eval.fuzz.targets import Target, make_targets
 from egocap_eval.fuzz.trials import fuzz
 
+pytestmark = pytest.mark.long
 CASES, DOOR_CASES = 40, 1000
 DOORS = {
     "detections.npz", "sequence/shard-00000.tar", "rig.json", "rig.toml", "picture.jpg",

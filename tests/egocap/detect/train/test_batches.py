@@ -1,14 +1,17 @@
 """A batch depends on seed, process and step alone, not on what makes it or where a run began."""
 
+import subprocess
+import sys
 from itertools import islice
+from pathlib import Path
 
-import pytest
 import torch
 
 from egocap.detect.train.batches import Batches, workers_for
 from egocap.detect.train.config import AugmentationConfig
 from tests.egocap.detect.synthetic_store import store
 
+ROOT = Path(__file__).parents[4]
 VIEWS = store(8, 0, parts=True)
 
 
@@ -16,11 +19,20 @@ def batches(seed=3, process=0):
     return Batches(VIEWS, VIEWS, AugmentationConfig(), 4, seed, process)
 
 
-@pytest.mark.parametrize("workers", [0, 1, 2])
-def test_thread_and_processes_make_the_batches_of_the_steps_in_order(workers):
+def assert_in_order(workers):
     made = list(islice(batches().from_step(5, workers), 4))
     for step, batch in enumerate(made, 5):
         assert all(torch.equal(a, b) for a, b in zip(batch, batches()[step], strict=True))
+
+
+def test_a_thread_makes_the_batches_of_the_steps_in_order():
+    assert_in_order(0)
+
+
+def test_processes_make_the_batches_of_the_steps_in_order():
+    """In a process of their own: a fork after OpenGL has started, by another test, can crash."""
+    code = f"from {__name__} import assert_in_order; assert_in_order(1); assert_in_order(2)"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=300)
 
 
 def test_other_steps_seeds_and_processes_have_other_batches():

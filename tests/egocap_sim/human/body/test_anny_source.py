@@ -7,6 +7,7 @@ from egocap_sim.human.body.anny_source import adult_shapes, shape_data
 
 OF_VERTICES = ("vertices", "skin_bones", "skin_weights")
 OF_MESH = ("faces", "face_uv", "uv", "region")
+pytestmark = pytest.mark.long
 
 
 def test_shipped_table_equals_a_new_export():

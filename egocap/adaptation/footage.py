@@ -30,7 +30,7 @@ from egocap.motion_capture import steps
 from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.stages import Stages
 from egocap.pose.config import TrackerConfig
-from egocap.track.consistency import geometry_warning_of
+from egocap.track.consistency import warning_of
 
 STRETCH_S, GAP_S = 4.0, 0.3
 FEWEST = 10  # stretches
@@ -89,7 +89,7 @@ def _read(folder: Path) -> Recording:
 
 
 def _labels(sequence: Sequence, rig: Rig, found: Detections, track: Track) -> Labels:
-    if (wrong := geometry_warning_of(track)) is not None:
+    if (wrong := warning_of(track, "geometry")) is not None:
         raise InputError(f"{sequence.folder.name}: {wrong}", valid="footage of a rig that is "
                          "calibrated as it is, and --height or --body of its wearer")  # fmt: skip
     labels = tracked_labels(track, found, rig)

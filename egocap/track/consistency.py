@@ -12,6 +12,7 @@ chapter 4, with medians. The relation between residual and error is measured by 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -51,8 +52,10 @@ without detections, and of a pose that nothing is known of."""
 _SIZE_NOISE, _SIZE_SPREAD, _MOST_SIZE_SPREAD = 0.07, 1.8, 0.15
 """Of the logarithm of the limbs' size: error, spread relative to the rest, and its maximum."""
 _MOST_MISS = 1.6  # of rays, relative to that of the stated errors, with which limbs are measured
-_TURN_SPREAD, _MOST_TURN_SPREAD = 0.43, 0.07
-"""Of the rotation [rad] of the views against each other: the spread by it, and the maximum."""
+_TURNS = (0.0, 5.0, 6.0, 8.0, 10.0)
+_TURN_SPREADS = (0.0, 0.04, 0.05, 0.085, 0.11)
+"""The same by the rotation of the views against each other, degrees. Of a large one, each camera
+has its share: the rig as a whole is then rotated as well, which nothing shows."""
 _BLOCK_S = 0.5
 _FRAMES = 300  # looked at for the limbs' size
 _LIMBS = np.array([
@@ -192,16 +195,13 @@ def with_consistency(
     return replace(track, confidence=confidence, config=config_of)
 
 
-def warning_of(track: Track) -> str | None:
-    """The likeliest cause why a track cannot be right, in one line; None where all fits."""
-    found = track.config.get("consistency")
-    return found.get("warning") if isinstance(found, dict) else None
+def warning_of(track: Track, of: Literal["warning", "geometry"] = "warning") -> str | None:
+    """The likeliest cause why a track cannot be right, in one line; None where all fits.
 
-
-def geometry_warning_of(track: Track) -> str | None:
-    """The likeliest cause in the rig, the views or the body; None where they fit."""
+    Of its "geometry": a cause in the rig, the order of the views or the body alone.
+    """
     found = track.config.get("consistency")
-    return found.get("geometry") if isinstance(found, dict) else None
+    return found.get(of) if isinstance(found, dict) else None
 
 
 def check_consistency(
@@ -223,8 +223,8 @@ def check_consistency(
     fit = np.interp(np.where(np.isfinite(residual), residual, 0.0), _RESIDUALS, _SPREADS)
     odd = 0.0 if np.isnan(size) else max(abs(np.log(size)) - _SIZE_NOISE, 0.0)
     scale = min(_SIZE_SPREAD * odd, _MOST_SIZE_SPREAD)
-    turn = 0.0 if np.isnan(agreement.turned) else np.deg2rad(agreement.turned)
-    fit = np.maximum(fit, min(_TURN_SPREAD * turn, _MOST_TURN_SPREAD))
+    turned = 0.0 if np.isnan(agreement.turned) else agreement.turned
+    fit = np.maximum(fit, np.interp(turned, _TURNS, _TURN_SPREADS))
     return Consistency(
         residual, float(visible.mean()), np.sqrt(_LEAST_SPREAD**2 + unseen**2 + fit**2 + scale**2),
         agreement, size, attitude, load_attitudes().probability(attitude),

@@ -1,17 +1,20 @@
 """Confidences and warnings of tracks whose inputs are wrong: views, rig, body or detections.
 
-Motions are simulated and not rendered; detections have all error types of a learned detector. The
-confidence, the probability that a joint is within 5 cm, is compared with how often it is.
+Procedural motions and, where they are given, recorded ones are simulated and not rendered;
+detections have all error types of a learned detector. The confidence, the probability that a joint
+is within 5 cm, is compared with how often it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
+from tyro.conf import arg
 
 import egocap
 from egocap.body.labels import EVALUATED, MIRROR
@@ -24,8 +27,14 @@ from egocap.geometry import axis_angle, rigid
 from egocap.track.consistency import warning_of
 from egocap.track.uncertainty import CORRECT_M
 from egocap_eval.harness.cases import Scores, mean, run_cases
-from egocap_eval.harness.motion_truth import SimulatedMotion, draw_detections, simulate_motion
+from egocap_eval.harness.motion_truth import (
+    SimulatedMotion,
+    draw_detections,
+    simulate_motion,
+    simulate_scene,
+)
 from egocap_eval.harness.study import Outcome
+from egocap_eval.studies.recorded import clip_seeds, scenes_of
 from egocap_eval.studies.stress import with_baseline
 
 MOTIONS = (("walk", 512311), ("gestures", 512312), ("dribble", 512313), ("juggle", 512316))
@@ -150,20 +159,25 @@ FAULTS: Mapping[str, Fault] = {
 }  # fmt: skip
 
 
-def study(frames: int = 90, seeds: int = 1) -> Outcome:
+def study(
+    motions: Annotated[Path | None, arg(metavar="DIR")] = None, frames: int = 90, seeds: int = 1
+) -> Outcome:
     """Track from wrong inputs: stated confidence against the truth, and what the warning names.
 
     Exit code 3 when a confidence is off by more than 10 points, or a fault is not named.
 
     Args:
-        frames: Frames of every motion.
+        motions: Folder of the motion clips, of which those of the validation set are used as well.
+        frames: Frames of every motion, of a clip from its middle.
         seeds: Draws of the detections' noise and of the faults.
     """
-    motions = {name: simulate_motion(name, frames=frames, seed=seed) for name, seed in MOTIONS}
-    runs = run_cases("doubt", FAULTS, motions, score, seeds=seeds)
+    simulated = {name: simulate_motion(name, frames=frames, seed=seed) for name, seed in MOTIONS}
+    for path, seed in (clip_seeds(motions, "validation", ()) if motions else {}).items():
+        simulated[path.stem] = simulate_scene(scenes_of(path, seed, frames)[0])
+    runs = run_cases("doubt", FAULTS, simulated, score, seeds=seeds)
     rows = {name: _summary([s for of in runs[name] for s in of]) for name in FAULTS}
     missed = [miss for name, row in rows.items() for miss in _misses(name, row)]
-    result = {"detections": LEARNED_LIKE, "motions": [m for m, _ in MOTIONS], "faults": rows}
+    result = {"detections": LEARNED_LIKE, "motions": list(simulated), "faults": rows}
     return Outcome(result, [_table(rows)], missed)
 
 

@@ -135,7 +135,7 @@ def test_a_track_that_a_wrong_rig_biases_teaches_nothing(
     tiny_sequence, tmp_path, monkeypatch, empty_cache, tiny_file
 ):
     told = "the views are rotated by about 4 degrees against the rig file"
-    monkeypatch.setattr(footage_module, "geometry_warning_of", lambda track: told)
+    monkeypatch.setattr(footage_module, "warning_of", lambda track, of: told)
     options = AdaptOptions(weights=tiny_file, body="average:1.79")
     with pytest.raises(InputError, match=f"{told}.*calibrated"):
         track_footage(tiny_sequence, tmp_path, options, lambda *_: lambda _: None)

@@ -41,7 +41,7 @@ def test_commands_are_filled_in(tmp_path):
     assert "WORK/validation" in entry.shown() and "{" not in entry.shown()
     for entry in entries().values():
         for words in entry.commands(tmp_path, tmp_path):
-            assert words[0] in ("egocap-eval", "egocap-sim", "python"), words
+            assert words[0] in ("egocap", "egocap-eval", "egocap-sim", "python"), words
 
 
 def test_options_of_the_commands_exist(tmp_path):

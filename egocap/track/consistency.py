@@ -30,9 +30,10 @@ from egocap.pose.observations import observe
 from egocap.track.uncertainty import confidences
 from egocap.track.view_agreement import CONFIDENT, Agreement, check_agreement, spread, triangulate
 
+GAUSSIAN = 1.18
+"""Median residual, in stated standard deviations, of Gaussian errors."""
 MISFIT = 2.5
-"""Median residual, in stated standard deviations, from which a frame does not fit. Of Gaussian
-errors it is 1.2."""
+"""Median residual from which a frame does not fit."""
 NOTHING = 12.0
 """Median residual from which the detections are of no body at all."""
 FEW = 4.0
@@ -52,10 +53,10 @@ without detections, and of a pose that nothing is known of."""
 _SIZE_NOISE, _SIZE_SPREAD, _MOST_SIZE_SPREAD = 0.07, 1.8, 0.15
 """Of the logarithm of the limbs' size: error, spread relative to the rest, and its maximum."""
 _MOST_MISS = 1.6  # of rays, relative to that of the stated errors, with which limbs are measured
-_TURNS = (0.0, 5.0, 6.0, 8.0, 10.0)
-_TURN_SPREADS = (0.0, 0.04, 0.05, 0.085, 0.11)
-"""The same by the rotation of the views against each other, degrees. Of a large one, each camera
-has its share: the rig as a whole is then rotated as well, which nothing shows."""
+_TURNS = (0.0, 5.5, 8.0, 20.0, 40.0)
+_TURN_SPREADS = (0.0, 0.034, 0.085, 0.085, 0.3)
+"""The same by the rotation of the views against each other, degrees, that explains the residuals.
+Of a large one each camera may have its share: the rig is then rotated as a whole, too, unseen."""
 _BLOCK_S = 0.5
 _FRAMES = 300  # looked at for the limbs' size
 _LIMBS = np.array([
@@ -220,11 +221,12 @@ def check_consistency(
     size = limb_size(found, rig, proportions) if fits else float("nan")
     attitude = np.median(attitudes(joints_head), axis=0)
     unseen = _UNSEEN_SPREAD * np.clip(1.0 - seen / FEW, 0.0, 1.0)
-    fit = np.interp(np.where(np.isfinite(residual), residual, 0.0), _RESIDUALS, _SPREADS)
+    turned = 0.0 if np.isnan(agreement.turned) else agreement.turned
+    explained = max(np.nanmedian(residual) / GAUSSIAN, 1.0) if turned > 0.0 else 1.0
+    fit = np.interp(np.nan_to_num(residual) / explained, _RESIDUALS, _SPREADS)
+    fit = np.maximum(fit, np.interp(turned, _TURNS, _TURN_SPREADS))
     odd = 0.0 if np.isnan(size) else max(abs(np.log(size)) - _SIZE_NOISE, 0.0)
     scale = min(_SIZE_SPREAD * odd, _MOST_SIZE_SPREAD)
-    turned = 0.0 if np.isnan(agreement.turned) else agreement.turned
-    fit = np.maximum(fit, np.interp(turned, _TURNS, _TURN_SPREADS))
     return Consistency(
         residual, float(visible.mean()), np.sqrt(_LEAST_SPREAD**2 + unseen**2 + fit**2 + scale**2),
         agreement, size, attitude, load_attitudes().probability(attitude),

@@ -21,7 +21,7 @@ from egocap_sim.verification.integrity import verify
 pytest.importorskip("moto.server")
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.long
-FRAMES, NAME = 120, "kills"
+FRAMES, NAME = 60, "kills"
 SERVE = """
 import sys
 from moto.core import DEFAULT_ACCOUNT_ID

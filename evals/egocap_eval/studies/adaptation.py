@@ -4,7 +4,8 @@ Every person is recorded with the `harsh` sensor preset and, where textures are 
 photographic surfaces: one recording to adapt to, of which nothing but the images is used, and one
 in another motion, with truth, to measure on. The same motion with the `clean` preset, in a room of
 made surfaces, shows the gap that could be closed by weights that were trained in such a world. The
-people have development seeds. The rig is as calibrated: adaptation refuses footage of another one.
+people have development seeds. Their heights are given, to the centimetre, and the rig is as
+calibrated: adaptation refuses footage of another one.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from egocap.evaluation.table import Table, number
 from egocap_eval.detection.detector import accuracy, score
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
 from egocap_eval.harness.study import Outcome
+from egocap_eval.studies.fit_body import person_height
 from egocap_sim.scene.config import Scene
 from egocap_sim.sensor.config import SensorTable
 
@@ -73,7 +75,8 @@ def study(
             for scene in scenes(seed, seconds, measured_seconds, textures)
         )
         sequences += [footage, harsh, clean]
-        options = AdaptOptions(minutes=minutes, weights=weights)
+        height = round(person_height(footage.folder), 2)
+        options = AdaptOptions(minutes=minutes, weights=weights, height=height)
         after, told = _adapted(footage.folder, work / f"adapted-{seed}", options)
         rows.append({
             "person": seed, "adaptation": told,

@@ -1,16 +1,19 @@
 """Adaptation of the detector to footage of one rig, room and wearer, without annotations.
 
 The offline tracker labels the footage (`egocap.adaptation.labels`), and the detector is trained on
-those labels under augmentation. Stretches that were held out decide whether the result is kept.
+those labels under augmentation. The result is the mean of the weights before and after, which keeps
+what the footage does not show. Stretches that were held out decide whether it is kept.
 
 Source: the idea of training a network by what a stronger, slower method finds in its footage:
-Simon et al. 2017, "Hand keypoint detection in single images using multiview bootstrapping".
+Simon et al. 2017, "Hand keypoint detection in single images using multiview bootstrapping"; the
+mean of weights: Wortsman et al. 2022, "Robust fine-tuning of zero-shot models".
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -154,7 +157,7 @@ def _train(
     start: DetectorNetwork, kept: ViewStore, weights: Weights, folder: Path,
     options: AdaptOptions, recordings: list[Recording],
 ) -> tuple[DetectorNetwork | None, int]:  # fmt: skip
-    """The averaged network and its steps; None where interrupted.
+    """The adapted network and its steps; None where interrupted.
 
     Standard deviations and visibility are not trained: the labels are the tracker's sure ones, on
     which a network would learn too much confidence.
@@ -176,7 +179,18 @@ def _train(
     trainer = Trainer(start.config, training, kept, None, run, start.state_dict())
     trainer.resume()
     outcome = trainer.run()
-    return (trainer.average if outcome.finished else None), outcome.state.step
+    network = _mean(start, trainer.average) if outcome.finished else None
+    return network, outcome.state.step
+
+
+def _mean(start: DetectorNetwork, trained: DetectorNetwork) -> DetectorNetwork:
+    """The network with the mean of both networks' weights."""
+    mean = deepcopy(trained)
+    before = start.state_dict()
+    for name, value in mean.state_dict().items():
+        if value.is_floating_point():  # not a counter
+            value.lerp_(before[name].to(value.device), 0.5)
+    return mean
 
 
 def _scores(network: DetectorNetwork, held_out: ViewStore) -> Float[Array, "S"]:

@@ -23,7 +23,7 @@ class AdaptOptions:
     default."""
     weights: Path | None = None
     """Detector weights to start from, safetensors; those shipped by default."""
-    learning_rate: float = 3e-4
+    learning_rate: float = 1e-4
     """Peak learning rate."""
     views: int = 3000
     """Largest number of images to train on, evenly spread over the footage."""

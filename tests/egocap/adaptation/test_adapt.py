@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import torch
 
 import egocap
 from egocap.adaptation import adapt as module
@@ -50,6 +51,16 @@ def test_weights_that_fit_the_footage_better_are_kept(known, tiny_file, tmp_path
     report = json.loads((tmp_path / "adapt.json").read_text())
     assert report["kept"] and report["auc_after"] > report["auc_before"]
     assert report["images"] == 10 and report["steps"] == 25 and report["stretches"] == 2
+
+
+def test_the_result_is_the_mean_of_the_weights_before_and_after(tiny_file):
+    start, trained = (open_weights(tiny_file).network() for _ in range(2))
+    with torch.no_grad():
+        trained.heat.weight += 2.0
+    mean = module._mean(start, trained)
+    torch.testing.assert_close(mean.heat.weight, start.heat.weight + 1.0)
+    torch.testing.assert_close(trained.heat.weight, start.heat.weight + 2.0)
+    assert mean.state_dict().keys() == start.state_dict().keys()
 
 
 def test_other_labels_are_another_training(known, tiny_file, tmp_path, monkeypatch):

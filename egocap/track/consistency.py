@@ -129,8 +129,7 @@ class Consistency:
 
     @property
     def _residual(self) -> float:
-        known = self.residual[np.isfinite(self.residual)]
-        return float(np.median(known)) if len(known) else float("nan")
+        return _median(self.residual)
 
     @property
     def _in_part(self) -> bool:
@@ -222,7 +221,7 @@ def check_consistency(
     attitude = np.median(attitudes(joints_head), axis=0)
     unseen = _UNSEEN_SPREAD * np.clip(1.0 - seen / FEW, 0.0, 1.0)
     turned = 0.0 if np.isnan(agreement.turned) else agreement.turned
-    explained = max(np.nanmedian(residual) / GAUSSIAN, 1.0) if turned > 0.0 else 1.0
+    explained = np.fmax(_median(residual) / GAUSSIAN, 1.0) if turned > 0.0 else 1.0
     fit = np.interp(np.nan_to_num(residual) / explained, _RESIDUALS, _SPREADS)
     fit = np.maximum(fit, np.interp(turned, _TURNS, _TURN_SPREADS))
     odd = 0.0 if np.isnan(size) else max(abs(np.log(size)) - _SIZE_NOISE, 0.0)
@@ -279,6 +278,12 @@ def _over_time(
         if len(values) >= FEW:
             medians[here] = np.median(values)
     return medians, seen
+
+
+def _median(residual: Float[Array, "T"]) -> float:
+    """Median over the frames where the residual is known; nan without."""
+    known = residual[np.isfinite(residual)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _plain(value: float) -> float | None:

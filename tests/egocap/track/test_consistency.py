@@ -89,6 +89,21 @@ def test_half_of_the_frames_in_doubt_leaves_the_other_half(made, found):
     assert stated[:30].min() > 0.8 and stated[30:].max() < 0.4
 
 
+def test_views_are_compared_where_too_little_is_seen_at_a_time_for_residuals(made):
+    joint = np.random.default_rng(0).integers(1, 8, 60)[:, None, None]
+    confidence = np.where(np.arange(18) == joint, 0.9, np.zeros((60, 2, 18)))
+    sparse = replace(
+        made.detect("simulated:2.0"),
+        times=np.arange(60.0),
+        valid=confidence > 0.0,
+        confidence=confidence,
+    )
+    rig = turned(made.rig, 1, 12.0)
+    checked = check_consistency(made.joints, sparse, rig, made.person)
+    assert np.isnan(checked.residual).all() and checked.agreement.turned > 5.0
+    assert np.isfinite(checked.spread).all() and checked.spread.min() > 0.05
+
+
 def test_mirrored_labels_face_backwards(made, found):
     mirrored = made.joints[:, MIRROR]
     checked = check_consistency(mirrored, reordered(found, 2, MIRROR), made.rig, made.person)

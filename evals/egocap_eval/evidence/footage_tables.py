@@ -1,4 +1,4 @@
-"""The table of motion capture from camera files."""
+"""The tables of motion capture from camera files, and of adaptation to a camera."""
 
 from __future__ import annotations
 
@@ -18,6 +18,22 @@ def captures(results: Results) -> str:
             for row in results.rows(file, label, _captures)]  # fmt: skip
     rows += results.rows("capture-memory.json", "30 minutes", _memory)
     return markdown(header, rows, results)
+
+
+def adapted(results: Results) -> str:
+    """Accuracy of a plain world's detector before and after adaptation to another camera."""
+    header = ("wearer, pictures", "PCK@20 visible", "adapted", "PCK@20 in view", "adapted")
+    return markdown(header, results.rows("adapt.json", "adaptation", _adapted), results)
+
+
+def _adapted(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
+    pictures = {"harsh": "as adapted to", "clean": "of the plain world"}
+    for row in (*result["rows"], {"person": "mean", **result["mean"]}):
+        for case, label in pictures.items():
+            before, after = row[case], row[f"{case}, adapted"]
+            yield (f"{row['person']}, {label}",
+                   *(number(scores[f"pck20_{kind}"]) for kind in ("visible", "in_view")
+                     for scores in (before, after)))  # fmt: skip
 
 
 def _captures(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:

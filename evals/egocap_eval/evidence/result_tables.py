@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from egocap_eval.evidence.footage_tables import captures
+from egocap_eval.evidence.footage_tables import adapted, captures
 from egocap_eval.evidence.image_tables import (
     SETS,
     TRACKED,
@@ -25,6 +25,7 @@ from egocap_eval.evidence.study_tables import (
     baseline,
     cost,
     coverage,
+    doubt,
     head_path,
     image_model,
     physics,
@@ -128,8 +129,10 @@ TABLES: Mapping[str, Page] = {
         simulated,
         baseline,
         coverage,
+        doubt,
         ablation,
         captures,
+        adapted,
         simulation,
         cost,
         start_up,

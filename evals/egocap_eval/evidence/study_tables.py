@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from egocap_eval.evidence.page_table import Results, Row, markdown, number
-from egocap_eval.studies.doubt import FAULTS
+from egocap_eval.studies import doubt as doubt_study
 
 ABLATIONS = {
     "ablation-test.json": "test set, images",
@@ -248,24 +248,8 @@ def refined(results: Results) -> str:
 
 def doubt(results: Results) -> str:
     """Stated and true shares of joints within 5 cm, of tracks from wrong inputs."""
-    measures = {"error_mm": 1, "within": 100, "stated": 100, "warned": 100, "named": 100}
-    rows = results.rows(
-        "doubt.json",
-        "faults",
-        lambda r: [
-            (FAULTS[name].words, *(number(factor * row[m], 0) for m, factor in measures.items()))
-            for name, row in r["faults"].items()
-        ],
-    )
-    header = (
-        "what is wrong",
-        "error, mm",
-        "within 5 cm, %",
-        "stated, %",
-        "warned, %",
-        "rightly, %",
-    )
-    return markdown(header, rows, results)
+    rows = results.rows("doubt.json", "faults", lambda r: doubt_study.table(r["faults"]).rows)
+    return markdown(doubt_study.table({}).header, rows, results)
 
 
 def physics(results: Results) -> str:

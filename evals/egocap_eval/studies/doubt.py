@@ -178,7 +178,7 @@ def study(
     rows = {name: _summary([s for of in runs[name] for s in of]) for name in FAULTS}
     missed = [miss for name, row in rows.items() for miss in _misses(name, row)]
     result = {"detections": LEARNED_LIKE, "motions": list(simulated), "faults": rows}
-    return Outcome(result, [_table(rows)], missed)
+    return Outcome(result, [table(rows)], missed)
 
 
 def score(fault: Fault, motion: SimulatedMotion, seed: int) -> Scores:
@@ -214,7 +214,8 @@ def _misses(name: str, row: Mapping[str, Any]) -> list[str]:
     return missed
 
 
-def _table(rows: Mapping[str, Mapping[str, Any]]) -> Table:
+def table(rows: Mapping[str, Mapping[str, Any]]) -> Table:
+    """A row for each fault of a result."""
     cells = tuple(
         (FAULTS[name].words, number(row["error_mm"], 0), number(100 * row["within"], 0),
          number(100 * row["stated"], 0), number(100 * row["warned"], 0),

@@ -13,6 +13,7 @@ from tyro.conf import Positional
 
 from egocap.body.labels import LABELS
 from egocap.cli.checks import check_body, check_head_pose, check_rig
+from egocap.cli.compile_ahead import compiling_ahead
 from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED, progress
@@ -112,6 +113,8 @@ def track(
         with ExitStack() as held:
             for path in sorted(outputs.values()):
                 held.enter_context(holding(path))
+            if solver == "fast" and settings.checks_appearance:
+                held.enter_context(compiling_ahead())
             report = _track(sequences, out, how, save_detections)
         print_report("track", out, report, json)
         return MISSED if strict and report.missed else DONE

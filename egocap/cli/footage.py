@@ -13,6 +13,7 @@ import tyro
 from tyro.conf import Positional
 
 from egocap.cli.checks import check_body, check_head_pose, check_weights
+from egocap.cli.compile_ahead import compiling_ahead
 from egocap.cli.many import are_several, print_report, run_several
 from egocap.cli.registry import app
 from egocap.commandline import DONE, MISSED, progress
@@ -150,7 +151,8 @@ def mocap(
     settings = {"rig": rig, "options": options, "footage": footage}
     several = workers, cluster
     if not are_several(found := _recordings(sources, rig, footage), several):
-        made = _capture(sources, out, **settings)
+        with compiling_ahead():
+            made = _capture(sources, out, **settings)
         report = _report(made)
         if json:
             print_report("folder", out, report, json)

@@ -71,7 +71,9 @@ def detect(
     if cluster is None:
         check_weights(weights)
     if workers and cluster is None and threads is None:
-        threads = max(1, len(os.sched_getaffinity(0)) // workers)
+        from egocap.detect.engine import available_cores
+
+        threads = max(1, available_cores() // workers)
     return run_several(
         "detect", partial(_detect, threads=threads), settings,
         find_recordings(sequences, ".detections.npz"), out, several, strict=False, as_json=json,

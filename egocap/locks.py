@@ -3,7 +3,7 @@
 In: the path of a file or folder. While the lock is held, `.NAME.lock` beside a file, or `.lock` in
 a folder, names the process. The lock is the kernel's (flock): it ends with its process, however
 that ends, so that a stale file is taken over. Who takes it removes the temporary files that a
-killed process has left of the output.
+killed process has left of the output, those in a folder's own folders too.
 """
 
 from __future__ import annotations
@@ -62,6 +62,9 @@ class OutputLock:
                 os.ftruncate(self._number, 0)
                 os.write(self._number, _note())
                 remove_temporary(self._inside, None if self._folder else self.target.name)
+                for folder in _unlocked(self._inside) if self._folder else ():
+                    with suppress(OSError):  # not ours to read or to change
+                        remove_temporary(folder)
         except BaseException:
             self.release()
             raise
@@ -169,6 +172,12 @@ def _note() -> bytes:
     note = {"pid": os.getpid(), "host": socket.gethostname(), "command": command,
             "since": time.strftime("%Y-%m-%d %H:%M:%S %Z")}  # fmt: skip
     return json.dumps(note).encode()
+
+
+def _unlocked(folder: Path) -> list[Path]:
+    """The folders in a folder in which nothing has a lock of its own."""
+    inner = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
+    return [path for path in inner if not any(path.glob(".*lock"))]
 
 
 def _holder(note: bytes) -> str:

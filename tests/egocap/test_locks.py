@@ -61,6 +61,20 @@ def test_nothing_is_left_of_a_failed_run_and_results_stay(tmp_path):
     assert [p.name for p in tmp_path.rglob("*")] == ["a", "out", "x"]
 
 
+def test_what_killed_processes_left_is_removed_in_folders_that_nobody_locks(tmp_path):
+    left, held, kept = (tmp_path / name / ".a.npz.4711.tmp" for name in ("run", "held", "run/deep"))
+    for file in (left, held, kept):
+        file.parent.mkdir()
+        file.touch()
+    with holding(held.parent / "b.npz"):
+        with holding(tmp_path, folder=True):
+            pass
+        with holding(tmp_path / "out.npz"):
+            pass
+    assert not left.exists()
+    assert held.exists() and kept.exists()
+
+
 def test_full_disk_leaves_no_lock(tmp_path, monkeypatch):
     def full(number, note):
         raise OSError(errno.ENOSPC, "No space left on device")

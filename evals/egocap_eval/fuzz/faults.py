@@ -84,7 +84,6 @@ class Trial:
         return subprocess.Popen(
             words, cwd=self.folder, text=True, start_new_session=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={"OMP_NUM_THREADS": "1"} | os.environ,
         )  # fmt: skip
 
     def clear(self) -> None:

@@ -96,7 +96,8 @@ def import_footage(
         ]
         prepared = Footage(views=tuple(clocked), report=report), times
         with holding(out, folder=True):  # what failed above has changed nothing
-            (out / MANIFEST).unlink(missing_ok=True)
+            if _earlier(out, config) is None:  # nor has another process ended the same meanwhile
+                (out / MANIFEST).unlink(missing_ok=True)
             for old in set(out.glob("scan.*.npz")) - {out / scan_name(e, fitted) for e in entries}:
                 old.unlink()
     _write(out, fitted, *prepared, config, options, on_step)

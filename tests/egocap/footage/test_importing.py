@@ -8,6 +8,7 @@ import pytest
 from egocap.data.footage import FootageView
 from egocap.data.sequence import Sequence
 from egocap.errors import FileError, InputError
+from egocap.footage import importing
 from egocap.footage.config import ImportOptions, Range
 from egocap.footage.importing import edit_footage, import_footage
 from egocap.footage.sources import scan_name
@@ -254,6 +255,21 @@ def test_an_interrupted_copy_is_completed(tmp_path, rig):
     assert (whole.folder / "shard-00000.tar").stat().st_mtime_ns == kept
     with pytest.raises(InputError, match="another sequence"):
         import_footage(sources, rig, whole.folder, ImportOptions(copy=True, lag=(0.1,)))
+
+
+def test_an_import_that_ends_meanwhile_is_kept(tmp_path, rig, monkeypatch):
+    out, options = tmp_path / "sequence", ImportOptions(copy=True)
+    sources = [film(tmp_path / f"{v}.mp4", EVERY, v) for v in (0, 1)]
+    pair = importing.pair
+
+    def after_another_process(*words):
+        monkeypatch.setattr(importing, "pair", pair)
+        import_footage(sources, rig, out, options)
+        return pair(*words)
+
+    monkeypatch.setattr(importing, "pair", after_another_process)
+    assert len(import_footage(sources, rig, out, options)) == 40
+    assert (out / "manifest.json").exists()
 
 
 def test_a_folder_that_lost_a_picture_is_refused(tmp_path, rig):

@@ -3,11 +3,13 @@
 In: a track without the motion prior, its joints' standard deviations and, where it is known, the
 head's motion. Out: a Gaussian over every frame's angles, occluded ones included, which the smoother
 adds as a term. Small convolutional networks over time, which see a second on either side, correct
-the track's angles; several that were trained apart are averaged. Learned from training motions
+the track's angles. They are averaged; each was trained without some of the subjects, so that they
+disagree where a motion is unlike those learned. Learned from training motions
 (`egocap-eval learn-prior network`); inference needs numpy alone.
 
 Source: van den Oord et al. 2016, "WaveNet" (dilated convolutions over time); Lakshminarayanan
-et al. 2017, "Simple and scalable predictive uncertainty estimation using deep ensembles".
+et al. 2017, "Simple and scalable predictive uncertainty estimation using deep ensembles"; Shao and
+Tu 1995, "The jackknife and bootstrap", section 2.3 (variance of what groups are deleted from).
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from egocap.pose.motion_features import (
     head_features,
     pose_features,
 )
+from egocap.pose.pose_prior import unlikeness
 from egocap.series import interpolate
 
 FILE = Path(__file__).with_name("motion_network.npz")
@@ -69,7 +72,8 @@ class MotionNetwork:
             )  # fmt: skip
         means, log_std = np.split(_silu(hidden) @ self.out + self.out_bias[:, None], 2, axis=-1)
         variances = np.exp(2.0 * np.clip(log_std, -MOST_LOG_STD, MOST_LOG_STD))
-        spread = variances.mean(axis=0) + means.var(axis=0)
+        jackknife = (len(means) - 1) * means.var(axis=0)
+        spread = variances.mean(axis=0) + jackknife
         return UNIT * means.mean(axis=0), UNIT * np.sqrt(spread)
 
     @cached_property
@@ -108,8 +112,10 @@ def correct_track(
 ) -> tuple[Float[Array, "T 37"], Float[Array, "T 37"]]:  # fmt: skip
     """The angles as the network corrects them, and their standard deviations, rad.
 
-    `std` are those of the joints, metres. Stretches of frames with a gap of more than `GAP_S`
-    between them are corrected apart.
+    The deviations grow with the square of the pose's distance from everyday ones
+    (`pose_prior.unlikeness`): errors on subjects that were not learned from do grow with it. `std`
+    are those of the joints, metres. Stretches of frames with a gap of more than `GAP_S` between
+    them are corrected apart.
     """
     network = network or load_motion_network()
     mean, spread = np.empty_like(angles), np.empty_like(angles)
@@ -121,7 +127,8 @@ def correct_track(
         inputs = network_inputs(within, angles[part], std[part], proportions, of_part)
         correction, found = network(interpolate(steps, within, inputs).astype(np.float32))
         mean[part] = angles[part] + interpolate(within, steps, correction)
-        spread[part] = interpolate(within, steps, found)
+        wider = np.maximum(unlikeness(angles[part]), 1.0) ** 2
+        spread[part] = interpolate(within, steps, found) * wider[:, None]
     return mean, spread
 
 

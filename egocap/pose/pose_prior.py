@@ -69,6 +69,14 @@ def load_posture(path: Path = FILE) -> Posture:
     return Posture(np.deg2rad(data.mean_deg), np.linalg.inv(covariance))
 
 
+def unlikeness(angles: Float[Array, "*n 37"]) -> Float[Array, "*n"]:
+    """Distance of poses from everyday ones in their standard deviations; its mean square is 1."""
+    posture = load_posture()
+    away = np.asarray(angles) - posture.mean
+    squared = np.einsum("...i,ij,...j->...", away, posture.precision, away) / len(DOFS)
+    return np.asarray(np.sqrt(squared))
+
+
 def save_posture(
     mean: Float[Array, "37"], covariance: Float[Array, "37 37"], path: Path = FILE
 ) -> None:

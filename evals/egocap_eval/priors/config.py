@@ -9,11 +9,11 @@ from dataclasses import dataclass
 class TrainingConfig:
     """How the networks are trained."""
 
-    members: int = 2
-    """Networks that are averaged."""
+    members: int = 5
+    """Networks that are averaged, each trained without a share of the subjects."""
     channels: int = 96
     """Channels of each."""
-    steps: int = 2000
+    steps: int = 1200
     """Training steps of each."""
     batch: int = 48
     """Examples a step."""

@@ -2,13 +2,16 @@
 
 The networks learn to correct a track's angles: the mean by the distance of the joints that it
 leaves, to first order, and the standard deviations by the likelihood of a Student-t. Head poses are
-left out of half of the examples, and interrupted in some.
+left out of half of the examples, and interrupted in some. Each network is trained without a group
+of subjects, so that they disagree about motions unlike those learned.
 
 Source: Loshchilov & Hutter 2019 (AdamW); Smith & Topin 2018 (one-cycle learning rates).
 """
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -83,19 +86,35 @@ class Network(nn.Module):
 def train_network(
     tracks: Sequence[LearningTrack], config: TrainingConfig, seed: int = 0
 ) -> MotionNetwork:
-    """Train the members on tracks and their mirror images."""
+    """Train the members on tracks and their mirror images, each without a group of subjects."""
     rng = np.random.default_rng(seed)
     examples = [make_example(t, rng.uniform(1 - _WARP, 1 + _WARP)) for t in both_ways(tracks)]
+    group = np.repeat(subject_groups([t.name for t in tracks], config.members), 2)
     members = []
     with progress("training", config.members * config.steps, unit="steps") as advance:
         for member in range(config.members):
             torch.manual_seed(seed + member)
             network = Network(config.channels, config.dropout)
-            for loss in _fit(network, examples, config, rng):
+            of_others = [e for e, g in zip(examples, group, strict=True) if g != member]
+            for loss in _fit(network, of_others or examples, config, rng):
                 assert np.isfinite(loss)
                 advance()
             members.append(network.eval())
     return export(members, examples)
+
+
+def subject_groups(names: Sequence[str], count: int) -> list[int]:
+    """A group of each take, 0 to `count` - 1: takes of a subject together, groups of like size.
+
+    Takes of a name that differs in its last number alone are of a subject; built-in motions are of
+    one.
+    """
+    subjects = ["builtin" if n.startswith("builtin") else re.sub(r"_?\d+$", "", n) for n in names]
+    sizes, group = [0] * count, {}
+    for subject, size in Counter(subjects).most_common():
+        group[subject] = sizes.index(min(sizes))
+        sizes[group[subject]] += size
+    return [group[subject] for subject in subjects]
 
 
 def make_example(track: LearningTrack, speed: float = 1.0) -> Example:

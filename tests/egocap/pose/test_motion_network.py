@@ -13,6 +13,7 @@ from egocap.errors import FileError
 from egocap.pose.motion_network import (
     DILATIONS,
     INPUTS,
+    STEP_S,
     UNIT,
     MotionNetwork,
     correct_track,
@@ -20,6 +21,8 @@ from egocap.pose.motion_network import (
     network_inputs,
     save_motion_network,
 )
+from egocap.pose.pose_prior import load_posture, unlikeness
+from egocap.series import interpolate
 from egocap.track.tracker import Tracker
 
 
@@ -55,13 +58,13 @@ def by_torch(network, inputs):
 
 
 def test_arithmetic_against_torch():
-    network = made_up()
+    network = made_up(members=3)
     inputs = np.random.default_rng(1).standard_normal((30, INPUTS)).astype(np.float32)
     mean, std = network(inputs)
     means, stds = map(np.array, zip(*by_torch(network, inputs), strict=True))
     assert np.allclose(mean, UNIT * means.mean(0), atol=1e-5)
-    mixture = np.mean(stds**2 + means**2, axis=0) - means.mean(0) ** 2  # total variance
-    assert np.allclose(std, UNIT * np.sqrt(mixture), rtol=1e-4)
+    jackknife = 2 / 3 * np.sum((means - means.mean(0)) ** 2, axis=0)  # of three groups
+    assert np.allclose(std, UNIT * np.sqrt(np.mean(stds**2, axis=0) + jackknife), rtol=1e-4)
 
 
 def test_frame_rate_does_not_matter(motion):
@@ -72,6 +75,22 @@ def test_frame_rate_does_not_matter(motion):
     all_frames = correct_track(motion.times, motion.angles, std, motion.person, None, network)
     assert np.allclose(few[0][:-1], all_frames[0][:-2:2], atol=1e-3)
     assert np.allclose(few[1][:-1], all_frames[1][:-2:2], rtol=1e-3)
+
+
+def test_deviations_grow_away_from_everyday_poses(motion):
+    network, std = made_up(), np.full((len(motion.times), 18), 0.02)
+    usual = np.tile(load_posture().mean, (len(motion.times), 1))
+    unusual = usual.copy()
+    unusual[30:] += 1.0  # rad, of every angle
+    far = unlikeness(unusual[-1])
+    assert unlikeness(usual[0]) == 0.0 and far > 2.0
+    inputs = network_inputs(motion.times, unusual, std, motion.person, None)
+    at = np.arange(motion.times[0], motion.times[-1] + 1e-9, STEP_S)
+    _, stated = network(interpolate(at, motion.times, inputs).astype(np.float32))
+    _, found = correct_track(motion.times, unusual, std, motion.person, None, network)
+    assert np.allclose(found[0], stated[0], rtol=1e-4)
+    last = np.searchsorted(motion.times, at[-1] - 1e-6)
+    assert np.allclose(found[last], far**2 * stated[-1], rtol=1e-3)
 
 
 def test_stretches_apart_do_not_see_each_other(motion):

@@ -99,16 +99,12 @@ class RunConfig:
     store: Path | None = None  # folder for canonical views of the data; default: in --out
     backgrounds: tuple[Path, ...] = ()  # sequences for backgrounds; default: DATA
     shares: tuple[float, ...] = ()  # weight of each DATA in training; default: its views
-    emphasis: float = 0.0  # with --start: weight sequences by its error on them, to this power
 
     def __post_init__(self) -> None:
         if not self.data:
             raise InputError(f"no footage to train on{FOR_A_RIG}", valid="folders of sequences")
         if not 0.0 <= self.held_out <= 0.5:
             raise InputError(f"held-out share {self.held_out}", valid="0 to 0.5")
-        if not 0.0 <= self.emphasis <= 4.0 or (self.emphasis and self.start is None):
-            raise InputError(f"emphasis {self.emphasis:g}",
-                             valid="0 to 4; above 0 with initial weights (--start)")  # fmt: skip
         if self.shares and (len(self.shares) != len(self.data) or min(self.shares) <= 0):
             raise InputError(
                 f"shares {', '.join(map(str, self.shares))} for {len(self.data)} folders of data",

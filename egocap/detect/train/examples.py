@@ -95,12 +95,11 @@ class ViewStore:
 
 
 def mixed(stores: Several[ViewStore], shares: Several[float]) -> ViewStore:
-    """Join stores, each drawn from in the ratio of `shares`, by its own sampling weights."""
-    odds = []
-    for share, store in zip(shares, stores, strict=True):
-        own = np.ones(len(store.sequences)) if store.odds is None else np.array(store.odds)
-        mass = float(own @ [len(views) for views in store.sequences])
-        odds.append((own * share / mass).tolist())
+    """Join stores, with sampling weights in the ratio of `shares`."""
+    odds = (
+        (share / len(store),) * len(store.sequences)
+        for share, store in zip(shares, stores, strict=True)
+    )
     return ViewStore(
         tuple(chain.from_iterable(store.sequences for store in stores)),
         sum(store.skipped for store in stores),

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from egocap.data.dataset import find_sequences
-from egocap.detect.network import NetworkConfig, build_network, config_named
+from egocap.detect.network import NetworkConfig, config_named
 from egocap.detect.train.checkpoint import CHECKPOINT, FINAL, load_run_weights
 from egocap.detect.train.config import RunConfig, TrainingConfig
-from egocap.detect.train.emphasis import emphasised
 from egocap.detect.train.examples import ViewStore, build_store, mixed
 from egocap.detect.train.trainer import Outcome, Trainer
 from egocap.detect.weights import open_weights, save_weights
@@ -53,7 +52,7 @@ def train_detector(
     """
     network = config_named(request.config)
     start = prepare_run(request, training)
-    kept, held_out = _stores(request, network, start)
+    kept, held_out = _stores(request, network)
     log.info("%d views to train on, %d held out", len(kept), len(held_out) if held_out else 0)
     trainer = Trainer(
         network, training, kept, held_out, request.out, start, _backgrounds(request, network)
@@ -190,6 +189,8 @@ def _start(request: RunConfig, network: NetworkConfig) -> dict[str, torch.Tensor
         state = open_weights(request.start).network().state_dict()
     else:
         state = load_run_weights(request.start)
+    from egocap.detect.network import build_network
+
     wanted = build_network(network).state_dict()
     if {k: v.shape for k, v in wanted.items()} != {
         k: getattr(v, "shape", None) for k, v in state.items()
@@ -203,9 +204,7 @@ def _start(request: RunConfig, network: NetworkConfig) -> dict[str, torch.Tensor
     return state
 
 
-def _stores(
-    request: RunConfig, network: NetworkConfig, start: dict[str, torch.Tensor] | None
-) -> tuple[ViewStore, ViewStore | None]:
+def _stores(request: RunConfig, network: NetworkConfig) -> tuple[ViewStore, ViewStore | None]:
     import torch
 
     store = request.store or request.out / "views"
@@ -217,10 +216,6 @@ def _stores(
     else:
         parts = [split(find_sequences(request.data), request.held_out)]
     trained = [build_store(kept, network.view, store) for kept, _ in parts]
-    if request.emphasis and start is not None:
-        before = build_network(network)
-        before.load_state_dict(start)
-        trained = [emphasised(of_data, before, request.emphasis) for of_data in trained]
     held_out = list(chain.from_iterable(checked for _, checked in parts))
     stores = (
         mixed(trained, request.shares or (1.0,)),
@@ -244,7 +239,7 @@ def _account(
     """Training record for the weights file."""
     return {
         "data": [path.name for path in request.data],
-        "shares": list(request.shares), "emphasis": request.emphasis,
+        "shares": list(request.shares),
         "start": _origin(request.start),
         "sequences": len(kept.sequences), "views": len(kept), "views_left_out": kept.skipped,
         "steps": outcome.state.step, "views_seen": outcome.state.views,

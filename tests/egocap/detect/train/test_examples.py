@@ -2,7 +2,6 @@
 
 import shutil
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -154,14 +153,6 @@ def test_draws_follow_the_shares(tiny_sequence, tmp_path):
     assert {row for _, row in drawn} == set(range(len(one)))
     alone = np.mean([three.draw(rng)[0] is three.sequences[0] for _ in range(2000)])
     assert abs(alone - 1 / 3) < 0.05
-
-
-def test_shares_keep_each_store_own_weights(tiny_sequence, tmp_path):
-    one = build_store([tiny_sequence], SPEC, tmp_path)
-    two = build_store([tiny_sequence] * 2, SPEC, tmp_path)
-    store = mixed([one, replace(two, odds=(3.0, 1.0))], [1.0, 2.0])
-    mass = np.array(store.odds) * [len(views) for views in store.sequences]
-    np.testing.assert_allclose(mass / mass.sum(), [1 / 3, 1 / 2, 1 / 6])
 
 
 def test_nothing_readable_is_an_error(tmp_path):

@@ -48,11 +48,10 @@ def test_command_trains_and_writes_weights(tiny_sequence, tmp_path, monkeypatch,
 
 def test_weights_tell_what_they_began_from(tiny_sequence, tiny_file, tmp_path, monkeypatch):
     words = ["train", tiny_sequence, tiny_sequence, "--shares", 1, 3, "--start", tiny_file]
-    words += ["--emphasis", 1.5]
     words += ["--out", tmp_path, "--config", "tiny", "--steps", 1, "--batch", 2, "--held-out", 0]
     assert egocap(*words, monkeypatch=monkeypatch) == 0
     training = open_weights(tmp_path / "detector.safetensors").training
-    assert training["shares"] == [1, 3] and training["emphasis"] == 1.5
+    assert training["shares"] == [1, 3]
     assert training["start"]["sha256"] == open_weights(tiny_file).sha256
 
 
@@ -89,12 +88,6 @@ def test_nothing_to_train_on():
 def test_a_share_above_zero_for_each_folder(shares):
     with pytest.raises(InputError, match="one above 0 for each"):
         RunConfig(Path("out"), (Path("a"), Path("b")), shares=shares)
-
-
-@pytest.mark.parametrize(("emphasis", "start"), [(1.0, None), (-1.0, "a"), (5.0, "a")])
-def test_emphasis_needs_weights_that_err(emphasis, start):
-    with pytest.raises(InputError, match="0 to 4; above 0 with initial weights"):
-        RunConfig(Path("out"), (Path("a"),), start=start and Path(start), emphasis=emphasis)
 
 
 def test_split_shares_no_sequence():

@@ -49,6 +49,9 @@ class LiveOptions:
     """Stop after this time."""
     realtime: bool = False
     """Play video files by the clock and skip frames that come too fast, as with cameras."""
+    world: bool = False
+    """Find the head in the world, too, from the same pictures: z up, the floor at height 0. No
+    calibration is corrected, and no loop closed, as only past pictures are known."""
     colour_only: bool = False
     """Track the upper body by colour, without a detector, from the pose --start."""
     start: str = "rest"
@@ -120,7 +123,7 @@ def live(
     with log as kept, Interruption() as stop, ExitStack() as stack:
         display = _open_display(stack, loaded, run)
         follow = _by_colour if run.colour_only else _by_detections
-        method, prepared = follow(sources, loaded, person, run, cameras, settings)
+        method, prepared = follow(stack, sources, loaded, person, run, cameras, settings)
         feed = open_feed(stack, sources, cameras, lambda: stop.requested, run.seconds,
                          realtime=run.realtime)  # fmt: skip
         try:
@@ -159,6 +162,8 @@ def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: Tra
         raise InputError(f"--port {run.port}", valid=f"0 to {_LAST_PORT}")
     if run.colour_only and (run.weights is not None or settings != LIVE):
         raise InputError("--colour-only uses neither --weights nor tracker settings")
+    if run.colour_only and run.world:
+        raise InputError("--world requires a detector", valid="it without --colour-only")
     if not run.colour_only and run.start != "rest":
         raise InputError(f"--start '{run.start}' requires --colour-only")
 
@@ -177,24 +182,31 @@ def _require_writable(path: Path) -> None:
 
 
 def _by_detections(
-    sources: tuple[str, ...], rig: Rig, person: Proportions, options: LiveOptions,
-    cameras: CameraSettings, config: TrackerConfig,
+    stack: ExitStack, sources: tuple[str, ...], rig: Rig, person: Proportions,
+    options: LiveOptions, cameras: CameraSettings, config: TrackerConfig,
 ) -> tuple[str, Follow]:  # fmt: skip
     from egocap.detect.detector import Detector
     from egocap.track.online import OnlineTracker
+    from egocap.view.feeds import recorded
     from egocap.view.live_run import follow_live, warm_up
 
-    tracker = OnlineTracker(rig, person, config)
+    tracker, head = OnlineTracker(rig, person, config), None
+    if options.world:
+        from egocap.head_pose.online import OnlineHeadPose
+
+        head = OnlineHeadPose(rig, waits=recorded(sources, realtime=options.realtime))
+        stack.callback(head.close)
+        head.warm_up()
     detector = Detector(rig, options.weights)
     warm_up(detector, tracker)
     return (
         detector.source,
-        lambda feed, on_pose, report: follow_live(feed, detector, tracker, on_pose, report),
+        lambda feed, on_pose, report: follow_live(feed, detector, tracker, on_pose, report, head),
     )
 
 
 def _by_colour(
-    sources: tuple[str, ...], rig: Rig, person: Proportions, options: LiveOptions,
+    _: ExitStack, sources: tuple[str, ...], rig: Rig, person: Proportions, options: LiveOptions,
     cameras: CameraSettings, config: TrackerConfig,
 ) -> tuple[str, Follow]:  # fmt: skip
     from egocap.track.colour_tracker import ColourTracker
@@ -229,7 +241,7 @@ def _open_viewer(stack: ExitStack, rig: Rig, options: LiveOptions) -> LiveViewer
         return None
     from egocap.view.live_scene import LiveViewer
 
-    viewer = LiveViewer(rig, options.viewer)
+    viewer = LiveViewer(rig, options.viewer, world=options.world)
     stack.callback(viewer.close)
     if viewer.url is not None:
         print(f"see {viewer.url}", file=sys.stderr, flush=True)
@@ -260,6 +272,10 @@ def _print_live(report: LiveReport, as_json: bool) -> None:
           f"{summary['missing_pictures']} missing; "
           + ", ".join(f"{stage} {summary[f'{stage}_ms']:.0f}" for stage in report.stages)
           + " ms")  # fmt: skip
+    if report.world:
+        print(f"head in the world in {report.world['posed']} of {report.world['frames']} frames")
+    for reason, frames in report.world.get("without", {}).items():
+        print(f"no head pose in {frames} frames: {reason}")
 
 
 def _print_cameras(as_json: bool) -> int:

@@ -9,6 +9,7 @@ head frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -42,6 +43,15 @@ class HeadPoses:
     known: Bool[Array, "T"]
     floor_std: float | None = None
     """Standard deviation of the floor's height, which is 0, m; None: the floor is not known."""
+
+    @classmethod
+    def of(cls, poses: Sequence[Float[Array, "4 4"] | None]) -> HeadPoses | None:
+        """Those of some frames, None where one is not known; None if none is."""
+        known = np.array([pose is not None for pose in poses], bool)
+        if not known.any():
+            return None
+        filled = np.array([np.eye(4) if pose is None else pose for pose in poses])
+        return cls(filled[_nearest(known)], known)
 
     def __getitem__(self, frames: slice) -> HeadPoses:
         """Those of some frames."""
@@ -139,9 +149,14 @@ def head_poses_at(
             valid=f"those from {times[0]:g} to {times[-1]:g} s",
         )
     found = interpolate_poses(np.clip(times, known[0], known[-1]), known, poses)
-    frames = np.flatnonzero(there)
-    nearest = np.rint(np.interp(np.arange(len(times)), frames, np.arange(len(frames)))).astype(int)
-    return HeadPoses(np.where(there[:, None, None], found, found[frames[nearest]]), there)
+    return HeadPoses(found[_nearest(there)], there)
+
+
+def _nearest(known: Bool[Array, "T"]) -> Int[Array, "T"]:
+    """The known frame that is nearest to each frame, itself where it is known."""
+    frames = np.flatnonzero(known)
+    place = np.interp(np.arange(len(known)), frames, np.arange(len(frames)))
+    return frames[np.rint(place).astype(int)]
 
 
 def read_head_poses(path: str | Path, times: Float[Array, "T"]) -> HeadPoses:

@@ -1,4 +1,4 @@
-"""Grey pictures of a sequence at working size, decoded ahead of their use on another thread."""
+"""Grey pictures at working size; those of a sequence are decoded ahead, on another thread."""
 
 from __future__ import annotations
 
@@ -47,16 +47,24 @@ def grey_pictures(sequence: Sequence, rig: Rig, index: int) -> tuple[Grey | None
 
 def _picture(sequence: Sequence, index: int, view: int, size: tuple[int, int]) -> Grey | None:
     """A JPEG in a shard is decoded at a fraction of its size; colours are not corrected."""
-    import cv2
-
-    grey: Grey | None
     suffix = sequence.image_suffix(index, view)
     if suffix is not None and suffix.endswith("jpg"):
-        grey = _jpeg(sequence, index, view, size)
-    else:
-        image = sequence.picture(index, view)
-        grey = None if image is None else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    if grey is None or grey.shape == size[::-1]:
+        return _reduced(_jpeg(sequence, index, view, size), size)
+    image = sequence.picture(index, view)
+    return None if image is None else grey_of(image, size)
+
+
+def grey_of(image: UInt8[Array, "H W 3"], size: tuple[int, int]) -> Grey:
+    """A colour picture in grey, at a size (width, height)."""
+    import cv2
+
+    return _reduced(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)), size)
+
+
+def _reduced(grey: Grey, size: tuple[int, int]) -> Grey:
+    import cv2
+
+    if grey.shape == size[::-1]:
         return grey
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA))
 

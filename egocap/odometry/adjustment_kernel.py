@@ -15,7 +15,7 @@ NONE = -1
 """Row of a keyframe that is held fixed."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def inverse3(A):
     """Inverse of a symmetric 3 x 3 matrix by cofactors."""
     a, b, c, d, e, f = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
@@ -28,7 +28,7 @@ def inverse3(A):
     return out / det
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def robust_cost(R, t, X, start, frame, o, b, inv_sigma, width):
     """Sum of the Geman-McClure losses of all observations; arguments as `reduced_system`."""
     r, J_pose, J_point = np.empty(2), np.empty((2, 6)), np.empty((2, 3))
@@ -42,7 +42,7 @@ def robust_cost(R, t, X, start, frame, o, b, inv_sigma, width):
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def reduced_system(R, t, X, start, frame, o, b, inv_sigma, width, row, slot, blocks, g, damping):
     """Add up the reduced system; returns what `back_substitute` needs for the points.
 
@@ -85,7 +85,7 @@ def reduced_system(R, t, X, start, frame, o, b, inv_sigma, width, row, slot, blo
     return W, V_inv, gp
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _eliminate(W, V_inv, gp, first, last, frame, row, slot, blocks, g):
     """Subtract one point's part: W V^-1 W^T and W V^-1 g."""
     WV = np.empty((6, 3))
@@ -109,7 +109,7 @@ def _eliminate(W, V_inv, gp, first, last, frame, row, slot, blocks, g):
                                 + WV[i, 2] * W[m, j, 2])  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def back_substitute(X, start, frame, row, W, V_inv, gp, step):
     """Points (P, 3) after the keyframes' step (F, 6)."""
     moved = np.empty_like(X)
@@ -128,7 +128,7 @@ def back_substitute(X, start, frame, row, W, V_inv, gp, step):
     return moved
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pair_slots(start, frame, row, slot):
     """Number the blocks of keyframes that share a point into `slot` (F, F, filled with NONE)."""
     count = 0

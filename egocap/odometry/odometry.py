@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap.geometry import inverse, rigid
+from egocap.geometry import exponential, rigid
 from egocap.odometry import stereo
 from egocap.odometry.adjustment import adjust
 from egocap.odometry.config import OdometryConfig
@@ -31,6 +31,10 @@ WIDTHS = np.array([30.0, 12.0, 5.0, 3.0])
 """Widths of the loss in a pose's successive rounds, standard deviations."""
 LEAST_KEPT = 0.55  # of a keyframe's observations; with fewer left, the next keyframe follows
 GATE = 4.0  # sigmas beyond which an observation is an outlier
+QUARTILE = 0.7585  # of the residuals in two dimensions, standard deviations
+NOISIEST, NOISE_FADING = 2.5, 0.8
+"""Corners may be placed so many times worse than stated, if all are: in such surroundings. What a
+frame tells of it fades so fast: a crowd that moves otherwise is no noise."""
 LEAST_SHARE = 0.5  # of the followed points that agree with a pose
 MOST_SIGMA = 0.05  # m; a pose less certain is none
 _OLDER = 4  # fixed keyframes before the window
@@ -40,6 +44,8 @@ FLOW_NOISE_PX = 0.5
 moves pictures without turning or stretching them, so that fast turns shift it."""
 AGAIN_NOISE_PX = 0.25
 """Standard deviation of a point that is seen again from elsewhere, with that of its depth."""
+LONGEST_S = 0.5
+"""Time since the last frame up to which its velocity tells where the head is."""
 FAST_TURN = np.deg2rad(3.0)
 """Turn from frame to frame above which the last picture is turned before corners are followed."""
 GREY_NOISE = 1.0
@@ -56,6 +62,7 @@ class HeadPose:
     covariance: Float[Array, "6 6"] | None  # of rotation (rad) and translation (m), in the map
     points: int  # that support it
     problem: str = ""
+    segment: int = -1  # number of the map that it belongs to
 
 
 class Odometry:
@@ -69,6 +76,7 @@ class Odometry:
         self._last: Posed | None = None
         self._before: Posed | None = None
         self._missed, self._segment = 0, -1
+        self._noise = 1.0
 
     def add(
         self, index: int, time: float, images: tuple[Image | None, ...],
@@ -100,6 +108,8 @@ class Odometry:
         if isinstance(pose, str):
             return self._miss(pose, len(seen.point))
         self._missed = 0
+        noise = NOISE_FADING * self._noise + (1.0 - NOISE_FADING) * pose.noise
+        self._noise = float(np.clip(noise, 1.0, NOISIEST))
         self._images, self._followed = images, pose.seen
         self._before, self._last = self._last, pose
         self.map.frames.append(pose)
@@ -112,9 +122,9 @@ class Odometry:
         masks: tuple[Image, ...],
     ) -> HeadPose:  # fmt: skip
         """Start a segment where stereo finds enough points."""
+        segment = 1 + max((f.segment for f in self.map.frames), default=-1)
         origin = Posed(index, time, np.eye(3), np.zeros(3), Observations.empty(), False,
-                       len({f.segment for f in self.map.frames}), np.zeros((6, 6)),
-                       motion)  # fmt: skip
+                       segment, np.zeros((6, 6)), motion)  # fmt: skip
         seen = self._new_points(origin, images, masks)
         if len(np.unique(seen.point)) < self.config.fewest:
             return HeadPose(None, None, len(np.unique(seen.point)), "too few points with depth")
@@ -136,14 +146,11 @@ class Odometry:
         """Pose at constant velocity in the head frame."""
         last, before = self._last, self._before
         assert last is not None
-        if before is None or last.time <= before.time or self._missed:
+        elapsed = time - last.time
+        if before is None or last.time <= before.time or elapsed > LONGEST_S:
             return last.R, last.t
-        share = (time - last.time) / (last.time - before.time)
-        if not 0.5 < share < 2.0:
-            return last.R, last.t
-        moved = inverse(rigid(before.R, before.t)) @ rigid(last.R, last.t)
-        T = rigid(last.R, last.t) @ moved
-        return T[:3, :3], T[:3, 3]
+        ahead = elapsed * twist_between(before, last, last.R)
+        return last.R @ exponential(ahead[:3]), last.t + last.R @ ahead[3:]
 
     def _follow(
         self, images: tuple[Image | None, ...], masks: tuple[Image, ...],
@@ -195,25 +202,27 @@ class Odometry:
         return Observations(points, np.full(len(points), view), pixels, rays,
                             self.views.delay(view, pixels, motion), density / sigma)  # fmt: skip
 
-    def _pose(self, seen: Observations, guess: Posed) -> Posed | str:
-        """The robust pose near a guess, or why there is none."""
+    def _pose(self, seen: Observations, guess: Posed, scale: float = 1.0) -> Posed | str:
+        """The robust pose near a guess, or why there is none; `scale` is one on the deviations."""
         if len(seen.point) < self.config.fewest:
             return "too few points followed"
         data = (self.map.points[seen.point],
                 *self.views.sights(seen.view, seen.ray, seen.delay, guess.motion.twist),
                 seen.inv_sigma)  # fmt: skip
         R, t, H = refine_pose(guess.R, guess.t, *data, WIDTHS, 6)
-        inlier = squared_residuals(R, t, *data) < GATE**2
+        squared = squared_residuals(R, t, *data)
+        inlier = squared < (GATE * scale) ** 2
         self._learn_wearer(seen, inlier)
         if len(np.unique(seen.point[inlier])) < self.config.fewest:
             return "too few points agree"
         if inlier.mean() < LEAST_SHARE:
             return "most points move otherwise"
-        sigma = np.sqrt(np.trace(np.linalg.inv(H)[3:, 3:]))
+        sigma = scale * np.sqrt(np.trace(np.linalg.inv(H)[3:, 3:]))
         if not sigma < MOST_SIGMA:
             return "the points do not determine the pose"
         return replace(guess, R=R, t=t, seen=seen[inlier], keyframe=False, segment=self._segment,
-                       information=H)  # fmt: skip
+                       information=H / scale**2,
+                       noise=float(np.sqrt(np.quantile(squared, 0.25)) / QUARTILE))  # fmt: skip
 
     def _sharpened(
         self, pose: Posed, images: tuple[Image | None, ...], noise_px: float | None = None
@@ -230,7 +239,17 @@ class Odometry:
             found = found.joined(
                 self._observed(v, old.point[good], pixels[good], pose.motion, noise_px)
             )
-        return self._pose(found, pose)
+        return self._pose(found, pose, self._noise)
+
+    def forget(self) -> None:
+        """Drop frames and points that later poses do not need, so that memory does not grow.
+
+        Poses stay the same; loops cannot be closed then, nor segments joined.
+        """
+        if not self.map.frames:
+            return
+        number = self.map.forget(self.config.window + _OLDER + 1, self._followed.point)
+        self._followed = replace(self._followed, point=number[self._followed.point])
 
     def seen_again(
         self, pose: Posed, points: Int[Array, "n"], images: tuple[Image | None, ...]
@@ -351,7 +370,8 @@ def is_wearer(points_head: Float[Array, "n 3"]) -> Bool[Array, "n"]:
 
 def _result(pose: Posed) -> HeadPose:
     covariance = np.linalg.inv(pose.information)
-    return HeadPose(rigid(pose.R, pose.t), covariance, len(np.unique(pose.seen.point)))
+    points = len(np.unique(pose.seen.point))
+    return HeadPose(rigid(pose.R, pose.t), covariance, points, segment=pose.segment)
 
 
 def _lucas_kanade(

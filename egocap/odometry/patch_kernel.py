@@ -16,7 +16,7 @@ FLAT = 1.0
 """Standard deviation of grey values below which a patch has no texture."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sample(image, u, v):
     """Grey value at a pixel, bilinear; nan outside the picture."""
     height, width = image.shape
@@ -29,7 +29,7 @@ def sample(image, u, v):
     return (1.0 - b) * top + b * bottom
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def patch(image, u, v, A, reach, out):
     """Sample a patch of side 2 reach + 1 into `out`; whether it lies in the picture."""
     n = 0
@@ -43,7 +43,7 @@ def patch(image, u, v, A, reach, out):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def normalise(values):
     """Subtract the mean and divide by the standard deviation, in place; the latter."""
     mean, squared = 0.0, 0.0
@@ -60,7 +60,7 @@ def normalise(values):
     return deviation
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def correlations(reference, pixels, image, candidates, A, valid, spacing):
     """Correlation (N, H) of each pixel's patch with those of its candidates; -1: none.
 
@@ -84,7 +84,7 @@ def correlations(reference, pixels, image, candidates, A, valid, spacing):
     return scores
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def align(templates, image, pixels, A, rounds, farthest):
     """Move each pixel (N, 2) to where its template fits; returns pixels and correlations (N,).
 
@@ -133,7 +133,7 @@ def align(templates, image, pixels, A, rounds, farthest):
     return moved, score
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _inner(T, inner, gradient):
     """Patch without its border, and its central differences."""
     n = 0
@@ -145,7 +145,7 @@ def _inner(T, inner, gradient):
             n += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sharpness(templates):
     """Inverse standard deviation (N,) of an aligned patch's place in its worse direction [1/px].
 
@@ -162,7 +162,7 @@ def sharpness(templates):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def templates_at(image, pixels):
     """Patches with a border of one sample (N, (SIDE + 2)^2); whether they are in the picture."""
     N, side = len(pixels), SIDE + 2

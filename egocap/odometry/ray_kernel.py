@@ -17,7 +17,7 @@ OPPOSITE = 1e3
 """Residual of a point that lies on the other side of the camera, in standard deviations."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def tangents(b, basis):
     """Two unit vectors orthogonal to the unit vector b, as rows of `basis`."""
     k = 0
@@ -32,7 +32,7 @@ def tangents(b, basis):
     basis[1, 2] = b[0] * basis[0, 1] - b[1] * basis[0, 0]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def residual(R, t, X, o, b, inv_sigma, r, J_pose, J_point):
     """Residual r (2) and derivatives J_pose (2, 6), J_point (2, 3), written in place.
 
@@ -65,7 +65,7 @@ def residual(R, t, X, o, b, inv_sigma, r, J_pose, J_point):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def exponential(w):
     """Rotation matrix of a rotation vector (Rodrigues)."""
     angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -75,7 +75,7 @@ def exponential(w):
     return np.eye(3) + a * K + c * (K @ K)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def turned(R, w):
     """R exp([w]), orthonormal again to rounding error (one Newton step of the polar factor).
 
@@ -85,7 +85,7 @@ def turned(R, w):
     return 0.5 * (product @ (3.0 * np.eye(3) - product.T @ product))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def squared_residuals(R, t, X, o, b, inv_sigma):
     """Squared length of every residual (N,); points X (N, 3), centres o (N, 3), rays b (N, 3)."""
     r, J_pose, J_point = np.empty(2), np.empty((2, 6)), np.empty((2, 3))
@@ -96,7 +96,7 @@ def squared_residuals(R, t, X, o, b, inv_sigma):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def linearised(R, t, X, frame, point, o, b, inv_sigma):
     """Residuals (N, 2) of observations and their derivatives.
 
@@ -122,7 +122,7 @@ def linearised(R, t, X, frame, point, o, b, inv_sigma):
     return r, J_pose, J_point, J_centre, J_ray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def normal_equations(R, t, X, o, b, inv_sigma, width):
     """J^T W J (6, 6), J^T W r (6) and the robust cost at a pose; `width` of the loss in sigmas."""
     r, J, J_point = np.empty(2), np.empty((2, 6)), np.empty((2, 3))
@@ -145,7 +145,7 @@ def normal_equations(R, t, X, o, b, inv_sigma, width):
     return H, g, cost
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def refine_pose(R, t, X, o, b, inv_sigma, widths, rounds):
     """Gauss-Newton steps on one pose with a loss that narrows; returns R, t and J^T W J there.
 

@@ -55,6 +55,7 @@ class Posed:
     segment: int
     information: Float[Array, "6 6"]
     motion: Motion
+    noise: float = 1.0  # the residuals' deviation as a multiple of the stated one
 
 
 def twist_between(before: Posed, after: Posed, R: Float[Array, "3 3"]) -> Float[Array, "6"]:
@@ -89,6 +90,30 @@ class TrackMap:
         own = np.isin(self.patches.host, rows)
         self.points[own] = self.points[own] @ T[:3, :3].T + T[:3, 3]
         self.patches.normal[own] = self.patches.normal[own] @ T[:3, :3].T
+
+    def forget(self, keyframes: int, also: Int[Array, "n"]) -> Int[Array, "P"]:
+        """Drop all but the last keyframes and the points that these see, or that are in `also`.
+
+        The newest frame stays, and without what they saw the frames around keyframes, which tell
+        velocities, and those that hold a point's patch. Returns the points' new numbers, -1 for
+        those dropped.
+        """
+        keys, newest = self.keyframes[-keyframes:], len(self.frames) - 1
+        seeing = {*keys, newest}
+        seen = [self.frames[i].seen.point for i in seeing]
+        points = np.unique(np.concatenate([also, *seen]))
+        around = {k + step for k in (*keys, newest) for step in (-1, 0, 1)}
+        rows = sorted({*around, *self.patches.host[points].tolist()} & {*range(newest + 1)})
+        number, row = np.full(len(self.points), -1), np.full(newest + 1, -1)
+        number[points], row[rows] = np.arange(len(points)), np.arange(len(rows))
+        for i in rows:
+            own = self.frames[i].seen if i in seeing else Observations.empty()
+            self.frames[i].seen = replace(own, point=number[own.point])
+        self.points, self.patches = self.points[points], self.patches[points]
+        self.patches.host = row[self.patches.host]
+        self.frames = [self.frames[i] for i in rows]
+        self.keyframes = row[keys].tolist()
+        return number
 
     def hosts(self, points: Int[Array, "n"]) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3"]]:
         """Poses of the keyframes that hold the points' patches."""

@@ -112,7 +112,7 @@ def correct_track(
 ) -> tuple[Float[Array, "T 37"], Float[Array, "T 37"]]:  # fmt: skip
     """The angles as the network corrects them, and their standard deviations, rad.
 
-    The deviations grow with the square of the pose's distance from everyday ones
+    The deviations grow with the pose's squared distance from everyday ones
     (`pose_prior.unlikeness`): errors on subjects that were not learned from do grow with it. `std`
     are those of the joints, metres. Stretches of frames with a gap of more than `GAP_S` between
     them are corrected apart.
@@ -127,7 +127,7 @@ def correct_track(
         inputs = network_inputs(within, angles[part], std[part], proportions, of_part)
         correction, found = network(interpolate(steps, within, inputs).astype(np.float32))
         mean[part] = angles[part] + interpolate(within, steps, correction)
-        wider = np.maximum(unlikeness(angles[part]), 1.0) ** 2
+        wider = np.maximum(unlikeness(angles[part]), 1.0)
         spread[part] = interpolate(within, steps, found) * wider[:, None]
     return mean, spread
 

@@ -70,11 +70,10 @@ def load_posture(path: Path = FILE) -> Posture:
 
 
 def unlikeness(angles: Float[Array, "*n 37"]) -> Float[Array, "*n"]:
-    """Distance of poses from everyday ones in their standard deviations; its mean square is 1."""
+    """Squared distance of poses from everyday ones in their variances; its mean is 1."""
     posture = load_posture()
     away = np.asarray(angles) - posture.mean
-    squared = np.einsum("...i,ij,...j->...", away, posture.precision, away) / len(DOFS)
-    return np.asarray(np.sqrt(squared))
+    return np.asarray(np.einsum("...i,ij,...j->...", away, posture.precision, away) / len(DOFS))
 
 
 def save_posture(

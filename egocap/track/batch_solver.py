@@ -68,7 +68,7 @@ class BatchSolver:
             stopwatch.lap("frames")
             return self._solve_interval(angles, observations, heads, stopwatch)
         if config.smoothing == "fixed-lag":
-            solution = self._solve_fixed_lag(observations)
+            solution = self._solve_fixed_lag(observations, heads)
             stopwatch.lap("smoothing")
             return solution
         angles, converged, chosen = filter_sequence(*known)
@@ -89,8 +89,8 @@ class BatchSolver:
             return interval_covariances(*known, solution.independent_prediction)
         return causal_covariances(*known)
 
-    def _solve_fixed_lag(self, observations: Observations) -> Solution:
-        poses = smooth_fixed_lag(observations, self.proportions, self.model, self.config)
+    def _solve_fixed_lag(self, observations: Observations, heads: HeadPoses | None) -> Solution:
+        poses = smooth_fixed_lag(observations, self.proportions, self.model, self.config, heads)
         chosen = joined([pose.chosen for pose in poses])
         return Solution(
             np.array([pose.angles for pose in poses]), np.array([p.converged for p in poses]),

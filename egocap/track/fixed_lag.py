@@ -21,6 +21,7 @@ from numpy import ndarray as Array
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import AGILITY, DOF_COUNT, SPREAD
+from egocap.data.head_pose import HeadPoses
 from egocap.pose.banded import add_block, add_quadratic, banded_inverse, eliminate
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import acceleration_stencil
@@ -80,6 +81,7 @@ class LaggedPose:
     covariance: Float[Array, "37 37"]  # rad^2
     converged: bool
     chosen: Observations  # T = 1: the detections as associated
+    T_world_head: Float[Array, "4 4"] | None  # as given
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +134,7 @@ class _Frame:
     filtered: Float[Array, "37"]  # angles by the causal filter
     angles: Float[Array, "37"]  # by detections alone
     motion: Float[Array, "37"]  # with the motion prior
+    T_world_head: Float[Array, "4 4"] | None
     covariance: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # when newest
     std: Float[Array, "18"] = field(default_factory=lambda: _UNKNOWN[0, :0])  # of the joints, m
     precision: Float[Array, "37 37"] = field(default_factory=lambda: _UNKNOWN)  # the prior's, too
@@ -145,7 +148,8 @@ class _Frame:
         covariance = self.covariance
         if self.precision.any():
             covariance = np.linalg.inv(np.linalg.inv(covariance) + INDEPENDENT * self.precision)
-        return LaggedPose(self.time, self.motion, covariance, self.settled, self.chosen)
+        return LaggedPose(self.time, self.motion, covariance, self.settled, self.chosen,
+                          self.T_world_head)  # fmt: skip
 
 
 class FixedLagSmoother:
@@ -161,12 +165,14 @@ class FixedLagSmoother:
         self._window: list[_Frame] = []
         self._given = self._tried = -np.inf
 
-    def step(self, proposed: Observations) -> list[LaggedPose]:
+    def step(
+        self, proposed: Observations, T_world_head: Float[Array, "4 4"] | None = None
+    ) -> list[LaggedPose]:
         """The poses that are due with the next frame (T = 1): at an even rate, one.
 
-        None at the start; several where the frame rate falls.
+        None at the start; several where the frame rate falls. The motion prior uses the head poses.
         """
-        self._append(self._weighted(proposed))
+        self._append(self._weighted(proposed), T_world_head)
         self._solve()
         due = self._due()
         if due:
@@ -187,7 +193,7 @@ class FixedLagSmoother:
         elapsed = float(proposed.times[0]) - self._window[-1].time
         return proposed.weighted(min(elapsed / _FULL_S, 1.0) ** _EXPONENT)
 
-    def _append(self, proposed: Observations) -> None:
+    def _append(self, proposed: Observations, T_world_head: Float[Array, "4 4"] | None) -> None:
         filtered, _, chosen = self._filter.step(proposed)
         angles = filtered
         if self._window:
@@ -195,7 +201,7 @@ class FixedLagSmoother:
             if needs_association(proposed, self.config):
                 associate(angles[None], proposed, chosen, self.model, self.config)
         chosen = replace(chosen, modes=None)
-        self._window.append(_Frame(proposed, chosen, filtered, angles, angles))
+        self._window.append(_Frame(proposed, chosen, filtered, angles, angles, T_world_head))
 
     def _extrapolate(self, time: float) -> Float[Array, "37"]:
         """The pose at a time after the window's, from its last two."""
@@ -273,7 +279,8 @@ class FixedLagSmoother:
         told = [*self._before, *self._window]
         mean, spread = correct_track(
             np.array([f.time for f in told]), np.array([f.angles for f in told]),
-            np.array([f.std for f in told]), self.proportions, None,
+            np.array([f.std for f in told]), self.proportions,
+            HeadPoses.of([f.T_world_head for f in told]),
         )  # fmt: skip
         here = slice(len(self._before), None)
         precision = network_precision(spread[here])
@@ -328,9 +335,13 @@ class FixedLagSmoother:
 
 
 def smooth_fixed_lag(
-    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig
-) -> list[LaggedPose]:
+    observations: Observations, proportions: Proportions, model: Model, config: TrackerConfig,
+    heads: HeadPoses | None = None,
+) -> list[LaggedPose]:  # fmt: skip
     """The poses of all frames of a recording, each given those up to the lag after it."""
     smoother = FixedLagSmoother(proportions, model, config)
-    poses = [smoother.step(observations[t : t + 1]) for t in range(len(observations.times))]
+    poses = []
+    for t in range(len(observations.times)):
+        T_world_head = heads.T_world_head[t] if heads is not None and heads.known[t] else None
+        poses.append(smoother.step(observations[t : t + 1], T_world_head))
     return [*chain.from_iterable(poses), *smoother.finish()]

@@ -35,6 +35,7 @@ class PoseEstimate:
     covariance: Float[Array, "18 3 3"]  # of the joints, m^2
     confidence: Float[Array, "18"]  # probability that a joint is within 5 cm
     converged: bool
+    T_world_head: Float[Array, "4 4"] | None = None  # where it is known
 
 
 class OnlineTracker:
@@ -59,11 +60,14 @@ class OnlineTracker:
         self._time = -np.inf
         self._threads = ThreadpoolController()
 
-    def step(self, detections: Detections) -> list[PoseEstimate]:
+    def step(
+        self, detections: Detections, T_world_head: Float[Array, "4 4"] | None = None
+    ) -> list[PoseEstimate]:
         """The pose of the next frame (T = 1), or those of frames that are older by the lag.
 
-        None while no frame is so old; several where the frame rate falls. Raises InputError for
-        other than one frame, or one that is not later than the last.
+        None while no frame is so old; several where the frame rate falls. `T_world_head` is the
+        frame's head pose where it is known, in a world with z up, which the motion prior uses.
+        Raises InputError for other than one frame, or one that is not later than the last.
         """
         if len(detections.times) != 1:
             raise InputError(f"{len(detections.times)} frames at once", valid="1")
@@ -72,7 +76,7 @@ class OnlineTracker:
         # Matrices of 37 rows gain nothing from BLAS threads.
         with self._threads.limit(limits=1, user_api="blas"):
             proposed = observe(detections, self.rig, self.proportions, self.config)
-            poses = self._solver.step(proposed)
+            poses = self._solver.step(proposed, T_world_head)
             self._time = time
             return [self._estimate(pose) for pose in poses]
 
@@ -87,7 +91,7 @@ class OnlineTracker:
         joints = label_positions(self.proportions, pose.angles[None])[0]
         return PoseEstimate(
             pose.time, pose.angles, joints, covariance[0], confidences(covariance)[0],
-            pose.converged,
+            pose.converged, pose.T_world_head,
         )  # fmt: skip
 
 
@@ -100,7 +104,9 @@ class _Causal:
         self._time: float | None = None
         self._covariance: Float[Array, "37 37"] | None = None
 
-    def step(self, proposed: Observations) -> list[LaggedPose]:
+    def step(
+        self, proposed: Observations, T_world_head: Float[Array, "4 4"] | None
+    ) -> list[LaggedPose]:
         """The pose of the next frame (T = 1)."""
         time = float(proposed.times[0])
         angles, converged, chosen = self._filter.step(proposed)
@@ -108,7 +114,7 @@ class _Causal:
         elapsed = 0.0 if self._time is None else time - self._time
         drift = self.config.velocity_sigma * elapsed
         self._covariance, self._time = update_covariance(self._covariance, H, drift), time
-        return [LaggedPose(time, angles, self._covariance, converged, chosen)]
+        return [LaggedPose(time, angles, self._covariance, converged, chosen, T_world_head)]
 
     def finish(self) -> list[LaggedPose]:
         """No pose is withheld."""

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _LARGEST_SIDE = 1 << 14  # pixels
 _DEVICES = Path("/sys/class/video4linux")
 _MANUAL_EXPOSURE = 1.0  # of Video4Linux and of OpenCV's property
+_STATED_S = 1.0  # age of a picture above which its stated time is of another clock
 _TRIED = 10  # numbers of cameras, where the system does not list them
 
 
@@ -69,13 +70,16 @@ class Picture:
 class Source:
     """A camera or a video file, read at its own pace; holds the newest picture only.
 
-    Raises InputError for one that cannot be opened, or a camera that refuses the settings.
+    A file plays from `start`, in the time of `time.monotonic`; by default from now. Raises
+    InputError for one that cannot be opened, or a camera that refuses the settings.
     """
 
-    def __init__(self, name: str, settings: CameraSettings = CameraSettings()) -> None:
+    def __init__(
+        self, name: str, settings: CameraSettings = CameraSettings(), start: float | None = None
+    ) -> None:
         import cv2
 
-        self.name = name
+        self.name, self._start = name, time.monotonic() if start is None else start
         self._video = _opened(name, settings)
         rate = float(self._video.get(cv2.CAP_PROP_FPS))
         # A camera keeps its own pace; a file has none but its rate.
@@ -109,16 +113,18 @@ class Source:
     def _read(self) -> None:
         import cv2
 
-        start, count = time.monotonic(), 0
+        count = 0
         while not self._stop.is_set():
             there, image = self._video.read()
             if not there:
                 break
             count += 1
-            wait = start + count * self._period - time.monotonic()
-            if self._period and wait > 0.0:
-                self._stop.wait(wait)
-            self._put(Picture(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), time.monotonic()))
+            if self._period:
+                taken = self._start + count * self._period
+                self._stop.wait(max(taken - time.monotonic(), 0.0))
+            else:
+                taken = _exposed(self._video)
+            self._put(Picture(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), taken))
         with self._fresh:
             self.ended = True
             self._fresh.notify_all()
@@ -129,6 +135,17 @@ class Source:
             self.taken += 1
             self._picture = picture
             self._fresh.notify_all()
+
+
+def _exposed(video: cv2.VideoCapture) -> float:
+    """When a camera took its last picture, in the time of `time.monotonic`.
+
+    Video4Linux states it in that clock; other drivers, or clocks, do not: now then.
+    """
+    import cv2
+
+    now, stated = time.monotonic(), 1e-3 * float(video.get(cv2.CAP_PROP_POS_MSEC))
+    return stated if 0.0 <= now - stated < _STATED_S else now
 
 
 def first_pictures(

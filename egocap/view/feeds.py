@@ -34,7 +34,12 @@ class Instant:
     time: float  # s
     images: Images
     taken: float  # s, `time.monotonic`: when the oldest picture came
-    skew: float  # s, between the pictures
+    late: tuple[float, ...]  # s from `time` to each picture; 0 for a missing one
+
+    @property
+    def skew(self) -> float:
+        """Seconds between the pictures."""
+        return max(self.late) - min(self.late)
 
 
 class Feed(Protocol):
@@ -73,7 +78,8 @@ class LiveFeed:
             if taken and max(taken) > last:  # else a straggler: the other view is further on
                 last = max(taken)
                 images = [None if p is None else p.image for p in pictures]
-                yield Instant(last, images, min(taken), last - min(taken))
+                late = tuple(0.0 if p is None else p.taken - last for p in pictures)
+                yield Instant(last, images, min(taken), late)
 
     def _newest(self) -> list[Picture | None]:
         """Views that had no picture the last time are not waited for, unless none had one."""
@@ -115,8 +121,8 @@ class RecordedFeed:
             came = time.monotonic()
             until = float("inf") if following is None else (when + following[0]) / 2.0
             beside = [other.at(when, until) for other in followed]
-            skew = max((abs(t - when) for t, _ in beside), default=0.0)
-            yield Instant(when, [image, *(picture for _, picture in beside)], came, skew)
+            late = 0.0, *(t - when for t, _ in beside)
+            yield Instant(when, [image, *(picture for _, picture in beside)], came, late)
 
 
 class _Nearest:
@@ -149,9 +155,9 @@ def open_feed(
     """
     if recorded(names, realtime=realtime):
         return RecordedFeed(names, seconds, stopped)
-    found = []
+    found, start = [], time.monotonic()
     for name in names:
-        found.append(Source(name, cameras))
+        found.append(Source(name, cameras, start))
         stack.callback(found[-1].close)
     return LiveFeed(found, seconds, stopped)
 

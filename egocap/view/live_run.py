@@ -6,13 +6,15 @@ import time
 from array import array
 from collections import defaultdict, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from queue import Empty, Queue
 from threading import Event, Thread
-from typing import Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.data.detections import Detections
@@ -21,6 +23,7 @@ from egocap.view.feeds import Feed, Images, Instant
 
 Made = TypeVar("Made")
 Stages: TypeAlias = defaultdict[str, "array[float]"]
+_Seen: TypeAlias = tuple[Detections, Float[Array, "4 4"] | None]
 OnPose: TypeAlias = Callable[[PoseEstimate, Images], None]
 """Takes each pose and the pictures that it is of."""
 
@@ -33,6 +36,20 @@ class DetectsOne(Protocol):
 
     def detect_images(self, images: Sequence[Array | None], time: float = 0.0) -> Detections:
         """Detections (T = 1) in one picture a view, None where one is missing."""
+        ...
+
+
+class FindsHead(Protocol):
+    """What `egocap.head_pose.online.OnlineHeadPose` offers."""
+
+    def step(
+        self, images: Images, time: float, late: Sequence[float]
+    ) -> Float[Array, "4 4"] | None:
+        """T_world_head at the time of the next pictures, taken `late` seconds after it; or None."""
+        ...
+
+    def facts(self) -> dict[str, Any]:
+        """What was found so far, JSON-ready."""
         ...
 
 
@@ -51,6 +68,7 @@ class LiveReport:
     missing: int = 0  # pictures that a pose had to do without
     stages: Stages = field(default_factory=lambda: defaultdict(_numbers))  # s, of every frame
     seconds: float = 0.0  # from the first picture to the last pose
+    world: dict[str, Any] = field(default_factory=dict)  # facts of the head poses, where sought
 
     @property
     def latency_ms(self) -> tuple[float, float] | None:
@@ -65,7 +83,7 @@ class LiveReport:
         """Poses per second."""
         return self.poses / self.seconds if self.seconds else 0.0
 
-    def summary(self) -> dict[str, float | None]:
+    def summary(self) -> dict[str, Any]:
         """Numbers for people and machines, JSON-ready; None for what no pose had."""
         middle, late = self.latency_ms or (None, None)
         skew = 1e3 * float(np.median(self.skews)) if self.skews else None
@@ -73,7 +91,8 @@ class LiveReport:
                 "skipped_pictures": self.skipped, "missing_pictures": self.missing,
                 "latency_ms": middle, "latency_95_ms": late, "skew_ms": skew,
                 } | {f"{stage}_ms": 1e3 * float(np.median(spent))
-                     for stage, spent in self.stages.items()}  # fmt: skip
+                     for stage, spent in self.stages.items()
+                } | ({"world": self.world} if self.world else {})  # fmt: skip
 
 
 class FollowsPictures(Protocol):
@@ -107,25 +126,38 @@ def _not_shown(pose: PoseEstimate, images: Images) -> None:
 
 def follow_live(
     feed: Feed, detector: DetectsOne, tracker: OnlineTracker, on_pose: OnPose = _not_shown,
-    report: LiveReport | None = None,
+    report: LiveReport | None = None, head: FindsHead | None = None,
 ) -> LiveReport:  # fmt: skip
     """Track by detections until the feed ends. Every pose goes to `on_pose`.
 
     A thread detects in the next pictures while a pose is tracked and shown; a view whose picture
-    did not come in time is missing. A pose that follows its pictures by a lag is shown with them;
-    so it is for the latency. The report given is filled as the run goes, also of one that fails.
+    did not come in time is missing. Another one finds the `head` in the same pictures. A pose that
+    follows its pictures by a lag is shown with them; so it is for the latency. The report given is
+    filled as the run goes, also of one that fails.
     """
     report = LiveReport() if report is None else report
 
-    def detect(instant: Instant) -> Detections:
+    def place(instant: Instant) -> Float[Array, "4 4"] | None:
+        if head is None:
+            return None
+        with lap(report.stages, "head"):
+            T_world_head = head.step(instant.images, instant.time, instant.late)
+        report.world = head.facts()
+        return T_world_head
+
+    def detect(instant: Instant) -> _Seen:
+        placed = beside.submit(place, instant)
         with lap(report.stages, "detect"):
-            return detector.detect_images(instant.images, instant.time)
+            found = detector.detect_images(instant.images, instant.time)
+        return found, placed.result()
 
-    def track(_: Instant, found: Detections) -> list[PoseEstimate]:
+    def track(_: Instant, seen: _Seen) -> list[PoseEstimate]:
         with lap(report.stages, "track"):
-            return tracker.step(found)
+            return tracker.step(*seen)
 
-    with closing(_made_ahead(_timed(feed, report), detect)) as detected:
+    with ThreadPoolExecutor(1, "head") as beside, closing(
+        _made_ahead(_timed(feed, report), detect)
+    ) as detected:  # fmt: skip
         return _follow(feed, detected, track, tracker.finish, on_pose, report)
 
 

@@ -20,10 +20,11 @@ from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
+from egocap.data.head_pose import HeadPoses, in_world
 from egocap.data.track import Track
 from egocap.errors import MachineError, require
 from egocap.track.online import PoseEstimate
@@ -40,10 +41,15 @@ _PATIENCE_S = 30.0
 
 
 class LiveScene:
-    """Poses and pictures of a live run in a Rerun recording."""
+    """Poses and pictures of a live run in a Rerun recording, in the world or in the head frame.
 
-    def __init__(self, rr: Any, recording: Any, rig: Rig) -> None:
-        shown = Shown(rig=rig)
+    In the world, a pose without a head pose is drawn at the last one, and on the floor before any.
+    """
+
+    def __init__(self, rr: Any, recording: Any, rig: Rig, *, world: bool = False) -> None:
+        shown = Shown(rig=rig, placed=world)
+        self._world = world
+        self._last: Float[Array, "4 4"] | None = None
         self._out, self._scene = recording, Scene(rr, recording, shown)
         curves = {name: title for name, title in CURVES.items() if name != "error"}
         recording.send_blueprint(layout(rr, shown, rig.views, curves))
@@ -59,7 +65,19 @@ class LiveScene:
             seconds_per_frame=0.0, config={}, covariance=pose.covariance[None],
             confidence=pose.confidence[None],
         )  # fmt: skip
+        if self._world:
+            frame = in_world(frame, HeadPoses(self._place(pose)[None], np.ones(1, bool)))
         self._scene.show("live", frame, images)
+
+    def _place(self, pose: PoseEstimate) -> Float[Array, "4 4"]:
+        """T_world_head under which a pose is drawn."""
+        if pose.T_world_head is not None:
+            self._last = pose.T_world_head
+        if self._last is not None:
+            return self._last
+        T = np.eye(4)
+        T[2, 3] = -pose.joints_head[:, 2].min()
+        return T
 
     def close(self) -> None:
         """Send what is left."""
@@ -72,7 +90,7 @@ class LiveViewer(LiveScene):
     Raises MachineError without the extra `view`, and when the viewer does not start.
     """
 
-    def __init__(self, rig: Rig, where: Where) -> None:
+    def __init__(self, rig: Rig, where: Where, *, world: bool = False) -> None:
         require("rerun", "view")
         import rerun as rr
 
@@ -88,7 +106,7 @@ class LiveViewer(LiveScene):
         _wait(self._process, port)
         recording = rr.RecordingStream("egocap live")
         recording.connect_grpc(address)
-        super().__init__(rr, recording, rig)
+        super().__init__(rr, recording, rig, world=world)
 
     def show(
         self, pose: PoseEstimate, images: Sequence[UInt8[Array, "H W 3"] | None], time: float

@@ -12,6 +12,7 @@ import numpy as np
 
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT
+from egocap.data.head_pose import HeadPoses, in_world
 from egocap.data.track import Track
 from egocap.files import disk_errors
 from egocap.track.online import PoseEstimate
@@ -20,8 +21,10 @@ from egocap.view.live_run import LiveReport
 _POSE = np.dtype([
     ("time", "f8"), ("angles", "f8", DOF_COUNT), ("joints_head", "f8", (18, 3)),
     ("covariance", "f8", (18, 3, 3)), ("confidence", "f8", 18), ("converged", "?"),
+    ("T_world_head", "f8", (4, 4)),
 ])  # fmt: skip
-"""The fields of a `PoseEstimate`."""
+"""The fields of a `PoseEstimate`; a head pose that is not known is not a number."""
+_UNKNOWN = np.full((4, 4), np.nan)
 
 
 class PoseLog:
@@ -32,7 +35,10 @@ class PoseLog:
 
     def append(self, pose: PoseEstimate) -> None:
         """Keep a pose. Raises MachineError when the disk is full."""
-        record = np.array(tuple(vars(pose)[name] for name in _POSE.names or ()), _POSE).tobytes()
+        values = vars(pose)
+        if pose.T_world_head is None:
+            values = values | {"T_world_head": _UNKNOWN}
+        record = np.array(tuple(values[name] for name in _POSE.names or ()), _POSE).tobytes()
         with disk_errors(self.path):
             while record:
                 record = record[self._file.write(record) :]
@@ -40,8 +46,9 @@ class PoseLog:
     def take(self, proportions: Proportions, source: str, report: LiveReport) -> Track:
         """The poses, of which there is one, as a track; the log is empty then.
 
-        `source` names what the poses were made of, `report` is that of the run. A pose that a full
-        disk cut is left out, and the log's room on the disk is free for the track.
+        It is in the world, too, where a head pose is known. `source` names what the poses were made
+        of, `report` is that of the run. A pose that a full disk cut is left out, and the log's room
+        on the disk is free for the track.
         """
         with disk_errors(self.path):
             self._file.seek(0)
@@ -49,7 +56,8 @@ class PoseLog:
             self._file.truncate(0)
         poses = np.frombuffer(written, _POSE, len(written) // _POSE.itemsize)
         count = len(poses)
-        return Track(
+        heads = HeadPoses.of([None if np.isnan(T[0, 0]) else T for T in poses["T_world_head"]])
+        track = Track(
             times=poses["time"] - poses["time"][0], angles=poses["angles"].copy(),
             joints_head=poses["joints_head"].copy(), energy=np.zeros(count),
             converged=poses["converged"].copy(), detections_used=np.zeros(count),
@@ -58,6 +66,7 @@ class PoseLog:
             offsets=np.array(proportions.offsets), covariance=poses["covariance"].copy(),
             confidence=poses["confidence"].copy(),
         )  # fmt: skip
+        return track if heads is None else in_world(track, heads)
 
 
 @contextmanager

@@ -7,6 +7,7 @@ deviations. Cameras are drawn as the cone of their field of view, up to 80 degre
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence as Items
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,6 +34,7 @@ TRUTH = (190, 190, 190)
 DRAWS = 60
 """Draws of a posterior that are shown, spread over the chain."""
 _CONE_M, _MOST_CONE = 0.08, np.deg2rad(80.0)
+_TRAIL = 2000  # places of the head in a live run
 _CURVES = ("elbow_flexion", "knee_flexion")
 _CONTACT = (240, 228, 66)
 _JPEG = (1, 80)  # cv2.IMWRITE_JPEG_QUALITY
@@ -46,10 +48,14 @@ class Shown:
     rig: Rig | None = None
     tracks: dict[str, Track] = field(default_factory=dict)
     posteriors: dict[str, Posterior] = field(default_factory=dict)
+    placed: bool = False
+    """Whether a live run is in the world."""
 
     @property
     def in_world(self) -> bool:
         """Whether all of it has a head pose."""
+        if self.placed:
+            return True
         known = [track.T_world_head is not None for track in self.tracks.values()]
         return not self.posteriors and all(known) and bool(known or self._truth)
 
@@ -75,6 +81,7 @@ class Scene:
     def __init__(self, rr: Any, recording: Any, shown: Shown) -> None:
         self.rr, self.out, self.shown = rr, recording, shown
         self._known: set[tuple[str, type]] = set()  # what does not change with time
+        self._trail: deque[Float[Array, "3"]] = deque(maxlen=_TRAIL)  # places of a live run's head
 
     def log(self, images: bool) -> None:
         shown = self.shown
@@ -106,6 +113,9 @@ class Scene:
             if image is not None:
                 self._pictures(view, track.times, [_jpeg(image, camera.height)])
         self._track(name, track)
+        if track.T_world_head is not None:
+            self._trail.append(track.T_world_head[0, :3, 3])
+            self._path(np.array(self._trail))
 
     def _static(self, path: str, what: Any) -> None:
         if (path, type(what)) not in self._known:
@@ -199,7 +209,11 @@ class Scene:
         place = T_world_head[:, :3, 3]
         self._columns("space/head", times, self.rr.Transform3D.columns(
             translation=place, mat3x3=T_world_head[:, :3, :3]))  # fmt: skip
-        self._static("space/path", self.rr.LineStrips3D([place], colors=[TRUTH], radii=0.003))
+        self._path(place)
+
+    def _path(self, places: Float[Array, "T 3"]) -> None:
+        path = self.rr.LineStrips3D([places], colors=[TRUTH], radii=0.003)
+        self.out.log("space/path", path, static=True)
 
     def _contacts(self, path: str, track: Track, joints: Float[Array, "T 18 3"]) -> None:
         """A mark on each foot that stands."""

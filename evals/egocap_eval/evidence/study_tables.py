@@ -213,14 +213,19 @@ def head_path(results: Results) -> str:
         "cpu_ms_per_frame": ("CPU ms a frame", 0),
     }
     labels = {"covered": "covered: the same, lenses covered for 10 s",
-              "consumer": "consumer: half a minute with a rolling shutter and blur"}  # fmt: skip
+              "consumer": "consumer: half a minute with a rolling shutter and blur",
+              "street": "street: 10 s between buildings, two people walking by",
+              "stairs": "stairs: 10 s up a stair on a sports field"}  # fmt: skip
     rows = results.rows(
         "head_pose.json",
         "cases",
         lambda r: [
-            (labels.get(str(name), str(name)), f"{row['posed']} of {row['frames']}",
-             *(number(row[key], digits) for key, (_, digits) in measures.items()))
-            for name, row in r["cases"].items()
+            (label, f"{row['posed']} of {row['frames']}",
+             *(number(row.get(key), digits) for key, (_, digits) in measures.items()))
+            for label, row in (
+                *((labels.get(str(name), str(name)), row) for name, row in r["cases"].items()),
+                *((f"{name}, live", row) for name, row in r.get("live", {}).items()),
+            )
         ],
     )  # fmt: skip
     heads = (head for head, _ in measures.values())

@@ -1,6 +1,7 @@
 """Head poses found from the pictures alone, against the truth: path, rotation, up, floor and time.
 
-By stereo odometry and, for some cases, by structure from motion beside it, the offline reference.
+By stereo odometry, offline and live, and, for some cases, by structure from motion beside it, the
+offline reference. Live poses, of earlier pictures alone, begin once up and the floor are found.
 Cases are validation scenes with procedural motion. Position errors are given with the first pose
 aligned (drift shows in full) and with all poses aligned by one rigid motion, never by a scale.
 """
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,6 +29,7 @@ from egocap.head_pose.config import SfmConfig
 from egocap.head_pose.from_pictures import find_head_poses
 from egocap.head_pose.imu import vertical_by_imu
 from egocap.head_pose.imu_files import read_imu
+from egocap.head_pose.online import OnlineHeadPose
 from egocap.head_pose.result import HeadTrajectory
 from egocap.odometry.config import OdometryConfig
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
@@ -77,7 +80,7 @@ def study(
     """
     if unknown := [case for case in (*cases, *sfm) if case not in CASES]:
         raise InputError(f"unknown case '{unknown[0]}'", valid=CASES)
-    found, by_sfm, sequences = {}, {}, []
+    found, live, by_sfm, sequences = {}, {}, {}, []
     for name in cases:
         case = CASES[name]
         scene = builtin_scene(case.scene, size, frames=case.frames)
@@ -91,14 +94,17 @@ def study(
         sequences.append(sequence)
         imu = work / "imu" / f"{folder.name}.csv"
         found[name] = measure(sequence, name, imu, OdometryConfig())
+        live[name] = measure_live(sequence, name)
         if name in sfm:
             by_sfm[name] = measure(sequence, f"{name}, sfm", imu, SfmConfig())
     missed = [f"{name}: {what}" for name, row in found.items() for what in misses(row)]
     missed += [
         f"{name}: {what}" for name, row in by_sfm.items() for what in behind(found[name], row)
     ]
-    tables = [_table(found | {f"{name}, sfm": row for name, row in by_sfm.items()})]
-    return Outcome({"cases": found, "sfm": by_sfm}, tables, missed, content_hashes(sequences))
+    others = {f"{name}, live": row for name, row in live.items()}
+    others |= {f"{name}, sfm": row for name, row in by_sfm.items()}
+    result = {"cases": found, "live": live, "sfm": by_sfm}
+    return Outcome(result, [_table(found | others)], missed, content_hashes(sequences))
 
 
 class Covered(Sequence):
@@ -130,6 +136,25 @@ def measure(
             "gaps": len(result.gaps), **scores,
             **inertial_scores(result, sequence, imu), **result.facts,
             "cpu_ms_per_frame": 1e3 * spent / len(sequence)}  # fmt: skip
+
+
+def measure_live(sequence: Covered, name: str) -> dict[str, Any]:
+    """Score the poses that a live run would have, picture by picture."""
+    head, views = OnlineHeadPose(sequence.rig, waits=True), range(len(sequence.rig.mounts))
+    poses, spent = {}, time.process_time()
+    with closing(head), progress(f"{name}, live", len(sequence)) as advance:
+        for i, when in enumerate(sequence.times):
+            T = head.step([sequence.picture(i, v) for v in views], float(when))
+            poses |= {} if T is None else {i: T}
+            advance(1)
+    spent = time.process_time() - spent
+    row = {"frames": len(sequence) - len(sequence.covered), "posed": len(poses),
+           "cpu_ms_per_frame": 1e3 * spent / len(sequence), **head.facts()}  # fmt: skip
+    frame = np.array(list(poses), int)
+    if len(frame) < 2:
+        return row
+    found = HeadTrajectory(frame, sequence.times[frame], np.stack([*poses.values()]))
+    return row | score(found, sequence.truth.T_world_head)
 
 
 def score(result: HeadTrajectory, truth: Float[Array, "T 4 4"]) -> dict[str, float | None]:
@@ -242,7 +267,7 @@ _COLUMNS = (
 def _table(found: Mapping[str, Mapping[str, Any]]) -> Table:
     rows = tuple(
         (name, f"{row['posed']} of {row['frames']}",
-         *(number(row[key], digits) for _, key, digits in _COLUMNS))
+         *(number(row.get(key), digits) for _, key, digits in _COLUMNS))
         for name, row in found.items()
     )  # fmt: skip
     heads = ("case", "frames with a pose", *(head for head, *_ in _COLUMNS))

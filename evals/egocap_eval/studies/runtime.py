@@ -218,7 +218,7 @@ class _Recorded:
 
         taken = time.monotonic()
         pictures = recorded_pictures(self.footage, t)
-        return Instant(float(self.footage.times[t]), pictures, taken, 0.0)
+        return Instant(float(self.footage.times[t]), pictures, taken, (0.0,) * len(pictures))
 
 
 def _live(footage: Footage, detector: Detector, frames: int) -> dict[str, Any]:

@@ -329,13 +329,26 @@ def test_live_of_files_tracks_every_frame_for_an_animation(egocap, films, tiny_s
     assert "live without --rig and --body" in complaint(egocap("live", *films))
 
 
+def test_live_in_the_world_says_where_it_does_not_know(egocap, films, tiny_sequence):
+    words = ("live", *films, "--rig", tiny_sequence / "rig.json", "--body", "average:1.79")
+    code, out, err = egocap(*words, "--out", "live.npz", "--world", "--json")
+    assert code == 0, err
+    world = json.loads(out)["world"]
+    assert world["frames"] == 7 == world["posed"] + sum(world["without"].values())
+    track = load_track("live.npz")
+    known = 0 if track.in_world is None else track.in_world.sum()
+    assert known == world["posed"] and track.config["live"]["world"] == world
+    assert "no head pose in" in egocap(*words, "--world")[1]
+    assert "--world requires a detector" in complaint(egocap(*words, "--world", "--colour-only"))
+
+
 def test_a_live_run_that_fails_keeps_the_track(egocap, films, tiny_sequence, monkeypatch):
     step, seen = OnlineTracker.step, []
 
-    def fails_late(tracker, found):
+    def fails_late(tracker, *found):
         if len(seen) == 3:
             raise MachineError("the camera was unplugged")
-        seen.append(step(tracker, found))
+        seen.append(step(tracker, *found))
         return seen[-1]
 
     monkeypatch.setattr("egocap.view.live_run.warm_up", lambda detector, tracker: None)

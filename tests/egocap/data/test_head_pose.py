@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from egocap.data.head_pose import (
+    HeadPoses,
     head_poses_at,
     in_world,
     interpolate_poses,
@@ -37,6 +38,14 @@ def test_beyond_the_known_poses_is_an_error():
     assert np.allclose(interpolate_poses(np.array([0.0, 0.45]), times, poses)[1], poses[-1])
     with pytest.raises(InputError, match=r"0 to 0\.4 s"):
         interpolate_poses(np.array([0.0, 0.8]), times, poses)
+
+
+def test_poses_of_frames_are_filled_from_the_nearest():
+    _, poses = known()
+    found = HeadPoses.of([None, poses[1], None, None, None, poses[4]])
+    assert found.known.tolist() == [False, True, False, False, False, True]
+    np.testing.assert_array_equal(found.T_world_head, poses[[1, 1, 1, 1, 4, 4]])
+    assert HeadPoses.of([None, None]) is None
 
 
 def test_joints_move_into_the_world(tmp_path):

@@ -1,5 +1,7 @@
 """Odometry on exact pictures of a box: known poses, and inputs without a pose."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -150,6 +152,49 @@ def test_a_dropped_frame_is_bridged_within_the_same_map():
     assert len({f.segment for f in odometry.map.frames}) == 1
 
 
+def test_uneven_frames_are_followed():
+    """As a live camera's, where frames are skipped while others are worked on."""
+    poses, steps = walk(48), [1, 2, 5, 1, 4, 2, 6, 1, 3, 5, 2, 4, 6, 1, 3]
+    chosen = np.cumsum([0, *steps])
+    odometry = Odometry(Views.of(RIG, 320), CONFIG)
+    found = [odometry.add(n, i / 30.0, WORLD.pictures(RIG, poses[i]))
+             for n, i in enumerate(chosen)]  # fmt: skip
+    assert [f.problem for f in found] == [""] * len(chosen)
+    distance, _ = errors(poses[chosen], found)
+    assert distance.max() < 0.01
+
+
+def test_noisier_pictures_than_stated_are_followed():
+    """Noise that all points share is learned from frame to frame."""
+    rng = np.random.default_rng(5)
+    poses = walk(30)
+
+    def noisy(_, pictures):
+        return tuple((p + rng.normal(0.0, 12.0, p.shape)).clip(0, 255).astype(np.uint8)
+                     for p in pictures)  # fmt: skip
+
+    odometry, found = run(poses, noisy, replace(CONFIG, noise_px=0.03))
+    assert [f.problem for f in found] == [""] * 30
+    assert 1.2 < odometry._noise < 2.5
+    distance, _ = errors(poses, found)
+    assert distance.max() < 0.03
+
+
+def test_what_is_forgotten_changes_no_pose(walked):
+    poses, whole, found = walked
+    odometry = Odometry(Views.of(RIG, 320), CONFIG)
+    odometry.forget()
+    for i, T in enumerate(poses):
+        again = odometry.add(i, i / 30.0, WORLD.pictures(RIG, T))
+        assert np.array_equal(again.T_world_head, found[i].T_world_head)
+        assert np.array_equal(again.covariance, found[i].covariance)
+        if i % 5 == 4:
+            odometry.forget()
+    assert len(odometry.map.frames) < len(whole.map.frames)
+    assert len(odometry.map.points) <= len(whole.map.points)
+    assert odometry.map.patches.host.max() < len(odometry.map.frames)
+
+
 def test_a_crowd_in_half_the_picture_does_not_move_the_head():
     poses = walk(25)
     other = BoxWorld(seed=9)
@@ -186,7 +231,5 @@ def test_points_at_the_wearer_are_told_by_depth():
 
 
 def test_a_rig_of_one_view_has_no_scale():
-    from dataclasses import replace
-
     with pytest.raises(InputError, match="one view"):
         Views.of(replace(RIG, mounts=RIG.mounts[:1]), 320)

@@ -7,6 +7,7 @@ import pytest
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.body.skeleton import DOF_COUNT, DOF_INDEX, forward
+from egocap.data.head_pose import HeadPoses
 from egocap.errors import InputError
 from egocap.pose.config import TrackerConfig
 from egocap.pose.kernel import make_model
@@ -193,6 +194,25 @@ def test_the_online_tracker_gives_every_frame_once_and_late_by_the_lag():
     np.testing.assert_allclose(
         [p.covariance for p in (*poses, *rest)], batch.covariance, atol=1e-12
     )
+
+
+def test_head_poses_inform_the_motion_prior_and_come_with_their_frames():
+    motion = make_motion(20)
+    found = motion.detect("simulated:4", hidden=0.3)
+    config = replace(CONFIG, lag=0.1)
+    T = np.tile(np.eye(4), (20, 1, 1))
+    T[:, 2, 3], T[:, 0, 3] = 1.6, np.linspace(0.0, 0.9, 20)
+    given = [None, None, *T[2:]]
+    tracker = OnlineTracker(motion.rig, motion.person, config)
+    poses = [p for t in range(20) for p in tracker.step(found[t : t + 1], given[t])]
+    poses += tracker.finish()
+    for pose, head in zip(poses, given, strict=True):
+        assert pose.T_world_head is head
+    heads = HeadPoses(T, np.arange(20) > 1)
+    whole = Tracker(motion.rig, motion.person, config)
+    batch = whole.track(found, None, heads)
+    np.testing.assert_allclose([p.angles for p in poses], batch.angles, atol=1e-9)
+    assert np.abs(batch.angles - whole.track(found).angles).max() > 0.01
 
 
 def test_the_lag_stays_and_no_frame_is_lost_where_the_rate_falls():

@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from egocap.track.online import OnlineTracker
 from egocap.track.tracker import Tracker
 from egocap.track.uncertainty import confidences
 from egocap.view.capture import CameraSettings, Picture, Source, first_pictures, list_cameras
-from egocap.view.feeds import LiveFeed, RecordedFeed
+from egocap.view.feeds import LiveFeed, RecordedFeed, open_feed
 from egocap.view.live_run import LiveReport, follow_live, warm_up
 from tests.egocap.conftest import make_motion
 
@@ -91,6 +92,46 @@ def test_a_slow_tracker_skips_pictures_and_does_not_fall_behind(tmp_path):
     assert fetched + report.skipped == sum(source.taken for source in sources) == 60
     assert max(report.latencies) < 5.0
     assert len(times) == report.poses and (np.diff(times) > 0).all()
+
+
+def test_the_head_is_found_in_the_pictures_that_are_tracked(tmp_path):
+    made = make_motion(frames=60)
+    names = [video(tmp_path / f"{side}.avi", 12) for side in ("left", "right")]
+
+    class Placed:
+        times, given = [], []
+
+        def step(self, images, when, late):
+            assert len(late) == len(images) == 2 and late[0] == 0.0
+            self.times.append(when)
+            self.given.append(np.eye(4) if len(self.times) > 4 else None)
+            return self.given[-1]
+
+        def facts(self):
+            return {"frames": len(self.times)}
+
+    head, poses = Placed(), []
+    tracker = OnlineTracker(made.rig, made.person, replace(LIVE, smoothing="fixed-lag"))
+    report = follow_live(
+        RecordedFeed(names), Slow(made, 0.0), tracker,
+        lambda pose, images: poses.append(pose), head=head,
+    )  # fmt: skip
+    assert [pose.time for pose in poses] == head.times and report.world == {"frames": 12}
+    assert all(p.T_world_head is T for p, T in zip(poses, head.given, strict=True))
+    assert len(report.stages["head"]) == 12 and report.summary()["world"] == {"frames": 12}
+
+
+def test_files_that_play_by_the_clock_are_taken_when_their_rate_says(tmp_path):
+    names = [video(tmp_path / f"{side}.avi", 10, fps=20.0) for side in ("left", "right")]
+    with ExitStack() as stack:
+        feed = open_feed(stack, names, CameraSettings(), lambda: False, realtime=True)
+        instants = list(feed)
+    times = np.array([instant.time for instant in instants])
+    steps = np.diff(times) / 0.05
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    late = np.array([instant.late for instant in instants]) / 0.05
+    np.testing.assert_allclose(late, np.rint(late), atol=1e-6)
+    assert late.max() == 0.0
 
 
 def test_every_pose_is_shown_with_its_pictures(tmp_path):

@@ -4,6 +4,7 @@ import os
 import signal
 import urllib.error
 import urllib.request
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,11 +26,11 @@ def poses():
     return [pose for t in range(4) for pose in tracker.step(found[t : t + 1])]
 
 
-def recorded(path, poses, images):
+def recorded(path, poses, images, **scene):
     recording = rr.RecordingStream("test")
     content = recording.memory_recording()
     made = make_motion(frames=4)
-    display = PoseDisplay(made.rig, scene=LiveScene(rr, recording, made.rig))
+    display = PoseDisplay(made.rig, scene=LiveScene(rr, recording, made.rig, **scene))
     for pose in poses:
         display(pose, images)
     recording.flush()
@@ -74,6 +75,19 @@ def test_poses_come_with_their_times_and_pictures(poses, tmp_path):
     drawn = np.array(found[f"{views[0]}/live/joints"]["Points2D:positions"][0], float)
     scale = 480 / 512
     np.testing.assert_allclose(drawn[inside[0]], (pixels[0][inside[0]] + 0.5) * scale, atol=1e-3)
+
+
+def test_a_pose_is_shown_in_the_world_and_the_last_place_where_the_head_is_lost(poses, tmp_path):
+    T = np.eye(4)
+    T[:3, 3] = 1.0, 2.0, 1.6
+    placed = [poses[0], replace(poses[1], T_world_head=T), *poses[2:]]
+    found = recorded(tmp_path / "live.rrd", placed, [None, None], world=True)
+    joints = np.array(found["/space/live/joints"]["Points3D:positions"], float)
+    assert joints[0, :, 2].min() == pytest.approx(0.0, abs=1e-5)  # on the floor
+    expected = [pose.joints_head + T[:3, 3] for pose in poses[1:]]
+    np.testing.assert_allclose(joints[1:], expected, atol=1e-5)
+    (path,) = found["/space/path"]["LineStrips3D:strips"][-1]
+    np.testing.assert_allclose(path[1:], [T[:3, 3]] * 3, atol=1e-5)
 
 
 def test_a_browser_gets_the_viewer_from_this_machine_alone(poses):

@@ -39,6 +39,17 @@ def test_the_track_holds_every_pose(tmp_path, made, poses):
     assert not list(tmp_path.iterdir())
 
 
+def test_poses_with_a_known_head_are_in_the_world(tmp_path, made, poses):
+    T = np.eye(4)
+    T[:3, 3] = 1.0, 2.0, 1.6
+    with pose_log(tmp_path / "track.npz") as log:
+        for i, pose in enumerate(poses):
+            log.append(replace(pose, T_world_head=T if i == 2 else None))
+        track = log.take(made.person, "simulated", LiveReport(4, seconds=2.0))
+    assert track.in_world.tolist() == [False, False, True, False]
+    np.testing.assert_allclose(track.joints_world, track.joints_head + T[:3, 3])
+
+
 def test_a_full_disk_keeps_the_poses_before(tmp_path, made, poses):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))  # cuts the third pose

@@ -85,10 +85,37 @@ def test_cases_are_measured_alone_and_unknown_ones_refused(monkeypatch, tmp_path
     monkeypatch.setattr(
         head_pose, "measure", lambda sequence, name, *more: measured.append(name) or row
     )
+    monkeypatch.setattr(
+        head_pose, "measure_live", lambda sequence, name: measured.append(f"{name}, live")
+    )
     assert head_pose.study(tmp_path, cases=("minute",)).missed == []
-    assert measured == ["minute"]
+    assert measured == ["minute", "minute, live"]
     with pytest.raises(InputError, match="unknown case 'hour'"):
         head_pose.study(tmp_path, sfm=("hour",))
+
+
+def test_live_poses_are_scored_from_where_they_begin(monkeypatch, tiny_sequence):
+    class Late:
+        def __init__(self, rig, *, waits):
+            self.given = 0
+
+        def step(self, images, when):
+            self.given += 1
+            return None if self.given < 3 else truth[self.given - 1]
+
+        def facts(self):
+            return {"posed": self.given - 2}
+
+        def close(self):
+            pass
+
+    sequence = head_pose.Covered(tiny_sequence, range(0))
+    truth = sequence.truth.T_world_head
+    monkeypatch.setattr(head_pose, "OnlineHeadPose", Late)
+    row = head_pose.measure_live(sequence, "tiny")
+    assert row["posed"] == len(sequence) - 2 and row["worst_mm"] < 1e-6
+    monkeypatch.setattr(Late, "step", lambda self, images, when: None)
+    assert "worst_mm" not in head_pose.measure_live(sequence, "tiny")
 
 
 def test_covered_frames_have_no_picture(tiny_sequence):

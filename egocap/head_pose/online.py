@@ -1,0 +1,216 @@
+"""Head poses in the world from pictures as they come: an odometry, with up and floor found beside.
+
+Causal: a pose depends on earlier pictures alone, and is not corrected later. There is none until
+two searches for up and the floor, a second apart, agree. Where the odometry is lost, there is none
+either; the world then goes on from the last known place and heading, so that what the head moved
+meanwhile is missing from the path.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
+
+from egocap.cameras.rig import Rig
+from egocap.geometry import rigid
+from egocap.head_pose.estimate import vertical_facts
+from egocap.head_pose.floor import find_floor
+from egocap.head_pose.pictures import Grey, grey_of
+from egocap.head_pose.vertical import Vertical, find_vertical
+from egocap.odometry.config import OdometryConfig
+from egocap.odometry.odometry import HeadPose, Odometry
+from egocap.odometry.track_map import Posed
+from egocap.odometry.views import Views
+
+SEARCH_S = 1.0
+"""Time between searches for up and the floor."""
+PICTURES = 2
+"""Frames, spread over the time since the last search, in which the floor is searched."""
+SURE = np.deg2rad(0.6)
+"""Standard deviation of up, above which a search has failed."""
+AGREE_RAD, AGREE_M = np.deg2rad(1.0), 0.04
+"""By which up and the floor's height may differ between two searches."""
+NO_WORLD = "up and the floor are not found yet"
+_DRAWN = 320  # width of drawn pictures, px
+_FLOOR, _CEILING = -1.6, 1.4  # heights of drawn ones, m
+_TIDY = 256  # frames after which the map drops what is not needed
+
+Kept = tuple[Posed, tuple[Grey | None, ...]]
+
+
+@dataclass
+class _Segment:
+    """One map of the odometry, and what is known of the world in it."""
+
+    number: int
+    first: Float[Array, "4 4"]  # T_map_head where it began
+    searched: float  # s, when up was searched last
+    pictures: deque[Kept]
+    before: Vertical | None = None  # what the last search found
+    T_world_map: Float[Array, "4 4"] | None = None
+
+
+class OnlineHeadPose:
+    """Finds head poses frame by frame. Not to be shared between threads; `close` ends its own.
+
+    With `waits`, a search for up is waited for, so that the same pictures give the same poses;
+    else it goes on beside the next pictures. Raises InputError for a rig of one view.
+    """
+
+    def __init__(
+        self, rig: Rig, config: OdometryConfig = OdometryConfig(), *, waits: bool = False  # noqa: B008
+    ) -> None:  # fmt: skip
+        self.views, self.config, self.waits = Views.of(rig, config.width), config, waits
+        self._odometry = Odometry(self.views, config)
+        self._frames = self._placed = 0
+        self._without: Counter[str] = Counter()
+        self._segment: _Segment | None = None
+        self._last: Float[Array, "4 4"] | None = None  # T_world_head
+        self._vertical: Vertical | None = None
+        self._searches = ThreadPoolExecutor(1, thread_name_prefix="up")
+        self._search: Future[Vertical | None] | None = None
+
+    def step(
+        self,
+        images: Sequence[UInt8[Array, "H W 3"] | None],
+        time: float,
+        late: Sequence[float] = (),
+    ) -> Float[Array, "4 4"] | None:
+        """T_world_head at the time [s] of the next RGB pictures; None where it is not known.
+
+        `late`: seconds from that time to when each picture was taken; none: all were at the time.
+        The world has z up and the floor at height 0; the first head is above its origin, facing +x.
+        """
+        sizes = [(camera.width, camera.height) for camera in self.views.cameras]
+        grey = tuple(None if image is None else grey_of(image, size)
+                     for image, size in zip(images, sizes, strict=True))  # fmt: skip
+        found = self._odometry.add(
+            self._frames, time, grey, (), np.array(late) if any(late) else None
+        )
+        self._frames += 1
+        T_world_head, problem = None, found.problem
+        if found.T_world_head is not None:
+            segment = self._segment_of(found, time)
+            self._look_for_up(segment, grey, time)
+            problem = NO_WORLD
+            if segment.T_world_map is not None:
+                T_world_head = self._last = segment.T_world_map @ found.T_world_head
+        if T_world_head is None:
+            self._without[problem] += 1
+        self._placed += T_world_head is not None
+        if self._frames % _TIDY == 0:
+            self._odometry.forget()
+        return T_world_head
+
+    def warm_up(self) -> None:
+        """Find a head once in drawn pictures, so that kernels are compiled or loaded.
+
+        Otherwise a machine's first run stops for seconds after its first pictures.
+        """
+        views = Views.of(self.views.rig, _DRAWN)
+        trial, kept = Odometry(views, self.config), []
+        for i in range(3):
+            T = rigid(np.eye(3), np.array([0.15 * i, 0.0, 0.0]))
+            kept.append((T, _drawn(views, T)))
+            trial.add(i, i / 30.0, kept[-1][1])
+        _search(views, trial.map.points, np.stack([T for T, _ in kept]), kept[:1])
+
+    def facts(self) -> dict[str, Any]:
+        """What was found so far, JSON-ready."""
+        vertical = {} if self._vertical is None else vertical_facts(self._vertical)
+        return {"method": "odometry, causal", "frames": self._frames, "posed": self._placed,
+                "without": dict(self._without), "vertical": vertical,
+                "segments": 0 if self._segment is None else self._segment.number + 1}  # fmt: skip
+
+    def close(self) -> None:
+        """End the thread of the searches."""
+        self._searches.shutdown(cancel_futures=True)
+
+    def _segment_of(self, found: HeadPose, time: float) -> _Segment:
+        """The segment of a pose; a new one begins without a world."""
+        if self._segment is None or self._segment.number != found.segment:
+            assert found.T_world_head is not None
+            self._search = None
+            self._segment = _Segment(
+                found.segment, found.T_world_head, time, deque(maxlen=PICTURES)
+            )
+        return self._segment
+
+    def _look_for_up(self, segment: _Segment, grey: tuple[Grey | None, ...], time: float) -> None:
+        """Search up and the floor until two searches agree."""
+        if segment.T_world_map is not None:
+            return
+        newest = self._odometry.map.frames[-1]
+        if not segment.pictures or newest.time - segment.pictures[-1][0].time > SEARCH_S / PICTURES:
+            segment.pictures.append((newest, grey))
+        if self._search is None and time - segment.searched >= SEARCH_S:
+            segment.searched, self._search = time, self._searches.submit(*self._job(segment))
+        if self._search is None or not (self.waits or self._search.done()):
+            return
+        found, self._search = self._search.result(), None
+        if found and segment.before and _agree(found, segment.before, newest.t):
+            self._vertical = found
+            segment.T_world_map = self._onwards() @ found.transform(segment.first)
+            segment.pictures.clear()
+        segment.before = found
+
+    def _job(self, segment: _Segment) -> tuple[Any, ...]:
+        """The search, with copies of what later pictures change."""
+        frames = [f for f in self._odometry.map.frames if f.segment == segment.number]
+        own = [i for i, f in enumerate(self._odometry.map.frames) if f.segment == segment.number]
+        points = self._odometry.map.points[np.isin(self._odometry.map.patches.host, own)]
+        heads = np.stack([rigid(f.R, f.t) for f in frames])
+        pictures = [(rigid(f.R, f.t), grey) for f, grey in segment.pictures]
+        return _search, self.views, points, heads, pictures
+
+    def _onwards(self) -> Float[Array, "4 4"]:
+        """Where a segment begins: above the origin, or at the last known place and heading."""
+        T = np.eye(4)
+        if self._last is not None:
+            ahead = self._last[:2, 0] / max(float(np.linalg.norm(self._last[:2, 0])), 1e-9)
+            T[:2, :2] = [[ahead[0], -ahead[1]], [ahead[1], ahead[0]]]
+            T[:2, 3] = self._last[:2, 3]
+        return T
+
+
+def _drawn(views: Views, T_map_head: Float[Array, "4 4"]) -> tuple[Grey, ...]:
+    """Grey pictures between a floor and a ceiling of smooth random texture."""
+    waves = np.random.default_rng(0).normal(size=(2, 60)) * np.geomspace(2.0, 30.0, 60)
+    found = []
+    for camera, T_head_camera in zip(views.cameras, views.rig.T_head_camera, strict=True):
+        T = T_map_head @ T_head_camera
+        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
+        rays, _ = camera.ray(pixels.astype(float))
+        rays = rays @ T[:3, :3].T
+        height = np.where(rays[..., 2] > 0.0, _CEILING - T[2, 3], T[2, 3] - _FLOOR)
+        reach = np.minimum(height / np.maximum(np.abs(rays[..., 2]), 1e-3), 20.0)
+        place = T[:2, 3] + reach[..., None] * rays[..., :2]
+        found.append((128.0 + 8.0 * np.cos(place @ waves).sum(-1)).clip(0, 255).astype(np.uint8))
+    return tuple(found)
+
+
+def _search(
+    views: Views, points: Float[Array, "P 3"], heads: Float[Array, "T 4 4"],
+    pictures: list[tuple[Float[Array, "4 4"], tuple[Grey | None, ...]]],
+) -> Vertical | None:  # fmt: skip
+    """Up and the floor; None where they are not certain."""
+    vertical = find_vertical(points, heads)
+    floor = find_floor(views, pictures, vertical.up)
+    if floor is None:
+        return None
+    vertical = vertical.with_floor(floor)
+    return vertical if vertical.up_std < SURE else None
+
+
+def _agree(a: Vertical, b: Vertical, head: Float[Array, "3"]) -> bool:
+    """Whether two directions are alike, and the floor's depths under a head."""
+    assert a.floor is not None and b.floor is not None  # `_search` gives none without
+    apart = float(head @ a.up) - a.floor - float(head @ b.up) + b.floor
+    return bool(np.linalg.norm(np.cross(a.up, b.up)) < AGREE_RAD and abs(apart) < AGREE_M)

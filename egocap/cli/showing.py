@@ -162,7 +162,8 @@ def view(
     deviations, yellow marks feet that stand.
 
     Args:
-        what: a sequence, tracks to compare (npz), posteriors (npz), a rig file.
+        what: a sequence, tracks to compare (npz), posteriors (npz), head poses with the points of
+            the surroundings (npz, of egocap head-pose) beside tracks in their world, a rig file.
         save: file to write instead of opening the viewer: .rrd, or .mp4, a film in its layout of a
             sequence and a track, which needs no extra.
         images: include the images of the sequence; a film always has them.
@@ -170,7 +171,9 @@ def view(
     from egocap.view.viewer import view as show
 
     if not what:
-        raise InputError("nothing to show", valid="a sequence, tracks, posteriors or a rig file")
+        raise InputError(
+            "nothing to show", valid="a sequence, tracks, posteriors, head poses or a rig file"
+        )
     show(what, save, images)
     if save is not None:
         how = f"; open it with: rerun {save}" * (save.suffix == ".rrd")

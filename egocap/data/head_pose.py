@@ -2,7 +2,8 @@
 
 A file is an npz with `time` (N,) in seconds, increasing, and `T_world_head` (N, 4, 4): rigid maps
 from the head frame to a world frame with z up, at most `FARTHEST_M` from its origin. If the floor
-is at height 0, `floor_std` is the standard deviation of that height, m. Other arrays are ignored.
+is at height 0, `floor_std` is the standard deviation of that height, m; `points` (P, 3) are those
+of the surroundings, for a viewer. Other arrays are ignored.
 Where no pose is near in time, there is a gap: nothing is interpolated, and the motion stays in the
 head frame.
 """
@@ -79,6 +80,14 @@ def _read(path: str | Path) -> tuple[Poses, float | None]:
                         valid=f"({len(times)}, 4, 4)")  # fmt: skip
     _check_poses(path, poses)
     return (times, poses), _floor_std(path, found.get("floor_std"))
+
+
+def load_surroundings(path: str | Path) -> Float[Array, "P 3"]:
+    """Points of the surroundings in the world, m; none where the file has none. FileError."""
+    points = read_npz(Path(path), only=("points",)).get("points", np.zeros((0, 3)))
+    if points.dtype.kind != "f" or points.shape != (len(points), 3) or not usable(points).all():
+        raise FileError(path, "not points in metres", key="points", valid="(P, 3), finite")
+    return points.astype(float)
 
 
 def _check_poses(path: str | Path, poses: Float[Array, "N 4 4"]) -> None:

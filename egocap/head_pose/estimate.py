@@ -16,6 +16,7 @@ from egocap.cameras.rig import Rig
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.errors import InputError
+from egocap.geometry import transform
 from egocap.head_pose.floor import find_floor
 from egocap.head_pose.imu import Inertial
 from egocap.head_pose.pictures import grey_frames, grey_pictures
@@ -112,7 +113,7 @@ def head_trajectory(
         found.frame, found.time, T @ found.T_map_head, gaps, covariance,
         {**found.facts, "vertical": vertical_facts(vertical),
          **({} if inertial is None else {"imu": inertial.facts()})},
-        vertical.floor_std,
+        vertical.floor_std, transform(T, found.points[np.isfinite(found.points).all(1)]),
     )  # fmt: skip
 
 

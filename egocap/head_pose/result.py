@@ -40,6 +40,7 @@ class HeadTrajectory:
     direction of up and the height of the floor are taken as exact."""
     facts: dict[str, Any] = field(default_factory=dict)  # how it was found, JSON-ready
     floor_std: float | None = None  # of the floor's height, which is 0, m; None: not known
+    points: Float[Array, "P 3"] | None = None  # of the surroundings in the world, m
 
     def save(self, path: Path) -> None:
         """Write the npz file, atomically. Raises as `egocap.files.disk_errors`."""
@@ -48,6 +49,7 @@ class HeadTrajectory:
             path, time=self.time, T_world_head=self.T_world_head, frame=self.frame,
             covariance=self.covariance, gaps=json.dumps(gaps), facts=json.dumps(self.facts),
             floor_std=self.floor_std,
+            points=None if self.points is None else self.points.astype(np.float32),
         )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from egocap.cameras.rig import Rig
 from egocap.data.bvh import write_bvh
-from egocap.data.head_pose import load_head_pose, read_head_poses
+from egocap.data.head_pose import load_head_pose, load_surroundings, read_head_poses
 from egocap.data.manifest import MANIFEST
 from egocap.data.resampling import evenly
 from egocap.data.sequence import Sequence as Recording
@@ -127,7 +127,9 @@ def _results(
     options: MocapOptions, on_step: Step,
 ) -> None:  # fmt: skip
     def film(path: Path) -> None:
-        write_film(path, sequence, track, on_step("film", len(sequence)))
+        head = options.head_pose or stages.folder / "head.npz"
+        points = load_surroundings(head) if head.is_file() else None
+        write_film(path, sequence, track, on_step("film", len(sequence)), points)
 
     stages.run("motion.bvh", {}, lambda path: write_bvh(path, evenly(track)), lambda path: path)
     if not options.skip_film:

@@ -15,9 +15,16 @@ from numpy import ndarray as Array
 
 from egocap.data.input_checks import require_same_times
 from egocap.data.sequence import Sequence
-from egocap.data.track import Track
+from egocap.data.track import CONTACTS, Track
 from egocap.detect.input_images import ahead
-from egocap.view.skeleton import BACKGROUND, draw_in_space, draw_views, panel_widths
+from egocap.geometry import transform
+from egocap.view.skeleton import (
+    BACKGROUND,
+    draw_in_space,
+    draw_in_world,
+    draw_views,
+    panel_widths,
+)
 from egocap.view.video import VideoFile
 
 FILM_HZ = 15.0
@@ -32,16 +39,18 @@ def write_film(
     sequence: Sequence,
     track: Track,
     on_frames: Callable[[int], None] = lambda count: None,
+    points: Float[Array, "P 3"] | None = None,
 ) -> None:
     """Write the film, as long as the footage, at a rate of `FILM_HZ` or little more.
 
-    A thread decodes and draws ahead of the encoder. Raises InputError for a track of other frames
-    than the sequence's, and as VideoFile.
+    A track in the world walks over its floor, among `points` of the surroundings. A thread decodes
+    and draws ahead of the encoder. Raises InputError for a track of other frames than the
+    sequence's, and as VideoFile.
     """
     require_same_times(track.times, sequence.times, "the track")
     step = max(1, int(sequence.manifest.fps / FILM_HZ + 0.05))
     rows = range(0, len(sequence), step)
-    pictures = FilmPictures(sequence, track)
+    pictures = FilmPictures(sequence, track, points)
     drawn = ahead(iter(rows), pictures.draw)
     with VideoFile(path, sequence.manifest.fps / step) as film:
         for index, image in zip(rows, drawn, strict=True):
@@ -52,8 +61,11 @@ def write_film(
 class FilmPictures:
     """The pictures of a film."""
 
-    def __init__(self, sequence: Sequence, track: Track) -> None:
+    def __init__(
+        self, sequence: Sequence, track: Track, points: Float[Array, "P 3"] | None = None
+    ) -> None:
         self._sequence, self._track = sequence, track
+        self._points = np.zeros((0, 3)) if points is None else points
         self._truth = sequence.truth.joints_head if sequence.manifest.truth else None
         rig, count = sequence.rig, len(sequence.rig.cameras)
         columns = 1 if count <= 2 else 2
@@ -76,11 +88,24 @@ class FilmPictures:
         images, rig = self._sequence.pictures(index), self._sequence.rig
         panels = [canvas[panel] for panel in self._panels]
         draw_views(panels, images, joints, confidence, rig, grey)
-        draw_in_space(canvas[:, :HEIGHT], joints, confidence, grey)
+        self._draw_space(canvas[:, :HEIGHT], index, grey)
         curve = canvas[-CURVE_HEIGHT + _MARGIN :, HEIGHT:]
         now = round(index / max(len(self._sequence) - 1, 1) * (curve.shape[1] - 1))
         curve[:, max(now - 1, 0) : now + 1] = _NOW
         return canvas
+
+    def _draw_space(
+        self, canvas: UInt8[Array, "S S 3"], index: int, grey: tuple[Float[Array, "18 3"], ...]
+    ) -> None:
+        """The motion relative to the head, or in the world where all of it is there."""
+        track, confidence = self._track, self._confidence[index]
+        if track.T_world_head is None or track.joints_world is None:
+            return draw_in_space(canvas, track.joints_head[index], confidence, grey)
+        T = track.T_world_head[index]
+        way = track.T_world_head[: index + 1, :3, 3]
+        stands = np.zeros(len(CONTACTS)) if track.contacts is None else track.contacts[index]
+        draw_in_world(canvas, track.joints_world[index], confidence, way, self._points,
+                      stands >= 0.5, tuple(transform(T, other) for other in grey))  # fmt: skip
 
     @property
     def _confidence(self) -> Float[Array, "T 18"]:

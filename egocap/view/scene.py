@@ -36,18 +36,30 @@ DRAWS = 60
 _CONE_M, _MOST_CONE = 0.08, np.deg2rad(80.0)
 _TRAIL = 2000  # places of the head in a live run
 _CURVES = ("elbow_flexion", "knee_flexion")
+_SURROUNDINGS = (120, 130, 150)
 _CONTACT = (240, 228, 66)
 _JPEG = (1, 80)  # cv2.IMWRITE_JPEG_QUALITY
 
 
+@dataclass(frozen=True, eq=False)
+class HeadPath:
+    """Head poses of a file, and the points of the surroundings that it has."""
+
+    times: Float[Array, "N"]  # s
+    T_world_head: Float[Array, "N 4 4"]
+    points: Float[Array, "P 3"]  # world, m
+
+
 @dataclass
 class Shown:
-    """What is shown together: at most one sequence or rig, any number of tracks and posteriors."""
+    """What is shown together: at most one of sequence, rig and head path, any number of tracks and
+    posteriors."""
 
     sequence: Sequence | None = None
     rig: Rig | None = None
     tracks: dict[str, Track] = field(default_factory=dict)
     posteriors: dict[str, Posterior] = field(default_factory=dict)
+    head: HeadPath | None = None
     placed: bool = False
     """Whether a live run is in the world."""
 
@@ -57,7 +69,7 @@ class Shown:
         if self.placed:
             return True
         known = [track.T_world_head is not None for track in self.tracks.values()]
-        return not self.posteriors and all(known) and bool(known or self._truth)
+        return not self.posteriors and all(known) and bool(known or self.head or self._truth)
 
     @property
     def floor(self) -> float:
@@ -95,9 +107,11 @@ class Scene:
             self._track(name, track)
         for name, posterior in shown.posteriors.items():
             self._posterior(name, posterior)
+        if shown.head is not None:
+            self._surroundings(shown.head)
         if shown.rig is not None:
             self._rig(shown.rig)
-            if shown.sequence is None and not shown.tracks and not shown.posteriors:
+            if not (shown.sequence or shown.tracks or shown.posteriors or shown.head):
                 self._wearer()
 
     def start(self, rig: Rig) -> None:
@@ -212,8 +226,17 @@ class Scene:
         self._path(place)
 
     def _path(self, places: Float[Array, "T 3"]) -> None:
-        path = self.rr.LineStrips3D([places], colors=[TRUTH], radii=0.003)
+        """The way of the head, and below it on the floor."""
+        ways = [places, places * [1.0, 1.0, 0.0]]
+        path = self.rr.LineStrips3D(ways, colors=[TRUTH], radii=0.003)
         self.out.log("space/path", path, static=True)
+
+    def _surroundings(self, head: HeadPath) -> None:
+        """Points of the surroundings, and the head where no track has it."""
+        points = self.rr.Points3D(head.points, colors=[_SURROUNDINGS], radii=0.008)
+        self._static("space/surroundings", points)
+        if not self.shown.tracks:
+            self._head(head.times, head.T_world_head)
 
     def _contacts(self, path: str, track: Track, joints: Float[Array, "T 18 3"]) -> None:
         """A mark on each foot that stands."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS, LIMBS
@@ -29,6 +29,10 @@ _FLOOR = np.array([
     for x, y in ((near, -1.0), (near, 1.0), (-1.0, near), (1.0, near))
 ])  # fmt: skip
 """Ends of the floor's lines, two after two."""
+_WIDE, _NEAR, _FAR = 3.2, 2.2, 8.0
+"""Field of the view in the world, as `FIELD`, and the distances to which it shows the way, short of
+the camera, and the surroundings, m."""
+_SURROUNDINGS, _WAY, _STANDS = (118, 128, 148), (170, 170, 170), (240, 228, 66)
 
 
 def side_by_side(
@@ -96,26 +100,66 @@ def draw_in_space(
     confidence: Float[Array, "18"], grey: Sequence[Float[Array, "18 3"]] = (),
 ) -> None:  # fmt: skip
     """Draw the pose seen from before and the left, over a floor at its lowest foot; others grey."""
-    import cv2
-
     size, everything = len(canvas), np.ones(len(LABELS), bool)
     floor = float(joints_head[:, 2].min())
     lines = _seen(_FLOOR + [0.0, 0.0, floor], size).reshape(-1, 2, 2)
-    for first, last in np.rint(16.0 * lines).astype(int).tolist():
-        cv2.line(canvas, first, last, (58, 58, 58), 1, cv2.LINE_AA, 4)
+    _draw_lines(canvas, lines, (58, 58, 58))
     for joints in grey:
         draw_pose(canvas, _seen(joints, size), everything, np.zeros(len(LABELS)))
     draw_pose(canvas, _seen(joints_head, size), everything, confidence)
 
 
-def _seen(points: Float[Array, "N 3"], size: int) -> Float[Array, "N 2"]:
+def draw_in_world(
+    canvas: UInt8[Array, "S S 3"], joints_world: Float[Array, "18 3"],
+    confidence: Float[Array, "18"], way: Float[Array, "T 3"], points: Float[Array, "P 3"],
+    stands: Bool[Array, "4"], grey: Sequence[Float[Array, "18 3"]] = (),
+) -> None:  # fmt: skip
+    """Draw the pose on the floor of the world, seen from beside: the camera follows, unturned.
+
+    `way`: the head's places up to now, drawn on the floor. `points`: of the surroundings. `stands`:
+    whether each of `egocap.data.track.CONTACTS` touches the ground; such feet are ringed. Others
+    grey.
+    """
+    import cv2
+
+    size, head, everything = len(canvas), way[-1], np.ones(len(LABELS), bool)
+    away = points - head
+    shown = (np.linalg.norm(away, axis=1) < _FAR) & ((away - EYE) @ unit(MIDST - EYE) > 1.0)
+    at = np.rint(_seen(away[shown], size, _WIDE)).astype(int)
+    for u, v in at[((at > 0) & (at < size - 1)).all(1)]:
+        canvas[v - 1 : v + 1, u - 1 : u + 1] = _SURROUNDINGS
+    lines = 2.0 * _FLOOR - [*(head[:2] % 1.0), head[2]]
+    _draw_lines(canvas, _seen(lines, size, _WIDE).reshape(-1, 2, 2), (58, 58, 58))
+    ends = _seen(way * [1.0, 1.0, 0.0] - head, size, _WIDE)
+    near = np.linalg.norm((way - head)[:, :2], axis=1) < _NEAR
+    _draw_lines(canvas, np.stack([ends[:-1], ends[1:]], 1)[near[:-1] & near[1:]], _WAY)
+    for joints in grey:
+        draw_pose(canvas, _seen(joints - head, size, _WIDE), everything, np.zeros(len(LABELS)))
+    drawn = _seen(joints_world - head, size, _WIDE)
+    draw_pose(canvas, drawn, everything, confidence)
+    for side, touching in (("left", stands[:2]), ("right", stands[2:])):
+        if touching.any():
+            u, v = np.rint(16.0 * drawn[LABELS.index(f"{side}_foot")]).astype(int).tolist()
+            cv2.circle(canvas, (u, v), 16 * size // 70, _STANDS, 2, cv2.LINE_AA, 4)
+
+
+def _draw_lines(
+    canvas: UInt8[Array, "H W 3"], lines: Float[Array, "N 2 2"], colour: tuple[int, int, int]
+) -> None:
+    import cv2
+
+    for first, last in np.rint(16.0 * lines).astype(int).tolist():
+        cv2.line(canvas, first, last, colour, 1, cv2.LINE_AA, 4)
+
+
+def _seen(points: Float[Array, "N 3"], size: int, field: float = FIELD) -> Float[Array, "N 2"]:
     """Pixels of points in the head frame, by a camera at `EYE`."""
     forward = unit(MIDST - EYE)
     right = unit(np.cross(forward, [0.0, 0.0, 1.0]))
     down = np.cross(forward, right)
     away = points - EYE
     depth = away @ forward
-    focal = size / FIELD * np.linalg.norm(MIDST - EYE)
+    focal = size / field * np.linalg.norm(MIDST - EYE)
     return np.stack([away @ right, away @ down], -1) / depth[:, None] * focal + size / 2
 
 

@@ -15,13 +15,14 @@ from typing import Any
 
 from egocap.cameras.rig_files import load_rig
 from egocap.commandline import progress
+from egocap.data.head_pose import load_head_pose, load_surroundings
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
 from egocap.errors import FileError, InputError, MachineError, require
 from egocap.files import make_folder, read_npz, write_atomically
 from egocap.posterior.result import KIND, load_posterior
 from egocap.view.film import write_film
-from egocap.view.scene import Scene, Shown
+from egocap.view.scene import HeadPath, Scene, Shown
 
 SUFFIX, FILM = ".rrd", ".mp4"
 CURVES = {"error": "mean error, mm", "confidence": "least confidence", "angles": "angles, degrees"}
@@ -36,7 +37,12 @@ def open_all(paths: Items[Path]) -> Shown:
             _only(shown.sequence, path)
             shown.sequence = Sequence(path)
         elif path.suffix == ".npz":
-            posterior = str(read_npz(path, only=("kind",)).get("kind")) == KIND
+            found = read_npz(path, only=("kind", "T_world_head"))
+            if "kind" not in found and "T_world_head" in found:
+                _only(shown.head, path)
+                shown.head = HeadPath(*load_head_pose(path), load_surroundings(path))
+                continue
+            posterior = str(found.get("kind")) == KIND
             of_kind: dict[str, Any] = shown.posteriors if posterior else shown.tracks
             name = path.stem if path.stem not in of_kind else f"{path.stem}-{len(of_kind)}"
             of_kind[name] = load_posterior(path) if posterior else load_track(path)
@@ -45,10 +51,13 @@ def open_all(paths: Items[Path]) -> Shown:
             shown.rig = load_rig(path)
         else:
             raise FileError(path, "cannot be viewed",
-                            valid="a sequence, which egocap import makes of videos; a track or "
-                            "posterior, npz; a rig file, toml or json")  # fmt: skip
+                            valid="a sequence, which egocap import makes of videos; a track, "
+                            "posterior or head poses, npz; a rig file, toml or json")  # fmt: skip
     if shown.sequence is not None and shown.rig is None:
         shown.rig = shown.sequence.rig
+    if shown.head is not None and not shown.in_world:
+        raise InputError("head poses beside a motion in the head frame",
+                         valid="tracks made with --head-pose beside them")  # fmt: skip
     return shown
 
 
@@ -86,7 +95,8 @@ def _film(shown: Shown, save: Path) -> None:
         raise InputError("a film of something else", valid="one sequence and one track of it")
     (track,) = shown.tracks.values()
     with progress("film", len(shown.sequence)) as advance:
-        write_film(save, shown.sequence, track, advance)
+        points = None if shown.head is None else shown.head.points
+        write_film(save, shown.sequence, track, advance, points)
 
 
 def _recording(rr: Any, shown: Shown, images: bool) -> bytes:
@@ -124,4 +134,5 @@ def layout(rr: Any, shown: Shown, views: Items[str], curves: Mapping[str, str]) 
 
 def _only(before: object, path: Path) -> None:
     if before is not None:
-        raise InputError(f"{path}: a second one of its kind", valid="one sequence and one rig")
+        raise InputError(f"{path}: a second one of its kind",
+                         valid="one sequence, one rig and one file of head poses")  # fmt: skip

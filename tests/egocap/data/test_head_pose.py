@@ -9,6 +9,7 @@ from egocap.data.head_pose import (
     in_world,
     interpolate_poses,
     load_head_pose,
+    load_surroundings,
     read_head_poses,
 )
 from egocap.errors import FileError, InputError
@@ -46,6 +47,19 @@ def test_poses_of_frames_are_filled_from_the_nearest():
     assert found.known.tolist() == [False, True, False, False, False, True]
     np.testing.assert_array_equal(found.T_world_head, poses[[1, 1, 1, 1, 4, 4]])
     assert HeadPoses.of([None, None]) is None
+
+
+def test_points_of_the_surroundings_are_optional_and_checked(tmp_path):
+    times, poses = known()
+    path, points = tmp_path / "head.npz", np.ones((3, 3), np.float32)
+    np.savez(path, time=times, T_world_head=poses)
+    assert load_surroundings(path).shape == (0, 3)
+    np.savez(path, time=times, T_world_head=poses, points=points)
+    np.testing.assert_array_equal(load_surroundings(path), points)
+    for wrong in (points[:, :2], np.full((2, 3), np.nan), np.ones((2, 3), int)):
+        np.savez(path, time=times, T_world_head=poses, points=wrong)
+        with pytest.raises(FileError, match="points"):
+            load_surroundings(path)
 
 
 def test_joints_move_into_the_world(tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from egocap.body.side_colours import LEFT, RIGHT
+from egocap.data.head_pose import HeadPoses, in_world
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track, save_track
 from egocap.detect.sources import synthetic_detections
@@ -43,6 +44,24 @@ def test_a_picture_shows_space_views_and_where_the_curve_is(tiny_sequence, track
     curve = slice(-CURVE_HEIGHT + 30, None), slice(HEIGHT, None)
     marked = [np.argwhere((image[curve] == (240, 228, 66)).all((0, 2))) for image in (first, last)]
     assert marked[0].max() <= 1 and marked[1].min() >= 447  # columns, of 450
+
+
+def test_a_track_in_the_world_walks_over_its_floor_among_the_surroundings(tiny_sequence, track):
+    sequence, found = Sequence(tiny_sequence), load_track(track)
+    T = np.tile(np.eye(4), (len(found.times), 1, 1))
+    T[:, :3, 3] = np.linspace([3.0, -2.0, 1.6], [3.5, -2.0, 1.6], len(T))
+    placed = in_world(found, HeadPoses(T, np.ones(len(T), bool)))
+    contacts = np.tile([0.9, 0.2, 0.1, 0.1], (len(T), 1))
+    behind = np.array([3.0, -2.0, 1.0]) + [[-2.0, 1.0, 0.0], [9.0, 9.0, 0.0]]  # the latter: far
+    pictures = FilmPictures(sequence, replace(placed, contacts=contacts), behind)
+    last = pictures.draw(len(T) - 1)[:, :HEIGHT]
+    bare = FilmPictures(sequence, placed).draw(len(T) - 1)[:, :HEIGHT]
+    for colour in (LEFT, RIGHT, UNSURE):  # the truth is grey
+        assert count(bare, colour) > 100
+    ring, points = (240, 228, 66), (118, 128, 148)
+    assert count(last, ring) > 50 and count(bare, ring) == 0
+    assert int((last == points).all(-1).sum()) == 4 and not (bare == points).all(-1).any()
+    assert count(last, (170, 170, 170)) > 20  # the way on the floor
 
 
 def test_view_saves_a_film_without_the_viewer(tiny_sequence, track, tmp_path, monkeypatch):

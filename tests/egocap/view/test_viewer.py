@@ -1,5 +1,7 @@
 """Recordings for the viewer hold the motion that was given, read back by Rerun's own reader."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from egocap.body.side_colours import LEFT, RIGHT
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track, save_track
 from egocap.errors import FileError, InputError
+from egocap.head_pose.result import HeadTrajectory
 from egocap.view.viewer import open_all, view
 
 pytest.importorskip("rerun")
@@ -41,6 +44,28 @@ def tracked(tiny_sequence, tmp_path_factory):
     path = tmp_path_factory.mktemp("viewer") / "walk.npz"
     save_track(path, in_world(track, HeadPoses(sequence.truth.T_world_head, known)))
     return path
+
+
+def test_head_poses_are_shown_with_the_surroundings(tiny_sequence, tracked, tmp_path):
+    truth = Sequence(tiny_sequence).truth
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    heads = HeadTrajectory(np.arange(len(truth.time)), truth.time, truth.T_world_head,
+                           points=points)  # fmt: skip
+    heads.save(tmp_path / "head.npz")
+    for what in ([tmp_path / "head.npz"], [tracked, tmp_path / "head.npz"]):
+        view(what, tmp_path / "head.rrd")
+        found = entities(tmp_path / "head.rrd")
+        shown = np.array(found["/space/surroundings"]["Points3D:positions"][0], float)
+        np.testing.assert_allclose(shown, points, atol=1e-5)
+        way, floor = found["/space/path"]["LineStrips3D:strips"][0]
+        np.testing.assert_allclose(way, truth.T_world_head[:, :3, 3], atol=1e-5)
+        np.testing.assert_allclose(np.array(floor)[:, 2], 0.0)
+    local = replace(load_track(tracked), T_world_head=None, joints_world=None, in_world=None)
+    save_track(tmp_path / "local.npz", local)
+    with pytest.raises(InputError, match="beside a motion in the head frame"):
+        open_all([tmp_path / "local.npz", tmp_path / "head.npz"])
+    with pytest.raises(InputError, match="a second one of its kind"):
+        open_all([tmp_path / "head.npz", tmp_path / "head.npz"])
 
 
 def test_space_holds_the_joints_and_their_sides(tiny_sequence, tracked, tmp_path):

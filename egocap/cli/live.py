@@ -164,6 +164,9 @@ def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: Tra
         raise InputError("--colour-only uses neither --weights nor tracker settings")
     if run.colour_only and run.world:
         raise InputError("--world requires a detector", valid="it without --colour-only")
+    if run.world and views < 2:
+        raise InputError("--world requires two views, whose distance tells metres",
+                         valid="a rig of two views or more")  # fmt: skip
     if not run.colour_only and run.start != "rest":
         raise InputError(f"--start '{run.start}' requires --colour-only")
 

@@ -35,6 +35,12 @@ def test_a_camera_is_of_one_view(sources):
     _check(("0", "1"), 2, LiveOptions(), TrackerConfig())
 
 
+def test_one_view_does_not_tell_metres():
+    with pytest.raises(InputError, match="--world requires two views"):
+        _check(("0",), 1, LiveOptions(world=True), TrackerConfig())
+    _check(("0",), 1, LiveOptions(), TrackerConfig(smoothing="fixed-lag"))
+
+
 def test_frame_by_frame_is_the_causal_pass():
     made = make_motion(frames=25)
     found = made.detect("simulated:2,swaps=0.1", hidden=0.2)

@@ -86,7 +86,8 @@ def test_a_pose_is_shown_in_the_world_and_the_last_place_where_the_head_is_lost(
     assert joints[0, :, 2].min() == pytest.approx(0.0, abs=1e-5)  # on the floor
     expected = [pose.joints_head + T[:3, 3] for pose in poses[1:]]
     np.testing.assert_allclose(joints[1:], expected, atol=1e-5)
-    (path,) = found["/space/path"]["LineStrips3D:strips"][-1]
+    path, floor = found["/space/path"]["LineStrips3D:strips"][-1]
+    np.testing.assert_allclose(np.array(floor)[:, 2], 0.0)
     np.testing.assert_allclose(path[1:], [T[:3, 3]] * 3, atol=1e-5)
 
 

@@ -209,9 +209,8 @@ def _world_summary(result: Track) -> str:
     text = f"in the world: {there} frames"
     if there < frames:
         text += f"; {frames - there} without a head pose nearby stay in the head frame"
-    if result.contacts is not None:
-        feet = result.contacts[result.in_world].reshape(-1, 2, 2)
-        planted = (feet >= 0.5).any(2).mean(0)
+    if result.standing is not None:
+        planted = result.standing[result.in_world].mean(0)
         text += (
             f"; feet on the ground {100 * planted[0]:.0f} (left), {100 * planted[1]:.0f} % (right)"
         )

@@ -57,6 +57,13 @@ class Track:
                 f"{frame} frame)")  # fmt: skip
 
     @property
+    def standing(self) -> Bool[Array, "T 2"] | None:
+        """Whether the left and the right foot stand: a heel or toe probably touches the ground."""
+        if self.contacts is None:
+            return None
+        return np.asarray((self.contacts.reshape(-1, 2, 2) >= 0.5).any(axis=2))
+
+    @property
     def by_frame(self) -> dict[str, Array]:
         """The arrays that hold a value a frame, by name."""
         return {name: value for name, value in vars(self).items()

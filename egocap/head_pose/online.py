@@ -163,9 +163,10 @@ class OnlineHeadPose:
 
     def _job(self, segment: _Segment) -> tuple[Any, ...]:
         """The search, with copies of what later pictures change."""
-        frames = [f for f in self._odometry.map.frames if f.segment == segment.number]
-        own = [i for i, f in enumerate(self._odometry.map.frames) if f.segment == segment.number]
-        points = self._odometry.map.points[np.isin(self._odometry.map.patches.host, own)]
+        map = self._odometry.map
+        own = [i for i, frame in enumerate(map.frames) if frame.segment == segment.number]
+        frames = [map.frames[i] for i in own]
+        points = map.points[np.isin(map.patches.host, own)]
         heads = np.stack([rigid(f.R, f.t) for f in frames])
         pictures = [(rigid(f.R, f.t), grey) for f, grey in segment.pictures]
         return _search, self.views, points, heads, pictures

@@ -120,6 +120,7 @@ def _refuse_early(options: MocapOptions) -> None:
         open_engine(open_weights(options.weights))
     if options.head_pose is not None:
         load_head_pose(options.head_pose)
+        load_surroundings(options.head_pose)
 
 
 def _results(

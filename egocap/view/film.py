@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from egocap.data.input_checks import require_same_times
 from egocap.data.sequence import Sequence
-from egocap.data.track import CONTACTS, Track
+from egocap.data.track import Track
 from egocap.detect.input_images import ahead
 from egocap.geometry import transform
 from egocap.view.skeleton import (
@@ -103,9 +103,9 @@ class FilmPictures:
             return draw_in_space(canvas, track.joints_head[index], confidence, grey)
         T = track.T_world_head[index]
         way = track.T_world_head[: index + 1, :3, 3]
-        stands = np.zeros(len(CONTACTS)) if track.contacts is None else track.contacts[index]
+        stands = np.zeros(2, bool) if track.standing is None else track.standing[index]
         draw_in_world(canvas, track.joints_world[index], confidence, way, self._points,
-                      stands >= 0.5, tuple(transform(T, other) for other in grey))  # fmt: skip
+                      stands, tuple(transform(T, other) for other in grey))  # fmt: skip
 
     @property
     def _confidence(self) -> Float[Array, "T 18"]:

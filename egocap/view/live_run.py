@@ -137,28 +137,27 @@ def follow_live(
     """
     report = LiveReport() if report is None else report
 
-    def place(instant: Instant) -> Float[Array, "4 4"] | None:
-        if head is None:
-            return None
+    def place(head: FindsHead, instant: Instant) -> Float[Array, "4 4"] | None:
         with lap(report.stages, "head"):
-            T_world_head = head.step(instant.images, instant.time, instant.late)
-        report.world = head.facts()
-        return T_world_head
+            return head.step(instant.images, instant.time, instant.late)
 
     def detect(instant: Instant) -> _Seen:
-        placed = beside.submit(place, instant)
+        placed = None if head is None else beside.submit(place, head, instant)
         with lap(report.stages, "detect"):
             found = detector.detect_images(instant.images, instant.time)
-        return found, placed.result()
+        return found, None if placed is None else placed.result()
 
     def track(_: Instant, seen: _Seen) -> list[PoseEstimate]:
         with lap(report.stages, "track"):
             return tracker.step(*seen)
 
-    with ThreadPoolExecutor(1, "head") as beside, closing(
-        _made_ahead(_timed(feed, report), detect)
-    ) as detected:  # fmt: skip
-        return _follow(feed, detected, track, tracker.finish, on_pose, report)
+    try:
+        with ThreadPoolExecutor(1, "head") as beside, closing(
+            _made_ahead(_timed(feed, report), detect)
+        ) as detected:  # fmt: skip
+            return _follow(feed, detected, track, tracker.finish, on_pose, report)
+    finally:
+        report.world = {} if head is None else head.facts()
 
 
 def follow_pictures(

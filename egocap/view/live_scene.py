@@ -48,7 +48,6 @@ class LiveScene:
 
     def __init__(self, rr: Any, recording: Any, rig: Rig, *, world: bool = False) -> None:
         shown = Shown(rig=rig, placed=world)
-        self._world = world
         self._last: Float[Array, "4 4"] | None = None
         self._out, self._scene = recording, Scene(rr, recording, shown)
         curves = {name: title for name, title in CURVES.items() if name != "error"}
@@ -65,7 +64,7 @@ class LiveScene:
             seconds_per_frame=0.0, config={}, covariance=pose.covariance[None],
             confidence=pose.confidence[None],
         )  # fmt: skip
-        if self._world:
+        if self._scene.shown.placed:
             frame = in_world(frame, HeadPoses(self._place(pose)[None], np.ones(1, bool)))
         self._scene.show("live", frame, images)
 

@@ -23,10 +23,11 @@ from egocap.body.skeleton import DOFS, forward
 from egocap.cameras.rig import Rig
 from egocap.commandline import progress
 from egocap.data.sequence import Sequence
-from egocap.data.track import CONTACTS, Track
+from egocap.data.track import Track
 from egocap.geometry import matrix_to_quaternion, transform
 from egocap.pose.initial_poses import start_poses
 from egocap.posterior.result import Posterior
+from egocap.view.skeleton import FEET, STANDS, SURROUNDINGS
 
 IMAGE_HEIGHT = 480
 """Of the images in a recording at most, pixels."""
@@ -36,8 +37,6 @@ DRAWS = 60
 _CONE_M, _MOST_CONE = 0.08, np.deg2rad(80.0)
 _TRAIL = 2000  # places of the head in a live run
 _CURVES = ("elbow_flexion", "knee_flexion")
-_SURROUNDINGS = (120, 130, 150)
-_CONTACT = (240, 228, 66)
 _JPEG = (1, 80)  # cv2.IMWRITE_JPEG_QUALITY
 
 
@@ -233,24 +232,19 @@ class Scene:
 
     def _surroundings(self, head: HeadPath) -> None:
         """Points of the surroundings, and the head where no track has it."""
-        points = self.rr.Points3D(head.points, colors=[_SURROUNDINGS], radii=0.008)
+        points = self.rr.Points3D(head.points, colors=[SURROUNDINGS], radii=0.008)
         self._static("space/surroundings", points)
         if not self.shown.tracks:
             self._head(head.times, head.T_world_head)
 
     def _contacts(self, path: str, track: Track, joints: Float[Array, "T 18 3"]) -> None:
         """A mark on each foot that stands."""
-        if track.contacts is None:
+        if track.standing is None:
             return
-        marks, counts = [], []
-        for i, stands in enumerate(track.contacts >= 0.5):
-            sides = [s for s in ("left", "right")
-                     if stands[[n.startswith(s) for n in CONTACTS]].any()]  # fmt: skip
-            marks += [joints[i, LABELS.index(f"{side}_foot")] for side in sides]
-            counts.append(len(sides))
-        self._static(path, self.rr.Points3D.from_fields(colors=[_CONTACT], radii=0.03))
+        marks = joints[:, FEET][track.standing]
+        self._static(path, self.rr.Points3D.from_fields(colors=[STANDS], radii=0.03))
         self._columns(path, track.times, self.rr.Points3D.columns(
-            positions=np.array(marks).reshape(-1, 3)).partition(counts))  # fmt: skip
+            positions=marks).partition(track.standing.sum(1).tolist()))  # fmt: skip
 
     def _ellipsoids(
         self, path: str, times: Float[Array, "T"], centres: Float[Array, "T 18 3"],

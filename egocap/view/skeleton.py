@@ -32,7 +32,11 @@ _FLOOR = np.array([
 _WIDE, _NEAR, _FAR = 3.2, 2.2, 8.0
 """Field of the view in the world, as `FIELD`, and the distances to which it shows the way, short of
 the camera, and the surroundings, m."""
-_SURROUNDINGS, _WAY, _STANDS = (118, 128, 148), (170, 170, 170), (240, 228, 66)
+SURROUNDINGS, STANDS = (118, 128, 148), (240, 228, 66)
+"""Colours of the points around the wearer, and of the marks of feet that stand."""
+FEET = [LABELS.index(f"{side}_foot") for side in ("left", "right")]
+"""Where such a mark is."""
+_WAY = (170, 170, 170)
 
 
 def side_by_side(
@@ -112,13 +116,12 @@ def draw_in_space(
 def draw_in_world(
     canvas: UInt8[Array, "S S 3"], joints_world: Float[Array, "18 3"],
     confidence: Float[Array, "18"], way: Float[Array, "T 3"], points: Float[Array, "P 3"],
-    stands: Bool[Array, "4"], grey: Sequence[Float[Array, "18 3"]] = (),
+    stands: Bool[Array, "2"], grey: Sequence[Float[Array, "18 3"]] = (),
 ) -> None:  # fmt: skip
     """Draw the pose on the floor of the world, seen from beside: the camera follows, unturned.
 
     `way`: the head's places up to now, drawn on the floor. `points`: of the surroundings. `stands`:
-    whether each of `egocap.data.track.CONTACTS` touches the ground; such feet are ringed. Others
-    grey.
+    whether the left and the right foot stand; such feet are ringed. Others grey.
     """
     import cv2
 
@@ -127,7 +130,7 @@ def draw_in_world(
     shown = (np.linalg.norm(away, axis=1) < _FAR) & ((away - EYE) @ unit(MIDST - EYE) > 1.0)
     at = np.rint(_seen(away[shown], size, _WIDE)).astype(int)
     for u, v in at[((at > 0) & (at < size - 1)).all(1)]:
-        canvas[v - 1 : v + 1, u - 1 : u + 1] = _SURROUNDINGS
+        canvas[v - 1 : v + 1, u - 1 : u + 1] = SURROUNDINGS
     lines = 2.0 * _FLOOR - [*(head[:2] % 1.0), head[2]]
     _draw_lines(canvas, _seen(lines, size, _WIDE).reshape(-1, 2, 2), (58, 58, 58))
     ends = _seen(way * [1.0, 1.0, 0.0] - head, size, _WIDE)
@@ -137,10 +140,8 @@ def draw_in_world(
         draw_pose(canvas, _seen(joints - head, size, _WIDE), everything, np.zeros(len(LABELS)))
     drawn = _seen(joints_world - head, size, _WIDE)
     draw_pose(canvas, drawn, everything, confidence)
-    for side, touching in (("left", stands[:2]), ("right", stands[2:])):
-        if touching.any():
-            u, v = np.rint(16.0 * drawn[LABELS.index(f"{side}_foot")]).astype(int).tolist()
-            cv2.circle(canvas, (u, v), 16 * size // 70, _STANDS, 2, cv2.LINE_AA, 4)
+    for u, v in np.rint(16.0 * drawn[FEET][stands]).astype(int).tolist():
+        cv2.circle(canvas, (u, v), 16 * size // 70, STANDS, 2, cv2.LINE_AA, 4)
 
 
 def _draw_lines(

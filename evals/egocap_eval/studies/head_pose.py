@@ -148,8 +148,8 @@ def measure_live(sequence: Covered, name: str) -> dict[str, Any]:
             poses |= {} if T is None else {i: T}
             advance(1)
     spent = time.process_time() - spent
-    row = {"frames": len(sequence) - len(sequence.covered), "posed": len(poses),
-           "cpu_ms_per_frame": 1e3 * spent / len(sequence), **head.facts()}  # fmt: skip
+    row = head.facts() | {"frames": len(sequence) - len(sequence.covered),
+                          "cpu_ms_per_frame": 1e3 * spent / len(sequence)}  # fmt: skip
     frame = np.array(list(poses), int)
     if len(frame) < 2:
         return row

@@ -82,6 +82,19 @@ def test_head_poses_of_other_times_are_refused_before_detection(
     assert not (tmp_path / "o/detections.npz").exists()
 
 
+def test_surroundings_that_cannot_be_shown_are_refused_before_detection(
+    monkeypatch, capsys, footage, tmp_path
+):
+    times = np.arange(9) / 30.0
+    np.savez(tmp_path / "h.npz", time=times, T_world_head=np.tile(np.eye(4), (9, 1, 1)),
+             points=np.zeros((4, 2)))  # fmt: skip
+    code, shown = mocap(
+        monkeypatch, capsys, footage, tmp_path / "o", "--head-pose", str(tmp_path / "h.npz")
+    )
+    assert code == 2 and "key 'points': not points" in shown.err
+    assert not (tmp_path / "o").exists()
+
+
 def test_exchanged_views_are_refused(monkeypatch, capsys, footage, tmp_path):
     code, shown = mocap(
         monkeypatch, capsys, footage, tmp_path / "x", "--body", "average:1.79", "--skip-film",

@@ -51,7 +51,10 @@ class LiveOptions:
     """Play video files by the clock and skip frames that come too fast, as with cameras."""
     world: bool = False
     """Find the head in the world, too, from the same pictures: z up, the floor at height 0. No
-    calibration is corrected, and no loop closed, as only past pictures are known."""
+    loop is closed, as only past pictures are known."""
+    self_calibration: bool = True
+    """With --world: correct the rig, and find lags and rolling shutters, from the first pictures
+    that move. The pose relative to the head uses the rig file as it is (correct-rig writes one)."""
     colour_only: bool = False
     """Track the upper body by colour, without a detector, from the pose --start."""
     start: str = "rest"
@@ -164,6 +167,8 @@ def _check(sources: tuple[str, ...], views: int, run: LiveOptions, settings: Tra
         raise InputError("--colour-only uses neither --weights nor tracker settings")
     if run.colour_only and run.world:
         raise InputError("--world requires a detector", valid="it without --colour-only")
+    if not run.self_calibration and not run.world:
+        raise InputError("--no-self-calibration without --world", valid="it with --world")
     if run.world and views < 2:
         raise InputError("--world requires two views, whose distance tells metres",
                          valid="a rig of two views or more")  # fmt: skip
@@ -196,8 +201,11 @@ def _by_detections(
     tracker, head = OnlineTracker(rig, person, config), None
     if options.world:
         from egocap.head_pose.online import OnlineHeadPose
+        from egocap.odometry.config import OdometryConfig
 
-        head = OnlineHeadPose(rig, waits=recorded(sources, realtime=options.realtime))
+        settings = OdometryConfig(self_calibration=options.self_calibration)
+        waits = recorded(sources, realtime=options.realtime)
+        head = OnlineHeadPose(rig, settings, waits=waits)
         stack.callback(head.close)
         head.warm_up()
     detector = Detector(rig, options.weights)
@@ -263,6 +271,8 @@ def _start_pose(start: str) -> Float[Array, "37"]:
 
 
 def _print_live(report: LiveReport, as_json: bool) -> None:
+    from egocap.head_pose.rig_correction import correction_lines
+
     summary = report.summary()
     if as_json:
         print(jsons.dumps(summary, indent=1))
@@ -277,8 +287,10 @@ def _print_live(report: LiveReport, as_json: bool) -> None:
           + " ms")  # fmt: skip
     if report.world:
         print(f"head in the world in {report.world['posed']} of {report.world['frames']} frames")
-    for reason, frames in report.world.get("without", {}).items():
-        print(f"no head pose in {frames} frames: {reason}")
+        for reason, frames in report.world["without"].items():
+            print(f"no head pose in {frames} frames: {reason}")
+        for line in correction_lines(report.world["self_calibration"]):
+            print(line)
 
 
 def _print_cameras(as_json: bool) -> int:

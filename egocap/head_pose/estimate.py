@@ -21,7 +21,7 @@ from egocap.head_pose.floor import find_floor
 from egocap.head_pose.imu import Inertial
 from egocap.head_pose.pictures import grey_frames, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
-from egocap.head_pose.rig_correction import find_rig_correction, followed
+from egocap.head_pose.rig_correction import find_rig_correction, frames_of
 from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.config import OdometryConfig
@@ -61,9 +61,10 @@ def by_odometry(
         correction = find_rig_correction(sequence, views, config, wearer)
     views = views if correction is None else correction.views
     odometry, reasons = Odometry(views, config), {}
-    for index, pose in followed(sequence, odometry, wearer):
+    for frame in frames_of(sequence, views.rig, range(len(sequence)), wearer):
+        pose = odometry.add(*frame)
         if pose.T_world_head is None:
-            reasons[index] = pose.problem
+            reasons[frame[0]] = pose.problem
         advance(1)
     if not odometry.map.frames:
         why = max(sorted(set(reasons.values())), key=list(reasons.values()).count)

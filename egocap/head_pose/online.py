@@ -4,6 +4,9 @@ Causal: a pose depends on earlier pictures alone, and is not corrected later. Th
 two searches for up and the floor, a second apart, agree. Where the odometry is lost, there is none
 either; the world then goes on from the last known place and heading, so that what the head moved
 meanwhile is missing from the path.
+
+What is wrong with the rig file is sought once, from the first pictures that move; the odometry then
+begins anew with the corrected rig. Where points fit the file badly, there is no pose before.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,9 +26,11 @@ from egocap.geometry import rigid
 from egocap.head_pose.estimate import vertical_facts
 from egocap.head_pose.floor import find_floor
 from egocap.head_pose.pictures import Grey, grey_of
+from egocap.head_pose.rig_correction import Added, OnlineCorrection
 from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.odometry import HeadPose, Odometry
+from egocap.odometry.self_calibration import Correction, find_correction
 from egocap.odometry.track_map import Posed
 from egocap.odometry.views import Views
 
@@ -38,6 +43,9 @@ SURE = np.deg2rad(0.6)
 AGREE_RAD, AGREE_M = np.deg2rad(1.0), 0.04
 """By which up and the floor's height may differ between two searches."""
 NO_WORLD = "up and the floor are not found yet"
+NOT_FITTING = "the pictures do not fit the rig file, which is not corrected yet"
+NOISY = 2.0
+"""Residuals of points, in stated standard deviations, of a rig file that does not fit."""
 _DRAWN = 320  # width of drawn pictures, px
 _FLOOR, _CEILING = -1.6, 1.4  # heights of drawn ones, m
 _TIDY = 256  # frames after which the map drops what is not needed
@@ -52,9 +60,11 @@ class _Segment:
     number: int
     first: Float[Array, "4 4"]  # T_map_head where it began
     searched: float  # s, when up was searched last
-    pictures: deque[Kept]
+    onwards: Float[Array, "4 4"]  # where in the world it begins
+    pictures: deque[Kept] = field(default_factory=lambda: deque(maxlen=PICTURES))
     before: Vertical | None = None  # what the last search found
     T_world_map: Float[Array, "4 4"] | None = None
+    settled: bool = False  # whether up and the floor are found
 
 
 class OnlineHeadPose:
@@ -69,13 +79,15 @@ class OnlineHeadPose:
     ) -> None:  # fmt: skip
         self.views, self.config, self.waits = Views.of(rig, config.width), config, waits
         self._odometry = Odometry(self.views, config)
-        self._frames = self._placed = 0
+        self._frames = self._placed = self._segments = 0
         self._without: Counter[str] = Counter()
         self._segment: _Segment | None = None
         self._last: Float[Array, "4 4"] | None = None  # T_world_head
         self._vertical: Vertical | None = None
-        self._searches = ThreadPoolExecutor(1, thread_name_prefix="up")
+        self._searches = ThreadPoolExecutor(2, thread_name_prefix="search")
         self._search: Future[Vertical | None] | None = None
+        self._rig_check = OnlineCorrection(self.views, config, self._searches, waits=waits)
+        self._correction: Correction | None = None
 
     def step(
         self,
@@ -91,17 +103,21 @@ class OnlineHeadPose:
         sizes = [(camera.width, camera.height) for camera in self.views.cameras]
         grey = tuple(None if image is None else grey_of(image, size)
                      for image, size in zip(images, sizes, strict=True))  # fmt: skip
-        found = self._odometry.add(
-            self._frames, time, grey, (), np.array(late) if any(late) else None
-        )
+        frame = self._frames, time, grey, (), np.array(late) if any(late) else None
+        found = self._odometry.add(*frame)
         self._frames += 1
         T_world_head, problem = None, found.problem
         if found.T_world_head is not None:
             segment = self._segment_of(found, time)
-            self._look_for_up(segment, grey, time)
-            problem = NO_WORLD
+            fits = self._rig_check.done or self._odometry.noise < NOISY
+            problem = NO_WORLD if fits else NOT_FITTING
+            if fits:
+                self._look_for_up(segment, grey, time)
             if segment.T_world_map is not None:
                 T_world_head = self._last = segment.T_world_map @ found.T_world_head
+            correction = self._rig_check.add(frame, self._odometry.map.frames[-1])
+            if correction is not None:
+                self._begin_again(correction, frame, T_world_head)
         if T_world_head is None:
             self._without[problem] += 1
         self._placed += T_world_head is not None
@@ -116,18 +132,20 @@ class OnlineHeadPose:
         """
         views = Views.of(self.views.rig, _DRAWN)
         trial, kept = Odometry(views, self.config), []
-        for i in range(3):
+        for i in range(6):
             T = rigid(np.eye(3), np.array([0.15 * i, 0.0, 0.0]))
             kept.append((T, _drawn(views, T)))
             trial.add(i, i / 30.0, kept[-1][1])
         _search(views, trial.map.points, np.stack([T for T, _ in kept]), kept[:1])
+        find_correction(trial.map, views)
 
     def facts(self) -> dict[str, Any]:
         """What was found so far, JSON-ready."""
         vertical = {} if self._vertical is None else vertical_facts(self._vertical)
+        corrected = {} if self._correction is None else self._correction.facts()
         return {"method": "odometry, causal", "frames": self._frames, "posed": self._placed,
-                "without": dict(self._without), "vertical": vertical,
-                "segments": 0 if self._segment is None else self._segment.number + 1}  # fmt: skip
+                "without": dict(self._without), "segments": self._segments,
+                "vertical": vertical, "self_calibration": corrected}  # fmt: skip
 
     def close(self) -> None:
         """End the thread of the searches."""
@@ -138,14 +156,23 @@ class OnlineHeadPose:
         if self._segment is None or self._segment.number != found.segment:
             assert found.T_world_head is not None
             self._search = None
-            self._segment = _Segment(
-                found.segment, found.T_world_head, time, deque(maxlen=PICTURES)
-            )
+            self._segments += 1
+            self._segment = _Segment(found.segment, found.T_world_head, time, self._onwards())
         return self._segment
+
+    def _begin_again(
+        self, correction: Correction, frame: Added, T_world_head: Float[Array, "4 4"] | None
+    ) -> None:
+        """A new map with corrected views, which begins where the old one ends."""
+        self._correction, self.views = correction, correction.views
+        self._odometry, self._segment = Odometry(self.views, self.config), None
+        found = self._odometry.add(*frame)
+        if found.T_world_head is not None:
+            self._segment_of(found, frame[1]).T_world_map = T_world_head
 
     def _look_for_up(self, segment: _Segment, grey: tuple[Grey | None, ...], time: float) -> None:
         """Search up and the floor until two searches agree."""
-        if segment.T_world_map is not None:
+        if segment.settled:
             return
         newest = self._odometry.map.frames[-1]
         if not segment.pictures or newest.time - segment.pictures[-1][0].time > SEARCH_S / PICTURES:
@@ -157,7 +184,8 @@ class OnlineHeadPose:
         found, self._search = self._search.result(), None
         if found and segment.before and _agree(found, segment.before, newest.t):
             self._vertical = found
-            segment.T_world_map = self._onwards() @ found.transform(segment.first)
+            segment.T_world_map = segment.onwards @ found.transform(segment.first)
+            segment.settled = True
             segment.pictures.clear()
         segment.before = found
 

@@ -1,28 +1,39 @@
 """What is wrong with a rig file, told by the surroundings in a recording of the rig.
 
-The odometry follows the first pictures that move with wide tolerances; the rig that explains them
-best is compared with the file. A second pass, with that rig, is narrower.
+The odometry follows pictures that move with wide tolerances; the rig that explains them best is
+compared with the file. A second pass, with that rig, is narrower.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from egocap.cameras.rig import Rig
 from egocap.data.sequence import Sequence
-from egocap.head_pose.pictures import grey_frames
+from egocap.head_pose.pictures import Grey, grey_frames
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.config import OdometryConfig
-from egocap.odometry.odometry import HeadPose, Odometry
+from egocap.odometry.odometry import Odometry, are_apart
 from egocap.odometry.self_calibration import KEYFRAMES, NOISES_PX, Correction, find_correction
+from egocap.odometry.track_map import Posed
 from egocap.odometry.views import Views
 
-LONGEST = 450  # frames in which keyframes are sought
+RATE_HZ = 16.0
+"""Most frames a second that are followed for a correction: half of 30 Hz."""
+LONGEST_S = 15.0
+"""Time in which keyframes are sought."""
+
+Masks = tuple[Bool[Array, "h w"] | None, ...]
+Added = tuple[int, float, tuple[Grey | None, ...], Masks, Float[Array, "V"] | None]
+"""A frame as `Odometry.add` takes it."""
 
 
 def find_rig_correction(
@@ -32,12 +43,24 @@ def find_rig_correction(
     wearer: WearerMasks | None = None,
 ) -> Correction | None:
     """The correction of the views of a sequence; None where nothing is found to be wrong."""
+    times, rows = sequence.times, list[int]()
+    for row in np.flatnonzero(times <= times[0] + LONGEST_S).tolist():
+        if not rows or _due(times[row], times[rows[-1]]):
+            rows.append(row)
+    return correction_from(lambda: frames_of(sequence, views.rig, rows, wearer), views, config)
+
+
+def correction_from(
+    frames: Callable[[], Iterable[Added]], views: Views, config: OdometryConfig
+) -> Correction | None:
+    """The same from the frames that each call of `frames` gives, in their order."""
     correction: Correction | None = None
     for noise_px in NOISES_PX:
         now = views if correction is None else correction.views
         odometry = Odometry(now, replace(config, noise_px=noise_px))
-        for index, _ in followed(sequence, odometry, wearer):
-            if len(odometry.map.keyframes) >= KEYFRAMES or index >= LONGEST:
+        for frame in frames():
+            odometry.add(*frame)
+            if len(odometry.map.keyframes) >= KEYFRAMES:
                 break
         correction = find_correction(odometry.map, views, correction)
         if correction is None:
@@ -45,14 +68,60 @@ def find_rig_correction(
     return correction
 
 
-def followed(
-    sequence: Sequence, odometry: Odometry, wearer: WearerMasks | None
-) -> Iterator[tuple[int, HeadPose]]:
-    """Frames of a sequence and their poses, one after the other."""
-    for index, images in grey_frames(sequence, odometry.views.rig, range(len(sequence))):
-        time = float(sequence.times[index])
+class OnlineCorrection:
+    """Corrects views once, from the pictures of a live run, when its head has moved enough.
+
+    `waits`: for the search; else it is made by `beside` while pictures go on.
+    """
+
+    def __init__(
+        self, views: Views, config: OdometryConfig, beside: Executor, *, waits: bool
+    ) -> None:
+        self.done = not config.self_calibration
+        self._views, self._config, self._beside, self._waits = views, config, beside, waits
+        self._frames: deque[Added] = deque(maxlen=int(LONGEST_S * RATE_HZ))
+        self._apart: list[Posed] = []
+        self._search: Future[Correction | None] | None = None
+
+    def add(self, frame: Added, pose: Posed) -> Correction | None:
+        """Take the next frame and its pose.
+
+        Returns a correction once; None where there is none yet, or nothing is found to be wrong.
+        """
+        if self.done:
+            return None
+        if self._search is None:
+            last = self._apart[-1] if self._apart else None
+            if last is None or last.segment != pose.segment or are_apart(last, pose, self._config):
+                self._apart.append(pose)
+            if not self._frames or _due(frame[1], self._frames[-1][1]):
+                self._frames.append(frame)
+            if len(self._apart) < KEYFRAMES:
+                return None
+            frames = tuple(self._frames)
+            self._search = self._beside.submit(
+                correction_from, lambda: frames, self._views, self._config
+            )
+            self._frames.clear()
+            self._apart.clear()
+        if not (self._waits or self._search.done()):
+            return None
+        found, self.done, self._search = self._search.result(), True, None
+        return found
+
+
+def _due(time: float, last: float) -> bool:
+    return time - last >= 1.0 / RATE_HZ
+
+
+def frames_of(
+    sequence: Sequence, rig: Rig, rows: Iterable[int], wearer: WearerMasks | None
+) -> Iterator[Added]:
+    """Frames of a sequence, their pictures at the size of `rig`."""
+    for row, images in grey_frames(sequence, rig, rows):
+        time = float(sequence.times[row])
         masks = () if wearer is None else wearer.at(time)
-        yield index, odometry.add(index, time, images, masks, _late(sequence, index))
+        yield row, time, images, masks, _late(sequence, row)
 
 
 def _late(sequence: Sequence, index: int) -> Float[Array, "V"] | None:

@@ -76,7 +76,8 @@ class Odometry:
         self._last: Posed | None = None
         self._before: Posed | None = None
         self._missed, self._segment = 0, -1
-        self._noise = 1.0
+        self.noise = 1.0
+        """Deviation of the last residuals as a multiple of the stated one, 1 to `NOISIEST`."""
 
     def add(
         self, index: int, time: float, images: tuple[Image | None, ...],
@@ -108,8 +109,8 @@ class Odometry:
         if isinstance(pose, str):
             return self._miss(pose, len(seen.point))
         self._missed = 0
-        noise = NOISE_FADING * self._noise + (1.0 - NOISE_FADING) * pose.noise
-        self._noise = float(np.clip(noise, 1.0, NOISIEST))
+        noise = NOISE_FADING * self.noise + (1.0 - NOISE_FADING) * pose.noise
+        self.noise = float(np.clip(noise, 1.0, NOISIEST))
         self._images, self._followed = images, pose.seen
         self._before, self._last = self._last, pose
         self.map.frames.append(pose)
@@ -239,7 +240,7 @@ class Odometry:
             found = found.joined(
                 self._observed(v, old.point[good], pixels[good], pose.motion, noise_px)
             )
-        return self._pose(found, pose, self._noise)
+        return self._pose(found, pose, self.noise)
 
     def forget(self) -> None:
         """Drop frames and points that later poses do not need, so that memory does not grow.
@@ -295,12 +296,8 @@ class Odometry:
 
     def _is_keyframe(self, pose: Posed) -> bool:
         key = self.map.frames[self.map.keyframes[-1]]
-        moved = np.linalg.norm(pose.t - key.t)
-        turned = np.degrees(np.arccos(np.clip((np.trace(key.R.T @ pose.R) - 1) / 2, -1, 1)))
         fewer = len(pose.seen.point) < LEAST_KEPT * len(key.seen.point)
-        return bool(
-            moved > self.config.keyframe_move or turned > self.config.keyframe_turn or fewer
-        )
+        return fewer or are_apart(key, pose, self.config)
 
     def _add_keyframe(
         self, pose: Posed, images: tuple[Image | None, ...], masks: tuple[Image, ...]
@@ -359,6 +356,13 @@ class Odometry:
         for i, k in enumerate([*older, *free]):
             self.map.frames[k].R, self.map.frames[k].t = found.R[i], found.t[i]
         self.map.points[numbers] = found.points
+
+
+def are_apart(a: Posed, b: Posed, config: OdometryConfig) -> bool:
+    """Whether the head moved or turned so far that both frames are keyframes."""
+    turned = np.degrees(np.arccos(np.clip((np.trace(a.R.T @ b.R) - 1) / 2, -1, 1)))
+    moved = np.linalg.norm(b.t - a.t)
+    return bool(moved > config.keyframe_move or turned > config.keyframe_turn)
 
 
 def is_wearer(points_head: Float[Array, "n 3"]) -> Bool[Array, "n"]:

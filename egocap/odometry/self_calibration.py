@@ -34,8 +34,9 @@ KEYFRAMES = 30
 FEWEST_KEYFRAMES = 3
 ALIKE = 9.0
 """Observations that count as one: those of a point, and of neighbours, err together."""
-SIGNIFICANT = 2.0
-"""Standard deviations of a correction that is believed."""
+SIGNIFICANT = 4.0
+"""Standard deviations of a correction that is believed: there are many, and people who walk by, and
+points on weak texture, make errors that are alike."""
 LIKELY = 3.0
 """Prior standard deviations within which a correction is believed."""
 AGREE, LEAST_AGREE = 0.5, 0.65

@@ -340,6 +340,7 @@ def test_live_in_the_world_says_where_it_does_not_know(egocap, films, tiny_seque
     assert known == world["posed"] and track.config["live"]["world"] == world
     assert "no head pose in" in egocap(*words, "--world")[1]
     assert "--world requires a detector" in complaint(egocap(*words, "--world", "--colour-only"))
+    assert "without --world" in complaint(egocap(*words, "--no-self-calibration"))
 
 
 def test_a_live_run_that_fails_keeps_the_track(egocap, films, tiny_sequence, monkeypatch):

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from egocap.head_pose import online
-from egocap.head_pose.online import NO_WORLD, OnlineHeadPose
+from egocap.head_pose import online, rig_correction
+from egocap.head_pose.online import NO_WORLD, NOT_FITTING, OnlineHeadPose
 from egocap.odometry.config import OdometryConfig
-from tests.egocap.odometry.box_world import BoxWorld, small_rig, walk
+from egocap.odometry.self_calibration import PARAMETERS, corrected
+from egocap.odometry.views import Views
+from tests.egocap.odometry.box_world import BoxWorld, apart, small_rig, walk
 
 RIG, WORLD, FPS = small_rig(), BoxWorld(), 12.0
 CONFIG = OdometryConfig(width=320, corners=150)
@@ -15,8 +17,8 @@ PICTURES = [[np.repeat(p[..., None], 3, axis=-1) for p in WORLD.pictures(RIG, T)
 COVERED = range(30, 33)
 
 
-def run(covered=range(0), config=CONFIG):
-    head = OnlineHeadPose(RIG, config, waits=True)
+def run(covered=range(0), config=CONFIG, rig=RIG, waits=True):
+    head = OnlineHeadPose(rig, config, waits=waits)
     found = [head.step((None, None) if i in covered else PICTURES[i], i / FPS)
              for i in range(len(POSES))]  # fmt: skip
     facts = head.facts()
@@ -82,6 +84,53 @@ def test_after_a_long_gap_the_world_goes_on_from_the_last_place():
     assert abs(first[2, 3] - POSES[known[0], 2, 3]) < 0.03
 
 
+@pytest.fixture
+def wrong_rig():
+    """The rig with its right view turned by 0.6 degrees."""
+    values = np.zeros((2, len(PARAMETERS)))
+    values[1, :3] = np.deg2rad([0.4, -0.3, 0.3])
+    return corrected(Views(RIG), values).rig
+
+
+def test_a_wrong_rig_file_is_corrected_and_the_world_goes_on(monkeypatch, wrong_rig):
+    """Corrected seven frames after the world is found; the next poses follow from the last."""
+    monkeypatch.setattr(rig_correction, "KEYFRAMES", 10)
+    found, facts = run(rig=wrong_rig)
+    told = facts["self_calibration"]["right"]
+    assert told["rotation_deg"] == pytest.approx(0.29, abs=0.03)  # half of it: the mean is kept
+    known = [i for i, T in enumerate(found) if T is not None]
+    assert known == list(range(known[0], len(POSES))) and facts["segments"] == 2
+    off, _ = apart(POSES[known], np.stack([found[i] for i in known]))
+    assert off.max() < 0.03
+
+
+def test_the_correction_is_found_beside_the_pictures(monkeypatch, wrong_rig):
+    monkeypatch.setattr(rig_correction, "KEYFRAMES", 8)
+    head = OnlineHeadPose(wrong_rig, CONFIG)
+    for i in range(1000):
+        head.step(PICTURES[min(i, len(POSES) - 1)], i / FPS)
+        if head.facts()["self_calibration"]:
+            break
+    head.close()
+    assert 8 < i < 999
+    assert head.facts()["self_calibration"]["left"]["rotation_deg"] > 0.2
+
+
+def test_there_is_no_world_while_pictures_do_not_fit_the_rig(monkeypatch):
+    monkeypatch.setattr(rig_correction, "KEYFRAMES", 6)
+    monkeypatch.setattr(online, "NOISY", 0.0)
+    _, facts = run()
+    assert 6 <= facts["without"][NOT_FITTING] <= 30 and facts["posed"] > 0
+
+
+def test_a_rig_file_that_is_right_stays(monkeypatch, walked):
+    monkeypatch.setattr(rig_correction, "KEYFRAMES", 10)
+    found, facts = run()
+    assert facts["self_calibration"] == {} and facts["segments"] == 1
+    for a, b in zip(walked[0], found, strict=True):
+        assert (a is None and b is None) or np.array_equal(a, b)
+
+
 def test_memory_does_not_grow(monkeypatch, walked):
     monkeypatch.setattr(online, "_TIDY", 8)
     found, _ = run()
@@ -101,7 +150,6 @@ def test_drawn_pictures_are_followed_exactly():
     """What the warm-up draws runs every kernel: points are found, followed and adjusted."""
     from egocap.geometry import rigid
     from egocap.odometry.odometry import Odometry
-    from egocap.odometry.views import Views
 
     views = Views.of(RIG, 320)
     odometry = Odometry(views, CONFIG)

@@ -175,7 +175,7 @@ def test_noisier_pictures_than_stated_are_followed():
 
     odometry, found = run(poses, noisy, replace(CONFIG, noise_px=0.03))
     assert [f.problem for f in found] == [""] * 30
-    assert 1.2 < odometry._noise < 2.5
+    assert 1.2 < odometry.noise < 2.5
     distance, _ = errors(poses, found)
     assert distance.max() < 0.03
 

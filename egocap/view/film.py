@@ -76,6 +76,8 @@ class FilmPictures:
             row, column = divmod(v, columns)
             top, left = row * height, HEIGHT + column * max(widths)
             self._panels.append(np.s_[top : top + height, left : left + width])
+        self._reductions = [max(r for r in (1, 2, 4, 8) if r == 1 or c.height >= r * height)
+                            for c in rig.cameras]  # fmt: skip
         shape = HEIGHT, HEIGHT + columns * max(widths), 3
         self._blank = np.full(shape, BACKGROUND, np.uint8)
         self._draw_curve(self._blank[-CURVE_HEIGHT:, HEIGHT:])
@@ -85,7 +87,8 @@ class FilmPictures:
         canvas = self._blank.copy()
         joints, confidence = self._track.joints_head[index], self._confidence[index]
         grey = () if self._truth is None else (self._truth[index],)
-        images, rig = self._sequence.pictures(index), self._sequence.rig
+        images = [self._sequence.picture(index, v, r) for v, r in enumerate(self._reductions)]
+        rig = self._sequence.rig
         panels = [canvas[panel] for panel in self._panels]
         draw_views(panels, images, joints, confidence, rig, grey)
         self._draw_space(canvas[:, :HEIGHT], index, grey)

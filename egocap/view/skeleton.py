@@ -129,8 +129,9 @@ def draw_in_world(
     away = points - head
     shown = (np.linalg.norm(away, axis=1) < _FAR) & ((away - EYE) @ unit(MIDST - EYE) > 1.0)
     at = np.rint(_seen(away[shown], size, _WIDE)).astype(int)
-    for u, v in at[((at > 0) & (at < size - 1)).all(1)]:
-        canvas[v - 1 : v + 1, u - 1 : u + 1] = SURROUNDINGS
+    u, v = at[((at > 0) & (at < size - 1)).all(1)].T
+    for row, column in ((v, u), (v, u - 1), (v - 1, u), (v - 1, u - 1)):
+        canvas[row, column] = SURROUNDINGS
     lines = 2.0 * _FLOOR - [*(head[:2] % 1.0), head[2]]
     _draw_lines(canvas, _seen(lines, size, _WIDE).reshape(-1, 2, 2), (58, 58, 58))
     ends = _seen(way * [1.0, 1.0, 0.0] - head, size, _WIDE)

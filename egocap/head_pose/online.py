@@ -70,8 +70,8 @@ class _Segment:
 class OnlineHeadPose:
     """Finds head poses frame by frame. Not to be shared between threads; `close` ends its own.
 
-    With `waits`, a search for up is waited for, so that the same pictures give the same poses;
-    else it goes on beside the next pictures. Raises InputError for a rig of one view.
+    With `waits`, searches for up and for the rig's errors are waited for, so that the same pictures
+    give the same poses; else they go on beside the next pictures. Raises InputError for a rig of one view.
     """
 
     def __init__(

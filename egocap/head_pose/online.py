@@ -71,7 +71,8 @@ class OnlineHeadPose:
     """Finds head poses frame by frame. Not to be shared between threads; `close` ends its own.
 
     With `waits`, searches for up and for the rig's errors are waited for, so that the same pictures
-    give the same poses; else they go on beside the next pictures. Raises InputError for a rig of one view.
+    give the same poses; else they go on beside the next pictures. Raises InputError for a rig of
+    one view.
     """
 
     def __init__(

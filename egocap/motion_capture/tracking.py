@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -108,21 +109,25 @@ def _track(
     tracker = Tracker(rig, body, config)
     if not (config.colour or config.checks_appearance):
         return tracker.track(found, heads=heads, on_frames=on_frames)
-    rows = range(first, first + len(found.times))
-    images = reduced_images(Sequence(folder), rows, config.colour_size)
-    return tracker.track(found, images.__getitem__, heads, on_frames)
+    sequence = Sequence(folder)
+    images = cache(lambda row: reduced_images(sequence, first + row, config.colour_size))
+    return tracker.track(found, images, heads, on_frames)
 
 
-def reduced_images(
-    sequence: Sequence, rows: range, size: int
-) -> list[tuple[UInt8[Array, "S S 3"], ...]]:
-    """Images of a range of frames as the colour term reduces them, each decoded once, in order."""
+def reduced_images(sequence: Sequence, frame: int, size: int) -> tuple[UInt8[Array, "S S 3"], ...]:
+    """The images of a frame as the colour term reduces them, or nearly; black where one is missing.
+
+    A JPEG is decoded at a fraction of its size, at least four times that asked for.
+    """
     import cv2
 
-    return [
-        tuple(
-            np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
-            for image in sequence.images(i)
-        )
-        for i in rows
-    ]
+    found = []
+    for view, camera in enumerate(sequence.rig.cameras):
+        least = min(camera.width, camera.height)
+        reduction = max(r for r in (1, 2, 4, 8) if r == 1 or least >= 4 * r * size)
+        image = sequence.picture(frame, view, reduction)
+        if image is None:
+            found.append(np.zeros((size, size, 3), np.uint8))
+            continue
+        found.append(np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)))
+    return tuple(found)

@@ -1,15 +1,17 @@
 """What is wrong with a rig file, told by the surroundings in a recording of the rig.
 
 The odometry follows pictures that move with wide tolerances; the rig that explains them best is
-compared with the file. A second pass, with that rig, is narrower.
+compared with the file. Where something is found, two passes with that rig are narrower.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Sequence as Row
 from concurrent.futures import Executor, Future
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,7 @@ from egocap.odometry.track_map import Posed
 from egocap.odometry.views import Views
 
 RATE_HZ = 16.0
-"""Most frames a second that are followed for a correction: half of 30 Hz."""
+"""Most frames a second in which errors of a rig are sought: half of 30 Hz."""
 LONGEST_S = 15.0
 """Time in which keyframes are sought."""
 
@@ -43,19 +45,23 @@ def find_rig_correction(
     wearer: WearerMasks | None = None,
 ) -> Correction | None:
     """The correction of the views of a sequence; None where nothing is found to be wrong."""
-    times, rows = sequence.times, list[int]()
-    for row in np.flatnonzero(times <= times[0] + LONGEST_S).tolist():
-        if not rows or _due(times[row], times[rows[-1]]):
-            rows.append(row)
-    return correction_from(lambda: frames_of(sequence, views.rig, rows, wearer), views, config)
+    times = sequence.times
+    every = np.flatnonzero(times <= times[0] + LONGEST_S).tolist()
+    some = every[:1]
+    for row in every:
+        if _due(times[row], times[some[-1]]):
+            some.append(row)
+    rows = [some, *[every] * (len(NOISES_PX) - 1)]
+    passes = [partial(frames_of, sequence, views.rig, own, wearer) for own in rows]
+    return correction_from(passes, views, config)
 
 
 def correction_from(
-    frames: Callable[[], Iterable[Added]], views: Views, config: OdometryConfig
+    passes: Row[Callable[[], Iterable[Added]]], views: Views, config: OdometryConfig
 ) -> Correction | None:
-    """The same from the frames that each call of `frames` gives, in their order."""
+    """The same from the frames of every pass, in their order."""
     correction: Correction | None = None
-    for noise_px in NOISES_PX:
+    for noise_px, frames in zip(NOISES_PX, passes, strict=True):
         now = views if correction is None else correction.views
         odometry = Odometry(now, replace(config, noise_px=noise_px))
         for frame in frames():
@@ -98,10 +104,8 @@ class OnlineCorrection:
                 self._frames.append(frame)
             if len(self._apart) < KEYFRAMES:
                 return None
-            frames = tuple(self._frames)
-            self._search = self._beside.submit(
-                correction_from, lambda: frames, self._views, self._config
-            )
+            passes = [partial(iter, tuple(self._frames))] * len(NOISES_PX)
+            self._search = self._beside.submit(correction_from, passes, self._views, self._config)
             self._frames.clear()
             self._apart.clear()
         if not (self._waits or self._search.done()):

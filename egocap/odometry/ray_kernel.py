@@ -18,18 +18,20 @@ OPPOSITE = 1e3
 
 
 @njit(cache=True, nogil=True)
-def tangents(b, basis):
-    """Two unit vectors orthogonal to the unit vector b, as rows of `basis`."""
-    k = 0
-    for i in range(1, 3):
-        if abs(b[i]) < abs(b[k]):
-            k = i
-    p, q = (k + 1) % 3, (k + 2) % 3
-    n = 1.0 / np.sqrt(b[p] * b[p] + b[q] * b[q])
-    basis[0, k], basis[0, p], basis[0, q] = 0.0, b[q] * n, -b[p] * n
-    basis[1, 0] = b[1] * basis[0, 2] - b[2] * basis[0, 1]
-    basis[1, 1] = b[2] * basis[0, 0] - b[0] * basis[0, 2]
-    basis[1, 2] = b[0] * basis[0, 1] - b[1] * basis[0, 0]
+def tangents(b):
+    """Two unit vectors orthogonal to the unit vector b."""
+    x, y, z = abs(b[0]), abs(b[1]), abs(b[2])
+    if x <= y and x <= z:
+        n = 1.0 / np.sqrt(b[1] * b[1] + b[2] * b[2])
+        p = (0.0, b[2] * n, -b[1] * n)
+    elif y <= z:
+        n = 1.0 / np.sqrt(b[2] * b[2] + b[0] * b[0])
+        p = (-b[2] * n, 0.0, b[0] * n)
+    else:
+        n = 1.0 / np.sqrt(b[0] * b[0] + b[1] * b[1])
+        p = (b[1] * n, -b[0] * n, 0.0)
+    q = (b[1] * p[2] - b[2] * p[1], b[2] * p[0] - b[0] * p[2], b[0] * p[1] - b[1] * p[0])
+    return p, q
 
 
 @njit(cache=True, nogil=True)
@@ -38,27 +40,26 @@ def residual(R, t, X, o, b, inv_sigma, r, J_pose, J_point):
 
     Returns whether the point lies on the side of the ray.
     """
-    basis = np.empty((2, 3))
-    y, d = np.empty(3), np.empty(3)
-    for i in range(3):
-        y[i] = R[0, i] * (X[0] - t[0]) + R[1, i] * (X[1] - t[1]) + R[2, i] * (X[2] - t[2])
-        d[i] = y[i] - o[i]
-    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    if length < 1e-9 or d[0] * b[0] + d[1] * b[1] + d[2] * b[2] <= 0.0:
+    x0, x1, x2 = X[0] - t[0], X[1] - t[1], X[2] - t[2]
+    y0 = R[0, 0] * x0 + R[1, 0] * x1 + R[2, 0] * x2
+    y1 = R[0, 1] * x0 + R[1, 1] * x1 + R[2, 1] * x2
+    y2 = R[0, 2] * x0 + R[1, 2] * x1 + R[2, 2] * x2
+    d0, d1, d2 = y0 - o[0], y1 - o[1], y2 - o[2]
+    length = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+    if length < 1e-9 or d0 * b[0] + d1 * b[1] + d2 * b[2] <= 0.0:
         r[0], r[1] = OPPOSITE, OPPOSITE
         J_pose[:], J_point[:] = 0.0, 0.0
         return False
-    tangents(b, basis)
     scale = inv_sigma / length
-    for a in range(2):
-        along = (basis[a, 0] * d[0] + basis[a, 1] * d[1] + basis[a, 2] * d[2]) / length
+    for a, e in enumerate(tangents(b)):
+        along = (e[0] * d0 + e[1] * d1 + e[2] * d2) / length
         r[a] = along * inv_sigma
-        g0 = (basis[a, 0] - along * d[0] / length) * scale  # dr/dd
-        g1 = (basis[a, 1] - along * d[1] / length) * scale
-        g2 = (basis[a, 2] - along * d[2] / length) * scale
-        J_pose[a, 0] = g1 * y[2] - g2 * y[1]  # dd/dw = [y]x
-        J_pose[a, 1] = g2 * y[0] - g0 * y[2]
-        J_pose[a, 2] = g0 * y[1] - g1 * y[0]
+        g0 = (e[0] - along * d0 / length) * scale  # dr/dd
+        g1 = (e[1] - along * d1 / length) * scale
+        g2 = (e[2] - along * d2 / length) * scale
+        J_pose[a, 0] = g1 * y2 - g2 * y1  # dd/dw = [y]x
+        J_pose[a, 1] = g2 * y0 - g0 * y2
+        J_pose[a, 2] = g0 * y1 - g1 * y0
         for i in range(3):
             J_point[a, i] = R[i, 0] * g0 + R[i, 1] * g1 + R[i, 2] * g2
             J_pose[a, 3 + i] = -J_point[a, i]
@@ -106,14 +107,13 @@ def linearised(R, t, X, frame, point, o, b, inv_sigma):
     """
     N = len(frame)
     r, J_pose, J_point = np.empty((N, 2)), np.empty((N, 2, 6)), np.empty((N, 2, 3))
-    J_centre, J_ray, basis = np.empty((N, 2, 3)), np.empty((N, 2, 3)), np.empty((2, 3))
+    J_centre, J_ray = np.empty((N, 2, 3)), np.empty((N, 2, 3))
     for n in range(N):
         k = frame[n]
         residual(R[k], t[k], X[point[n]], o[n], b[n], inv_sigma[n], r[n], J_pose[n], J_point[n])
-        tangents(b[n], basis)
-        for a in range(2):
+        for a, e in enumerate(tangents(b[n])):
             for i in range(3):
-                J_ray[n, a, i] = -inv_sigma[n] * basis[a, i]
+                J_ray[n, a, i] = -inv_sigma[n] * e[i]
                 # J_point = g R^T, and the centre is subtracted from R^T (X - t).
                 J_centre[n, a, i] = -(
                     J_point[n, a, 0] * R[k, 0, i] + J_point[n, a, 1] * R[k, 1, i]

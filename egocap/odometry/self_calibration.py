@@ -27,8 +27,8 @@ from egocap.odometry.ray_kernel import linearised, turned
 from egocap.odometry.track_map import TrackMap
 from egocap.odometry.views import Motion, Views
 
-NOISES_PX = 1.0, 0.3
-"""Standard deviation of a corner, pixels, with a rig as given, and as corrected a first time."""
+NOISES_PX = 1.0, 0.3, 0.3
+"""Standard deviation of a corner, pixels, with a rig as given, and as corrected once and twice."""
 KEYFRAMES = 30
 """From so many the rig is corrected."""
 FEWEST_KEYFRAMES = 3

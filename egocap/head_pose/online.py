@@ -149,7 +149,8 @@ class OnlineHeadPose:
                 "vertical": vertical, "self_calibration": corrected}  # fmt: skip
 
     def close(self) -> None:
-        """End the thread of the searches."""
+        """End the threads of the searches."""
+        self._rig_check.close()
         self._searches.shutdown(cancel_futures=True)
 
     def _segment_of(self, found: HeadPose, time: float) -> _Segment:

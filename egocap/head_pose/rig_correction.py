@@ -12,6 +12,7 @@ from collections.abc import Sequence as Row
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -104,7 +105,8 @@ class OnlineCorrection:
                 self._frames.append(frame)
             if len(self._apart) < KEYFRAMES:
                 return None
-            passes = [partial(iter, tuple(self._frames))] * len(NOISES_PX)
+            frames = tuple(self._frames)
+            passes = [lambda: takewhile(lambda _: not self.done, frames)] * len(NOISES_PX)
             self._search = self._beside.submit(correction_from, passes, self._views, self._config)
             self._frames.clear()
             self._apart.clear()
@@ -112,6 +114,10 @@ class OnlineCorrection:
             return None
         found, self.done, self._search = self._search.result(), True, None
         return found
+
+    def close(self) -> None:
+        """End a search that is under way, soon."""
+        self.done = True
 
 
 def _due(time: float, last: float) -> bool:

@@ -1,5 +1,8 @@
 """Online head poses on exact pictures of a box: placed in the world, lost, and found again."""
 
+import time
+from threading import Event
+
 import numpy as np
 import pytest
 
@@ -114,6 +117,25 @@ def test_the_correction_is_found_beside_the_pictures(monkeypatch, wrong_rig):
     head.close()
     assert 8 < i < 999
     assert head.facts()["self_calibration"]["left"]["rotation_deg"] > 0.2
+
+
+def test_a_run_ends_without_the_correction_that_is_under_way(monkeypatch):
+    began, passed = Event(), []
+
+    def slow(passes, *_):
+        began.set()
+        for _ in passes[0]():
+            passed.append(time.sleep(0.05))
+
+    monkeypatch.setattr(rig_correction, "KEYFRAMES", 6)
+    monkeypatch.setattr(rig_correction, "correction_from", slow)
+    head = OnlineHeadPose(RIG, CONFIG)
+    for i in range(len(POSES)):
+        head.step(PICTURES[i], i / FPS)
+        if began.is_set():
+            break
+    head.close()
+    assert began.is_set() and len(passed) < 5
 
 
 def test_there_is_no_world_while_pictures_do_not_fit_the_rig(monkeypatch):

@@ -26,6 +26,7 @@ from numpy import ndarray as Array
 
 from egocap.body.labels import LABELS
 from egocap.body.proportions import Proportions
+from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.data.footage import FOOTAGE, TIMES, Footage, FootageImages, FrameTimes, load_footage
@@ -51,6 +52,16 @@ class Frame:
     time: float  # seconds
     images: tuple[UInt8[Array, "H W 3"], ...]  # RGB, one a view; black where not `present`
     present: tuple[bool, ...]  # whether a view has a picture of this instant
+
+
+def largest_reduction(camera: Camera, most: float) -> int:
+    """The largest factor up to `most` by which `Sequence.picture` decodes a view's JPEGs smaller.
+
+    It divides both sides: others would be padded.
+    """
+    sides = camera.width, camera.height
+    fitting = (f for f in (8, 4, 2) if f <= most and not any(side % f for side in sides))
+    return next(fitting, 1)
 
 
 class Sequence:

@@ -20,7 +20,7 @@ from egocap.body.skeleton import forward
 from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.head_pose import HeadPoses
-from egocap.data.sequence import Sequence
+from egocap.data.sequence import Sequence, largest_reduction
 from egocap.data.track import Track
 from egocap.detect.engine import available_cores
 from egocap.geometry import transform
@@ -123,9 +123,8 @@ def reduced_images(sequence: Sequence, frame: int, size: int) -> tuple[UInt8[Arr
 
     found = []
     for view, camera in enumerate(sequence.rig.cameras):
-        least = min(camera.width, camera.height)
-        reduction = max(r for r in (1, 2, 4, 8) if r == 1 or least >= 4 * r * size)
-        image = sequence.picture(frame, view, reduction)
+        most = min(camera.width, camera.height) / (4 * size)
+        image = sequence.picture(frame, view, largest_reduction(camera, most))
         if image is None:
             found.append(np.zeros((size, size, 3), np.uint8))
             continue

@@ -14,7 +14,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.data.input_checks import require_same_times
-from egocap.data.sequence import Sequence
+from egocap.data.sequence import Sequence, largest_reduction
 from egocap.data.track import Track
 from egocap.detect.input_images import ahead
 from egocap.geometry import transform
@@ -76,8 +76,7 @@ class FilmPictures:
             row, column = divmod(v, columns)
             top, left = row * height, HEIGHT + column * max(widths)
             self._panels.append(np.s_[top : top + height, left : left + width])
-        self._reductions = [max(r for r in (1, 2, 4, 8) if r == 1 or c.height >= r * height)
-                            for c in rig.cameras]  # fmt: skip
+        self._reductions = [largest_reduction(c, c.height / height) for c in rig.cameras]
         shape = HEIGHT, HEIGHT + columns * max(widths), 3
         self._blank = np.full(shape, BACKGROUND, np.uint8)
         self._draw_curve(self._blank[-CURVE_HEIGHT:, HEIGHT:])

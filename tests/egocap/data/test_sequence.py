@@ -6,6 +6,7 @@ import tarfile
 import tracemalloc
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig_files import load_rig
 from egocap.data.manifest import SCHEMA, Manifest, ShardEntry, load_manifest
-from egocap.data.sequence import Sequence
+from egocap.data.sequence import Sequence, largest_reduction
 from egocap.data.sequence_writer import SequenceWriter, write_shard
 from egocap.data.truth import Truth
 from egocap.errors import FileError, InputError, MachineError
@@ -359,3 +360,13 @@ def test_proportions_and_rig_are_read_where_a_tracker_needs_them(folder):
     sequence = Sequence(folder)
     assert sequence.rig.views == ("left", "right")
     assert sequence.body.offsets.shape == (22, 3)
+
+
+@pytest.mark.parametrize(
+    ("size", "most", "factor"),
+    [((640, 512), 2.0, 2), ((640, 512), 1.9, 1), ((1280, 1024), 100.0, 8), ((640, 508), 8.0, 4),
+     ((641, 512), 8.0, 1)],
+)  # fmt: skip
+def test_a_jpeg_is_decoded_smaller_by_factors_that_divide_it(size, most, factor):
+    camera = SimpleNamespace(width=size[0], height=size[1])
+    assert largest_reduction(camera, most) == factor

@@ -20,8 +20,8 @@ PICTURES = [[np.repeat(p[..., None], 3, axis=-1) for p in WORLD.pictures(RIG, T)
 COVERED = range(30, 33)
 
 
-def run(covered=range(0), config=CONFIG, rig=RIG, waits=True):
-    head = OnlineHeadPose(rig, config, waits=waits)
+def run(covered=range(0), rig=RIG):
+    head = OnlineHeadPose(rig, CONFIG, waits=True)
     found = [head.step((None, None) if i in covered else PICTURES[i], i / FPS)
              for i in range(len(POSES))]  # fmt: skip
     facts = head.facts()
@@ -110,12 +110,12 @@ def test_a_wrong_rig_file_is_corrected_and_the_world_goes_on(monkeypatch, wrong_
 def test_the_correction_is_found_beside_the_pictures(monkeypatch, wrong_rig):
     monkeypatch.setattr(rig_correction, "KEYFRAMES", 8)
     head = OnlineHeadPose(wrong_rig, CONFIG)
-    for i in range(1000):
+    i, latest = 0, time.monotonic() + 120.0
+    while not head.facts()["self_calibration"] and time.monotonic() < latest:
         head.step(PICTURES[min(i, len(POSES) - 1)], i / FPS)
-        if head.facts()["self_calibration"]:
-            break
+        i += 1
     head.close()
-    assert 8 < i < 999
+    assert i > 8
     assert head.facts()["self_calibration"]["left"]["rotation_deg"] > 0.2
 
 

@@ -27,6 +27,7 @@ from egocap.errors import InputError
 LARGEST_SIDE = 2048  # pixels
 _SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel; above, images are reduced first
 _FACE_TO_ARM_M = (0.14, 0.26)  # camera's distance in front of the skull base
+_PIXEL_EDGES = np.array([[0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]])
 _MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
 
 
@@ -70,7 +71,7 @@ class ViewSpec:
         pitch = np.interp(forward_m, _FACE_TO_ARM_M, (self.near_pitch_deg, self.pitch_deg))
         return replace(self, pitch_deg=float(pitch), near_pitch_deg=None)
 
-    @property
+    @cached_property
     def axes(self) -> Float[Array, "3 3"]:
         """Rows: right, down and forward of the view of a left camera, in the head frame."""
         pitch, toe = radians(self.pitch_deg), radians(self.toe_in_deg)
@@ -173,13 +174,9 @@ class CanonicalView:
 
     def magnification(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
         """Camera pixels per canonical pixel: the root of the area ratio at canonical points."""
-        points, step = np.asarray(points, float), 0.5
-        along = [
-            (self.to_camera(points + d)[0] - self.to_camera(points - d)[0]) / (2 * step)
-            for d in (np.array([step, 0.0]), np.array([0.0, step]))
-        ]
-        area = along[0][..., 0] * along[1][..., 1] - along[0][..., 1] * along[1][..., 0]
-        return np.sqrt(np.abs(area))
+        around, _ = self.to_camera(np.asarray(points, float)[..., None, :] + _PIXEL_EDGES)
+        x, y = np.moveaxis(around[..., :2, :] - around[..., 2:, :], -2, 0)
+        return np.sqrt(np.abs(x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]))
 
     def labels(self, values: Array, axis: int) -> Array:
         """Swap left and right labels along `axis` if the view is mirrored; self-inverse."""

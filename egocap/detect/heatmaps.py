@@ -33,11 +33,8 @@ def probabilities(heat: Float[Array, "*b h w"]) -> Float[Array, "*b h w"]:
 
 def decode(heat: Float[Array, "*b h w"], stride: int) -> Decoded:
     """Mean position in the window around each map's highest cell."""
-    p = np.asarray(heat)
-    shape, (h, w) = p.shape[:-2], p.shape[-2:]
-    p = probabilities(p.reshape(-1, h, w))
-    points, weight = _window_means(p, p.reshape(len(p), -1).argmax(1), stride)
-    return Decoded(points.reshape(*shape, 2), weight.reshape(shape))
+    found = modes(heat, stride, 1)
+    return Decoded(found.points[..., 0, :], found.weight[..., 0])
 
 
 def modes(heat: Float[Array, "*b h w"], stride: int, count: int) -> Decoded:
@@ -45,17 +42,24 @@ def modes(heat: Float[Array, "*b h w"], stride: int, count: int) -> Decoded:
 
     A weight of 0 means that a map has no further mode.
     """
-    p = np.asarray(heat)
-    shape, (h, w) = p.shape[:-2], p.shape[-2:]
-    p = probabilities(p.reshape(-1, h, w))
-    found = []
+    heat = np.asarray(heat)
+    shape, (h, w) = heat.shape[:-2], heat.shape[-2:]
+    found = probabilities(heat.reshape(-1, h, w))
+    p = np.zeros((len(found), h + 2 * RADIUS, w + 2 * RADIUS), found.dtype)
+    p[:, RADIUS:-RADIUS, RADIUS:-RADIUS] = found
+    every, peaks = np.arange(len(p))[:, None, None], []
     for _ in range(count):
-        cells = p.reshape(len(p), -1).argmax(1)
-        found.append(_window_means(p, cells, stride))
-        rows, columns = _window(cells, h, w)
-        p[np.arange(len(p))[:, None, None], rows[:, :, None], columns[:, None, :]] = 0.0
-    points = np.stack([f[0] for f in found], 1).reshape(*shape, count, 2)
-    return Decoded(points, np.stack([f[1] for f in found], 1).reshape(*shape, count))
+        rows, columns = _window(p.reshape(len(p), -1).argmax(1), w)
+        window = every, rows[:, :, None], columns[:, None, :]
+        peaks.append((p[window], rows - RADIUS, columns - RADIUS))
+        p[window] = 0.0
+    inside, rows, columns = (np.stack(parts, 1) for parts in zip(*peaks, strict=True))
+    weight = inside.sum((-2, -1))
+    total = np.maximum(weight, 1e-30)
+    x = (inside.sum(-2) * columns).sum(-1) / total
+    y = (inside.sum(-1) * rows).sum(-1) / total
+    points = to_pixels(np.stack([x, y], -1), stride)
+    return Decoded(points.reshape(*shape, count, 2), weight.reshape(*shape, count))
 
 
 def to_pixels(cells: Any, stride: int) -> Any:
@@ -91,45 +95,23 @@ def soft_points(heat: Any, stride: int) -> Any:
     import torch
 
     shape, (h, w) = heat.shape[:-2], heat.shape[-2:]
-    flat = heat.reshape(-1, h, w)
-    rows, columns = _window(flat.detach().flatten(1).argmax(1).cpu().numpy(), h, w)
+    border = (RADIUS, RADIUS, RADIUS, RADIUS)
+    maps = torch.nn.functional.pad(heat.reshape(-1, h, w), border, value=-torch.inf)
+    rows, columns = _window(maps.detach().flatten(1).argmax(1).cpu().numpy(), w)
     rows, columns = (torch.from_numpy(a).to(heat.device) for a in (rows, columns))
-    every = torch.arange(len(flat), device=heat.device)[:, None, None]
-    picked = flat[every, rows[:, :, None], columns[:, None, :]].float()
-    # a window clipped at the border repeats rows or columns: count each once
-    fresh = (_first(rows)[:, :, None] & _first(columns)[:, None, :]).to(picked.device)
-    p = torch.softmax(picked.masked_fill(~fresh, -torch.inf).flatten(1), 1).reshape(picked.shape)
-    x = (p.sum(1) * columns).sum(1)
-    y = (p.sum(2) * rows).sum(1)
+    every = torch.arange(len(maps), device=heat.device)[:, None, None]
+    picked = maps[every, rows[:, :, None], columns[:, None, :]].float()
+    p = torch.softmax(picked.flatten(1), 1).reshape(picked.shape)
+    x = (p.sum(1) * (columns - RADIUS)).sum(1)
+    y = (p.sum(2) * (rows - RADIUS)).sum(1)
     return to_pixels(torch.stack([x, y], -1), stride).reshape(*shape, 2)
 
 
-def _first(index: Any) -> Any:
-    """Mask of the first occurrence of each value in rows of sorted indices."""
-    import torch
+def _window(cells: Array, w: int) -> tuple[Array, Array]:
+    """Rows and columns (N, 2 RADIUS + 1) around flat cells (N,) of maps with a border of RADIUS.
 
-    return torch.diff(index, dim=1, prepend=index[:, :1] - 1) != 0
-
-
-def _window(cells: Array, h: int, w: int) -> tuple[Array, Array]:
-    """Rows and columns (N, 2 RADIUS + 1) around flat cells (N,), clipped to the map."""
+    `w` is the width without it. Of a map without a peak: around the first cell inside.
+    """
+    rows, columns = np.maximum(np.divmod(cells, w + 2 * RADIUS), RADIUS)
     steps = np.arange(-RADIUS, RADIUS + 1)
-    rows, columns = np.divmod(cells, w)
-    return (
-        np.clip(rows[:, None] + steps, 0, h - 1),
-        np.clip(columns[:, None] + steps, 0, w - 1),
-    )
-
-
-def _window_means(p: Float[Array, "n h w"], cells: Array, stride: int) -> tuple[Array, Array]:
-    n, h, w = p.shape
-    rows, columns = _window(cells, h, w)
-    inside = p[np.arange(n)[:, None, None], rows[:, :, None], columns[:, None, :]]
-    fresh_rows = np.diff(rows, axis=1, prepend=rows[:, :1] - 1) != 0
-    fresh_columns = np.diff(columns, axis=1, prepend=columns[:, :1] - 1) != 0
-    inside = inside * fresh_rows[:, :, None] * fresh_columns[:, None, :]
-    weight = inside.sum((1, 2))
-    total = np.maximum(weight, 1e-30)
-    x = (inside.sum(1) * columns).sum(1) / total
-    y = (inside.sum(2) * rows).sum(1) / total
-    return to_pixels(np.stack([x, y], -1), stride), weight
+    return rows[:, None] + steps, columns[:, None] + steps

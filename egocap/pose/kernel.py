@@ -128,7 +128,7 @@ def detections(model, angles, seen, scale, H, g):
     return energy
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def priors(model, angles, H, g):
     """Add limits, pose and posture prior to H (37,37) and g (37,); return their energy.
 
@@ -151,8 +151,8 @@ def priors(model, angles, H, g):
         pull = 0.0
         for e in range(len(angles)):
             pull += model.posture_precision[d, e] * (angles[e] - model.posture_mean[e])
-            if e <= d:
-                H[d, e] += model.posture_precision[d, e]
+        for e in range(d + 1):
+            H[d, e] += model.posture_precision[d, e]
         g[d] += pull
         energy += 0.5 * pull * (angles[d] - model.posture_mean[d])
     return energy
@@ -169,7 +169,7 @@ def information(
     return H + np.tril(H, -1).T, g
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def motion_term(angles, mean, precision, H, g):
     """Add the motion prior's term for one frame to H (37,37) and g (37,); return its energy.
 
@@ -180,10 +180,11 @@ def motion_term(angles, mean, precision, H, g):
     slope = np.empty(n)
     squared = 0.0
     for d in range(n):
-        slope[d] = 0.0
+        pull = 0.0
         for e in range(n):
-            slope[d] += precision[d, e] * (angles[e] - mean[e])
-        squared += slope[d] * (angles[d] - mean[d])
+            pull += precision[d, e] * (angles[e] - mean[e])
+        slope[d] = pull
+        squared += pull * (angles[d] - mean[d])
     share = 1.0 / (1.0 + squared / n)
     for d in range(n):
         g[d] += share * slope[d]

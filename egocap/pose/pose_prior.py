@@ -73,7 +73,7 @@ def unlikeness(angles: Float[Array, "*n 37"]) -> Float[Array, "*n"]:
     """Squared distance of poses from everyday ones in their variances; its mean is 1."""
     posture = load_posture()
     away = np.asarray(angles) - posture.mean
-    return np.asarray(np.einsum("...i,ij,...j->...", away, posture.precision, away) / len(DOFS))
+    return np.sum(away @ posture.precision * away, axis=-1) / len(DOFS)
 
 
 def save_posture(

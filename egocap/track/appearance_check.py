@@ -9,13 +9,14 @@ that it covers. Detections that led a rejected segment there are removed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.labels import LABEL_INDEX, LABELS
+from egocap.detect.input_images import ahead
 from egocap.image_model.colour_term import ColourTerm
 from egocap.pose.energy import angular_residual
 from egocap.pose.observations import Observations
@@ -29,14 +30,17 @@ thousands of segments within 40 mm of the truth exceeds it."""
 GATE = 2.0
 """Standard deviations within which a detection is responsible for a joint's position."""
 _CHAINS = tuple(
-    tuple((LABEL_INDEX[f"{side}_{label}"], f"{side}_{part}") for label, part in chain)
+    tuple((LABEL_INDEX[f"{side}_{label}"], f"{side}_{part}") for label, part in limb)
     for side in ("left", "right")
-    for chain in (
+    for limb in (
         (("elbow", "upper_arm"), ("wrist", "forearm"), ("hand", "hand")),
         (("knee", "thigh"), ("ankle", "shank"), ("foot", "foot")),
     )
 )
 """Labels of each limb from the trunk outwards, and the part of the body that ends there."""
+_PARTS = dict(chain.from_iterable(_CHAINS))
+_SEGMENTS = np.array([_PARTS.get(label, "") for label in range(len(LABELS))])
+"""The part of the body that ends at each label; empty for those of the trunk."""
 
 
 def find_rejected(
@@ -47,11 +51,11 @@ def find_rejected(
     usual = float(np.median(np.diff(times))) if len(times) > 1 else CHECK_EVERY_S
     step = max(1, round(CHECK_EVERY_S / usual))
     term.reset_background()
-    evidence = np.array([
-        _evidence(term, images(t), angles[t], found[t])
-        if found[t].any(-1).all() else np.zeros(len(LABELS))  # a view may lack its picture
-        for t in range(0, len(times), step)
-    ])  # fmt: skip
+    evidence = np.zeros((len(times[::step]), len(LABELS)))
+    rows = np.flatnonzero(found[::step].any(-1).all(-1))  # a view may lack its picture
+    pictures = ahead(iter((rows * step).tolist()), images)
+    for row, t, of_frame in zip(rows, rows * step, pictures, strict=True):
+        evidence[row] = _evidence(term, of_frame, angles[t], found[t])
     nearest = np.minimum((np.arange(len(times)) + step // 2) // step, len(evidence) - 1)
     return _reject(evidence)[nearest]
 
@@ -87,13 +91,11 @@ def _evidence(
     seen, view = term.visibility, term.model.rays.view
     assert seen is not None
     term.update_illumination(pose)
-    evidence = np.zeros(len(LABELS))
-    parts = np.array(term.model.body.parts)
-    for label, part in (entry for chain in _CHAINS for entry in chain):
-        rays = found[view, label]
-        for q in np.flatnonzero(parts == part):
-            evidence[label] += seen[rays, q] @ palettes.unlike[q, palettes.bins[rays]]
-    return evidence * len(found) / len(view)
+    unlike = seen * np.ascontiguousarray(palettes.unlike.T)[palettes.bins]  # (P, G)
+    of_views = np.split(unlike, np.searchsorted(view, np.arange(1, len(found))))
+    summed = np.array([rays.sum(0) for rays in of_views], float)
+    own = np.array(term.model.body.parts)[:, None] == _SEGMENTS
+    return np.einsum("vg,gl,vl->l", summed, own, found) * len(found) / len(view)
 
 
 def _reject(evidence: Float[Array, "A 18"]) -> Bool[Array, "A 18"]:
@@ -106,8 +108,8 @@ def _reject(evidence: Float[Array, "A 18"]) -> Bool[Array, "A 18"]:
         more = rejected.copy()
         more[1:] |= rejected[:-1] & (evidence[1:] > 0.0)
         more[:-1] |= rejected[1:] & (evidence[:-1] > 0.0)
-        for chain in _CHAINS:
-            for (inner, _), (outer, _) in pairwise(chain):
+        for limb in _CHAINS:
+            for (inner, _), (outer, _) in pairwise(limb):
                 more[:, outer] |= more[:, inner] & (evidence[:, outer] > -EVIDENCE)
         if np.array_equal(more, rejected):
             return rejected

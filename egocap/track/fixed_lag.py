@@ -159,6 +159,10 @@ class FixedLagSmoother:
         factor = _ACCELERATION * config.acceleration_sigma
         self.proportions, self.model = proportions, model
         self.config = replace(config, acceleration_sigma=factor)
+        self._configs = {
+            factor: replace(self.config, robust_scale=factor * config.robust_scale)
+            for factor in (1.0, *_WIDER)
+        }
         self._filter = OnlineFilter(model, config)
         self._past: Past | None = None
         self._before: list[_Frame] = []  # the window, as the motion network is told
@@ -299,10 +303,9 @@ class FixedLagSmoother:
     ) -> Minimum:  # fmt: skip
         """The window's solution: the interval smoother's energy, with what the past says.
 
-        `factor` is one on the robust scale.
+        `factor` is one on the robust scale: 1, or of `_WIDER`.
         """
-        config = replace(self.config, robust_scale=factor * self.config.robust_scale)
-        of_window = interval_energy(seen, self.model, config, prediction)
+        of_window = interval_energy(seen, self.model, self._configs[factor], prediction)
 
         def system(angles: Float[Array, "T 37"]) -> BandedSystem:
             energy, bands, gradient = of_window(angles)

@@ -6,7 +6,6 @@ reference implementation.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +31,6 @@ class Lens(NamedTuple):
     max_angle: float  # rad
 
 
-@lru_cache(64)
 def make_lens(camera: Camera) -> Lens:
     """The numbers of a camera."""
     affine, radial = np.array(camera.affine), camera.radial

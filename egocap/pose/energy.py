@@ -126,12 +126,10 @@ def acceleration_stencil(times: Float[Array, "T"]) -> Float[Array, "T 3"]:
     stencil = np.zeros((len(times), 3))
     if len(times) < 3:
         return stencil
-    steps = times[1:] - times[:-1]
-    first, second = steps[:-1], steps[1:]
+    first, second = np.diff(times)[:-1], np.diff(times)[1:]
     mean = (first + second) / 2
     scale = np.sqrt(mean) / mean
-    stencil[:-2, 0], stencil[:-2, 2] = scale / first, scale / second
-    stencil[:-2, 1] = -scale * (1 / first + 1 / second)
+    stencil[:-2] = np.stack([scale / first, -scale * (1 / first + 1 / second), scale / second], -1)
     return stencil
 
 

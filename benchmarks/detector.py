@@ -6,7 +6,8 @@
 
 Pictures are noise over a gradient, as JPEGs of quality 95 on disk in memory: decoding, the
 canonical view, the network and its maps are measured one by one (wall time of each alone) and
-together, as `egocap detect` runs them: pictures are prepared by a thread while the network works.
+together, as `egocap detect` runs them: pictures are prepared by a thread while the network works on
+as many others as it has streams, which share the threads. With one stream a run has all threads.
 Other work on the machine disturbs the figures.
 """
 
@@ -26,7 +27,7 @@ sys.path.insert(0, str(ROOT))
 import numpy as np  # noqa: E402
 
 from egocap.cameras.rig_files import load_rig  # noqa: E402
-from egocap.detect.detector import Detector  # noqa: E402
+from egocap.detect.detector import MOST_STREAMS, Detector  # noqa: E402
 from egocap.detect.engine import Engine, available_cores, open_engine  # noqa: E402
 from egocap.detect.input_images import ahead  # noqa: E402
 from egocap.detect.weights import Weights, open_weights  # noqa: E402
@@ -39,10 +40,11 @@ ENGINES = (
 TIMES = np.zeros(1)
 
 
-def engine_named(weights: Weights, name: str, threads: int) -> Engine:
+def engine_named(weights: Weights, name: str, threads: int, streams: int = 1) -> Engine:
     """The engine of one of `ENGINES`."""
     spin = name == SPINNING
-    return open_engine(weights, "onnxruntime" if spin else name, threads, spin)  # type: ignore[arg-type]
+    engine = "onnxruntime" if spin else name
+    return open_engine(weights, engine, threads, spin, streams)  # type: ignore[arg-type]
 
 
 def jpegs(size: tuple[int, int], count: int = 8) -> list[bytes]:
@@ -62,13 +64,14 @@ def jpegs(size: tuple[int, int], count: int = 8) -> list[bytes]:
 
 
 def measure(
-    weights: Weights, engine: str, threads: int, size: tuple[int, int], pairs: int, batch: int
-) -> dict[str, Any]:
+    weights: Weights, engine: str, threads: int, streams: int, size: tuple[int, int], pairs: int,
+    batch: int,
+) -> dict[str, Any]:  # fmt: skip
     """Milliseconds a pair of every stage alone, and the rate of all together."""
     import cv2
 
     rig = load_rig(ROOT / "scenes/rigs/egorig1.toml").resized(*size)
-    detector = Detector(rig, weights, engine_named(weights, engine, threads))
+    detector = Detector(rig, weights, engine_named(weights, engine, threads, streams))
     files = jpegs(size)
     flags = cv2.IMREAD_COLOR_RGB | (cv2.IMREAD_REDUCED_GRAYSCALE_2 if size[0] >= 1280 else 0)
 
@@ -90,9 +93,14 @@ def measure(
     }
     shared = {"network": batch, "decode maps": batch}
     spent = {name: _ms(stage, 30) / shared.get(name, 1) for name, stage in stages.items()}
-    start = time.perf_counter()
-    for views, slots in ahead(iter(range(0, pairs, batch)), prepared):
-        detector.read(detector.run(views), slots, np.zeros(batch))
+
+    def found(job: Any) -> Any:
+        views, slots = job
+        return detector.read(detector.run(views), slots, np.zeros(batch))
+
+    start, n = time.perf_counter(), detector.engine.streams
+    for _ in ahead(ahead(iter(range(0, pairs, batch)), prepared, 2 * n), found, n, n):
+        pass
     rate = pairs / (time.perf_counter() - start)
     return {"stages_ms": {k: round(v, 2) for k, v in spent.items()},
             "pairs_per_second": round(rate, 1)}  # fmt: skip
@@ -127,19 +135,23 @@ def main() -> None:
         "--weights", type=Path, help="detector weights; the shipped ones by default"
     )
     parser.add_argument("--threads", type=int, default=available_cores())
+    parser.add_argument("--streams", type=int, help="one a thread by default, 8 at most")
     parser.add_argument("--size", type=int, nargs=2, default=(640, 512), metavar=("W", "H"))
     parser.add_argument("--pairs", type=int, default=300)
     parser.add_argument("--batch", type=int, default=1, help="pairs through the network at once")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--out", type=Path, help="also write a result, .json, with its machine")
     options = parser.parse_args()
-    report: dict[str, Any] = {"threads": options.threads, "size": list(options.size),
-                              "batch": options.batch, "engines": {}}  # fmt: skip
+    streams = options.streams or min(options.threads, MOST_STREAMS)
+    report: dict[str, Any] = {
+        "threads": options.threads, "streams": streams, "size": list(options.size),
+        "batch": options.batch, "engines": {},
+    }  # fmt: skip
     weights = open_weights(options.weights)
     report["weights"] = weights.name
     for engine in options.engines:
         try:
-            found = measure(weights, engine, options.threads, tuple(options.size),
+            found = measure(weights, engine, options.threads, streams, tuple(options.size),
                             options.pairs, options.batch)  # fmt: skip
             found["off_torch"] = deviation(weights, engine, options.threads)
         except EgocapError as error:

@@ -126,7 +126,7 @@ def _guided(
         raise InputError("--guided without --rig", valid="the rig file of the cameras")
     loaded = load_rig(rig)
     check_sources(sources, len(loaded.mounts))
-    guide, detector = Guide(loaded, height, config), Detector(loaded, weights or None)
+    guide, detector = Guide(loaded, height, config), Detector(loaded, weights or None, streams=1)
     with Interruption() as stop, ExitStack() as stack:
         _say(_request(guide))
         ends: float | None = None

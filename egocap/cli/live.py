@@ -208,7 +208,7 @@ def _by_detections(
         head = OnlineHeadPose(rig, settings, waits=waits)
         stack.callback(head.close)
         head.warm_up()
-    detector = Detector(rig, options.weights)
+    detector = Detector(rig, options.weights, streams=1)
     warm_up(detector, tracker)
     return (
         detector.source,

@@ -23,7 +23,7 @@ from egocap.data.detections import Detections
 from egocap.data.sequence import Sequence
 from egocap.detect.calibration import present
 from egocap.detect.canonical_view import CanonicalView
-from egocap.detect.engine import Engine, EngineName, Outputs, open_engine
+from egocap.detect.engine import Engine, EngineName, Outputs, available_cores, open_engine
 from egocap.detect.heatmaps import modes
 from egocap.detect.input_images import ahead, as_rgb, recorded_pictures
 from egocap.detect.view_times import at_frame_times
@@ -34,6 +34,8 @@ log = logging.getLogger(__name__)
 
 MODES = 3
 """Modes kept per label."""
+MOST_STREAMS = 8
+"""Frames that the network runs on at once, where the caller does not say."""
 
 Slots = Int64[Array, "B 2"]  # frame within the batch, and view, of every image
 
@@ -46,6 +48,8 @@ class Detector:
         weights: a file of weights, or opened ones; the shipped ones when None.
         engine: one of `engine.EngineName`, or an open engine.
         threads: of the network; all cores when None.
+        streams: frames that `detect` runs the network on at once, sharing the threads; one a thread
+            when None. With 1 the network has all threads for a frame: the lowest latency.
 
     Raises:
         FileError: the weights are missing or damaged.
@@ -58,11 +62,15 @@ class Detector:
         weights: Weights | str | Path | None = None,
         engine: EngineName | Engine = "auto",
         threads: int | None = None,
+        streams: int | None = None,
     ) -> None:
         self.rig = rig
         self.weights = weights if isinstance(weights, Weights) else open_weights(weights)
-        ready = isinstance(engine, Engine)
-        self.engine = engine if ready else open_engine(self.weights, engine, threads)
+        if not isinstance(engine, Engine):
+            threads = available_cores() if threads is None else threads
+            streams = min(threads, MOST_STREAMS) if streams is None else streams
+            engine = open_engine(self.weights, engine, threads, streams=streams)
+        self.engine = engine
         self._views = tuple(CanonicalView(m, self.weights.view) for m in rig.mounts)
         self._resized: dict[tuple[int, int, int], CanonicalView] = {}
         self._shape = (self.weights.view.height, self.weights.view.width, 3)
@@ -82,7 +90,7 @@ class Detector:
     ) -> Detections:
         """Detections in the first `frames` of a sequence (all when None).
 
-        A thread reads and resamples the next images while the network runs. Views without an image
+        Threads read and resample the next images while the network runs. Views without an image
         are skipped; a warning counts frames without detections. Truth is not read.
 
         Args:
@@ -98,17 +106,7 @@ class Detector:
         count = len(sequence) if frames is None else frames
         if not 1 <= count <= len(sequence):
             raise InputError(f"{count} frames of {sequence.folder}", valid=f"1 to {len(sequence)}")
-        batch = batch or (16 if self.engine.name == "cuda" else 1)
-
-        def prepared(rows: range) -> tuple[range, Array, Slots]:
-            return rows, *self.canonical([recorded_pictures(sequence, i) for i in rows])
-
-        parts = []
-        jobs = (range(count)[i : i + batch] for i in range(0, count, batch))
-        for rows, views, slots in ahead(jobs, prepared):
-            parts.append(self.read(self.run(views), slots, sequence.times[list(rows)]))
-            on_frames(len(rows))
-        found = joined(parts)
+        found = self.detect_rows(sequence, range(count), batch, on_frames)
         if sequence.frame_times is not None:
             widths = np.array([camera.width for camera in self.rig.cameras], float)
             found = at_frame_times(found, sequence.frame_times[:count], widths)
@@ -116,6 +114,30 @@ class Detector:
             if missing:
                 log.warning("view '%s' has no detections in %d of %d frames", name, missing, count)
         return found
+
+    def detect_rows(
+        self,
+        sequence: Sequence,
+        rows: range,
+        batch: int | None = None,
+        on_frames: Callable[[int], None] = lambda count: None,
+    ) -> Detections:
+        """As `detect`, in some frames, where their pictures' own times are not the frames'."""
+        batch = batch or (16 if self.engine.name == "cuda" else 1)
+
+        def prepared(some: range) -> tuple[range, Array, Slots]:
+            return some, *self.canonical([recorded_pictures(sequence, i) for i in some])
+
+        def detected(job: tuple[range, Array, Slots]) -> Detections:
+            some, views, slots = job
+            return self.read(self.run(views), slots, sequence.times[some.start : some.stop])
+
+        parts, streams = [], self.engine.streams
+        jobs = (rows[i : i + batch] for i in range(0, len(rows), batch))
+        for part in ahead(ahead(jobs, prepared, 2 * streams), detected, streams, streams):
+            parts.append(part)
+            on_frames(len(part.times))
+        return joined(parts)
 
     def detect_images(self, images: Row[Array | None], time: float = 0.0) -> Detections:
         """Detections (T = 1) in the images of one instant, one per view, None where missing.

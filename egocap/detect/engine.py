@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -50,6 +51,7 @@ class Engine:
 
     name: str
     run: Run
+    streams: int = 1  # calls of `run` at once, from threads of the caller, that fill the CPU
 
 
 def open_engine(
@@ -57,6 +59,7 @@ def open_engine(
     name: EngineName = "auto",
     threads: int | None = None,
     spin: bool = False,
+    streams: int = 1,
 ) -> Engine:
     """Open an inference engine.
 
@@ -64,10 +67,12 @@ def open_engine(
         weights: of the network.
         name: one of `EngineName`.
         threads: CPU threads of the network; all cores when None.
+        streams: runs at once that share the threads, at most as many; torch has one.
         spin: let onnxruntime's threads spin within a call: lower latency on an idle machine.
 
     Raises:
-        InputError: unknown engine, number of threads out of range, or no network in 8 bits.
+        InputError: unknown engine, number of threads or streams out of range, or no network in 8
+            bits.
         FileError: the network in 8 bits is damaged.
         MachineError: the engine's package or the GPU is missing.
     """
@@ -76,6 +81,8 @@ def open_engine(
     threads = available_cores() if threads is None else threads
     if not 1 <= threads <= 256:
         raise InputError(f"{threads} threads", valid="1 to 256")
+    if not 1 <= streams <= threads:
+        raise InputError(f"{streams} streams", valid=f"1 to the number of threads, {threads}")
     path = eight_bit_file(weights) if name == "auto" or name.endswith("-int8") else None
     if name == "auto":
         name = _fastest(eight_bit=path is not None)
@@ -85,11 +92,13 @@ def open_engine(
                 f"this machine has no network in 8-bit integers of {weights.path}",
                 valid="another engine; egocap calibrate-detector makes one",
             )
-        return eight_bit_engine(path, name, threads)
+        return eight_bit_engine(path, name, threads, streams)
     if name == "onnxruntime":
-        return Engine(name, _from_cache(weights, lambda path: _onnxruntime(path, threads, spin)))
+        run = _from_cache(weights, lambda path: _onnxruntime(path, threads, spin, streams))
+        return Engine(name, run, streams)
     if name == "openvino":
-        return Engine(name, _from_cache(weights, lambda path: _openvino(path, threads)))
+        run = _from_cache(weights, lambda path: _openvino(path, threads, streams))
+        return Engine(name, run, streams)
     return Engine(name, _torch(weights, "cuda" if name == "cuda" else "cpu", threads))
 
 
@@ -121,13 +130,15 @@ def eight_bit_cache(weights: Weights) -> Path:
     return cache_folder() / f"detector-{weights.sha256[:32]}-int8.onnx"
 
 
-def eight_bit_engine(path: Path, name: EngineName, threads: int | None = None) -> Engine:
+def eight_bit_engine(
+    path: Path, name: EngineName, threads: int | None = None, streams: int = 1
+) -> Engine:
     """An engine of a network in 8-bit integers. Raises FileError for a damaged file."""
     threads = available_cores() if threads is None else threads
     try:
         if name == "openvino-int8":
-            return Engine(name, _openvino(path, threads))
-        return Engine(name, _onnxruntime(path, threads, spin=False))
+            return Engine(name, _openvino(path, threads, streams), streams)
+        return Engine(name, _onnxruntime(path, threads, False, streams), streams)
     except EgocapError:
         raise
     except Exception as error:  # each engine has its own exceptions for a damaged file
@@ -209,13 +220,13 @@ def export_onnx(weights: Weights, file: BytesIO, *, folded: bool = True) -> None
         )
 
 
-def _onnxruntime(path: Path, threads: int, spin: bool) -> Run:
+def _onnxruntime(path: Path, threads: int, spin: bool, streams: int) -> Run:
     try:
         import onnxruntime
     except ImportError:
         raise MachineError("onnxruntime is missing", remedy="pip install onnxruntime") from None
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
+    options.intra_op_num_threads = threads // streams
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spin)))
     # Threads that spin between runs would compete with image decoding.
@@ -230,7 +241,7 @@ def _onnxruntime(path: Path, threads: int, spin: bool) -> Run:
     return run
 
 
-def _openvino(path: Path, threads: int) -> Run:
+def _openvino(path: Path, threads: int, streams: int) -> Run:
     # OpenVINO's import sends usage data from a forked process, and a fork after OpenGL has started
     # can crash. Without this package it uses a stub.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
@@ -238,13 +249,22 @@ def _openvino(path: Path, threads: int) -> Run:
     import openvino  # pyright: ignore[reportMissingImports] (an extra)
 
     core = openvino.Core()
-    options: dict[str, Any] = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads}
+    options: dict[str, Any] = {
+        "PERFORMANCE_HINT": "LATENCY" if streams == 1 else "THROUGHPUT",
+        "NUM_STREAMS": streams, "INFERENCE_NUM_THREADS": threads,
+    }  # fmt: skip
     compiled = core.compile_model(core.read_model(str(path)), "CPU", options)
-    request = compiled.create_infer_request()
+    requests: SimpleQueue[Any] = SimpleQueue()  # those that are free
+    for _ in range(streams):
+        requests.put(compiled.create_infer_request())
 
     def run(images: Array) -> Outputs:
-        found = request.infer({INPUT: np.ascontiguousarray(images)})
-        heat, info = (np.array(found[name], np.float32) for name in OUTPUTS)
+        request = requests.get()
+        try:
+            found = request.infer({INPUT: np.ascontiguousarray(images)})
+            heat, info = (np.array(found[name], np.float32) for name in OUTPUTS)
+        finally:
+            requests.put(request)
         return heat, info
 
     return run

@@ -49,10 +49,10 @@ def recorded_pictures(sequence: Sequence, index: int) -> tuple[UInt8[Array, "h w
     )
 
 
-def ahead(jobs: Iterator[Any], make: Any, count: int = 2) -> Iterator[Any]:
-    """Yield make(job) of every job in order, computed by a thread up to `count` jobs ahead."""
+def ahead(jobs: Iterator[Any], make: Any, count: int = 2, threads: int = 1) -> Iterator[Any]:
+    """Yield make(job) of every job in order, computed by threads up to `count` jobs ahead."""
     waiting: list[Future[Any]] = []
-    with ThreadPoolExecutor(1, thread_name_prefix="pictures") as pool:
+    with ThreadPoolExecutor(threads, thread_name_prefix="pictures") as pool:
         try:
             for job in jobs:
                 waiting.append(pool.submit(make, job))

@@ -11,13 +11,11 @@ import numpy as np
 from egocap.data.detections import Detections, load_detections, save_detections
 from egocap.data.sequence import Sequence
 from egocap.detect.detector import Detector, joined
-from egocap.detect.input_images import ahead, recorded_pictures
 from egocap.detect.view_times import at_frame_times
 from egocap.errors import FileError
 from egocap.files import make_folder
 
 PIECE = 600  # frames
-BATCH = 8  # frames a run of the network
 
 
 def detect_in_pieces(
@@ -35,7 +33,7 @@ def detect_in_pieces(
             break
         path = folder / f"{number:05d}.npz"
         if not _there(path, len(rows)):
-            save_detections(path, _detect(sequence, detector, rows, on_frames))
+            save_detections(path, detector.detect_rows(sequence, rows, on_frames=on_frames))
         else:
             on_frames(len(rows))
     found = joined([load_detections(path) for path in sorted(folder.glob("?????.npz"))])
@@ -50,20 +48,3 @@ def _there(path: Path, frames: int) -> bool:
         return len(load_detections(path).times) == frames
     except FileError:
         return False
-
-
-def _detect(
-    sequence: Sequence, detector: Detector, rows: range, on_frames: Callable[[int], None]
-) -> Detections:
-    """Detections of a range of frames; a thread decodes ahead of the network."""
-
-    def prepared(some: range):
-        return some, *detector.canonical([recorded_pictures(sequence, i) for i in some])
-
-    parts = []
-    jobs = (rows[i : i + BATCH] for i in range(0, len(rows), BATCH))
-    for some, views, slots in ahead(jobs, prepared):
-        times = sequence.times[some.start : some.stop]
-        parts.append(detector.read(detector.run(views), slots, times))
-        on_frames(len(some))
-    return joined(parts)

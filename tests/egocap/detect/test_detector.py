@@ -3,6 +3,7 @@
 import json
 import logging
 import shutil
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -193,6 +194,27 @@ def test_sequences_are_detected_frame_by_frame(tiny_sequence, tiny_file, caplog)
     assert len(detector.detect(sequence, frames=2).times) == 2
     with pytest.raises(InputError, match=r"8 frames.*1 to 7"):
         detector.detect(sequence, frames=8)
+
+
+def test_frames_stay_in_order_when_several_are_detected_at_once(tiny_sequence, tiny_file):
+    sequence, weights = Sequence(tiny_sequence), open_weights(tiny_file)
+    alone = Detector(sequence.rig, weights, "onnxruntime", threads=2, streams=1)
+    expected = alone.detect(sequence)
+    delays, running, most = iter((0.2, 0.0, 0.1, 0.0, 0.05, 0.0, 0.0)), [], []
+
+    def late(images):
+        running.append(1)
+        most.append(len(running))
+        time.sleep(next(delays))
+        outputs = alone.engine.run(images)
+        running.pop()
+        return outputs
+
+    for engine in (Engine("late", late, streams=2), "onnxruntime"):
+        found = Detector(sequence.rig, weights, engine, threads=2).detect(sequence)
+        assert np.array_equal(found.times, expected.times)
+        assert np.allclose(found.points, expected.points, atol=0.05, equal_nan=True)
+    assert max(most) == 2
 
 
 def test_frames_without_a_view_are_counted(tiny_sequence, tiny_file, tmp_path, caplog):

@@ -50,6 +50,12 @@ def test_openvino_is_close_to_torch(weights):
         assert np.abs(a - b).max() < 0.03 * max(1.0, np.abs(b).max())  # bfloat16
 
 
+@pytest.mark.parametrize(("threads", "streams"), [(0, 1), (257, 1), (2, 0), (2, 3)])
+def test_numbers_out_of_range_are_refused(weights, threads, streams):
+    with pytest.raises(InputError, match="1 to"):
+        open_engine(weights, "onnxruntime", threads, streams=streams)
+
+
 @pytest.mark.skipif(importlib.util.find_spec("openvino") is None, reason="openvino is an extra")
 def test_openvino_sends_no_usage_data(tiny_file):
     """In a fresh process, since the package reports when it is imported."""

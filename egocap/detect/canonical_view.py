@@ -27,7 +27,7 @@ from egocap.errors import InputError
 LARGEST_SIDE = 2048  # pixels
 _SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel; above, images are reduced first
 _FACE_TO_ARM_M = (0.14, 0.26)  # camera's distance in front of the skull base
-_PIXEL_EDGES = np.array([[0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]])
+_PIXEL_EDGES = np.array([[0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]])  # +x, +y, -x, -y
 _MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
 
 

@@ -122,7 +122,11 @@ class Detector:
         batch: int | None = None,
         on_frames: Callable[[int], None] = lambda count: None,
     ) -> Detections:
-        """As `detect`, in some frames, where their pictures' own times are not the frames'."""
+        """Detections in some frames, of the moments at which their pictures were taken.
+
+        `detect` also moves them to the frames' times and warns of views without any. Arguments and
+        errors are those of `detect`; `rows` are frames of the sequence.
+        """
         batch = batch or (16 if self.engine.name == "cuda" else 1)
 
         def prepared(some: range) -> tuple[range, Array, Slots]:

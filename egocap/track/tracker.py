@@ -72,11 +72,11 @@ class Tracker:
         motion prior uses them, too.
 
         `images` gives the RGB images of all views at a frame, for the appearance check and the
-        colour term. `on_frames` is called after every stage with the frames that its work is worth,
-        which add up to all frames. `Track.energy` is each frame's own: detections, limits and pose
-        prior. The time per frame leaves out compilation, which is `config["warm_up_s"]`. Raises
-        InputError when there are no frames, the views do not match the rig, the times do not
-        increase, or colour has no images.
+        colour term; another thread calls it, too, but never two at once. `on_frames` is called
+        after every stage with the frames that its work is worth, which add up to all frames.
+        `Track.energy` is each frame's own: detections, limits and pose prior. The time per frame
+        leaves out compilation, which is `config["warm_up_s"]`. Raises InputError when there are no
+        frames, the views do not match the rig, the times do not increase, or colour has no images.
         """
         require_increasing_times(detections)
         if self.config.colour and images is None:

@@ -175,25 +175,21 @@ class Bench:
 
         frames = list(self.sequence)
         truth = self.sequence.truth.joints_head
-        found: dict[str, Any] = {"size": TERM.size}
-        for name, seed in (("gauss_newton", None), ("stochastic", 0)):
-            rates, busy, poses = [], [], []
-            for _ in range(3):
-                rng = None if seed is None else np.random.default_rng(seed)
-                rig, proportions = self.sequence.rig, self.sequence.body
-                tracker = ColourTracker(rig, proportions, self.angles, rng=rng)
-                tracker.learn(frames[0].images)
-                started, spent = time.perf_counter(), time.process_time()
-                poses = [p for frame in frames for p in tracker.step(frame.images, frame.time)]
-                rates.append(len(frames) / (time.perf_counter() - started))
-                busy.append(1e3 * (time.process_time() - spent) / len(frames))
-            errors = np.linalg.norm(np.array([p.joints_head for p in poses]) - truth, axis=-1)
-            found[name] = {
-                "frames_per_second": round(max(rates), 1),
-                "cpu_ms_a_frame": round(min(busy), 3),
-                "upper_body_error_mm": round(float(1e3 * errors[:, UPPER].mean()), 1),
-            }
-        return found
+        rates, busy, poses = [], [], []
+        for _ in range(3):
+            tracker = ColourTracker(self.sequence.rig, self.sequence.body, self.angles)
+            tracker.learn(frames[0].images)
+            started, spent = time.perf_counter(), time.process_time()
+            poses = [p for frame in frames for p in tracker.step(frame.images, frame.time)]
+            rates.append(len(frames) / (time.perf_counter() - started))
+            busy.append(1e3 * (time.process_time() - spent) / len(frames))
+        errors = np.linalg.norm(np.array([p.joints_head for p in poses]) - truth, axis=-1)
+        return {
+            "size": TERM.size,
+            "frames_per_second": round(max(rates), 1),
+            "cpu_ms_a_frame": round(min(busy), 3),
+            "upper_body_error_mm": round(float(1e3 * errors[:, UPPER].mean()), 1),
+        }
 
     def batched(self, device: str, poses: int, chunk: int) -> dict[str, Any]:
         """Many poses at once by the torch path, energy and gradient; `chunk` rays at a time."""

@@ -6,6 +6,7 @@ times `ImageSolverConfig.lambda_colour`, as in equation 1.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,10 @@ from egocap.pose.solver import cholesky_solve
 UPPER_BODY: Bool[Array, "37"] = np.array([not n.split("_")[1].startswith(("hip", "knee", "ankle"))
                                           for n in DOFS])  # fmt: skip
 """Angles of spine, neck and arms: what the paper's live test tracks."""
+
+
+Term = Callable[[Float[Array, "37"], Float[Array, "37 37"], Float[Array, "37"]], float]
+"""A term's energy at a pose; adds its Gauss-Newton matrix (lower triangle) and its gradient."""
 
 
 @dataclass(frozen=True)
@@ -102,19 +107,23 @@ class ImageSolver:
         scatter: Float[Array, "37"] | None = None,
         observations: Observations | None = None,
         frame: int = 0,
+        term: Term | None = None,
     ) -> Solution:
         """Damped Gauss-Newton from a start.
 
         A prediction with its standard deviations and the detections of one frame are added when
         given; with detections, the colours move detected limbs only (`colour_term.movable_angles`).
+        `term` is a further term of the energy.
         """
         angles, damping = np.array(start, float), 1e-3
         seen = _detected(observations, frame)
-        energy, gradient, H, colour = self._total(colours, angles, predicted, scatter, seen)
+        energy, gradient, H, colour = self._total(colours, angles, predicted, scatter, seen, term)
         first, steps, done = abs(energy), 0, False
         while steps < self.config.iterations and not done:
             trial = angles + self._step(gradient, H, damping)
-            new, new_gradient, new_H, there = self._total(colours, trial, predicted, scatter, seen)
+            new, new_gradient, new_H, there = self._total(
+                colours, trial, predicted, scatter, seen, term
+            )
             steps += 1
             if new < energy:
                 done = energy - new < self.config.tolerance * first
@@ -169,7 +178,7 @@ class ImageSolver:
         energy, _, _, colour = self._total(colours, angles, predicted, scatter)
         return Solution(angles, energy, True, config.stochastic_iterations, colour)
 
-    def _total(self, colours, angles, predicted, scatter, seen=None):
+    def _total(self, colours, angles, predicted, scatter, seen=None, term=None):
         colour = evaluation = self.model.evaluate(angles, colours, curvature=True)
         if seen is not None and evaluation.curvature is not None:
             movable = movable_angles((seen.weights > 0.0).any(0))
@@ -181,6 +190,8 @@ class ImageSolver:
         if seen is not None:
             scale = float(self.priors_config.robust_scale)
             energy += detections(self._skeleton, angles, seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
+        if term is not None:
+            energy += term(angles, H, gradient)
         return energy, gradient, H, colour
 
     def _with_priors(

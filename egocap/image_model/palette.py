@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
 from egocap.body.gaussians import GaussianBody
@@ -36,9 +36,6 @@ from egocap.image_model.image_rays import ImageRays, PosedFrames, ray_colours
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
 
-VALUES, CHROMAS = 10, 12
-"""Bins of brightness, and of each chromaticity."""
-BINS = VALUES * CHROMAS * CHROMAS
 LOG_RATIO = 3.0
 """Logarithm of the ratio of likelihoods that counts in full."""
 DIM = 0.1
@@ -56,17 +53,53 @@ SEEN = 0.3
 _BLUR = (1.0, 0.8, 0.8)
 
 
+@dataclass(frozen=True)
+class ColourBins:
+    """Bins of brightness and of two chromaticities that shading does not change."""
+
+    values: int = 10
+    chromas: int = 12
+    """Bins of brightness, and of each chromaticity."""
+
+    @property
+    def count(self) -> int:
+        """All bins."""
+        return self.values * self.chromas**2
+
+    def coordinates(self, hsv: Float[Array, "P 3"]) -> Float32[Array, "P 3"]:
+        """Colours, given in hue, saturation and value from 0 to 1, in bins along the three axes."""
+        hue, saturation, value = np.moveaxis(np.asarray(hsv, np.float32), -1, 0)
+        reach = np.sqrt(saturation * value / (value + np.float32(DIM)))  # finer near grey
+        angle = np.float32(2.0 * np.pi) * hue
+        u, v = reach * np.cos(angle), reach * np.sin(angle)
+        half = np.float32(self.chromas / 2)
+        axes = (np.sqrt(value) * np.float32(self.values), (u + 1) * half, (v + 1) * half)
+        return np.stack(axes, -1)
+
+    def of(self, hsv: Float[Array, "P 3"]) -> Int32[Array, "P"]:
+        """The bin of each colour."""
+        top = (self.values - 1, self.chromas - 1, self.chromas - 1)
+        row, first, second = np.clip(self.coordinates(hsv).astype(np.int32), 0, top).T
+        return ((row * self.chromas + first) * self.chromas + second).astype(np.int32)
+
+    def smooth(self, shares: Float[Array, "G K"]) -> Float[Array, "G K"]:
+        """Histograms blurred over neighbouring bins, with an even floor."""
+        from scipy.ndimage import gaussian_filter
+
+        grid = shares.reshape(-1, self.values, self.chromas, self.chromas)
+        blurred = gaussian_filter(grid, (0.0, *_BLUR), mode="nearest", truncate=2.5).reshape(
+            shares.shape
+        )
+        return (1.0 - FLOOR) * blurred / blurred.sum(-1, keepdims=True) + FLOOR / self.count
+
+
+BINS = ColourBins()
+"""The bins of colours, where nothing else is said."""
+
+
 def colour_bins(hsv: Float[Array, "P 3"]) -> Int32[Array, "P"]:
     """The bin of each colour, given in hue, saturation and value from 0 to 1."""
-    hue, saturation, value = np.moveaxis(np.asarray(hsv, np.float32), -1, 0)
-    reach = np.sqrt(saturation * value / (value + np.float32(DIM)))  # finer near grey
-    angle = np.float32(2.0 * np.pi) * hue
-    u, v = reach * np.cos(angle), reach * np.sin(angle)
-    row = np.minimum((np.sqrt(value) * VALUES).astype(np.int32), VALUES - 1)
-    first, second = (
-        np.clip(((x + 1.0) * (CHROMAS / 2)).astype(np.int32), 0, CHROMAS - 1) for x in (u, v)
-    )
-    return (row * CHROMAS + first) * CHROMAS + second
+    return BINS.of(hsv)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,21 +119,49 @@ class Palette:
 
         Raises InputError when there is no frame or none shows the body.
         """
-        counts = np.zeros((len(body.parts), BINS))
-        for weights, at in zip(seen, bins, strict=True):
-            sure = weights.astype(float) ** 2
-            for q in np.flatnonzero(sure.sum(0) > 0.0):
-                counts[q] += np.bincount(at, sure[:, q], BINS)
+        counts = ColourCounts(body)
+        for visibility, at in zip(seen, bins, strict=True):
+            counts.add(visibility, at)
+        return cls(counts.log_density())
+
+
+class ColourCounts:
+    """How often each of a person's Gaussians was seen in each bin of colours."""
+
+    def __init__(self, body: GaussianBody, bins: ColourBins = BINS) -> None:
+        self.bins = bins
+        self._counts = np.zeros((len(body.parts), bins.count))
+        self._plain = np.array([without_side(part) for part in body.parts])
+
+    @property
+    def pixels(self) -> Float[Array, "G"]:
+        """Pixels in which each Gaussian was seen, each by the square of its visibility there."""
+        return self._counts.sum(1)
+
+    def add(self, visibility: Float32[Array, "P G"], bins: Int32[Array, "P"],
+            which: Bool[Array, "G"] | None = None) -> None:  # fmt: skip
+        """Add a frame, given the bin of every ray; `which` Gaussians it is to count for."""
+        sure = visibility.astype(float) ** 2
+        counted = sure.sum(0) > 0.0
+        for q in np.flatnonzero(counted if which is None else counted & which):
+            self._counts[q] += np.bincount(bins, sure[:, q], self.bins.count)
+
+    def log_density(self, which: Bool[Array, "G"] | None = None) -> Float32[Array, "g K"]:
+        """Logarithm of the colours' probabilities, of all Gaussians or of some.
+
+        Raises InputError if nothing was counted.
+        """
+        counts = self._counts
         if not counts.sum() > 0.0:
             raise InputError("no frame shows the body, so that its colours cannot be learned")
-        plain = np.array([without_side(part) for part in body.parts])
         everything = _shares(counts.sum(0))
-        filled = np.empty_like(counts)
-        for q in range(len(counts)):
-            part = counts[plain == plain[q]].sum(0)
+        rows = np.arange(len(counts)) if which is None else np.flatnonzero(which)
+        filled = np.empty((len(rows), counts.shape[1]))
+        for row, q in zip(filled, rows, strict=True):
+            part = counts[self._plain == self._plain[q]].sum(0)
             part = (part + PART_PIXELS * everything) / (part.sum() + PART_PIXELS)
-            filled[q] = (counts[q] + OWN_PIXELS * part) / (counts[q].sum() + OWN_PIXELS)
-        return cls(np.log(_smooth(filled)).astype(np.float32))
+            row[:] = (counts[q] + OWN_PIXELS * part) / (counts[q].sum() + OWN_PIXELS)
+        return np.log(self.bins.smooth(filled)).astype(np.float32)
 
 
 def learn_palette(
@@ -147,32 +208,32 @@ def colour_body(
 class Background:
     """The background's colours, updated from frame to frame."""
 
-    def __init__(self) -> None:
-        self._counts = np.zeros(BINS)
+    def __init__(self, bins: ColourBins = BINS) -> None:
+        self.bins = bins
+        self._counts = np.zeros(bins.count)
 
     def update(self, bins: Int32[Array, "P"], opacity: Float32[Array, "P"]) -> None:
         """Add a frame whose rays the body covers by `opacity`."""
-        new = np.bincount(bins[opacity < CLEAR], minlength=BINS)
+        new = np.bincount(bins[opacity < CLEAR], minlength=self.bins.count)
         self._counts = MEMORY * self._counts + (1.0 - MEMORY) * _shares(new)
+
+    def density(self) -> Float[Array, "K"]:
+        """The colours' probabilities."""
+        return self.bins.smooth(_shares(self._counts)[None])[0]
 
     def compare(self, palette: Palette, bins: Int32[Array, "P"]) -> Palettes:
         """The rays' bins and every Gaussian's dissimilarity, for `ImageModel.evaluate`."""
-        behind = np.log(_smooth(_shares(self._counts)[None])).astype(np.float32)
-        unlike = np.clip((behind - palette.log_density) / np.float32(LOG_RATIO), -1.0, 1.0)
-        return Palettes(bins, np.ascontiguousarray(unlike, np.float32))
+        return Palettes(bins, dissimilarity(np.log(self.density()), palette.log_density))
+
+
+def dissimilarity(
+    behind: Float[Array, "N"], own: Float32[Array, "G N"]
+) -> Float32[Array, "G N"]:  # fmt: skip
+    """Dissimilarity of colours from their log-probabilities as background and as each Gaussian."""
+    unlike = (behind.astype(np.float32) - own) / np.float32(LOG_RATIO)
+    return np.ascontiguousarray(np.clip(unlike, -1.0, 1.0), np.float32)
 
 
 def _shares(counts: Float[Array, "K"]) -> Float[Array, "K"]:
     total = counts.sum()
     return counts / total if total > 0.0 else np.full(len(counts), 1.0 / len(counts))
-
-
-def _smooth(shares: Float[Array, "G K"]) -> Float[Array, "G K"]:
-    """Histograms blurred over neighbouring bins, with an even floor."""
-    from scipy.ndimage import gaussian_filter
-
-    grid = shares.reshape(-1, VALUES, CHROMAS, CHROMAS)
-    blurred = gaussian_filter(grid, (0.0, *_BLUR), mode="nearest", truncate=2.5).reshape(
-        shares.shape
-    )
-    return (1.0 - FLOOR) * blurred / blurred.sum(-1, keepdims=True) + FLOOR / BINS

@@ -13,7 +13,8 @@ CAMERAS = tuple(f"egocap/cameras/{module}.py" for module in (
     "camera", "camera_files", "camera_set", "lens", "ray_kernel", "rig", "rig_files"))  # fmt: skip
 """Without the formats of other programs."""
 GEOMETRY = ("egocap/geometry.py", *CAMERAS, "egocap/body")
-TRACK = ("egocap/track!consistency,view_agreement",)
+COLOUR_TRACKER = ("egocap/track/colour_tracker.py",)
+TRACK = ("egocap/track!colour_tracker,consistency,view_agreement",)
 TRACKER = (*GEOMETRY, "egocap/pose", *TRACK, "egocap/series.py")
 CONFIDENCE = ("egocap/consistency", "egocap/track/consistency.py",
               "egocap/track/view_agreement.py")  # fmt: skip
@@ -90,7 +91,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                  "calibration_targets", "mutations", "result_targets", "study", "targets", "trials",
                  "watchdog", "work_targets"))),
     "head-pose": (*GEOMETRY, *WORLD, *HARNESS, *HEAD_POSE, "egocap_eval/studies/head_pose.py"),
-    "image-model": (*GEOMETRY, *IMAGE_MODEL, *TRACK, *WORLD, "egocap_eval/image_model"),
+    "image-model": (*GEOMETRY, *IMAGE_MODEL, *TRACK, *COLOUR_TRACKER, *WORLD,
+                    "egocap_eval/image_model"),
     "personalised": (*FOOTAGE_TRACKED, *FITTED, "egocap_eval/studies/personalised.py"),
     "physics": (*GEOMETRY, *WORLD, "egocap_eval/studies/physics.py"),
     "posterior": (*FOOTAGE_TRACKED, "egocap/posterior", "egocap_eval/posterior"),
@@ -116,7 +118,8 @@ STUDY_SOURCES: dict[str, tuple[str, ...]] = {
                                "benchmarks/episodes.py"),
     "benchmarks/generation.py": (*WORLD, "egocap_sim/record", "egocap/execution",
                                  "benchmarks/generation.py"),
-    "benchmarks/image_model.py": (*GEOMETRY, *IMAGE_MODEL, "benchmarks/image_model.py"),
+    "benchmarks/image_model.py": (*GEOMETRY, *IMAGE_MODEL, *COLOUR_TRACKER,
+                                  "benchmarks/image_model.py"),
     "benchmarks/start_up.py": (*FOOTAGE_TRACKED, "egocap_sim/record", "egocap/execution",
                                "egocap/cli", "egocap/commandline.py", "egocap_sim/cli",
                                "benchmarks/start_up.py"),

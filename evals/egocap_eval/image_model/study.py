@@ -38,7 +38,7 @@ def study(
     sequences: Positional[Annotated[tuple[Path, ...], arg(metavar="SEQ")]],
     /,
     live: tuple[Path, ...] = (),
-    live_frames: int = 250,
+    live_frames: int = 600,
     trials: int = 8,
     frames: int = 8,
     plot: Path | None = None,
@@ -47,7 +47,7 @@ def study(
 
     Args:
         sequences: Simulated sequences of several people and motions.
-        live: Simulated sequences in which the upper body is tracked by colour alone.
+        live: Simulated sequences in which the upper body is tracked without a detector.
         live_frames: Frames of each of these.
         trials: Perturbed poses of every kind per sequence.
         frames: Frames to solve with and without colour, of every sequence.
@@ -98,5 +98,5 @@ def _tables(result: dict[str, Any]) -> list[Table]:
     if live:
         header = ("sequence", "mean mm", "median mm")
         rows = tuple((n, number(e["mean_mm"]), number(e["median_mm"])) for n, e in live.items())
-        tables.append(Table("Upper body by colour alone", header, rows))
+        tables.append(Table("Upper body without a detector", header, rows))
     return tables

@@ -54,7 +54,7 @@ def test_bins_part_colours_and_not_shades():
     hsv = np.array([[0.0, 0.9, 0.8], [0.33, 0.9, 0.8], [0.0, 0.02, 0.8], [0.0, 0.0, 0.0]])
     found = colour_bins(hsv)
     assert len(set(found)) == 4
-    assert found.min() >= 0 and colour_bins(np.ones((1, 3)))[0] < BINS
+    assert found.min() >= 0 and colour_bins(np.ones((1, 3)))[0] < BINS.count
     plane = 144
     shaded = colour_bins(hsv[:1] * [1, 1, 0.7])
     assert shaded[0] // plane != found[0] // plane and shaded[0] % plane == found[0] % plane

@@ -1,0 +1,397 @@
+"""Points on the surface of the body, tracked from picture to picture and held by its limbs.
+
+Colours say where a body may be; tracked points say how it moved, where sleeve, skin and floor are
+of one colour, too. A new point lies where a pixel's ray first meets the body, and is fixed to the
+joint that carries the Gaussian there. A point that slipped onto the background turns with the rig:
+every frame compares the two explanations, and their ratio, summed over the frames, is its weight.
+The rig's turn comes from points beside the body.
+
+Source: Lucas & Kanade 1981; Bouguet 2000, "Pyramidal implementation of the Lucas Kanade feature
+tracker"; forward-backward check: Kalal et al. 2010; points on a body model: e.g. Gall et al. 2009,
+"Motion capture using joint skeleton tracking and surface estimation".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, UInt8
+from numba import njit
+from numpy import ndarray as Array
+
+from egocap.body.gaussians import RADIUS_SIGMAS, GaussianBody
+from egocap.body.kinematics import forward_kinematics
+from egocap.body.skeleton import DOF_COUNT, JOINTS
+from egocap.cameras.rig import Rig
+from egocap.image_model.body_kernel import make_chain, pose
+
+WIDTH = 320
+"""Width in pixels to which pictures are reduced."""
+SPACING, SPARSE = 5, 3
+"""Pixels between new points on the arms; on the trunk, so many times as far apart."""
+BESIDE = 20
+"""Pixels between the points beside the body."""
+OPAQUE, CLEAR = 0.6, 0.05
+"""Opacity above which a pixel shows the body, and below which it shows the background."""
+CORE = 0.8
+"""Fraction of a Gaussian's radius within which it gets new points: outlines are uncertain."""
+RETURN = 0.5
+"""Pixels by which a point that is tracked forth and back may miss its start."""
+WEIGHT = 0.02
+"""Weight of a point: errors of neighbours are correlated."""
+SIGMA, SAME = 1.5, 0.5
+"""Standard deviation in pixels of a point from its place on the body, and of its motion."""
+FAR = 4.0
+"""Pixels from its place on the body at which a point is dropped."""
+DEPTH = 0.08
+"""Metres between a point and the surface that is seen at its pixel at which it is dropped."""
+MOST_ODDS, STEP_ODDS, KNOWN_ODDS = 3.0, 1.0, 2.0
+"""Log-odds of body against background: the bound, the largest change a frame, and those of points
+of the known first pose. A point at the lower bound is dropped."""
+FEWEST = 12
+"""Points under which no turn of the rig is estimated."""
+_ROUNDS = 5
+_FLOW = {"winSize": (11, 11), "maxLevel": 2, "minEigThreshold": 1e-4}
+_LEGS = ("hip", "knee", "ankle")
+_ARMS = ("shoulder", "elbow", "wrist")
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points and what the last frame said of them."""
+
+    view: Int[Array, "N"]
+    pixel: Float[Array, "N 2"]  # of the reduced picture
+    ray: Float[Array, "N 3"]  # unit, head frame
+    joint: Int[Array, "N"]  # that carries the point
+    offset: Float[Array, "N 3"]  # from the joint, in its frame, metres
+    odds: Float[Array, "N"]
+    moved: Float[Array, "N 3"]  # change of the ray since the last frame
+    off_turn: Float[Array, "N"]  # that change's distance from the background's, in pixels
+
+    def __len__(self) -> int:
+        return len(self.view)
+
+    def kept(self, which: Bool[Array, "N"]) -> _Points:
+        return _Points(*(getattr(self, f.name)[which] for f in fields(self)))
+
+    def joined(self, other: _Points) -> _Points:
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return _Points(*(np.concatenate(pair) for pair in pairs))
+
+
+def _no_points() -> _Points:
+    none, rows = np.zeros(0), np.zeros((0, 3))
+    index = np.zeros(0, np.int64)
+    return _Points(index, np.zeros((0, 2)), rows, index, rows, none, rows, none)
+
+
+class SurfacePoints:
+    """Points on trunk and arms of a body, from frame to frame. Not to be shared between threads."""
+
+    def __init__(self, rig: Rig, body: GaussianBody) -> None:
+        camera = rig.cameras[0]
+        self._rig = rig.resized(WIDTH, round(WIDTH * camera.height / camera.width))
+        self._size = (WIDTH, self._rig.cameras[0].height)
+        self._eyes = np.ascontiguousarray(rig.T_head_camera[:, :3, 3])
+        self._chain, self._radius = make_chain(body), RADIUS_SIGMAS * body.sigma
+        names = [joint.name.split("_")[-1] for joint in JOINTS]
+        self._on_arm = np.array([name in _ARMS for name in names])
+        self._counts = np.array([name not in _LEGS for name in names])
+        middle = np.array([[0.5, 0.5], [1.5, 0.5]]) + np.array(self._size) // 2
+        a, b = self._rig.cameras[0].ray(middle)[0]
+        self._pixel = float(np.arccos(a @ b))  # radians
+        self._grid, self._beside = _grid(self._size, SPACING), _grid(self._size, BESIDE)
+        self._points = _no_points()
+        self._grey: list[UInt8[Array, "H W"]] = []
+        self._angles = np.zeros(DOF_COUNT)
+        self._opacity: Float[Array, "V h w"] | None = None
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def follow(
+        self, images: Sequence[UInt8[Array, "H W 3"]], predicted: Float[Array, "37"]
+    ) -> Float[Array, "3 3"] | None:
+        """Track the points into the next RGB images, from where a predicted pose has them.
+
+        Returns the turn of the background in the head frame since the last images, None if there
+        is none or nothing to tell it from.
+        """
+        import cv2
+
+        sized = [cv2.resize(i, self._size, interpolation=cv2.INTER_AREA) for i in images]
+        before, self._grey = self._grey, [cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in sized]
+        if self._opacity is None:
+            return None
+        turn = self._turn(before)
+        self._track(before, predicted, turn)
+        return turn
+
+    def _turn(self, before: Sequence[UInt8[Array, "H W"]]) -> Float[Array, "3 3"] | None:
+        """The rotation between the rays of background points in the last and these pictures."""
+        assert self._opacity is not None
+        old, new = [], []
+        for v, opacity in enumerate(self._opacity):
+            start = self._beside[self._at(opacity, self._beside) < CLEAR]
+            rays, inside = self._rays(v, start)
+            end, found = _flow(before[v], self._grey[v], start[inside])
+            ends, good = self._rays(v, end)
+            old.append(rays[inside][found & good])
+            new.append(ends[found & good])
+        a, b = np.concatenate(old), np.concatenate(new)
+        return robust_rotation(a, b, self._pixel) if len(a) >= FEWEST else None
+
+    def _track(
+        self, before: Sequence[UInt8[Array, "H W"]], predicted: Float[Array, "37"],
+        turn: Float[Array, "3 3"] | None,
+    ) -> None:  # fmt: skip
+        points, every = self._points, np.arange(len(self._points))
+        if not len(points):
+            return
+        there = self._rig.project(self._positions(predicted))[0][points.view, every]
+        last = self._rig.project(self._positions(self._angles))[0][points.view, every]
+        guess = np.nan_to_num(points.pixel + there - last)
+        pixel, ray, good = points.pixel.copy(), points.ray.copy(), np.zeros(len(points), bool)
+        for v in range(len(self._eyes)):
+            mine = np.flatnonzero(points.view == v)
+            end, found = _flow(before[v], self._grey[v], points.pixel[mine], guess[mine])
+            rays, inside = self._rays(v, end)
+            pixel[mine], ray[mine], good[mine] = end, rays, found & inside
+        moved = ray - points.ray
+        off_turn = np.full(len(points), np.inf)
+        if turn is not None:
+            off_turn = np.linalg.norm(ray - points.ray @ turn.T, axis=1) / self._pixel
+        self._points = replace(
+            points, pixel=pixel, ray=ray, moved=moved, off_turn=off_turn
+        ).kept(good)  # fmt: skip
+
+    def add(
+        self, angles: Float[Array, "37"], H: Float[Array, "37 37"], g: Float[Array, "37"]
+    ) -> float:
+        """Energy of the points' distances from their places; adds gradient and Gauss-Newton matrix.
+
+        Pseudo-Huber of the angle between rays, over `SIGMA`; both triangles are filled.
+        """
+        points = self._points
+        weight = WEIGHT / (1.0 + np.exp(-points.odds))
+        energy = _energy(
+            self._chain, angles, self._eyes, points.view, points.joint, points.offset, points.ray,
+            weight, SIGMA * self._pixel, H, g,
+        )  # fmt: skip
+        return float(energy)  # pyright: ignore[reportArgumentType]
+
+    def settle(self, angles: Float[Array, "37"], opacity: Float[Array, "V h w"]) -> None:
+        """Judge the points by the pose found for the last images, and add new ones.
+
+        `opacity` is the body's, along the rays of pictures of any size.
+        """
+        known = self._opacity is None
+        if len(self._points):
+            self._judge(angles)
+        self._angles, self._opacity = angles, opacity
+        for v in range(len(self._eyes)):
+            self._points = self._points.joined(self._new(v, angles, KNOWN_ODDS if known else 0.0))
+
+    def _judge(self, angles: Float[Array, "37"]) -> None:
+        points = self._points
+        eyes = self._eyes[points.view]
+        arm, before = self._positions(angles) - eyes, self._positions(self._angles) - eyes
+        distance = np.linalg.norm(arm, axis=1)
+        place = arm / distance[:, None]
+        was = before / np.linalg.norm(before, axis=1)[:, None]
+        off_limb = np.linalg.norm(points.moved - (place - was), axis=1) / self._pixel
+        change = (np.minimum(points.off_turn, 1e3) ** 2 - off_limb**2) / (2.0 * SAME**2)
+        change = np.where(np.isfinite(points.off_turn), change, 0.0)
+        odds = points.odds + np.clip(change, -STEP_ODDS, STEP_ODDS)
+        odds = np.clip(odds, -MOST_ODDS, MOST_ODDS)
+        depth, _ = self._surface(angles, points.view, points.ray)
+        off = np.linalg.norm(points.ray - place, axis=1) / self._pixel
+        stays = (odds > -MOST_ODDS) & (off < FAR) & (np.abs(depth - distance) < DEPTH)
+        self._points = replace(points, odds=odds).kept(stays)
+
+    def _new(self, v: int, angles: Float[Array, "37"], odds: float) -> _Points:
+        """New points in the cells of a view's grid that have none."""
+        assert self._opacity is not None
+        columns = -(-self._size[0] // SPACING)
+        cells = (self._grid // SPACING).astype(int)
+        held = (self._points.pixel[self._points.view == v] // SPACING).astype(int)
+        free = ~np.isin(cells @ [1, columns], held @ [1, columns])
+        free &= self._at(self._opacity[v], self._grid) > OPAQUE
+        pixel, sparse = self._grid[free], (cells[free] % SPARSE == 0).all(1)
+        ray, inside = self._rays(v, pixel)
+        view = np.full(len(pixel), v)
+        depth, which = self._surface(angles, view, ray, CORE)
+        joint = self._chain.carrier[which]
+        good = inside & np.isfinite(depth) & (joint >= 0)
+        good &= self._counts[joint] & (self._on_arm[joint] | sparse)
+        view, pixel, ray, joint, depth = (x[good] for x in (view, pixel, ray, joint, depth))
+        origins, _, R = self._posed(angles)
+        away = self._eyes[view] + depth[:, None] * ray - origins[joint]
+        offset = np.einsum("nji,nj->ni", R[joint], away)
+        zeros = np.zeros((len(view), 3))
+        return _Points(
+            view, pixel, ray, joint, offset, np.full(len(view), odds), zeros, zeros[:, 0]
+        )
+
+    def _rays(
+        self, v: int, pixel: Float[Array, "N 2"]
+    ) -> tuple[Float[Array, "N 3"], Bool[Array, "N"]]:
+        mount = self._rig.mounts[v]
+        rays, inside = mount.camera.ray(pixel)
+        return rays @ mount.T_head_camera[:3, :3].T, inside
+
+    def _at(self, opacity: Float[Array, "h w"], pixel: Float[Array, "N 2"]) -> Float[Array, "N"]:
+        """A small picture's values at pixels of the reduced ones."""
+        height, width = opacity.shape
+        scale = np.array([width, height]) / np.array(self._size)
+        column, row = (pixel * scale).astype(int).T
+        return opacity[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+
+    def _posed(self, angles: Float[Array, "37"]):
+        origins, axes = np.empty((len(JOINTS), 3)), np.empty((DOF_COUNT, 3))
+        R = np.empty((len(JOINTS), 3, 3))
+        forward_kinematics(self._chain, np.ascontiguousarray(angles, float), origins, axes, R)
+        return origins, axes, R
+
+    def _positions(self, angles: Float[Array, "37"]) -> Float[Array, "N 3"]:
+        """Places of the points on the body, head frame, metres."""
+        origins, _, R = self._posed(angles)
+        joint = self._points.joint
+        return origins[joint] + np.einsum("nij,nj->ni", R[joint], self._points.offset)
+
+    def _surface(
+        self, angles: Float[Array, "37"], view: Int[Array, "N"], ray: Float[Array, "N 3"],
+        core: float = 1.0,
+    ) -> tuple[Float[Array, "N"], Int[Array, "N"]]:  # fmt: skip
+        """Distance at which rays first meet a Gaussian's radius, inf without, and which it is."""
+        origins, axes = np.empty((len(JOINTS), 3)), np.empty((DOF_COUNT, 3))
+        centres = np.empty((len(self._radius), 3))
+        pose(self._chain, np.ascontiguousarray(angles, float), origins, axes, centres)
+        depth, which = np.empty(len(view)), np.empty(len(view), np.int64)
+        _first_hit(self._eyes, centres, self._radius, core, view, ray, depth, which)
+        return depth, which
+
+
+def robust_rotation(
+    a: Float[Array, "N 3"], b: Float[Array, "N 3"], sigma: float
+) -> Float[Array, "3 3"]:
+    """The rotation R of b = R a for most of some unit vectors.
+
+    Kabsch, reweighted by Cauchy's weights at `sigma` radians.  Source: Holland & Welsch 1977.
+    """
+    from scipy.spatial.transform import Rotation
+
+    weight, R = np.ones(len(a)), np.eye(3)
+    for _ in range(_ROUNDS):
+        R = Rotation.align_vectors(b, a, weight)[0].as_matrix()
+        weight = 1.0 / (1.0 + (((b - a @ R.T) / sigma) ** 2).sum(1))
+    return R
+
+
+def _grid(size: tuple[int, int], spacing: int) -> Float[Array, "N 2"]:
+    """Pixels in the middle of the square cells of a picture."""
+    across, down = (np.arange(spacing // 2, length, spacing) for length in size)
+    return np.stack(np.meshgrid(across, down), -1).reshape(-1, 2).astype(float)
+
+
+def _flow(
+    before: UInt8[Array, "H W"], after: UInt8[Array, "H W"], start: Float[Array, "N 2"],
+    guess: Float[Array, "N 2"] | None = None,
+) -> tuple[Float[Array, "N 2"], Bool[Array, "N"]]:  # fmt: skip
+    """Where pixels went, from a guess if there is one, and which of them are found.
+
+    Where there is a guess, they must be found again on the way back.
+    """
+    import cv2
+
+    if not len(start):
+        return start, np.zeros(0, bool)
+    first = start.astype(np.float32)[:, None]
+    if guess is None:
+        end, found, _ = cv2.calcOpticalFlowPyrLK(before, after, first, None, **_FLOW)  # pyright: ignore[reportCallIssue, reportArgumentType]
+        return end[:, 0].astype(float), found[:, 0] > 0
+    end, there = _flow_from(before, after, first, guess.astype(np.float32)[:, None])
+    back, again = _flow_from(after, before, end, first)
+    close = np.linalg.norm((back - first)[:, 0], axis=1) < RETURN
+    return end[:, 0].astype(float), there & again & close
+
+
+def _flow_from(
+    before: UInt8[Array, "H W"], after: UInt8[Array, "H W"], start: Float32[Array, "N 1 2"],
+    guess: Float32[Array, "N 1 2"],
+) -> tuple[Float32[Array, "N 1 2"], Bool[Array, "N"]]:  # fmt: skip
+    import cv2
+
+    end, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, start, guess.copy(), flags=cv2.OPTFLOW_USE_INITIAL_FLOW, **_FLOW
+    )  # pyright: ignore[reportCallIssue]
+    return end, found[:, 0] > 0
+
+
+@njit(cache=True, nogil=True)
+def _first_hit(eyes, centres, radius, core, view, ray, depth, which):
+    """Output: depth, inf without a hit, and the Gaussian."""
+    for i in range(len(view)):
+        depth[i], which[i] = np.inf, 0
+        eye, d = eyes[view[i]], ray[i]
+        for q in range(len(radius)):
+            x, y, z = centres[q, 0] - eye[0], centres[q, 1] - eye[1], centres[q, 2] - eye[2]
+            middle = x * d[0] + y * d[1] + z * d[2]
+            across = x * x + y * y + z * z - middle * middle
+            squared = radius[q] * radius[q]
+            if middle <= 0.0 or across > core * core * squared:
+                continue
+            near = middle - np.sqrt(squared - across)
+            if near < depth[i]:
+                depth[i], which[i] = near, q
+
+
+@njit(cache=True, nogil=True)
+def _energy(chain, angles, eyes, view, joint, offset, ray, weight, sigma, H, g):
+    """Sum of weight (sqrt(1 + |r|^2) - 1), r being the difference of unit rays over sigma."""
+    origins, axes = np.empty((len(chain.parents), 3)), np.empty((len(angles), 3))
+    R = np.empty((len(origins), 3, 3))
+    forward_kinematics(chain, angles, origins, axes, R)
+    J, which = np.empty((len(angles), 3)), np.empty(len(angles), np.int64)
+    x, d, r = np.empty(3), np.empty(3), np.empty(3)
+    energy = 0.0
+    for i in range(len(view)):
+        eye, carrier = eyes[view[i]], joint[i]
+        for a in range(3):
+            x[a] = origins[carrier, a]
+            for b in range(3):
+                x[a] += R[carrier, a, b] * offset[i, b]
+            d[a] = x[a] - eye[a]
+        length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        scale, squared = 1.0 / (length * sigma), 0.0
+        for a in range(3):
+            d[a] /= length
+            r[a] = (d[a] - ray[i, a]) / sigma
+            squared += r[a] * r[a]
+        root = np.sqrt(1.0 + squared)
+        energy += weight[i] * (root - 1.0)
+        gain, count, j = weight[i] / root, 0, carrier
+        while j >= 0:
+            o = origins[j]
+            for k in range(chain.first_dof[j], chain.first_dof[j + 1]):
+                ax = axes[k]
+                vx = ax[1] * (x[2] - o[2]) - ax[2] * (x[1] - o[1])
+                vy = ax[2] * (x[0] - o[0]) - ax[0] * (x[2] - o[2])
+                vz = ax[0] * (x[1] - o[1]) - ax[1] * (x[0] - o[0])
+                along = vx * d[0] + vy * d[1] + vz * d[2]
+                J[count, 0] = (vx - along * d[0]) * scale
+                J[count, 1] = (vy - along * d[1]) * scale
+                J[count, 2] = (vz - along * d[2]) * scale
+                which[count] = k
+                count += 1
+            j = chain.parents[j]
+        for p in range(count):
+            g[which[p]] += gain * (J[p, 0] * r[0] + J[p, 1] * r[1] + J[p, 2] * r[2])
+            for q in range(count):
+                H[which[p], which[q]] += gain * (
+                    J[p, 0] * J[q, 0] + J[p, 1] * J[q, 1] + J[p, 2] * J[q, 2]
+                )
+    return energy

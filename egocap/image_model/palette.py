@@ -156,10 +156,12 @@ class ColourCounts:
             raise InputError("no frame shows the body, so that its colours cannot be learned")
         everything = _shares(counts.sum(0))
         rows = np.arange(len(counts)) if which is None else np.flatnonzero(which)
-        filled = np.empty((len(rows), counts.shape[1]))
+        filled, parts = np.empty((len(rows), counts.shape[1])), {}
+        for name in set(self._plain[rows]):
+            part = counts[self._plain == name].sum(0)
+            parts[name] = (part + PART_PIXELS * everything) / (part.sum() + PART_PIXELS)
         for row, q in zip(filled, rows, strict=True):
-            part = counts[self._plain == self._plain[q]].sum(0)
-            part = (part + PART_PIXELS * everything) / (part.sum() + PART_PIXELS)
+            part = parts[self._plain[q]]
             row[:] = (counts[q] + OWN_PIXELS * part) / (counts[q].sum() + OWN_PIXELS)
         return np.log(self.bins.smooth(filled)).astype(np.float32)
 
@@ -223,15 +225,9 @@ class Background:
 
     def compare(self, palette: Palette, bins: Int32[Array, "P"]) -> Palettes:
         """The rays' bins and every Gaussian's dissimilarity, for `ImageModel.evaluate`."""
-        return Palettes(bins, dissimilarity(np.log(self.density()), palette.log_density))
-
-
-def dissimilarity(
-    behind: Float[Array, "N"], own: Float32[Array, "G N"]
-) -> Float32[Array, "G N"]:  # fmt: skip
-    """Dissimilarity of colours from their log-probabilities as background and as each Gaussian."""
-    unlike = (behind.astype(np.float32) - own) / np.float32(LOG_RATIO)
-    return np.ascontiguousarray(np.clip(unlike, -1.0, 1.0), np.float32)
+        behind = np.log(self.density()).astype(np.float32)
+        unlike = np.clip((behind - palette.log_density) / np.float32(LOG_RATIO), -1.0, 1.0)
+        return Palettes(bins, np.ascontiguousarray(unlike, np.float32))
 
 
 def _shares(counts: Float[Array, "K"]) -> Float[Array, "K"]:

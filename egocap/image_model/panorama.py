@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
+from numba import njit
 from numpy import ndarray as Array
 
 from egocap.image_model.image_rays import ImageRays
 from egocap.image_model.kernel_arrays import Palettes
-from egocap.image_model.palette import CLEAR, Background, ColourBins, Palette, dissimilarity
+from egocap.image_model.palette import CLEAR, LOG_RATIO, Background, ColourBins, Palette
 
 ROWS, COLUMNS = 64, 128
 """Cells of latitude and longitude."""
@@ -59,8 +60,9 @@ class Panorama:
         behind = np.where(
             self._frames[cell] >= KNOWN, (1.0 - OTHER) * here + OTHER * anywhere, anywhere
         )
-        own = palette.log_density[:, bins]
-        return Palettes(np.arange(len(bins), dtype=np.int32), dissimilarity(np.log(behind), own))
+        unlike = np.empty((len(palette.log_density), len(bins)), np.float32)
+        _compare(np.log(behind).astype(np.float32), palette.log_density, bins, unlike)
+        return Palettes(np.arange(len(bins), dtype=np.int32), unlike)
 
     def update(self, hsv: Float32[Array, "P 3"], opacity: Float32[Array, "P"]) -> None:
         """Learn the colours of a frame whose rays the body covers by `opacity`."""
@@ -82,3 +84,13 @@ class Panorama:
         row = ((np.arcsin(np.clip(z, -1.0, 1.0)) / np.pi + 0.5) * ROWS).astype(int)
         column = ((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * COLUMNS).astype(int) % COLUMNS
         return (self._rays.view * ROWS + np.minimum(row, ROWS - 1)) * COLUMNS + column
+
+
+@njit(cache=True, nogil=True)
+def _compare(behind, own, bins, unlike):
+    """As `palette.Background.compare`, where every ray has its own background."""
+    scale = np.float32(1.0 / LOG_RATIO)
+    for q in range(len(own)):
+        for p in range(len(bins)):
+            ratio = (behind[p] - own[q, bins[p]]) * scale
+            unlike[q, p] = min(max(ratio, np.float32(-1.0)), np.float32(1.0))

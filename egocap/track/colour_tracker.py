@@ -115,8 +115,8 @@ class ColourTracker:
     def learn(self, images: Sequence[UInt8[Array, "H W 3"]]) -> None:
         """Learn the person's colours from images of all views in the starting pose.
 
-        Takes a second or more, longer where kernels must be compiled; the first `step` does it if it was not done before. Raises
-        InputError for images of another aspect than the rig's.
+        Takes a second, and longer where kernels must be compiled; the first `step` does it if it
+        was not done before. Raises InputError for images of another aspect than the rig's.
         """
         require_pictures(self.rig, images, self._rays.size)
         hsv = ray_colours(self._rays, images)

@@ -288,7 +288,9 @@ def image_model(results: Results) -> str:
             (
                 f"upper body without a detector, clip {i + 1}: mean error",
                 f"{e['mean_mm']:.0f} mm",
-                f"an arm lost in {sum(e['lost_frames'].values())} of {e['frames']} frames",
+                "lost of {frames} frames: left arm {left}, right arm {right}".format(
+                    frames=e["frames"], **e["lost_frames"]
+                ),
             )
             for i, e in enumerate(r["live"].values())
         ],

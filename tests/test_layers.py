@@ -24,6 +24,7 @@ LAYERS = (
     {"egocap.footage", "egocap.calibration", "egocap.odometry", "egocap.world"},
     {"egocap.detect", "egocap.evaluation", "egocap.pose", "egocap.head_pose"},  # not each other
     {"egocap.detect.train", "egocap.image_model", "egocap.consistency"},
+    {"egocap.appearance"},
     {"egocap.track", "egocap.datasets"},
     {"egocap.paper", "egocap.fitting", "egocap.posterior"},
     {"egocap.view"},

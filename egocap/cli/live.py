@@ -56,7 +56,7 @@ class LiveOptions:
     """With --world: correct the rig, and find lags and rolling shutters, from the first pictures
     that move. The pose relative to the head uses the rig file as it is (correct-rig writes one)."""
     colour_only: bool = False
-    """Track the upper body by colour, without a detector, from the pose --start."""
+    """Track the body by its appearance, without a detector, from the pose --start."""
     start: str = "rest"
     """Initial pose for --colour-only: a name (rest, arms forward, arms bent, sitting, ...) or a
     track, whose first frame is used."""

@@ -1,4 +1,4 @@
-"""Minimise the colour energy with the priors: damped Gauss-Newton, and the paper's descent.
+"""Minimise the colour energy with the priors by damped Gauss-Newton.
 
 The energies of `egocap.pose.energy` are negative log-posteriors; the colour energy joins them
 times `ImageSolverConfig.lambda_colour`, as in equation 1.
@@ -18,7 +18,6 @@ from egocap.errors import InputError
 from egocap.image_model.colour_term import movable_angles
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
-from egocap.image_model.stochastic import PixelSampler
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import predict
 from egocap.pose.kernel import detections, make_model, priors, smoothness
@@ -45,24 +44,13 @@ class ImageSolverConfig:
     """Number of rays at which `lambda_colour` holds; with fewer, each weighs more."""
     iterations: int = 8
     """Gauss-Newton steps a frame."""
-    stochastic_iterations: int = 50
-    """Steps a frame of the stochastic descent."""
-    stochastic_rays: int = 600
-    """Rays a step."""
-    stochastic_keep: float = 0.5
-    """Fraction of the Gaussians that get a ray's derivative."""
-    step: float = 0.02
-    """First step of the stochastic descent, in prior deviations of angles; decays to a tenth."""
     tolerance: float = 1e-3
     """Relative decrease of a frame's first energy below which it has converged."""
 
     def __post_init__(self) -> None:
-        for name in ("reference_rays", "iterations", "stochastic_iterations", "stochastic_rays",
-                     "stochastic_keep", "step"):  # fmt: skip
+        for name in ("reference_rays", "iterations"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise InputError(f"{name} = {getattr(self, name)}", valid="above 0")
-        if self.stochastic_keep > 1.0:
-            raise InputError(f"stochastic_keep = {self.stochastic_keep}", valid="up to 1")
         for name in ("lambda_colour", "tolerance"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise InputError(f"{name} = {getattr(self, name)}", valid="a number from 0")
@@ -97,7 +85,6 @@ class ImageSolver:
         self.free = np.ones(DOF_COUNT, bool) if free is None else np.asarray(free, bool)
         self._skeleton = make_model(model.body.proportions, priors_config)
         self._weight = config.lambda_colour * config.reference_rays / len(model.rays)
-        self._sampler = PixelSampler(model)
 
     def solve(
         self,
@@ -148,35 +135,6 @@ class ImageSolver:
             return energy
         scale = float(self.priors_config.robust_scale)
         return energy + detections(self._skeleton, angles, seen, scale, H, gradient)  # pyright: ignore[reportCallIssue]
-
-    def descend(
-        self,
-        colours: Float32[Array, "P 3"] | Palettes,
-        start: Float[Array, "37"],
-        rng: np.random.Generator,
-        predicted: Float[Array, "37"] | None = None,
-        scatter: Float[Array, "37"] | None = None,
-    ) -> Solution:
-        """The paper's stochastic descent: random pixels and random Gaussians every step.
-
-        Adam (Kingma & Ba 2015) scales the step of each angle.
-        """
-        angles, config = np.array(start, float), self.config
-        mean, square = np.zeros(DOF_COUNT), np.zeros(DOF_COUNT)
-        self._sampler.aim(colours, angles)
-        for i in range(config.stochastic_iterations):
-            estimate = self._sampler.estimate(
-                colours, angles, config.stochastic_rays, config.stochastic_keep, rng
-            )
-            _, gradient, _ = self._with_priors(estimate, angles, predicted, scatter)
-            gradient = np.where(self.free, gradient * SPREAD, 0.0)
-            mean, square = 0.8 * mean + 0.2 * gradient, 0.95 * square + 0.05 * gradient**2
-            corrected = mean / (1.0 - 0.8 ** (i + 1))
-            root = np.sqrt(square / (1.0 - 0.95 ** (i + 1)))
-            rate = config.step * 0.1 ** (i / config.stochastic_iterations)
-            angles -= rate * SPREAD * corrected / (root + 1e-6 + 0.1 * root.max())
-        energy, _, _, colour = self._total(colours, angles, predicted, scatter)
-        return Solution(angles, energy, True, config.stochastic_iterations, colour)
 
     def _total(self, colours, angles, predicted, scatter, seen=None, term=None):
         colour = evaluation = self.model.evaluate(angles, colours, curvature=True)
@@ -230,15 +188,13 @@ def track_colours(
     frames,
     start: Float[Array, "37"],
     fps: float,
-    rng: np.random.Generator | None = None,
 ) -> list[Solution]:
     """Track a pose through the colours of successive frames, each given its past alone.
 
     Frames are colours for `ImageModel.evaluate`; a generator that calls `ColourTerm.set_images`
     gives each frame's colours against the background at the last pose.
 
-    `start` is the pose at the first frame. With `rng` every frame is solved by the stochastic
-    descent, else by Gauss-Newton.
+    `start` is the pose at the first frame.
     """
     found: list[Solution] = []
     scatter = np.maximum(solver.priors_config.velocity_sigma / fps * SPREAD, 1e-3)
@@ -246,10 +202,7 @@ def track_colours(
     for colours in frames:
         predicted = predict(last, before, solver.priors_config.zeta)
         predicted = np.where(solver.free, predicted, start)
-        if rng is None:
-            solution = solver.solve(colours, predicted, predicted, scatter)
-        else:
-            solution = solver.descend(colours, predicted, rng, predicted, scatter)
+        solution = solver.solve(colours, predicted, predicted, scatter)
         last, before = solution.angles, last
         found.append(solution)
     return found

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
+from egocap.cameras.camera import Camera
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
 from egocap.geometry import unit
@@ -76,6 +77,13 @@ def image_rays(rig: Rig, width: int | None = None, height: int | None = None) ->
         (width, height), origins, view.astype(np.int32), pixel.astype(np.int32), direction,
         tile.astype(np.int32), view[first].astype(np.int32), axis, np.arccos(lowest) + 1e-6,
     )  # fmt: skip
+
+
+def pixel_angle(camera: Camera) -> float:
+    """Angle between the rays of two neighbouring pixels in a picture's middle, radians."""
+    middle = np.array([[0.5, 0.5], [1.5, 0.5]]) + (camera.width // 2, camera.height // 2)
+    a, b = camera.ray(middle)[0]
+    return float(np.arccos(a @ b))
 
 
 def require_pictures(

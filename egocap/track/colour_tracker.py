@@ -1,10 +1,11 @@
-"""Online tracking of the upper body by appearance alone: the paper's live test.
+"""Online tracking by appearance alone: the paper's live test.
 
 The person's colours are learned from the first images, in a known pose; those of parts that are
-hidden there, once they come into view. Colours are compared with what lies behind
-(`panorama.Panorama`); points on the body are tracked from image to image
-(`surface_points.SurfacePoints`). There is no detector: nothing searches for a lost arm. Legs keep
-their first pose.
+hidden there, once they come into view. Colours are compared with what lies behind, which is
+unlikely where a pixel moves against the room (`appearance.panorama`, `appearance.moving_pixels`);
+points on the body are tracked from image to image (`appearance.surface_points`). There is no
+detector: random poses of each arm, compared with the images now and then, find one that was lost
+(`appearance.arm_search`).
 
 Source: EgoCap 2016, section 6.3 ("Live test"), which has the colours alone.
 """
@@ -17,19 +18,21 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray as Array
 
+from egocap.appearance.arm_search import SIDES, ArmSearch
+from egocap.appearance.moving_pixels import MovingPixels
+from egocap.appearance.panorama import Panorama
+from egocap.appearance.surface_points import SurfacePoints
 from egocap.body.gaussians import GaussianBody
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import DOF_COUNT, SPREAD, forward
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
-from egocap.image_model.colour_solver import UPPER_BODY, ImageSolver, ImageSolverConfig, Solution
+from egocap.image_model.colour_solver import ImageSolver, ImageSolverConfig
 from egocap.image_model.colour_term import ColourTermConfig
-from egocap.image_model.illumination import Illumination
 from egocap.image_model.image_rays import image_rays, ray_colours, ray_image, require_pictures
-from egocap.image_model.model import ImageModel
-from egocap.image_model.palette import OWN_PIXELS, ColourBins, ColourCounts, Palette
-from egocap.image_model.panorama import Panorama
-from egocap.image_model.surface_points import SurfacePoints
+from egocap.image_model.kernel_arrays import Palettes
+from egocap.image_model.model import Evaluation, ImageModel
+from egocap.image_model.palette import CLEAR, OWN_PIXELS, ColourBins, ColourCounts, Palette
 from egocap.pose.config import TrackerConfig
 from egocap.pose.energy import predict
 from egocap.pose.kernel import make_model, priors
@@ -45,7 +48,12 @@ _PLAIN = 0.7
 """Visibility along some ray from which more is learned."""
 _LEARN_PIXELS = 60.0
 """Pixels from which the colours of a Gaussian are learned that the first images hid."""
-_STEPS = 4  # Gauss-Newton steps a frame
+_STEPS = 3  # Gauss-Newton steps a frame
+_LEARN_EVERY, _SEARCH_EVERY = 6, 3
+"""Frames from one learning of hidden colours to the next, and from one search for an arm."""
+_GAIN, _FAR = 3.0, 0.12
+"""Energy by which an arm's pose found elsewhere must be lower, and metres that make it elsewhere;
+nearer, the descent finds it."""
 _FRAME_S = 1.0 / 30.0  # before the first frame
 _START_SIGMA = 0.2
 """Standard deviation of the first pose, in each angle's prior deviation."""
@@ -75,15 +83,21 @@ class ColourTracker:
         )
         self._rays, self._images = rays, ImageModel(body, rays)
         config = ImageSolverConfig(lambda_colour=term.weight, iterations=_STEPS)
-        self._solver = ImageSolver(self._images, config, PRIORS, UPPER_BODY)
+        self._solver = ImageSolver(self._images, config, PRIORS)
         self._weight = term.weight * term.reference_rays / len(rays)
+        self._searches = [ArmSearch(rig, rays, body, side) for side in range(len(SIDES))]
+        self._arm_solvers = [
+            ImageSolver(self._images, config, PRIORS, s.angles) for s in self._searches
+        ]
         self._points = SurfacePoints(rig, body)
-        self._panorama = Panorama(rays, _BINS)
-        self._light = Illumination(body, rig, rays)
+        self._moving = MovingPixels(self._points.rig, rays)
+        self._panorama, self._gain = Panorama(rays, _BINS), np.ones(3)
+        self._opacity = np.zeros(len(rays), np.float32)
         self._counts = ColourCounts(body, _BINS)
         self._upper = np.array([not part.endswith(_LEG_PARTS) for part in body.parts])
         self._hidden = self._upper
         self._palette: Palette | None = None
+        self._frames = 0
 
     def step(
         self, images: Sequence[UInt8[Array, "H W 3"] | None], time: float
@@ -105,8 +119,8 @@ class ColourTracker:
             self._before = self._last
             nothing = np.zeros((DOF_COUNT, DOF_COUNT))
             return [self._pose(time, elapsed, nothing, converged=False)]
-        found, information = self._follow(there, elapsed)
-        return [self._pose(time, elapsed, information, found.converged)]
+        information, converged = self._follow(there, elapsed)
+        return [self._pose(time, elapsed, information, converged)]
 
     def finish(self) -> list[PoseEstimate]:
         """No pose is withheld."""
@@ -121,51 +135,85 @@ class ColourTracker:
         require_pictures(self.rig, images, self._rays.size)
         hsv = ray_colours(self._rays, images)
         seen = self._images.visibility(self._start)
-        self._light.learn(hsv, self._start)
         self._counts.add(seen, _BINS.of(hsv))
         self._palette = Palette(self._counts.log_density())
         self._hidden = self._upper & (self._counts.pixels < OWN_PIXELS)
-        self._panorama.update(hsv, seen.sum(1))
+        self._opacity = seen.sum(1)
+        self._panorama.update(hsv, self._opacity)
         self._points.follow(images, self._start)
-        self._points.settle(self._start, ray_image(self._rays, seen.sum(1), 0.0))
+        self._points.settle(self._start, ray_image(self._rays, self._opacity, 0.0))
         colours = self._panorama.compare(self._palette, hsv)  # compile what `step` calls
         self._solver.solve(colours, self._start, term=self._points.add)
+        for search in self._searches:
+            search.propose(self._start, colours.unlike)
 
     def _follow(
         self, images: Sequence[UInt8[Array, "H W 3"]], elapsed: float
-    ) -> tuple[Solution, Float[Array, "37 37"]]:
-        """The pose in the next images, and what they tell of its angles."""
+    ) -> tuple[Float[Array, "37 37"], bool]:
+        """Find the pose in the next images; what they tell of its angles, and convergence."""
         assert self._palette is not None
-        predicted = np.where(
-            UPPER_BODY, predict(self._last, self._before, PRIORS.zeta), self._start
-        )
+        self._frames += 1
+        predicted = predict(self._last, self._before, PRIORS.zeta)
         scatter = np.maximum(PRIORS.velocity_sigma * elapsed * SPREAD, 1e-3)
-        turn = self._points.follow(images, predicted)
+        turn, moved = self._points.follow(images, predicted), np.zeros(len(self._rays))
         if turn is not None:
             self._panorama.turn(turn)
-        hsv = ray_colours(self._rays, images, self._light.gain)
-        colours = self._panorama.compare(self._palette, hsv)
+            moved = self._moving.measure(
+                self._points.before, self._points.grey, turn, self._opacity < CLEAR
+            )
+        hsv = ray_colours(self._rays, images, self._gain)
+        colours = self._panorama.compare(self._palette, hsv, moved)
         found = self._solver.solve(colours, predicted, predicted, scatter, term=self._points.add)
-        self._before, self._last = self._last, found.angles
-        colour = found.colour or self._images.evaluate(self._last, colours, curvature=True)
+        self._before, self._last, colour = self._last, found.angles, found.colour
+        if self._frames % _SEARCH_EVERY == 0 and self._search(colours):
+            colour = None
+        colour = colour or self._images.evaluate(self._last, colours, curvature=True)
+        information = self._information(colour)
+        self._learn_more(hsv, moved)
+        return information, found.converged
+
+    def _search(self, colours: Palettes) -> bool:
+        """Look for one of the arms elsewhere; whether it was found there."""
+        side = self._frames // _SEARCH_EVERY % len(SIDES)
+        search, solver = self._searches[side], self._arm_solvers[side]
+        start = search.propose(self._last, colours.unlike)
+        if start is None:
+            return False
+        found = solver.solve(colours, start)
+        joints = (forward(self.proportions, angles) for angles in (found.angles, self._last))
+        away = np.linalg.norm(np.subtract(*joints), axis=1).max()
+        if away > _FAR and found.energy < solver.energy(colours, self._last) - _GAIN:
+            self._last = self._before = found.angles
+            self._points.forget(search.joints)
+        return True
+
+    def _information(self, colour: Evaluation) -> Float[Array, "37 37"]:
         assert colour.curvature is not None
         information = self._weight * colour.curvature
         self._points.add(self._last, information, np.zeros(DOF_COUNT))
-        self._learn_more(hsv)
-        return found, information * np.outer(UPPER_BODY, UPPER_BODY)
+        return information
 
-    def _learn_more(self, hsv: Float32[Array, "P 3"]) -> None:
+    def _learn_more(self, hsv: Float32[Array, "P 3"], moved: Float[Array, "P"]) -> None:
         """Learn from the last images, given their colours along the rays and the pose found."""
         assert self._palette is not None
-        seen = self._images.visibility(self._last)
-        opacity = seen.sum(1)
-        self._panorama.update(hsv, opacity)
-        self._points.settle(self._last, ray_image(self._rays, opacity, 0.0))
-        self._light.update(hsv, self._last)
+        self._opacity = self._images.opacity
+        foreign = np.where(moved > 0.0, 1.0, self._opacity)
+        change = self._panorama.light(hsv, foreign)
+        self._panorama.update(hsv, foreign)
+        if change is not None:
+            self._gain = self._gain * change
+        self._points.settle(self._last, ray_image(self._rays, self._opacity, 0.0))
+        if self._hidden.any() and self._frames % _LEARN_EVERY == 0:
+            self._learn_hidden(hsv, self._images.visibility(self._last))
+
+    def _learn_hidden(self, hsv: Float32[Array, "P 3"], seen: Float32[Array, "P 91"]) -> None:
+        assert self._palette is not None
         new = self._hidden & (seen.max(0) > _PLAIN)
         if new.any():
             self._counts.add(seen, _BINS.of(hsv), new)
-            self._palette.log_density[self._hidden] = self._counts.log_density(self._hidden)
+            log_density = self._palette.log_density.copy()
+            log_density[self._hidden] = self._counts.log_density(self._hidden)
+            self._palette = Palette(log_density)
             self._hidden = self._hidden & (self._counts.pixels < _LEARN_PIXELS)
 
     def _pose(

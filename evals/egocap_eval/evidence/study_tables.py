@@ -288,9 +288,8 @@ def image_model(results: Results) -> str:
             (
                 f"upper body without a detector, clip {i + 1}: mean error",
                 f"{e['mean_mm']:.0f} mm",
-                "lost of {frames} frames: left arm {left}, right arm {right}".format(
-                    frames=e["frames"], **e["lost_frames"]
-                ),
+                f"legs {e['legs_mm']:.0f} mm; lost of {e['frames']} frames: left arm "
+                "{left}, right arm {right}".format(**e["lost_frames"]),
             )
             for i, e in enumerate(r["live"].values())
         ],

@@ -13,7 +13,7 @@ CAMERAS = tuple(f"egocap/cameras/{module}.py" for module in (
     "camera", "camera_files", "camera_set", "lens", "ray_kernel", "rig", "rig_files"))  # fmt: skip
 """Without the formats of other programs."""
 GEOMETRY = ("egocap/geometry.py", *CAMERAS, "egocap/body")
-COLOUR_TRACKER = ("egocap/track/colour_tracker.py",)
+COLOUR_TRACKER = ("egocap/appearance", "egocap/track/colour_tracker.py")
 TRACK = ("egocap/track!colour_tracker,consistency,view_agreement",)
 TRACKER = (*GEOMETRY, "egocap/pose", *TRACK, "egocap/series.py")
 CONFIDENCE = ("egocap/consistency", "egocap/track/consistency.py",

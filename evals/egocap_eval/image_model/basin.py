@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from egocap.body.labels import LABEL_INDEX, UPPER
+from egocap.body.labels import LABEL_INDEX, LOWER, UPPER
 from egocap.body.skeleton import DOF_COUNT, DOFS
 from egocap.data.sequence import Sequence
 from egocap.data.truth import VISIBLE
@@ -89,7 +89,7 @@ def detection_study(scenes: list[Scene], frames: int, rng: np.random.Generator) 
 
 
 def live_study(folder: Path, frames: int) -> dict[str, Any]:
-    """The paper's live test: the upper body without a detector, from a known first pose.
+    """The paper's live test: no detector, from a known first pose. Errors are the upper body's.
 
     `egocap.track.colour_tracker` learns the colours in the first images. An arm is lost in the
     frames in which its wrist is off by more than `LOST_MM`.
@@ -113,6 +113,7 @@ def live_study(folder: Path, frames: int) -> dict[str, Any]:
         "median_mm": round(float(np.median(errors)), 1),
         "last_50_mm": round(float(errors[-50:].mean()), 1),
         "worst_frame_mm": round(float(errors.mean(1).max()), 1),
+        "legs_mm": round(float(wrong[:, LOWER].mean()), 1),
         "lost_frames": {side: int(frames.sum()) for side, frames in lost.items()},
     }
 

@@ -18,20 +18,21 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
-from numba import njit
 from numpy import ndarray as Array
 
+from egocap.appearance.surface_kernel import first_hit, points_energy
 from egocap.body.gaussians import RADIUS_SIGMAS, GaussianBody
 from egocap.body.kinematics import forward_kinematics
 from egocap.body.skeleton import DOF_COUNT, JOINTS
 from egocap.cameras.rig import Rig
 from egocap.image_model.body_kernel import make_chain, pose
+from egocap.image_model.image_rays import pixel_angle
 
 WIDTH = 320
 """Width in pixels to which pictures are reduced."""
 SPACING, SPARSE = 5, 3
-"""Pixels between new points on the arms; on the trunk, so many times as far apart."""
-BESIDE = 20
+"""Pixels between new points on the arms; elsewhere, so many times as far apart."""
+BESIDE = 30
 """Pixels between the points beside the body."""
 OPAQUE, CLEAR = 0.6, 0.05
 """Opacity above which a pixel shows the body, and below which it shows the background."""
@@ -54,7 +55,6 @@ FEWEST = 12
 """Points under which no turn of the rig is estimated."""
 _ROUNDS = 5
 _FLOW = {"winSize": (11, 11), "maxLevel": 2, "minEigThreshold": 1e-4}
-_LEGS = ("hip", "knee", "ankle")
 _ARMS = ("shoulder", "elbow", "wrist")
 
 
@@ -89,23 +89,23 @@ def _no_points() -> _Points:
 
 
 class SurfacePoints:
-    """Points on trunk and arms of a body, from frame to frame. Not to be shared between threads."""
+    """Points on a body, from frame to frame. Not to be shared between threads.
+
+    `rig` has the size of the pictures `grey` that points are tracked in, and of those `before`.
+    """
 
     def __init__(self, rig: Rig, body: GaussianBody) -> None:
         camera = rig.cameras[0]
-        self._rig = rig.resized(WIDTH, round(WIDTH * camera.height / camera.width))
-        self._size = (WIDTH, self._rig.cameras[0].height)
+        self.rig = rig.resized(WIDTH, round(WIDTH * camera.height / camera.width))
+        self._size = (WIDTH, self.rig.cameras[0].height)
         self._eyes = np.ascontiguousarray(rig.T_head_camera[:, :3, 3])
         self._chain, self._radius = make_chain(body), RADIUS_SIGMAS * body.sigma
-        names = [joint.name.split("_")[-1] for joint in JOINTS]
-        self._on_arm = np.array([name in _ARMS for name in names])
-        self._counts = np.array([name not in _LEGS for name in names])
-        middle = np.array([[0.5, 0.5], [1.5, 0.5]]) + np.array(self._size) // 2
-        a, b = self._rig.cameras[0].ray(middle)[0]
-        self._pixel = float(np.arccos(a @ b))  # radians
+        self._on_arm = np.array([joint.name.split("_")[-1] in _ARMS for joint in JOINTS])
+        self._pixel = pixel_angle(self.rig.cameras[0])  # radians
         self._grid, self._beside = _grid(self._size, SPACING), _grid(self._size, BESIDE)
         self._points = _no_points()
-        self._grey: list[UInt8[Array, "H W"]] = []
+        self.before: list[UInt8[Array, "H W"]] = []
+        self.grey: list[UInt8[Array, "H W"]] = []
         self._angles = np.zeros(DOF_COUNT)
         self._opacity: Float[Array, "V h w"] | None = None
 
@@ -123,41 +123,38 @@ class SurfacePoints:
         import cv2
 
         sized = [cv2.resize(i, self._size, interpolation=cv2.INTER_AREA) for i in images]
-        before, self._grey = self._grey, [cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in sized]
+        self.before, self.grey = self.grey, [cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in sized]
         if self._opacity is None:
             return None
-        turn = self._turn(before)
-        self._track(before, predicted, turn)
+        turn = self._turn()
+        self._track(predicted, turn)
         return turn
 
-    def _turn(self, before: Sequence[UInt8[Array, "H W"]]) -> Float[Array, "3 3"] | None:
+    def _turn(self) -> Float[Array, "3 3"] | None:
         """The rotation between the rays of background points in the last and these pictures."""
         assert self._opacity is not None
         old, new = [], []
         for v, opacity in enumerate(self._opacity):
             start = self._beside[self._at(opacity, self._beside) < CLEAR]
             rays, inside = self._rays(v, start)
-            end, found = _flow(before[v], self._grey[v], start[inside])
+            end, found = _flow(self.before[v], self.grey[v], start[inside])
             ends, good = self._rays(v, end)
             old.append(rays[inside][found & good])
             new.append(ends[found & good])
         a, b = np.concatenate(old), np.concatenate(new)
         return robust_rotation(a, b, self._pixel) if len(a) >= FEWEST else None
 
-    def _track(
-        self, before: Sequence[UInt8[Array, "H W"]], predicted: Float[Array, "37"],
-        turn: Float[Array, "3 3"] | None,
-    ) -> None:  # fmt: skip
+    def _track(self, predicted: Float[Array, "37"], turn: Float[Array, "3 3"] | None) -> None:
         points, every = self._points, np.arange(len(self._points))
         if not len(points):
             return
-        there = self._rig.project(self._positions(predicted))[0][points.view, every]
-        last = self._rig.project(self._positions(self._angles))[0][points.view, every]
+        there = self.rig.project(self._positions(predicted))[0][points.view, every]
+        last = self.rig.project(self._positions(self._angles))[0][points.view, every]
         guess = np.nan_to_num(points.pixel + there - last)
         pixel, ray, good = points.pixel.copy(), points.ray.copy(), np.zeros(len(points), bool)
         for v in range(len(self._eyes)):
             mine = np.flatnonzero(points.view == v)
-            end, found = _flow(before[v], self._grey[v], points.pixel[mine], guess[mine])
+            end, found = _flow(self.before[v], self.grey[v], points.pixel[mine], guess[mine])
             rays, inside = self._rays(v, end)
             pixel[mine], ray[mine], good[mine] = end, rays, found & inside
         moved = ray - points.ray
@@ -177,7 +174,7 @@ class SurfacePoints:
         """
         points = self._points
         weight = WEIGHT / (1.0 + np.exp(-points.odds))
-        energy = _energy(
+        energy = points_energy(
             self._chain, angles, self._eyes, points.view, points.joint, points.offset, points.ray,
             weight, SIGMA * self._pixel, H, g,
         )  # fmt: skip
@@ -194,6 +191,10 @@ class SurfacePoints:
         self._angles, self._opacity = angles, opacity
         for v in range(len(self._eyes)):
             self._points = self._points.joined(self._new(v, angles, KNOWN_ODDS if known else 0.0))
+
+    def forget(self, joints: Bool[Array, "17"]) -> None:
+        """Drop the points that these joints carry."""
+        self._points = self._points.kept(~joints[self._points.joint])
 
     def _judge(self, angles: Float[Array, "37"]) -> None:
         points = self._points
@@ -226,7 +227,7 @@ class SurfacePoints:
         depth, which = self._surface(angles, view, ray, CORE)
         joint = self._chain.carrier[which]
         good = inside & np.isfinite(depth) & (joint >= 0)
-        good &= self._counts[joint] & (self._on_arm[joint] | sparse)
+        good &= self._on_arm[joint] | sparse
         view, pixel, ray, joint, depth = (x[good] for x in (view, pixel, ray, joint, depth))
         origins, _, R = self._posed(angles)
         away = self._eyes[view] + depth[:, None] * ray - origins[joint]
@@ -239,7 +240,7 @@ class SurfacePoints:
     def _rays(
         self, v: int, pixel: Float[Array, "N 2"]
     ) -> tuple[Float[Array, "N 3"], Bool[Array, "N"]]:
-        mount = self._rig.mounts[v]
+        mount = self.rig.mounts[v]
         rays, inside = mount.camera.ray(pixel)
         return rays @ mount.T_head_camera[:3, :3].T, inside
 
@@ -271,7 +272,7 @@ class SurfacePoints:
         centres = np.empty((len(self._radius), 3))
         pose(self._chain, np.ascontiguousarray(angles, float), origins, axes, centres)
         depth, which = np.empty(len(view)), np.empty(len(view), np.int64)
-        _first_hit(self._eyes, centres, self._radius, core, view, ray, depth, which)
+        first_hit(self._eyes, centres, self._radius, core, view, ray, depth, which)
         return depth, which
 
 
@@ -329,69 +330,3 @@ def _flow_from(
         before, after, start, guess.copy(), flags=cv2.OPTFLOW_USE_INITIAL_FLOW, **_FLOW
     )  # pyright: ignore[reportCallIssue]
     return end, found[:, 0] > 0
-
-
-@njit(cache=True, nogil=True)
-def _first_hit(eyes, centres, radius, core, view, ray, depth, which):
-    """Output: depth, inf without a hit, and the Gaussian."""
-    for i in range(len(view)):
-        depth[i], which[i] = np.inf, 0
-        eye, d = eyes[view[i]], ray[i]
-        for q in range(len(radius)):
-            x, y, z = centres[q, 0] - eye[0], centres[q, 1] - eye[1], centres[q, 2] - eye[2]
-            middle = x * d[0] + y * d[1] + z * d[2]
-            across = x * x + y * y + z * z - middle * middle
-            squared = radius[q] * radius[q]
-            if middle <= 0.0 or across > core * core * squared:
-                continue
-            near = middle - np.sqrt(squared - across)
-            if near < depth[i]:
-                depth[i], which[i] = near, q
-
-
-@njit(cache=True, nogil=True)
-def _energy(chain, angles, eyes, view, joint, offset, ray, weight, sigma, H, g):
-    """Sum of weight (sqrt(1 + |r|^2) - 1), r being the difference of unit rays over sigma."""
-    origins, axes = np.empty((len(chain.parents), 3)), np.empty((len(angles), 3))
-    R = np.empty((len(origins), 3, 3))
-    forward_kinematics(chain, angles, origins, axes, R)
-    J, which = np.empty((len(angles), 3)), np.empty(len(angles), np.int64)
-    x, d, r = np.empty(3), np.empty(3), np.empty(3)
-    energy = 0.0
-    for i in range(len(view)):
-        eye, carrier = eyes[view[i]], joint[i]
-        for a in range(3):
-            x[a] = origins[carrier, a]
-            for b in range(3):
-                x[a] += R[carrier, a, b] * offset[i, b]
-            d[a] = x[a] - eye[a]
-        length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        scale, squared = 1.0 / (length * sigma), 0.0
-        for a in range(3):
-            d[a] /= length
-            r[a] = (d[a] - ray[i, a]) / sigma
-            squared += r[a] * r[a]
-        root = np.sqrt(1.0 + squared)
-        energy += weight[i] * (root - 1.0)
-        gain, count, j = weight[i] / root, 0, carrier
-        while j >= 0:
-            o = origins[j]
-            for k in range(chain.first_dof[j], chain.first_dof[j + 1]):
-                ax = axes[k]
-                vx = ax[1] * (x[2] - o[2]) - ax[2] * (x[1] - o[1])
-                vy = ax[2] * (x[0] - o[0]) - ax[0] * (x[2] - o[2])
-                vz = ax[0] * (x[1] - o[1]) - ax[1] * (x[0] - o[0])
-                along = vx * d[0] + vy * d[1] + vz * d[2]
-                J[count, 0] = (vx - along * d[0]) * scale
-                J[count, 1] = (vy - along * d[1]) * scale
-                J[count, 2] = (vz - along * d[2]) * scale
-                which[count] = k
-                count += 1
-            j = chain.parents[j]
-        for p in range(count):
-            g[which[p]] += gain * (J[p, 0] * r[0] + J[p, 1] * r[1] + J[p, 2] * r[2])
-            for q in range(count):
-                H[which[p], which[q]] += gain * (
-                    J[p, 0] * J[q, 0] + J[p, 1] * J[q, 1] + J[p, 2] * J[q, 2]
-                )
-    return energy

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from egocap.appearance.panorama import Panorama
 from egocap.geometry import exponential
+from egocap.image_model.colour_measure import rgb_to_hsv
 from egocap.image_model.image_rays import ray_colours
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import ColourBins, ColourCounts, Palette, learn_palette
-from egocap.image_model.panorama import Panorama
 from tests.egocap.image_model.test_palette import BLUE, BODY, GREY, POSE, RAYS, picture
 
 BINS = ColourBins(20, 24)
@@ -73,6 +74,43 @@ def test_covered_rays_and_strange_colours_change_little():
     for _ in range(200):
         panorama.update(even(BLUE), OPEN)
     assert (panorama.compare(palette(), even(BLUE)).unlike[CHEST] > -0.6).mean() > 0.95
+
+
+def test_what_is_fixed_to_the_rig_is_known_wherever_it_turns():
+    """A part of the rig as blue as the person, in a brown room."""
+    colours, part = halves(BLUE, BROWN)
+    panorama = Panorama(RAYS, BINS)
+    for _ in range(8):
+        panorama.turn(exponential(np.array([0.0, 0.0, np.pi / 5])))
+        panorama.update(colours, OPEN)
+    unlike = panorama.compare(palette(), even(BLUE)).unlike[CHEST]
+    assert (unlike[part] > -0.6).mean() > 0.9
+    assert (unlike[~part] < -0.6).mean() > 0.9
+
+
+def test_a_pixel_that_moves_is_not_taken_for_the_background():
+    panorama = seen(Panorama(RAYS, BINS), even(BLUE))
+    moved = np.where(RAYS.view == 0, 3.0, 0.0)
+    still, moving = (
+        panorama.compare(palette(), even(BLUE), m).unlike[CHEST] for m in (None, moved)
+    )
+    assert (moving[RAYS.view == 0] == -1.0).all()
+    assert np.array_equal(moving[RAYS.view == 1], still[RAYS.view == 1])
+
+
+def test_the_light_is_told_from_the_background_and_does_not_drift():
+    rng = np.random.default_rng(5)
+    rgb = rng.uniform(0.2, 0.5, (len(RAYS), 3))
+    panorama, gain = seen(Panorama(RAYS, BINS), hsv(rgb)), np.array([1.5, 1.2, 0.9])
+    assert panorama.light(hsv(rgb), COVERED) is None
+    for _ in range(20):
+        change = panorama.light(hsv(rgb * gain), OPEN)
+        assert change is not None and np.allclose(change, gain, rtol=0.15)
+        panorama.update(hsv(rgb * gain / change), OPEN)
+
+
+def hsv(rgb):
+    return rgb_to_hsv(rgb).astype(np.float32)
 
 
 def test_finer_bins_part_what_coarse_ones_do_not():

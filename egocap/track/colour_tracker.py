@@ -173,7 +173,7 @@ class ColourTracker:
         return information, found.converged
 
     def _search(self, colours: Palettes) -> bool:
-        """Look for one of the arms elsewhere; whether it was found there."""
+        """Look for one of the arms elsewhere; whether the images were compared with other poses."""
         side = self._frames // _SEARCH_EVERY % len(SIDES)
         search, solver = self._searches[side], self._arm_solvers[side]
         start = search.propose(self._last, colours.unlike)

@@ -23,7 +23,7 @@ from egocap.data.detections import Detections
 from egocap.data.sequence import Sequence
 from egocap.detect.calibration import present
 from egocap.detect.canonical_view import CanonicalView
-from egocap.detect.engine import Engine, EngineName, Outputs, available_cores, open_engine
+from egocap.detect.engine import Engine, EngineName, Outputs, open_engine
 from egocap.detect.heatmaps import modes
 from egocap.detect.input_images import ahead, as_rgb, recorded_pictures
 from egocap.detect.view_times import at_frame_times
@@ -34,8 +34,6 @@ log = logging.getLogger(__name__)
 
 MODES = 3
 """Modes kept per label."""
-MOST_STREAMS = 8
-"""Frames that the network runs on at once, where the caller does not say."""
 
 Slots = Int64[Array, "B 2"]  # frame within the batch, and view, of every image
 
@@ -67,9 +65,9 @@ class Detector:
         self.rig = rig
         self.weights = weights if isinstance(weights, Weights) else open_weights(weights)
         if not isinstance(engine, Engine):
-            threads = available_cores() if threads is None else threads
-            streams = min(threads, MOST_STREAMS) if streams is None else streams
-            engine = open_engine(self.weights, engine, threads, streams=streams)
+            engine = open_engine(
+                self.weights, engine, threads, streams=streams, batch=len(rig.mounts)
+            )
         self.engine = engine
         self._views = tuple(CanonicalView(m, self.weights.view) for m in rig.mounts)
         self._resized: dict[tuple[int, int, int], CanonicalView] = {}
@@ -108,8 +106,7 @@ class Detector:
             raise InputError(f"{count} frames of {sequence.folder}", valid=f"1 to {len(sequence)}")
         found = self.detect_rows(sequence, range(count), batch, on_frames)
         if sequence.frame_times is not None:
-            widths = np.array([camera.width for camera in self.rig.cameras], float)
-            found = at_frame_times(found, sequence.frame_times[:count], widths)
+            found = at_frame_times(found, sequence.frame_times[:count], self.rig)
         for name, missing in zip(sequence.rig.views, missing_pictures(found), strict=True):
             if missing:
                 log.warning("view '%s' has no detections in %d of %d frames", name, missing, count)

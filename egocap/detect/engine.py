@@ -13,6 +13,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -36,6 +37,8 @@ onnxruntime: 32-bit floats; openvino: bfloat16 on CPUs that support it; -int8: 8
 to three times as fast as 32-bit floats on CPUs with VNNI instructions; torch: eager mode."""
 
 INPUT, OUTPUTS = "images", ("heat", "info")
+MOST_STREAMS = 8
+"""Runs at once, where the caller does not say."""
 _EXPORT = 2  # version of the export, part of the cached file's name
 _OPSET = 17
 
@@ -59,7 +62,8 @@ def open_engine(
     name: EngineName = "auto",
     threads: int | None = None,
     spin: bool = False,
-    streams: int = 1,
+    streams: int | None = 1,
+    batch: int = 1,
 ) -> Engine:
     """Open an inference engine.
 
@@ -67,7 +71,10 @@ def open_engine(
         weights: of the network.
         name: one of `EngineName`.
         threads: CPU threads of the network; all cores when None.
-        streams: runs at once that share the threads, at most as many; torch has one.
+        streams: runs at once that share the threads, at most as many: one a thread, but at most
+            `MOST_STREAMS`, when None; torch has one.
+        batch: images a run. OpenVINO compiles the network for this number, and runs others in
+            parts of it.
         spin: let onnxruntime's threads spin within a call: lower latency on an idle machine.
 
     Raises:
@@ -81,6 +88,7 @@ def open_engine(
     threads = available_cores() if threads is None else threads
     if not 1 <= threads <= 256:
         raise InputError(f"{threads} threads", valid="1 to 256")
+    streams = min(threads, MOST_STREAMS) if streams is None else streams
     if not 1 <= streams <= threads:
         raise InputError(f"{streams} streams", valid=f"1 to the number of threads, {threads}")
     path = eight_bit_file(weights) if name == "auto" or name.endswith("-int8") else None
@@ -92,12 +100,12 @@ def open_engine(
                 f"this machine has no network in 8-bit integers of {weights.path}",
                 valid="another engine; egocap calibrate-detector makes one",
             )
-        return eight_bit_engine(path, name, threads, streams)
+        return eight_bit_engine(path, name, threads, streams, batch)
     if name == "onnxruntime":
-        run = _from_cache(weights, lambda path: _onnxruntime(path, threads, spin, streams))
+        run = _from_cache(weights, lambda path: _onnxruntime(path, threads, streams, spin=spin))
         return Engine(name, run, streams)
     if name == "openvino":
-        run = _from_cache(weights, lambda path: _openvino(path, threads, streams))
+        run = _from_cache(weights, lambda path: _openvino(path, threads, streams, batch))
         return Engine(name, run, streams)
     return Engine(name, _torch(weights, "cuda" if name == "cuda" else "cpu", threads))
 
@@ -131,14 +139,14 @@ def eight_bit_cache(weights: Weights) -> Path:
 
 
 def eight_bit_engine(
-    path: Path, name: EngineName, threads: int | None = None, streams: int = 1
+    path: Path, name: EngineName, threads: int | None = None, streams: int = 1, batch: int = 1
 ) -> Engine:
     """An engine of a network in 8-bit integers. Raises FileError for a damaged file."""
     threads = available_cores() if threads is None else threads
     try:
         if name == "openvino-int8":
-            return Engine(name, _openvino(path, threads, streams), streams)
-        return Engine(name, _onnxruntime(path, threads, False, streams), streams)
+            return Engine(name, _openvino(path, threads, streams, batch), streams)
+        return Engine(name, _onnxruntime(path, threads, streams), streams)
     except EgocapError:
         raise
     except Exception as error:  # each engine has its own exceptions for a damaged file
@@ -220,7 +228,7 @@ def export_onnx(weights: Weights, file: BytesIO, *, folded: bool = True) -> None
         )
 
 
-def _onnxruntime(path: Path, threads: int, spin: bool, streams: int) -> Run:
+def _onnxruntime(path: Path, threads: int, streams: int, *, spin: bool = False) -> Run:
     try:
         import onnxruntime
     except ImportError:
@@ -241,24 +249,40 @@ def _onnxruntime(path: Path, threads: int, spin: bool, streams: int) -> Run:
     return run
 
 
-def _openvino(path: Path, threads: int, streams: int) -> Run:
+@cache
+def _openvino_core() -> Any:
+    """The process's only OpenVINO core.
+
+    A core gives its thread a stack for signals and puts back the one before when it is freed. Of
+    several cores, that one can be freed by then: the next signal, such as Ctrl-C, is a crash.
+    """
     # OpenVINO's import sends usage data from a forked process, and a fork after OpenGL has started
     # can crash. Without this package it uses a stub.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
     require("openvino", "fast")
     import openvino  # pyright: ignore[reportMissingImports] (an extra)
 
-    core = openvino.Core()
+    # A table of types is filled at its first use: two threads at once can wait for each other.
+    openvino.Type.f32.to_dtype()
+    return openvino.Core()
+
+
+def _openvino(path: Path, threads: int, streams: int, batch: int) -> Run:
+    core = _openvino_core()
+    model = core.read_model(str(path))
+    shape = model.input(INPUT).partial_shape
+    shape[0] = batch  # a free batch size takes 15 % more time
+    model.reshape(shape)
     options: dict[str, Any] = {
         "PERFORMANCE_HINT": "LATENCY" if streams == 1 else "THROUGHPUT",
         "NUM_STREAMS": streams, "INFERENCE_NUM_THREADS": threads,
     }  # fmt: skip
-    compiled = core.compile_model(core.read_model(str(path)), "CPU", options)
+    compiled = core.compile_model(model, "CPU", options)
     requests: SimpleQueue[Any] = SimpleQueue()  # those that are free
     for _ in range(streams):
         requests.put(compiled.create_infer_request())
 
-    def run(images: Array) -> Outputs:
+    def infer(images: Array) -> Outputs:
         request = requests.get()
         try:
             found = request.infer({INPUT: np.ascontiguousarray(images)})
@@ -267,7 +291,18 @@ def _openvino(path: Path, threads: int, streams: int) -> Run:
             requests.put(request)
         return heat, info
 
+    def run(images: Array) -> Outputs:
+        return infer(images) if len(images) == batch else _in_batches(infer, images, batch)
+
     return run
+
+
+def _in_batches(run: Run, images: UInt8[Array, "B H W 3"], batch: int) -> Outputs:
+    """Run a network on `batch` images at a time; the last ones are filled up with black."""
+    filled = np.pad(images, ((0, -len(images) % batch), (0, 0), (0, 0), (0, 0)))
+    parts = [run(filled[i : i + batch]) for i in range(0, len(filled), batch)]
+    heat, info = (np.concatenate(part)[: len(images)] for part in zip(*parts, strict=True))
+    return heat, info
 
 
 def _torch(weights: Weights, device: str, threads: int) -> Run:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from egocap.data.sequence import Sequence
+from egocap.data.sequence import Sequence, largest_reduction
 from egocap.errors import InputError
 
 ENOUGH = 640
@@ -44,7 +44,7 @@ def recorded_pictures(sequence: Sequence, index: int) -> tuple[UInt8[Array, "h w
     Raises FileError for a damaged image.
     """
     return tuple(
-        sequence.picture(index, v, _reduction(camera.width, camera.height))
+        sequence.picture(index, v, largest_reduction(camera, camera.width / ENOUGH))
         for v, camera in enumerate(sequence.rig.cameras)
     )
 
@@ -63,9 +63,3 @@ def ahead(jobs: Iterator[Any], make: Any, count: int = 2, threads: int = 1) -> I
         finally:
             for future in waiting:
                 future.cancel()
-
-
-def _reduction(width: int, height: int) -> int:
-    """Factor by which a JPEG is decoded smaller. It divides both sides: others would be padded."""
-    factors = (f for f in (8, 4, 2) if width // f >= ENOUGH and width % f == height % f == 0)
-    return next(factors, 1)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from numpy import ndarray as Array
 
+from egocap.cameras.rig import Rig
 from egocap.data.detections import Detections
 from egocap.data.footage import FrameTimes
 
@@ -20,17 +21,17 @@ _FASTEST = 2.0  # image widths a second: what is faster is no motion but another
 _LONGEST_S = 0.1  # between the two pictures
 
 
-def at_frame_times(found: Detections, times: FrameTimes, widths: Float[Array, "V"]) -> Detections:
+def at_frame_times(found: Detections, times: FrameTimes, rig: Rig) -> Detections:
     """Detections at the times of the frames, where a neighbouring picture tells the motion.
 
-    `found` and `times` have the same frames; `widths` are those of the images, pixels.
+    `found` and `times` have the same frames.
     """
     if (np.abs(times.taken - times.time[:, None])[times.present] < _EXACT_S).all():
         return found
     points = found.points.copy()
     modes = None if found.modes is None else found.modes.copy()
-    for v in range(found.points.shape[1]):
-        move = _moves(found.points[:, v], found.valid[:, v], times, v, float(widths[v]))
+    for v, camera in enumerate(rig.cameras):
+        move = _moves(found.points[:, v], found.valid[:, v], times, v, camera.width)
         points[:, v] += move
         if modes is not None:
             modes[:, v] += move[:, :, None]
@@ -39,7 +40,7 @@ def at_frame_times(found: Detections, times: FrameTimes, widths: Float[Array, "V
 
 def _moves(
     points: Float[Array, "T 18 2"], valid: Bool[Array, "T 18"], times: FrameTimes, v: int,
-    width: float,
+    width: int,
 ) -> Float[Array, "T 18 2"]:  # fmt: skip
     """How far each point of a view moves from its picture's time to its frame's."""
     T, taken, present = len(times.time), times.taken[:, v], times.present[:, v]

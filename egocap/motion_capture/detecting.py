@@ -6,8 +6,6 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
-import numpy as np
-
 from egocap.data.detections import Detections, load_detections, save_detections
 from egocap.data.sequence import Sequence
 from egocap.detect.detector import Detector, joined
@@ -39,8 +37,7 @@ def detect_in_pieces(
     found = joined([load_detections(path) for path in sorted(folder.glob("?????.npz"))])
     if sequence.frame_times is None:
         return found
-    widths = np.array([camera.width for camera in sequence.rig.cameras], float)
-    return at_frame_times(found, sequence.frame_times, widths)
+    return at_frame_times(found, sequence.frame_times, sequence.rig)
 
 
 def _there(path: Path, frames: int) -> bool:

@@ -161,8 +161,7 @@ def track_with_known_clocks(sequence: Sequence, rig: Rig, height: float) -> Trac
         taken = sequence.sensor.time
         everything = np.ones(taken.shape, bool)
         times = FrameTimes(sequence.times, taken, np.zeros(taken.shape, int), everything)
-        widths = np.array([camera.width for camera in sequence.rig.cameras], float)
-        found = at_frame_times(found, times, widths)
+        found = at_frame_times(found, times, sequence.rig)
     body = fit_wearer(found, rig, height).proportions
     return track_in_windows(sequence.folder, found, body, TrackerConfig(), rig=rig)
 

@@ -20,7 +20,7 @@ from egocap.body.gaussians import RADIUS_SIGMAS, GaussianBody
 from egocap.body.skeleton import DOFS, JOINTS, LIMITS
 from egocap.cameras.rig import Rig
 from egocap.image_model.body_kernel import gaussian_centres, make_chain
-from egocap.image_model.image_rays import ImageRays, pixel_angle
+from egocap.image_model.image_rays import ImageRays, pixel_angle, ray_numbers
 from egocap.pose.pose_prior import load_posture
 
 SIDES = ("left", "right")
@@ -47,8 +47,7 @@ class ArmSearch:
         self._arm, self._rest = np.flatnonzero(mine), np.flatnonzero(~mine)
         self._radius, self._rest_radius = radius[mine], radius[~mine]
         self._eyes = np.ascontiguousarray(rays.origins)
-        self._index = np.full((len(self._eyes), *rays.size[::-1]), -1)
-        self._index[rays.view, rays.pixel[:, 1], rays.pixel[:, 0]] = np.arange(len(rays))
+        self._index = ray_numbers(rays)
         self._pixel = pixel_angle(self._rig.cameras[0])
         posture = load_posture()
         free, given = np.flatnonzero(self.angles), np.flatnonzero(~self.angles)

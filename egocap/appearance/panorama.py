@@ -18,6 +18,7 @@ from numba import njit
 from numpy import ndarray as Array
 
 from egocap.image_model.colour_measure import hsv_to_rgb
+from egocap.image_model.illumination import BRIGHT, DARK
 from egocap.image_model.image_rays import ImageRays
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.palette import CLEAR, LOG_RATIO, Background, ColourBins, Palette
@@ -40,8 +41,6 @@ A_PIXEL, MOST = 1.5, 4.0
 """By how much a pixel's motion lowers the logarithm of the background's likelihood; the bound."""
 SMOOTHED = 5
 """Frames between two histograms of the whole background."""
-DARK, BRIGHT = 0.06, 0.96
-"""Values of a channel outside which its ratio is unreliable: noise and clipping."""
 FEWEST = 100
 """Pixels under which no change of the light is estimated."""
 

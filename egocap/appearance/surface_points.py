@@ -25,7 +25,7 @@ from egocap.body.gaussians import RADIUS_SIGMAS, GaussianBody
 from egocap.body.kinematics import forward_kinematics
 from egocap.body.skeleton import DOF_COUNT, JOINTS
 from egocap.cameras.rig import Rig
-from egocap.image_model.body_kernel import make_chain, pose
+from egocap.image_model.body_kernel import gaussian_centres, make_chain
 from egocap.image_model.image_rays import pixel_angle
 
 WIDTH = 320
@@ -99,7 +99,8 @@ class SurfacePoints:
         self.rig = rig.resized(WIDTH, round(WIDTH * camera.height / camera.width))
         self._size = (WIDTH, self.rig.cameras[0].height)
         self._eyes = np.ascontiguousarray(rig.T_head_camera[:, :3, 3])
-        self._chain, self._radius = make_chain(body), RADIUS_SIGMAS * body.sigma
+        self._body, self._chain = body, make_chain(body)
+        self._radius = RADIUS_SIGMAS * body.sigma
         self._on_arm = np.array([joint.name.split("_")[-1] in _ARMS for joint in JOINTS])
         self._pixel = pixel_angle(self.rig.cameras[0])  # radians
         self._grid, self._beside = _grid(self._size, SPACING), _grid(self._size, BESIDE)
@@ -268,9 +269,7 @@ class SurfacePoints:
         core: float = 1.0,
     ) -> tuple[Float[Array, "N"], Int[Array, "N"]]:  # fmt: skip
         """Distance at which rays first meet a Gaussian's radius, inf without, and which it is."""
-        origins, axes = np.empty((len(JOINTS), 3)), np.empty((DOF_COUNT, 3))
-        centres = np.empty((len(self._radius), 3))
-        pose(self._chain, np.ascontiguousarray(angles, float), origins, axes, centres)
+        centres = gaussian_centres(angles[None], self._body)[0]
         depth, which = np.empty(len(view)), np.empty(len(view), np.int64)
         first_hit(self._eyes, centres, self._radius, core, view, ray, depth, which)
         return depth, which

@@ -21,7 +21,7 @@ from egocap.body.gaussians import GaussianBody
 from egocap.cameras.rig import Rig
 from egocap.image_model.body_kernel import gaussian_centres
 from egocap.image_model.colour_measure import hsv_to_rgb
-from egocap.image_model.image_rays import ImageRays, PosedFrames, ray_colours
+from egocap.image_model.image_rays import ImageRays, PosedFrames, ray_colours, ray_numbers
 from egocap.image_model.model import ImageModel
 from egocap.image_model.palette import Palette, colour_bins
 
@@ -45,9 +45,7 @@ class Illumination:
         self.gain: Float[Array, "3"] = np.ones(3)
         self._body, self._rig = body, rig.resized(*rays.size)
         self._known = np.full((len(body.parts), 3), np.nan)  # RGB at gain 1
-        width, height = rays.size
-        self._index = np.full((len(rays.origins), height, width), -1)
-        self._index[rays.view, rays.pixel[:, 1], rays.pixel[:, 0]] = np.arange(len(rays))
+        self._index = ray_numbers(rays)
         parts = np.array(body.parts)
         self._foreign = parts[:, None] != parts  # those of a part run into each other
 

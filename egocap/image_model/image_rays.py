@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32, UInt8
+from jaxtyping import Float, Float32, Int, Int32, Shaped, UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
@@ -79,6 +79,11 @@ def image_rays(rig: Rig, width: int | None = None, height: int | None = None) ->
     )  # fmt: skip
 
 
+def ray_numbers(rays: ImageRays) -> Int[Array, "V H W"]:
+    """The ray of each pixel; -1 without one."""
+    return ray_image(rays, np.arange(len(rays)), -1).astype(int)
+
+
 def pixel_angle(camera: Camera) -> float:
     """Angle between the rays of two neighbouring pixels in a picture's middle, radians."""
     middle = np.array([[0.5, 0.5], [1.5, 0.5]]) + (camera.width // 2, camera.height // 2)
@@ -133,7 +138,7 @@ def ray_colours(
 
 
 def ray_image(
-    rays: ImageRays, values: Float[Array, "P ..."], background: float = np.nan
+    rays: ImageRays, values: Shaped[Array, "P ..."], background: float = np.nan
 ) -> Float[Array, "V H W ..."]:
     """Values of rays back in image form; pixels without a ray get `background`."""
     width, height = rays.size

@@ -10,7 +10,7 @@ from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.errors import InputError
 from egocap.image_model.colour_measure import rgb_to_hsv
-from egocap.image_model.image_rays import image_rays, ray_colours, ray_image
+from egocap.image_model.image_rays import image_rays, ray_colours, ray_image, ray_numbers
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
 
@@ -62,3 +62,11 @@ def test_what_does_not_fit_is_refused():
     uneven = Rig("uneven", (left, replace(right, camera=right.camera.resized(8, 8))))
     with pytest.raises(InputError, match="sizes"):
         image_rays(uneven)
+
+
+def test_every_pixel_with_a_ray_has_its_number():
+    rays = image_rays(RIG, 40, 32)
+    numbers = ray_numbers(rays)
+    found = numbers[rays.view, rays.pixel[:, 1], rays.pixel[:, 0]]
+    np.testing.assert_array_equal(found, np.arange(len(rays)))
+    assert (numbers >= 0).sum() == len(rays)

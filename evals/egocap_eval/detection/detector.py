@@ -52,6 +52,10 @@ GROUPS = {
     "hand": ("hand",), "hip": ("hip",), "knee": ("knee",), "ankle": ("ankle",), "foot": ("foot",),
 }  # fmt: skip
 """Columns of Table 1, and hands and feet."""
+_LABELS_OF = {
+    group: [i for i, name in enumerate(LABELS) if name.split("_")[-1] in names]
+    for group, names in GROUPS.items()
+}
 
 PAPER = {
     "head": 84.7, "shoulder": 87.5, "elbow": 90.9, "wrist": 89.1, "hip": 97.7, "knee": 94.2,
@@ -264,6 +268,10 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
         ("found out of view", number(result["false_positives"], 3), "0"),
     ]
     made.append(Table("Calibration", ("measure", "value", "ideally"), tuple(rows)))
+    parts = tuple(
+        (kind, *(number(spread[kind]["groups"][g], 2) for g in GROUPS)) for kind in spread
+    )
+    made.append(Table("Normalised error by joint", ("", *GROUPS), parts))
     if speed := result.get("speed"):
         stages = tuple((s, number(ms, 2)) for s, ms in speed["stage_cpu_ms"].items())
         whole = ("all, overlapping", number(1e3 / speed["pairs_per_second"], 2))
@@ -279,9 +287,9 @@ def accuracy(s: Scored, counted: Bool[Array, "T V 18"], intervals: bool = False)
     """PCK, AUC and further measures of the counted joints; each group's too. JSON-ready."""
     found = s.errors, s.detected
     measured = s.detected & counted
-    groups = {g: [i for i, n in enumerate(LABELS) if n.split("_")[-1] in names]
-              for g, names in GROUPS.items()}  # fmt: skip
-    parts = {g: (s.errors[..., i], s.detected[..., i], counted[..., i]) for g, i in groups.items()}
+    parts = {
+        g: (s.errors[..., i], s.detected[..., i], counted[..., i]) for g, i in _LABELS_OF.items()
+    }
     values: dict[str, Any] = {
         "joints": int(counted.sum()),
         "pck20": _number(pck(*found, counted, THRESHOLD)),
@@ -289,14 +297,14 @@ def accuracy(s: Scored, counted: Bool[Array, "T V 18"], intervals: bool = False)
         "median_px": _number(percentile(s.errors, 50, measured)),
         "mean_px": _number(mean_error(s.errors, measured)),
         "missing": _number(mean_error(~s.detected, counted)),
-        "groups": {g: _number(pck(*parts[g], THRESHOLD)) for g in groups},
-        "group_auc": {g: _number(auc(*parts[g], THRESHOLD)) for g in groups},
+        "groups": {g: _number(pck(*parts[g], THRESHOLD)) for g in parts},
+        "group_auc": {g: _number(auc(*parts[g], THRESHOLD)) for g in parts},
         "per_joint": {
             n: _number(pck(s.errors[..., j], s.detected[..., j], counted[..., j], THRESHOLD))
             for j, n in enumerate(LABELS)
         },
         "curve": {str(t): _number(pck(*found, counted, float(t))) for t in CURVE},
-        "group_curves": {g: [_number(pck(*parts[g], float(t))) for t in CURVE] for g in groups},
+        "group_curves": {g: [_number(pck(*parts[g], float(t))) for t in CURVE] for g in parts},
     }
     if intervals and len(s.errors) >= 2 * _BLOCK:
         hits = np.where(s.detected & (s.errors <= THRESHOLD), 100.0, 0.0)
@@ -313,6 +321,10 @@ def _spread(s: Scored, counted: Bool[Array, "T V 18"]) -> dict[str, Any]:
     return {
         "joints": int(read[2].sum()),
         "normalised_error": _number(normalised_error(*read)),
+        "groups": {
+            g: _number(normalised_error(*(values[..., i] for values in read)))
+            for g, i in _LABELS_OF.items()
+        },
         "by_median": _number(median_normalised_error(*read)),
         "coverage": {f"{level:g}": _number(coverage(*read, level)) for level in LEVELS},
     }

@@ -52,7 +52,10 @@ def test_errors_are_in_pixels_of_640_and_sigma_with_them(sequence):
     result = summary({"tiny": scored})
     assert result["visible"]["auc20"] == pytest.approx(75.0)
     assert result["visible"]["curve"]["4"] == 0.0 and result["visible"]["curve"]["6"] == 100.0
-    assert result["spread"]["visible"]["normalised_error"] == pytest.approx(1.0)
+    spread = result["spread"]["visible"]
+    assert spread["normalised_error"] == pytest.approx(1.0)
+    shown = [value for value in spread["groups"].values() if value is not None]
+    assert shown and shown == pytest.approx([1.0] * len(shown))
     assert result["confidence"]["occlusion_auroc"] == 1.0
     hits = result["visible"]["group_curves"]["knee"]
     assert hits is not None and len(hits) == len(CURVE)

@@ -16,6 +16,14 @@ from egocap.detect.input_images import recorded_pictures
 from egocap.detect.weights import open_weights
 from egocap.errors import FileError, InputError, MachineError
 
+needs_openvino = pytest.mark.skipif(
+    importlib.util.find_spec("openvino") is None, reason="openvino is an extra"
+)
+
+
+def in_fresh_process(code):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
 
 @pytest.fixture(scope="module")
 def weights(tiny_file):
@@ -43,7 +51,7 @@ def test_spinning_changes_nothing_but_the_time(weights):
     assert all(np.array_equal(a, b) for a, b in zip(quiet, busy, strict=True))
 
 
-@pytest.mark.skipif(importlib.util.find_spec("openvino") is None, reason="openvino is an extra")
+@needs_openvino
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_openvino_is_close_to_torch(weights, count):
     """Also for numbers of images that it is not compiled for."""
@@ -60,7 +68,7 @@ def test_numbers_out_of_range_are_refused(weights, threads, streams):
         open_engine(weights, "onnxruntime", threads, streams=streams)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("openvino") is None, reason="openvino is an extra")
+@needs_openvino
 def test_a_signal_after_several_engines_is_no_crash():
     """Engines opened first are freed first, in a fresh process, which a failure would end."""
     code = """
@@ -74,11 +82,11 @@ while engines:
 signal.signal(signal.SIGTERM, lambda *_: print("handled"))
 signal.raise_signal(signal.SIGTERM)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = in_fresh_process(code)
     assert (done.returncode, done.stdout) == (0, "handled\n"), done.stderr
 
 
-@pytest.mark.skipif(importlib.util.find_spec("openvino") is None, reason="openvino is an extra")
+@needs_openvino
 def test_openvino_sends_no_usage_data(tiny_file):
     """In a fresh process, since the package reports when it is imported."""
     code = f"""
@@ -92,7 +100,7 @@ open_engine(open_weights({str(tiny_file)!r}), "openvino", threads=1)
 assert "openvino" in sys.modules and sys.modules["openvino_telemetry"] is None
 assert "openvino.tools.ovc.telemetry_stub" in sys.modules
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = in_fresh_process(code)
     assert done.returncode == 0, done.stderr
 
 

@@ -63,7 +63,7 @@ class TrackerConfig:
     """Energy that exchanging left and right must save."""
     lambda_detection: float = 1.0
     """Weight of the detections."""
-    occluded_weight: float = 0.1
+    occluded_weight: float = 0.2
     """Fraction of its weight that a detection of confidence 0 keeps."""
     lambda_limit: float = 200.0
     """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""

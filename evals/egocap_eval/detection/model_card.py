@@ -53,7 +53,8 @@ def card(
         "## How it was made",
         "Stages of training, the last one first; all their settings are in the file's metadata.",
         "\n".join(map(_stage, weights_card.card(weights)["stages"])),
-        "Calibration (`egocap calibrate-detector`), on footage it was not trained on:",
+        "Calibration (`egocap calibrate-detector`), on people who are in neither training nor "
+        "validation and play validation clips, too (tools/release-detector.sh):",
         _listed(weights.training.get("calibration", {"none": "as trained"})),
         "## How good it is",
         f"On {result['frames']} validation frames, of people, places and clips unseen in training; "

@@ -26,6 +26,7 @@ from egocap.data.sequence import Sequence as Footage
 from egocap.detect.sources import detections_from
 from egocap.detect.weights import open_weights
 from egocap.errors import EgocapError, InputError
+from egocap.evaluation.detection_scores import normalised_error
 from egocap.evaluation.metrics import bootstrap_interval
 from egocap.evaluation.report import Report
 from egocap.evaluation.table import Table, number
@@ -59,7 +60,14 @@ CODE = ("egocap", "egocap_sim", "egocap_eval/studies/recorded.py",
 PLACED = ("world_aligned_mpjpe_mm", "root_translation_percent", "foot_skate", "penetration_mm",
           "contact_f1")  # fmt: skip
 """Measures in the world, of tracks with head poses."""
-DIGITS = {"recovery_s": 2, "root_translation_percent": 2, "foot_skate": 3, "contact_f1": 2}
+DIGITS = {
+    "normalised_error_visible": 2,
+    "normalised_error_in_view": 2,
+    "recovery_s": 2,
+    "root_translation_percent": 2,
+    "foot_skate": 3,
+    "contact_f1": 2,
+}
 """Decimals in tables, where they are not one."""
 ODOMETRY = ("egocap/odometry", "egocap/head_pose")
 POSE = ("mpjpe_mm", "visible_mm", "hidden_mm", "arms_mm", "legs_mm", "ankles_mm", "feet_mm",
@@ -217,10 +225,13 @@ def scenes_of(path: Path, seed: int, frames: int) -> tuple[Scene, Scene]:
 
 
 def detector_scores(one: Recording) -> Scores:
-    """PCK and AUC at 20 px of joints that are visible and of those in view, and by joint."""
+    """PCK and AUC at 20 px and normalised error of joints that are visible and of those in view."""
     scored = score(one.footage, one.detections)
     found: dict[str, Any] = {}
     for kind, counted in (("visible", scored.seen), ("in_view", scored.in_view)):
+        found[f"normalised_error_{kind}"] = normalised_error(
+            scored.errors, scored.sigma, counted & scored.detected
+        )
         values = accuracy(scored, counted)
         found |= {f"{name}_{kind}": values[name] for name in ("pck20", "auc20")}
         found |= {f"{group}_{kind}": value for group, value in values["groups"].items()}
@@ -302,8 +313,9 @@ def missed(result: Mapping[str, Any]) -> list[str]:
 
 def tables(result: Mapping[str, Any]) -> list[Table]:
     """A table of the detector and one of each way to track, a row a clip."""
-    detector = ("pck20_visible", "auc20_visible", "pck20_in_view", "auc20_in_view",
-                "wrist_in_view", "knee_in_view", "ankle_in_view", "foot_in_view")  # fmt: skip
+    detector = ("pck20_visible", "auc20_visible", "normalised_error_visible", "pck20_in_view",
+                "auc20_in_view", "normalised_error_in_view", "wrist_in_view", "knee_in_view",
+                "ankle_in_view", "foot_in_view")  # fmt: skip
     made = [_table(result, "detector", detector)]
     made += [_table(result, case, measures_of(case)) for case in result["mean"]
              if case != "detector"]  # fmt: skip

@@ -84,8 +84,9 @@ def test_means_are_over_clips_with_their_interval():
     assert found["a"]["mean"] == 20.0 and 10.0 <= found["a"]["low"] < 20.0 < found["a"]["high"]
     assert found["b"] is None
     row = {"clip": "x", "frames": 5, "detector": dict.fromkeys(
-        [f"{m}_{k}" for m in ("pck20", "auc20", "wrist", "knee", "ankle", "foot")
-         for k in ("visible", "in_view")], 90.0)}  # fmt: skip
+        [f"{m}_{k}" for k in ("visible", "in_view")
+         for m in ("pck20", "auc20", "normalised_error", "wrist", "knee", "ankle", "foot")],
+        90.0)}  # fmt: skip
     row |= {case: dict.fromkeys(measures_of(case), 20.0) for case in CASES if case != "detector"}
     result = {"set": "validation", "rows": [row], "left_out": {"y": "why"},
               "mean": {case: means([row[case]]) for case in CASES}}  # fmt: skip

@@ -61,9 +61,9 @@ class TrackerConfig:
     right as detected."""
     swap_cost: float = 6.0
     """Energy that exchanging left and right must save."""
-    lambda_detection: float = 1.0
+    lambda_detection: float = 1.2
     """Weight of the detections."""
-    occluded_weight: float = 0.2
+    occluded_weight: float = 0.17
     """Fraction of its weight that a detection of confidence 0 keeps."""
     lambda_limit: float = 200.0
     """Weight of squared angles beyond the anatomical limits, per rad^2 (Eq. 2)."""
@@ -87,7 +87,7 @@ class TrackerConfig:
     """Standard deviation of the prediction, in each angle's prior deviation per second."""
     acceleration_sigma: float = 1.0
     """Standard deviation of the accelerations that `interval` allows, relative to each angle's."""
-    robust_scale: float = 3.0
+    robust_scale: float = 2.75
     """Residual, in standard deviations, beyond which a detection is treated as an outlier."""
     inlier_threshold: float = 5.0
     """Residual, in standard deviations, below which a detection is an inlier of a pose."""

@@ -46,7 +46,8 @@ def test_onnxruntime_equals_torch(weights, count):
 
 def test_spinning_changes_nothing_but_the_time(weights):
     quiet, busy = (
-        open_engine(weights, "onnxruntime", threads=2, spin=spin).run(images(2)) for spin in (0, 1)
+        open_engine(weights, "onnxruntime", threads=2, spin=spin).run(images(2))
+        for spin in (False, True)
     )
     assert all(np.array_equal(a, b) for a, b in zip(quiet, busy, strict=True))
 

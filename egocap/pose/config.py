@@ -87,7 +87,7 @@ class TrackerConfig:
     """Standard deviation of the prediction, in each angle's prior deviation per second."""
     acceleration_sigma: float = 1.0
     """Standard deviation of the accelerations that `interval` allows, relative to each angle's."""
-    robust_scale: float = 2.75
+    robust_scale: float = 3.0
     """Residual, in standard deviations, beyond which a detection is treated as an outlier."""
     inlier_threshold: float = 5.0
     """Residual, in standard deviations, below which a detection is an inlier of a pose."""

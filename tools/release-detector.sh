@@ -4,10 +4,10 @@
 #     sh tools/release-detector.sh WEIGHTS.safetensors WORK MOTIONS
 #
 # WORK keeps footage between calls: WORK/calibration is made here of evals/calibration.toml, 68 people
-# that no training and no validation has seen, about 200 views of each of six rigs; WORK/validation
+# that no training and no validation has seen, 200 views of each of six rigs; WORK/validation
 # holds the validation frames. MOTIONS is a folder of the validation clips alone, in bvh/ and npz/:
-# `egocap-eval motion-sets --link` makes it. The calibration plays them, too: on motions of the
-# training, the network's standard deviations are smaller than on unseen ones by a tenth.
+# `egocap-eval motion-sets --link` makes it. The calibration plays them, too: fitted to motions of the
+# training alone, standard deviations are a tenth too small on others.
 set -eu
 weights=$1 work=$2 motions=$3
 bin=${BIN:-.venv/bin} shipped=egocap/detect/shipped results=evals/results

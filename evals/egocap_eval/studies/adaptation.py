@@ -22,6 +22,7 @@ from egocap.data.sequence import Sequence
 from egocap.detect.detector import Detector
 from egocap.detect.weights import open_weights
 from egocap.errors import InputError
+from egocap.evaluation.detection_scores import normalised_error
 from egocap.evaluation.table import Table, number
 from egocap_eval.detection.detector import accuracy, score
 from egocap_eval.harness.footage import builtin_scene, content_hashes, prepare_sequence
@@ -130,8 +131,8 @@ def scores(sequence: Sequence, weights: Path | None) -> dict[str, float]:
     for kind, counted in (("visible", scored.seen), ("in_view", scored.in_view)):
         values = accuracy(scored, counted)
         found |= {f"{name}_{kind}": values[name] for name in ("pck20", "auc20")}
-    ratio = (scored.errors / scored.sigma)[scored.seen & scored.detected]
-    return found | {"normalised_error": float(np.sqrt(0.5 * np.mean(np.square(ratio))))}
+    spread = normalised_error(scored.errors, scored.sigma, scored.seen & scored.detected)
+    return found | {"normalised_error": spread}
 
 
 def _closed(mean: dict[str, dict[str, float]], measure: str) -> float | None:

@@ -60,14 +60,8 @@ CODE = ("egocap", "egocap_sim", "egocap_eval/studies/recorded.py",
 PLACED = ("world_aligned_mpjpe_mm", "root_translation_percent", "foot_skate", "penetration_mm",
           "contact_f1")  # fmt: skip
 """Measures in the world, of tracks with head poses."""
-DIGITS = {
-    "normalised_error_visible": 2,
-    "normalised_error_in_view": 2,
-    "recovery_s": 2,
-    "root_translation_percent": 2,
-    "foot_skate": 3,
-    "contact_f1": 2,
-}
+DIGITS = {"normalised_error_visible": 2, "normalised_error_in_view": 2, "recovery_s": 2,
+          "root_translation_percent": 2, "foot_skate": 3, "contact_f1": 2}  # fmt: skip
 """Decimals in tables, where they are not one."""
 ODOMETRY = ("egocap/odometry", "egocap/head_pose")
 POSE = ("mpjpe_mm", "visible_mm", "hidden_mm", "arms_mm", "legs_mm", "ankles_mm", "feet_mm",

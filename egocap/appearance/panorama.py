@@ -73,7 +73,8 @@ class Panorama:
 
         `moved` is each pixel's motion against the room, of `MovingPixels`.
         """
-        bins, seen = self._bins.of(hsv), self._bins.coordinates(hsv)
+        seen = self._bins.coordinates(hsv)
+        bins = self._bins.at(seen)
         anywhere = self._anywhere[bins]
         room = np.where(self._frames[self._cell] >= KNOWN, _density(seen, self._mean[self._cell]),
                         anywhere)  # fmt: skip
@@ -101,31 +102,34 @@ class Panorama:
 
     def update(self, hsv: Float32[Array, "P 3"], opacity: Float[Array, "P"]) -> None:
         """Learn the colours of a frame whose rays the body covers by `opacity`."""
-        self._whole.update(self._bins.of(hsv), opacity)
+        seen = self._bins.coordinates(hsv)
+        self._whole.update(self._bins.at(seen), opacity)
         if self._updates % SMOOTHED == 0:
             self._anywhere = self._whole.density()
         self._updates += 1
         free = opacity < CLEAR
-        self._learn_room(hsv[free], self._cell[free])
+        self._learn_room(seen[free], hsv_to_rgb(hsv[free]), self._cell[free])
         turned = np.trace(self._head @ self._rig_head.T) < 1.0 + 2.0 * np.cos(TURNED)
         if turned or not self._rig_frames.any():
             self._rig_head = self._head
-            self._learn_rig(self._bins.coordinates(hsv[free]), free)
+            self._learn_rig(seen[free], free)
 
-    def _learn_room(self, hsv: Float32[Array, "N 3"], at: Int[Array, "N"]) -> None:
+    def _learn_room(
+        self, seen: Float32[Array, "N 3"], rgb: Float32[Array, "N 3"], at: Int[Array, "N"]
+    ) -> None:
         counts = np.bincount(at, minlength=len(self._frames))
         cell = np.flatnonzero(counts)
-        new, rgb = (
+        new, colour = (
             np.stack([np.bincount(at, c, len(counts))[cell] for c in values.T], -1)
             / counts[cell, None]
-            for values in (self._bins.coordinates(hsv), hsv_to_rgb(hsv))
+            for values in (seen, rgb)
         )
         old, frames = self._mean[cell], self._frames[cell]
         strange = ((new - old) ** 2).sum(1) > FAR**2
         even = 1.0 / (frames + 1.0)
         rate = np.where(strange & (frames > SETTLED), SLOW_RATE, np.maximum(even, RATE))
         self._mean[cell] = old + rate[:, None] * (new - old)
-        self._rgb[cell] += even[:, None] * (rgb - self._rgb[cell])
+        self._rgb[cell] += even[:, None] * (colour - self._rgb[cell])
         self._frames[cell] += 1
 
     def _learn_rig(self, seen: Float32[Array, "N 3"], free: Bool[Array, "P"]) -> None:

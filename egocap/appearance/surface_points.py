@@ -104,6 +104,9 @@ class SurfacePoints:
         self._on_arm = np.array([joint.name.split("_")[-1] in _ARMS for joint in JOINTS])
         self._pixel = pixel_angle(self.rig.cameras[0])  # radians
         self._grid, self._beside = _grid(self._size, SPACING), _grid(self._size, BESIDE)
+        views = range(len(rig.mounts))
+        self._grid_rays = [self._rays(v, self._grid) for v in views]
+        self._beside_rays = [self._rays(v, self._beside) for v in views]
         self._points = _no_points()
         self.before: list[UInt8[Array, "H W"]] = []
         self.grey: list[UInt8[Array, "H W"]] = []
@@ -136,11 +139,11 @@ class SurfacePoints:
         assert self._opacity is not None
         old, new = [], []
         for v, opacity in enumerate(self._opacity):
-            start = self._beside[self._at(opacity, self._beside) < CLEAR]
-            rays, inside = self._rays(v, start)
-            end, found = _flow(self.before[v], self.grey[v], start[inside])
+            rays, inside = self._beside_rays[v]
+            start = inside & (self._at(opacity, self._beside) < CLEAR)
+            end, found = _flow(self.before[v], self.grey[v], self._beside[start])
             ends, good = self._rays(v, end)
-            old.append(rays[inside][found & good])
+            old.append(rays[start][found & good])
             new.append(ends[found & good])
         a, b = np.concatenate(old), np.concatenate(new)
         return robust_rotation(a, b, self._pixel) if len(a) >= FEWEST else None
@@ -221,13 +224,13 @@ class SurfacePoints:
         cells = (self._grid // SPACING).astype(int)
         held = (self._points.pixel[self._points.view == v] // SPACING).astype(int)
         free = ~np.isin(cells @ [1, columns], held @ [1, columns])
-        free &= self._at(self._opacity[v], self._grid) > OPAQUE
-        pixel, sparse = self._grid[free], (cells[free] % SPARSE == 0).all(1)
-        ray, inside = self._rays(v, pixel)
+        rays, inside = self._grid_rays[v]
+        free &= inside & (self._at(self._opacity[v], self._grid) > OPAQUE)
+        pixel, ray, sparse = self._grid[free], rays[free], (cells[free] % SPARSE == 0).all(1)
         view = np.full(len(pixel), v)
         depth, which = self._surface(angles, view, ray, CORE)
         joint = self._chain.carrier[which]
-        good = inside & np.isfinite(depth) & (joint >= 0)
+        good = np.isfinite(depth) & (joint >= 0)
         good &= self._on_arm[joint] | sparse
         view, pixel, ray, joint, depth = (x[good] for x in (view, pixel, ray, joint, depth))
         origins, _, R = self._posed(angles)
@@ -282,11 +285,10 @@ def robust_rotation(
 
     Kabsch, reweighted by Cauchy's weights at `sigma` radians.  Source: Holland & Welsch 1977.
     """
-    from scipy.spatial.transform import Rotation
-
     weight, R = np.ones(len(a)), np.eye(3)
     for _ in range(_ROUNDS):
-        R = Rotation.align_vectors(b, a, weight)[0].as_matrix()
+        U, _, Vt = np.linalg.svd((weight[:, None] * b).T @ a)
+        R = U @ np.diag((1.0, 1.0, np.linalg.det(U @ Vt))) @ Vt
         weight = 1.0 / (1.0 + (((b - a @ R.T) / sigma) ** 2).sum(1))
     return R
 

@@ -18,6 +18,7 @@ from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from queue import SimpleQueue
+from threading import Lock
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -249,6 +250,9 @@ def _onnxruntime(path: Path, threads: int, streams: int, *, spin: bool = False) 
     return run
 
 
+_MAKING_CORE = Lock()
+
+
 @cache
 def _openvino_core() -> Any:
     """The process's only OpenVINO core.
@@ -268,7 +272,8 @@ def _openvino_core() -> Any:
 
 
 def _openvino(path: Path, threads: int, streams: int, batch: int) -> Run:
-    core = _openvino_core()
+    with _MAKING_CORE:  # `cache` alone lets two threads make one each
+        core = _openvino_core()
     model = core.read_model(str(path))
     shape = model.input(INPUT).partial_shape
     shape[0] = batch  # a free batch size takes 15 % more time

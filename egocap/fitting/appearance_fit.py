@@ -24,7 +24,7 @@ from egocap.errors import InputError
 from egocap.image_model.image_rays import ImageRays, PosedFrames, image_rays, ray_colours
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
-from egocap.image_model.palette import Background, Palette, colour_bins, colour_body, learn_palette
+from egocap.image_model.palette import BINS, Background, Palette, colour_body, learn_palette
 
 SPREAD = 0.12
 """Standard deviation of a part's log radius among people."""
@@ -56,7 +56,7 @@ def fit_shape(proportions: Proportions, rig: Rig, frames: PosedFrames, size: int
     plain = GaussianBody.from_proportions(proportions)
     kinds = np.array([without_side(part) for part in plain.parts])
     scales = {str(kind): 0.0 for kind in dict.fromkeys(kinds)}
-    bins = [colour_bins(ray_colours(rays, images)) for images, _ in frames]
+    bins = [BINS.of(ray_colours(rays, images)) for images, _ in frames]
     body, palette = plain, learn_palette(plain, rays, frames)
     for step in STEPS:
         seen = _against_background(body, palette, rays, frames, bins)

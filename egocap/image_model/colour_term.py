@@ -28,7 +28,7 @@ from egocap.image_model.illumination import Illumination, learn_in_light
 from egocap.image_model.image_rays import PosedFrames, image_rays, ray_colours, require_pictures
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import Evaluation, ImageModel
-from egocap.image_model.palette import Background, Palette, colour_bins, learn_palette
+from egocap.image_model.palette import BINS, Background, Palette, learn_palette
 
 MIN_JOINTS = 2
 """Joints of a limb that must have been detected before the images may move it."""
@@ -127,7 +127,7 @@ class ColourTerm:
         if self.light is not None and self._seen is None and pose is not None:
             self.light.initialise(self._colours(images), pose)
         self._hsv = self._colours(images)
-        bins = colour_bins(self._hsv)
+        bins = BINS.of(self._hsv)
         self._background.update(bins, opacity)
         self._seen = self._background.compare(self.palette, bins)
         return self._seen

@@ -23,7 +23,7 @@ from egocap.image_model.body_kernel import gaussian_centres
 from egocap.image_model.colour_measure import hsv_to_rgb
 from egocap.image_model.image_rays import ImageRays, PosedFrames, ray_colours, ray_numbers
 from egocap.image_model.model import ImageModel
-from egocap.image_model.palette import Palette, colour_bins
+from egocap.image_model.palette import BINS, Palette
 
 RATE = 0.15
 """Fraction of the measured change that is applied in a frame: faster changes are filtered out."""
@@ -127,7 +127,7 @@ def learn_in_light(
         light.initialise(ray_colours(rays, images), angles)
         hsv = ray_colours(rays, images, light.gain)
         light.learn(hsv, angles)
-        bins.append(colour_bins(hsv))
+        bins.append(BINS.of(hsv))
     model = ImageModel(body, rays)
     seen = [model.visibility(angles) for _, angles in frames]
     light.gain = np.ones(3)

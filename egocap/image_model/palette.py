@@ -78,8 +78,12 @@ class ColourBins:
 
     def of(self, hsv: Float[Array, "P 3"]) -> Int32[Array, "P"]:
         """The bin of each colour."""
+        return self.at(self.coordinates(hsv))
+
+    def at(self, coordinates: Float32[Array, "P 3"]) -> Int32[Array, "P"]:
+        """The bin at each of some `coordinates`."""
         top = (self.values - 1, self.chromas - 1, self.chromas - 1)
-        row, first, second = np.clip(self.coordinates(hsv).astype(np.int32), 0, top).T
+        row, first, second = np.clip(coordinates.astype(np.int32), 0, top).T
         return ((row * self.chromas + first) * self.chromas + second).astype(np.int32)
 
     def smooth(self, shares: Float[Array, "G K"]) -> Float[Array, "G K"]:
@@ -97,16 +101,11 @@ BINS = ColourBins()
 """The bins of colours, where nothing else is said."""
 
 
-def colour_bins(hsv: Float[Array, "P 3"]) -> Int32[Array, "P"]:
-    """The bin of each colour, given in hue, saturation and value from 0 to 1."""
-    return BINS.of(hsv)
-
-
 @dataclass(frozen=True, eq=False)
 class Palette:
     """The colours of a person's Gaussians."""
 
-    log_density: Float32[Array, "G K"]  # of every Gaussian over `colour_bins`, of probabilities
+    log_density: Float32[Array, "G K"]  # of every Gaussian over `BINS`, of probabilities
 
     @classmethod
     def learn(
@@ -177,7 +176,7 @@ def learn_palette(
     """
     model = ImageModel(body, rays)
     seen = [model.visibility(angles) for _, angles in frames]
-    bins = [colour_bins(ray_colours(rays, images)) for images, _ in frames]
+    bins = [BINS.of(ray_colours(rays, images)) for images, _ in frames]
     return Palette.learn(body, seen, bins)
 
 

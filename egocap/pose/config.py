@@ -61,7 +61,7 @@ class TrackerConfig:
     right as detected."""
     swap_cost: float = 6.0
     """Energy that exchanging left and right must save."""
-    lambda_detection: float = 1.2
+    lambda_detection: float = 1.0
     """Weight of the detections."""
     occluded_weight: float = 0.17
     """Fraction of its weight that a detection of confidence 0 keeps."""

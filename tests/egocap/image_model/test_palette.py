@@ -17,7 +17,7 @@ from egocap.image_model.colour_term import ColourTerm, ColourTermConfig, movable
 from egocap.image_model.image_rays import image_rays, ray_image
 from egocap.image_model.kernel_arrays import Palettes
 from egocap.image_model.model import ImageModel
-from egocap.image_model.palette import BINS, Background, Palette, colour_bins, learn_palette
+from egocap.image_model.palette import BINS, Background, Palette, learn_palette
 
 RIG = load_rig(Path(__file__).parents[3] / "scenes/rigs/egorig1.toml")
 RAYS = image_rays(RIG, 40, 40)
@@ -52,28 +52,28 @@ def palette(before_grey):
 
 def test_bins_part_colours_and_not_shades():
     hsv = np.array([[0.0, 0.9, 0.8], [0.33, 0.9, 0.8], [0.0, 0.02, 0.8], [0.0, 0.0, 0.0]])
-    found = colour_bins(hsv)
+    found = BINS.of(hsv)
     assert len(set(found)) == 4
-    assert found.min() >= 0 and colour_bins(np.ones((1, 3)))[0] < BINS.count
+    assert found.min() >= 0 and BINS.of(np.ones((1, 3)))[0] < BINS.count
     plane = 144
-    shaded = colour_bins(hsv[:1] * [1, 1, 0.7])
+    shaded = BINS.of(hsv[:1] * [1, 1, 0.7])
     assert shaded[0] // plane != found[0] // plane and shaded[0] % plane == found[0] % plane
 
 
 def test_own_colours_are_alike_and_others_are_not(palette):
     background = Background()
-    bins = colour_bins(np.tile(GREY, (len(RAYS), 1)))
+    bins = BINS.of(np.tile(GREY, (len(RAYS), 1)))
     background.update(bins, np.zeros(len(RAYS), np.float32))
     unlike = background.compare(palette, bins).unlike
     chest = BODY.parts.index("chest")
-    assert unlike[chest, colour_bins(np.array([BLUE]))[0]] < -0.9
+    assert unlike[chest, BINS.of(np.array([BLUE]))[0]] < -0.9
     assert unlike[chest, bins[0]] > 0.9
-    assert np.abs(unlike[chest, colour_bins(np.array([[0.3, 0.9, 0.9]]))[0]]) < 0.7  # never seen
+    assert np.abs(unlike[chest, BINS.of(np.array([[0.3, 0.9, 0.9]]))[0]]) < 0.7  # never seen
 
 
 def test_a_background_like_the_body_tells_nothing(palette):
     background = Background()
-    bins = colour_bins(np.tile(BLUE, (len(RAYS), 1)))
+    bins = BINS.of(np.tile(BLUE, (len(RAYS), 1)))
     background.update(bins, np.zeros(len(RAYS), np.float32))
     unlike = background.compare(palette, bins).unlike
     assert np.abs(unlike[BODY.parts.index("chest"), bins[0]]) < 0.25

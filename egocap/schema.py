@@ -7,18 +7,26 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from egocap.errors import FileError
 from egocap.files import MOST_BYTES, read_bytes
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-"""A finite number; text and booleans are refused."""
 
+def _normal(number: float) -> float:
+    if 0.0 < abs(number) < sys.float_info.min:
+        raise ValueError(f"not 0, but below {sys.float_info.min:.1e}, the least normal number")
+    return number
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(_normal)]
+"""A finite number, 0 or normal: a smaller one can be 0 in another unit. Text and booleans are
+refused."""
 
 MOST_TEXT, MOST_TOML = MOST_BYTES, 1 << 22
 """Largest text file and largest TOML file, bytes."""

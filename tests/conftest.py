@@ -10,12 +10,15 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from egocap.errors import MachineError
 from egocap_sim.core.resources import builtin_file
 from egocap_sim.record.recorder import generate
 from egocap_sim.scene.config import Scene, load_scene
 
+settings.register_profile("same", derandomize=True)  # examples depend on the test alone
+settings.load_profile("same")
 signal.signal(signal.SIGINT, signal.default_int_handler)  # nohup ignores it, and tests send it
 
 _NEEDS_TORCH = re.compile(

@@ -29,6 +29,7 @@ class Outer(Strict):
         ({"name": "a", "several": [{"size": 1}, {"size": "b"}]}, r"'several.1.size': .*not 'b'"),
         ({"name": "a", "nome": 1}, r"unknown key \(valid: inner, name, several\)"),
         ({"name": "a", "inner": {"size": float("inf")}}, "'inner.size': .*finite"),
+        ({"name": "a", "inner": {"size": -5e-324}}, "'inner.size': .*normal"),
         ({"name": "a", "inner": {"size": True}}, "'inner.size'"),
         (3, "file.toml: .*dictionary"),
     ],

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from egocap.cameras.camera import Camera
@@ -172,6 +172,7 @@ def only_our_errors(data: object) -> None:
     base=st.sampled_from([OWN, OWN | {"model": "kannala_brandt", "focal": 300.0}, OCAM_JSON]),
     change=st.dictionaries(st.sampled_from([*OWN_KEYS, *OCAM_JSON]), values, max_size=3),
 )
+@example(base=OWN, change={"fov": 5e-324})
 def test_fuzzed_cameras_give_a_camera_or_our_error(base, change) -> None:
     only_our_errors(base | change)
 

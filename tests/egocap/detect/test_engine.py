@@ -3,6 +3,11 @@
 import importlib.util
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -85,6 +90,29 @@ signal.raise_signal(signal.SIGTERM)
 """
     done = in_fresh_process(code)
     assert (done.returncode, done.stdout) == (0, "handled\n"), done.stderr
+
+
+def test_engines_of_several_threads_share_a_core(monkeypatch):
+    made, together = [], Barrier(2)
+
+    class Core:
+        def __init__(self):
+            made.append(self)
+            time.sleep(0.05)  # the other thread asks meanwhile
+
+        def read_model(self, path):
+            raise KeyError(path)
+
+    def engine():
+        together.wait()
+        with pytest.raises(KeyError):
+            engines._openvino(Path("none"), threads=1, streams=1, batch=1)
+
+    monkeypatch.setattr(engines, "_openvino_core", cache(Core))
+    with ThreadPoolExecutor(2) as pool:
+        for done in [pool.submit(engine) for _ in range(2)]:
+            done.result()
+    assert len(made) == 1
 
 
 @needs_openvino

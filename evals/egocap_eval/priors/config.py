@@ -13,7 +13,7 @@ class TrainingConfig:
     """Networks that are averaged, each trained without a share of the subjects."""
     channels: int = 96
     """Channels of each."""
-    steps: int = 1200
+    steps: int = 700
     """Training steps of each."""
     batch: int = 48
     """Examples a step."""

@@ -1,8 +1,9 @@
 """Learn the tracker's priors from clips that simulated people act out.
 
 The pose prior is the mean and covariance of the angles; the Gaussian motion prior, their
-covariances over time; the motion network learns to correct tracks from detections with errors. The
-attitude is that of the trunk in the head frame over whole recordings.
+covariances over time; the motion network learns to correct tracks from the shipped detector's
+detections of rendered motions, and from guessed ones. The attitude is that of the trunk in the head
+frame over whole recordings.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ def study(
     /,
     write: Annotated[Path | None, arg(metavar="FILE")] = None,
     work: Annotated[Path | None, arg(metavar="DIR")] = None,
-    draws: int = 4,
+    draws: int = 2,
+    workers: int = 1,
     training: Annotated[TrainingConfig, OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
 ) -> Outcome:
     """Learn a prior of the tracker from motions: of poses, motion or attitude, or the network.
@@ -40,8 +42,9 @@ def study(
         folder: Folder of .bvh and .npz clips, searched recursively; optional for those of motion,
             which also learn from built-in motions.
         write: File to write; by default the prior that the tracker uses.
-        work: Folder that keeps takes and tracks for the next prior.
-        draws: Tracks of every take that the network learns from.
+        work: Folder that keeps takes or tracks: the same command continues from them.
+        draws: Tracks from guessed detections of every take that the network learns from.
+        workers: Rendering processes.
         training: How the network is trained.
     """
     if folder is None and (prior in _OF_CLIPS or write is None):
@@ -49,22 +52,30 @@ def study(
                          "alone, --write FILE")  # fmt: skip
     built_in = () if prior in _OF_CLIPS else BUILT_IN
     takes = make_takes(folder, built_in=built_in, keep=work and work / "takes")
+    if prior == "network":
+        from egocap_eval.priors.rendered import rendered_tracks
+        from egocap_eval.priors.tracks import guessed_tracks
+        from egocap_eval.priors.training import train_network
+
+        keep = work and work / "tracks"
+        tracks = rendered_tracks(folder, BUILT_IN, keep, workers)
+        tracks += guessed_tracks(takes, draws, keep)
+        network = train_network(tracks, training)
+        motion_network.save_motion_network(network, write or motion_network.FILE)
+        return _outcome("mean error mm", [(t.name, len(t.angles), t.error_mm) for t in tracks])
     motions = [take.angles for take in takes]
     if prior == "pose":
         pose_prior.save_posture(*pose_prior.learn_posture(motions), write or pose_prior.FILE)
     elif prior == "motion":
         learned = motion_prior.learn_motion_prior(motions, FPS)
         motion_prior.save_motion_prior(learned, write or motion_prior.FILE)
-    elif prior == "attitude":
+    else:
         learned = attitude.learn_attitudes([take.joints_head for take in takes])
         attitude.save_attitudes(learned, len(takes), write or attitude.FILE)
-    else:
-        from egocap_eval.priors.tracks import make_tracks
-        from egocap_eval.priors.training import train_network
+    return _outcome("mean fit error mm", [(t.name, len(t.angles), t.fit_mm) for t in takes])
 
-        tracks = make_tracks(takes, draws, work and work / "tracks")
-        network = train_network(tracks, training)
-        motion_network.save_motion_network(network, write or motion_network.FILE)
-    rows = [{"name": t.name, "frames": len(t.angles), "fit_mm": t.fit_mm} for t in takes]
-    cells = tuple((r["name"], str(r["frames"]), f"{r['fit_mm']:.1f}") for r in rows)
-    return Outcome({"clips": rows}, [Table("", ("clip", "frames", "mean fit error mm"), cells)])
+
+def _outcome(what: str, motions: list[tuple[str, int, float]]) -> Outcome:
+    rows = [{"name": name, "frames": frames, "error_mm": error} for name, frames, error in motions]
+    cells = tuple((name, str(frames), f"{error:.1f}") for name, frames, error in motions)
+    return Outcome({"clips": rows}, [Table("", ("clip", "frames", what), cells)])

@@ -87,7 +87,7 @@ def make_takes(folder: Path | None, *, built_in: Sequence[str], keep: Path | Non
     Those in the folder `keep` are read from there, the others written to it. Clips that cannot be
     acted out are left out with a warning. Raises FileError.
     """
-    takes, clips = [], list(_clips(folder, built_in))
+    takes, clips = [], list(clips_of(folder, built_in))
     with progress("takes", len(clips), unit="takes") as advance:
         for i, (name, path) in enumerate(clips):
             kept = None if keep is None else keep / f"{name}.npz"
@@ -143,8 +143,8 @@ def _person(seed: int) -> Person:
     return make_person(seed)
 
 
-def _clips(folder: Path | None, built_in: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
-    """Names of the takes, and the file of each that is recorded."""
+def clips_of(folder: Path | None, built_in: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
+    """Names of the motions that may be learned from, and the file of each that is recorded."""
     for i, name in enumerate(built_in):
         yield f"builtin-{name}-{i}", None
     sets = motion_sets()

@@ -1,8 +1,8 @@
-"""Tracks of takes from guessed detections, without a motion prior: what the network corrects."""
+"""Tracks of takes without a motion prior: what the network corrects."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +11,13 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from threadpoolctl import threadpool_limits
 
-from egocap.body.labels import MIRROR, other_side
+from egocap.body.labels import EVALUATED, MIRROR, other_side
 from egocap.body.proportions import Proportions
-from egocap.body.skeleton import MIRROR_DOFS, MIRROR_SIGNS, POINT_INDEX, POINTS
+from egocap.body.skeleton import MIRROR_DOFS, MIRROR_SIGNS, POINT_INDEX, POINTS, forward
+from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.commandline import progress
+from egocap.data.detections import Detections
 from egocap.data.head_pose import HeadPoses
 from egocap.files import make_folder, read_npz, write_npz
 from egocap.pose.config import TrackerConfig
@@ -57,6 +59,12 @@ class LearningTrack:
         return HeadPoses(self.T_world_head, np.ones(len(self.angles), bool))
 
     @property
+    def error_mm(self) -> float:
+        """Mean error of the joints, mm."""
+        away = forward(self.person, self.angles) - forward(self.person, self.truth)
+        return 1e3 * float(np.linalg.norm(away[:, EVALUATED], axis=-1).mean())
+
+    @property
     def times(self) -> Float[Array, "T"]:
         """Times of the frames, s."""
         return np.arange(len(self.angles)) / FPS
@@ -71,7 +79,7 @@ class LearningTrack:
         )  # fmt: skip
 
 
-def make_tracks(takes: Sequence[Take], draws: int, keep: Path | None) -> list[LearningTrack]:
+def guessed_tracks(takes: Sequence[Take], draws: int, keep: Path | None) -> list[LearningTrack]:
     """Tracks of all takes, each `draws` times with other errors and on other rigs.
 
     Those in the folder `keep` are read from there, the others written to it.
@@ -80,33 +88,38 @@ def make_tracks(takes: Sequence[Take], draws: int, keep: Path | None) -> list[Le
     tracks = []
     with progress("tracks", len(todo), unit="tracks") as advance:
         for take, draw in todo:
-            tracks.append(_make(take, draw, keep))
+            rng = np.random.default_rng([draw, *take.name.encode()])
+            kept = keep and keep / f"{take.name}.{draw}.npz"
+            tracks.append(kept_track(take.name, kept, lambda t=take, r=rng: track_take(t, r)))
             advance()
     return tracks
 
 
-def _make(take: Take, draw: int, keep: Path | None) -> LearningTrack:
-    path = None if keep is None else keep / f"{take.name}.{draw}.npz"
-    if path is not None and path.is_file():
-        found = read_npz(path)
+def kept_track(name: str, kept: Path | None, make: Callable[[], LearningTrack]) -> LearningTrack:
+    """The track in a file; without the file it is made, and written there. Raises as `make`."""
+    if kept is not None and kept.is_file():
+        found = read_npz(kept)
         names = ("angles", "std", "truth", "T_world_head", "offsets")
-        return LearningTrack(take.name, *(found[name].astype(float) for name in names))
-    seed = [draw, *take.name.encode()]
-    made = track_take(take, np.random.default_rng(seed))
-    if path is not None:
-        make_folder(path.parent)
-        write_npz(path, **{n: a for n, a in vars(made).items() if n != "name"})
+        return LearningTrack(name, *(found[key].astype(float) for key in names))
+    made = make()
+    if kept is not None:
+        make_folder(kept.parent)
+        write_npz(kept, **{key: a for key, a in vars(made).items() if key != "name"})
     return made
 
 
 def track_take(take: Take, rng: np.random.Generator) -> LearningTrack:
     """A track of a take on a rig drawn from `RIGS`."""
     rig = load_rig(builtin_file("rig", str(rng.choice(RIGS)))).resized(*SIZE)
+    return track_detections(take, guess_detections(take, rig, rng), rig)
+
+
+def track_detections(take: Take, found: Detections, rig: Rig) -> LearningTrack:
+    """The track of a take from its detections."""
     person = take.person
     with threadpool_limits(1, user_api="blas"):
-        seen = observe(guess_detections(take, rig, rng), rig, person, CONFIG)
         solver = BatchSolver(person, make_model(person, CONFIG), CONFIG)
-        solution = solver.solve(seen, Stopwatch())
+        solution = solver.solve(observe(found, rig, person, CONFIG), Stopwatch())
         std = joint_deviations(
             person, solution.angles, solver.covariances(solution), CONFIG.model_error_m
         )

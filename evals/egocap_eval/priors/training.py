@@ -46,7 +46,7 @@ _KNOWN, _GAP = (0.3, 0.15, 0.15, 0.4), 0.1
 _SHRINK = 0.1
 """Weight of independence in the correlation of the angles' errors."""
 _WARP = 0.12  # of a take's speed, either way
-_BUILT_IN_WEIGHT, _LONGEST = 0.6, 200  # of takes as examples; steps beyond which longer is no more
+_BUILT_IN_WEIGHT, _LONGEST = 0.2, 200  # of takes as examples; steps beyond which longer is no more
 
 
 @dataclass(frozen=True, eq=False)

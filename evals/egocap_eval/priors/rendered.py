@@ -17,7 +17,7 @@ import numpy as np
 from egocap.commandline import progress
 from egocap.detect.detector import Detector
 from egocap.errors import EgocapError
-from egocap.workers import WorkerPool
+from egocap_eval.harness.cases import map_in_processes
 from egocap_eval.harness.footage import prepare_sequence
 from egocap_eval.priors.takes import FPS, Take, clips_of, fit_angles
 from egocap_eval.priors.tracks import SIZE, LearningTrack, kept_track, track_detections
@@ -43,6 +43,18 @@ RECORDINGS = (
 )
 
 
+@dataclass(frozen=True)
+class _Job:
+    """One recording of one motion."""
+
+    name: str
+    clip: Path | None  # None: a built-in motion
+    rig: str
+    seed: int
+    frames: int  # at most
+    kept: Path | None  # the track's file
+
+
 def rendered_tracks(
     folder: Path | None, built_in: Sequence[str], keep: Path | None, workers: int
 ) -> list[LearningTrack]:
@@ -53,26 +65,24 @@ def rendered_tracks(
     """
     motions = sorted(clips_of(folder, built_in), key=lambda motion: motion[1] is None)
     jobs = [
-        (name, path, of.rigs[index % len(of.rigs)], of.first_seed + index, of.frames,
+        _Job(name, path, of.rigs[index % len(of.rigs)], of.first_seed + index, of.frames,
          keep and keep / f"{name}.{of.first_seed}.npz")
         for of in RECORDINGS
         for index, (name, path) in enumerate(motions)
     ]  # fmt: skip
     tracks = []
-    with WorkerPool(workers) as pool, progress("rendered", len(jobs), unit="tracks") as advance:
-        for track in pool.map(_make, *zip(*jobs, strict=True)):
+    with progress("rendered", len(jobs), unit="tracks") as advance:
+        for track in map_in_processes(_make, jobs, workers):
             tracks.append(track)
             advance()
     return [track for track in tracks if track is not None]
 
 
-def _make(
-    name: str, path: Path | None, rig: str, seed: int, frames: int, kept: Path | None
-) -> LearningTrack | None:
+def _make(job: _Job) -> LearningTrack | None:
     try:
-        return kept_track(name, kept, lambda: _rendered(scene_of(name, path, rig, seed, frames)))
+        return kept_track(job.name, job.kept, lambda: _rendered(_scene(job)))
     except EgocapError as error:
-        log.warning("%s left out: %s", name, error)
+        log.warning("%s left out: %s", job.name, error)
         return None
 
 
@@ -87,18 +97,18 @@ def _rendered(scene: Scene) -> LearningTrack:
         return track_detections(take, Detector(footage.rig).detect(footage), footage.rig)
 
 
-def scene_of(name: str, path: Path | None, rig: str, seed: int, frames: int) -> Scene:
-    """At most `frames` of a clip from a random start, or of a built-in motion."""
-    motion: dict[str, object] = {"name": name.split("-")[1]}
-    if path is not None:
-        clip = load_clip(path)
-        last = len(clip.positions) / clip.fps - (frames + 1) / FPS
-        start = np.random.default_rng(seed).uniform(0.0, max(last, 0.0))
-        motion = {"file": str(path.resolve()), "start_s": start}
+def _scene(job: _Job) -> Scene:
+    """A clip from a random start, or a built-in motion."""
+    motion: dict[str, object] = {"name": job.name.split("-")[1]}
+    if job.clip is not None:
+        clip = load_clip(job.clip)
+        last = len(clip.positions) / clip.fps - (job.frames + 1) / FPS
+        start = np.random.default_rng(job.seed).uniform(0.0, max(last, 0.0))
+        motion = {"file": str(job.clip.resolve()), "start_s": start}
     scene = Scene.model_validate({
-        "name": name, "frames": frames, "fps": FPS, "seed": seed,
-        "rig": {"name": rig, "size": SIZE}, "place": {"name": "room", "clear_radius": 2.0},
+        "name": job.name, "frames": job.frames, "fps": FPS, "seed": job.seed,
+        "rig": {"name": job.rig, "size": SIZE}, "place": {"name": "room", "clear_radius": 2.0},
         "motion": motion, "record": {"masks": False},
     })  # fmt: skip
-    most = frames if path is None else World(scene).clip_frames
-    return scene.model_copy(update={"frames": min(frames, most)})
+    most = job.frames if job.clip is None else World(scene).clip_frames
+    return scene.model_copy(update={"frames": min(job.frames, most)})

@@ -2,8 +2,8 @@
 
 A detector guesses hidden joints from a single image: all of them in one plausible pose, the same in
 every view, which swings less than the person does. Visible joints have errors with heavy tails;
-both persist over time. In some episodes a limb is detected elsewhere. The sizes below are medians
-of the shipped detector's errors on validation footage, by label and visibility.
+both persist over time. In some episodes a limb is detected elsewhere. The sizes below, by label and
+visibility, are those of earlier weights: errors are larger than the shipped detector's.
 """
 
 from __future__ import annotations

@@ -15,17 +15,20 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from egocap.commandline import progress
-from egocap.detect.detector import Detector
+from egocap.detect.sources import detections_from
 from egocap.errors import EgocapError
 from egocap_eval.harness.cases import map_in_processes
 from egocap_eval.harness.footage import prepare_sequence
 from egocap_eval.priors.takes import FPS, Take, clips_of, fit_angles
 from egocap_eval.priors.tracks import SIZE, LearningTrack, kept_track, track_detections
+from egocap_eval.studies.recorded import detector_version
 from egocap_sim.motion.clips.load import load_clip
 from egocap_sim.scene.config import Scene
 from egocap_sim.world.world import World
 
 log = logging.getLogger(__name__)
+
+SOURCE = "learned"  # of the detections: the shipped weights
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,15 @@ def rendered_tracks(
 ) -> list[LearningTrack]:
     """Tracks of the clips of a folder that may be learned from, and of built-in motions.
 
-    Those in the folder `keep` are read from there, the others written to it. Clips that cannot be
-    acted out are left out with a warning. `workers` are processes.
+    Those that the same detector left in the folder `keep` are read from there, the others written
+    to it. Clips that cannot be acted out are left out with a warning. `workers` are processes.
+    Clips have the first seeds, whatever the built-in motions.
     """
     motions = sorted(clips_of(folder, built_in), key=lambda motion: motion[1] is None)
+    version = detector_version(SOURCE)
     jobs = [
         _Job(name, path, of.rigs[index % len(of.rigs)], of.first_seed + index, of.frames,
-         keep and keep / f"{name}.{of.first_seed}.npz")
+         keep and keep / f"{name}.{of.first_seed}.{version}.npz")
         for of in RECORDINGS
         for index, (name, path) in enumerate(motions)
     ]  # fmt: skip
@@ -95,7 +100,7 @@ def _rendered(scene: Scene) -> LearningTrack:
             scene.name, fit_angles(truth.joints_head, person), truth.joints_head,
             truth.T_world_head, np.asarray(person.offsets),
         )  # fmt: skip
-        return track_detections(take, Detector(footage.rig).detect(footage), footage.rig)
+        return track_detections(take, detections_from(footage, SOURCE, 0), footage.rig)
 
 
 def _scene(job: _Job) -> Scene:

@@ -42,7 +42,7 @@ def study(
         folder: Folder of .bvh and .npz clips, searched recursively; optional for those of motion,
             which also learn from built-in motions.
         write: File to write; by default the prior that the tracker uses.
-        work: Folder that keeps takes or tracks: the same command continues from them.
+        work: Folder that keeps takes and tracks: the same command continues from them.
         draws: Tracks from guessed detections of every take that the network learns from.
         workers: Rendering processes.
         training: How the network is trained.
@@ -62,7 +62,8 @@ def study(
         tracks += guessed_tracks(takes, draws, keep)
         network = train_network(tracks, training)
         motion_network.save_motion_network(network, write or motion_network.FILE)
-        return _outcome("mean error mm", [(t.name, len(t.angles), t.error_mm) for t in tracks])
+        rows = [(t.name, len(t.angles), t.error_mm) for t in tracks]
+        return _outcome("error_mm", "mean error mm", rows)
     motions = [take.angles for take in takes]
     if prior == "pose":
         pose_prior.save_posture(*pose_prior.learn_posture(motions), write or pose_prior.FILE)
@@ -72,10 +73,11 @@ def study(
     else:
         learned = attitude.learn_attitudes([take.joints_head for take in takes])
         attitude.save_attitudes(learned, len(takes), write or attitude.FILE)
-    return _outcome("mean fit error mm", [(t.name, len(t.angles), t.fit_mm) for t in takes])
+    rows = [(t.name, len(t.angles), t.fit_mm) for t in takes]
+    return _outcome("fit_mm", "mean fit error mm", rows)
 
 
-def _outcome(what: str, motions: list[tuple[str, int, float]]) -> Outcome:
-    rows = [{"name": name, "frames": frames, "error_mm": error} for name, frames, error in motions]
+def _outcome(key: str, heading: str, motions: list[tuple[str, int, float]]) -> Outcome:
+    rows = [{"name": name, "frames": frames, key: error} for name, frames, error in motions]
     cells = tuple((name, str(frames), f"{error:.1f}") for name, frames, error in motions)
-    return Outcome({"clips": rows}, [Table("", ("clip", "frames", what), cells)])
+    return Outcome({"clips": rows}, [Table("", ("clip", "frames", heading), cells)])

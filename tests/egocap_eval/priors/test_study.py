@@ -15,7 +15,7 @@ def test_priors_of_motion_are_learned_from_built_in_motions(monkeypatch, tmp_pat
     work = tmp_path / "work"
     outcome = study.study("motion", write=tmp_path / "prior.npz", work=work)
     assert [row["frames"] for row in outcome.result["clips"]] == [60, 60]
-    assert max(row["error_mm"] for row in outcome.result["clips"]) < 10.0
+    assert max(row["fit_mm"] for row in outcome.result["clips"]) < 10.0
     assert load_motion_prior(tmp_path / "prior.npz") is not None
     settings = TrainingConfig(members=1, channels=4, steps=2, batch=2)
     monkeypatch.setattr(rendered, "RECORDINGS", (rendered.Recordings(("cap",), 330_000, 6),))

@@ -166,9 +166,8 @@ def train(
     command = runs.command_for_devices(sys.argv[1:])
     if command is not None:
         return subprocess.call(command)
-    runs.join_processes()
     first = os.environ.get("RANK", "0") == "0"  # of several processes: it writes and prints
-    with ExitStack() as stack:
+    with runs.process_group(), ExitStack() as stack:
         if first:
             stack.enter_context(holding(run.out, folder=True))
         outcome = runs.train_detector(run, training)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import atexit
 import json
 import logging
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -136,17 +136,26 @@ def split(folders: list[Path], share: float) -> tuple[list[Path], list[Path]]:
     )
 
 
-def join_processes() -> None:
-    """Join the process group of torchrun, if there is one."""
+@contextmanager
+def process_group() -> Iterator[None]:
+    """Join the process group of torchrun, if there is one, and leave it at the end.
+
+    Its threads release tensors, for which they need Python, so they must end before it does. They
+    end with the last reference to the group.
+    """
     if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+        yield
         return
-    import torch
+    import torch.distributed.nn  # before the group is: its default arguments would keep that
 
     cuda = torch.cuda.is_available()
     if cuda:
         torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     torch.distributed.init_process_group("nccl" if cuda else "gloo")
-    atexit.register(torch.distributed.destroy_process_group)  # its threads must not outlive Python
+    try:
+        yield
+    finally:
+        torch.distributed.destroy_process_group()
 
 
 def command_for_devices(words: Sequence[str], module: str = "egocap") -> list[str] | None:

@@ -28,7 +28,6 @@ from egocap.fitting.bundle_adjustment import (
     linearised,
     select_frames,
     solve,
-    without_bias,
 )
 from egocap.fitting.config import FitConfig
 from egocap.pose.config import TrackerConfig
@@ -36,13 +35,16 @@ from egocap.pose.observations import observe
 
 BODY_PASSES = 2
 """Times that the work on all frames is told: their track, and the fit, which takes as long."""
-SYSTEMATIC_M = 0.003
-"""Standard deviation of a bone's length that more frames do not reduce: detectors mark the skin."""
-WELL = 0.03
-"""Relative standard deviation up to which a bone counts as well determined."""
+SYSTEMATIC = 0.025
+"""Standard deviation of a bone's length that more frames do not reduce, as a part of it: detectors
+mark what covers the joints. Source: fits of 140 simulated people on five rigs with the shipped
+detector: the bones' errors are 0.97 to 1.18 times the stated ones, by rig."""
+WELL = 0.035
+"""Relative standard deviation up to which a bone counts as well determined: the noise of the frames
+adds less than `SYSTEMATIC`."""
 LEARNED_SHARE = 0.8
-"""A bone counts as observed when its standard deviation is below this fraction of that among people
-of one stature: other bones determine the stature only."""
+"""A bone counts as observed when its standard deviation by noise is below this fraction of that
+among people of one stature: other bones determine the stature only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,7 @@ class BodyFit:
     """A person's proportions and their uncertainty. Not converging is no error."""
 
     proportions: Proportions
-    std: Float[Array, "22"]  # of the length of the bone to each point, metres
+    noise_std: Float[Array, "22"]  # of the length of the bone to each point, metres: by noise alone
     prior_std: Float[Array, "22"]  # the same by the prior
     usual_std: Float[Array, "22"]  # the same among people of one stature
     components: Float[Array, "K"]  # `body_prior.COMPONENTS`, metres
@@ -62,6 +64,12 @@ class BodyFit:
     residual: float  # root mean square, in the detections' standard deviations
     converged: bool
     config: dict[str, object] = field(default_factory=dict)
+
+    @property
+    def std(self) -> Float[Array, "22"]:
+        """Standard deviation of the length of the bone to each point, metres."""
+        lengths = np.linalg.norm(self.proportions.offsets, axis=1)
+        return np.minimum(np.hypot(self.noise_std, SYSTEMATIC * lengths), self.prior_std)
 
     @property
     def relative_std(self) -> Float[Array, "22"]:
@@ -82,7 +90,7 @@ class BodyFit:
     @property
     def learned(self) -> Bool[Array, "22"]:
         """Bones that the detections determine better than the stature does."""
-        return self.std < LEARNED_SHARE * self.usual_std
+        return self.noise_std < LEARNED_SHARE * self.usual_std
 
     def report(self) -> dict[str, dict[str, float | str]]:
         """Length in metres, standard deviation in %, and their source, by bone."""
@@ -129,9 +137,7 @@ def fit_body(
     problem = FitProblem(of_frames, prior, tracker)
     poses, components, converged = solve(problem, followed.angles[frames], prior.mean, config)
     on_frames(len(detections.times) // 2)
-    poses, unbiased = without_bias(problem, poses, components)
-    usual = length_spread(unbiased, prior.individual)
-    fit = _finished(problem, poses, unbiased, unbiased - components, converged, frames, usual)
+    fit = _finished(problem, prior, poses, components, converged, frames)
     on_frames(-(-len(detections.times) // 2))
     return fit
 
@@ -168,12 +174,11 @@ def choose_frames(
 
 def _finished(
     problem: FitProblem,
+    prior: BodyPrior,
     poses: Float[Array, "T 37"],
     components: Float[Array, "K"],
-    corrected: Float[Array, "K"],
     converged: bool,
     frames: Int[Array, "T"],
-    usual_std: Float[Array, "22"],
 ) -> BodyFit:
     system = linearised(problem, poses, components)
     weights = problem.observations.weights
@@ -181,14 +186,11 @@ def _finished(
     # Detections worse than stated raise the covariance; better ones do not lower it.
     typical = float(np.median(system.squared[used]) / (2.0 * np.log(2.0)))
     covariance = np.linalg.inv(information(system)) * max(1.0, typical)
-    covariance += np.outer(corrected, corrected)  # the correction's size bounds its certainty
-    prior_std = length_spread(components, problem.prior.covariance)
-    std = np.minimum(np.hypot(length_spread(components, covariance), SYSTEMATIC_M), prior_std)
     return BodyFit(
         proportions=to_proportions(components),
-        std=std,
-        prior_std=prior_std,
-        usual_std=usual_std,
+        noise_std=length_spread(components, covariance),
+        prior_std=length_spread(components, prior.covariance),
+        usual_std=length_spread(components, prior.individual),
         components=components,
         covariance=covariance,
         frames=frames,

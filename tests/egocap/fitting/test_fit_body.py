@@ -61,6 +61,15 @@ def test_limbs_come_out_within_three_percent(fit, seen):
     assert all(fit.report()[name]["determined"] == "well" for name in ("left_elbow", "left_wrist"))
 
 
+def test_one_camera_shortens_no_limb(seen):
+    """Depth is free then, and with it the limbs' length: the prior holds them."""
+    moving, body = seen
+    found = moving.detect("simulated:4.0")
+    one = replace(found, valid=found.valid & (np.arange(2) == 0)[:, None])
+    fit = fit_body(one, moving.rig, config=FEW)
+    assert min(off(fit, body, name) for name in LIMBS) > -0.08
+
+
 def test_errors_are_within_their_stated_scatter(fit, seen):
     truth = np.linalg.norm(seen[1].offsets, axis=1)
     found = np.linalg.norm(fit.proportions.offsets, axis=1)

@@ -166,8 +166,9 @@ def train(
     command = runs.command_for_devices(sys.argv[1:])
     if command is not None:
         return subprocess.call(command)
+    runs.join_processes()
     first = os.environ.get("RANK", "0") == "0"  # of several processes: it writes and prints
-    with runs.process_group(), ExitStack() as stack:
+    with ExitStack() as stack:
         if first:
             stack.enter_context(holding(run.out, folder=True))
         outcome = runs.train_detector(run, training)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import logging
 import os
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -136,15 +136,9 @@ def split(folders: list[Path], share: float) -> tuple[list[Path], list[Path]]:
     )
 
 
-@contextmanager
-def process_group() -> Iterator[None]:
-    """Join the process group of torchrun, if there is one, and leave it at the end.
-
-    Its threads release tensors, for which they need Python, so they must end before it does. They
-    end with the last reference to the group.
-    """
+def join_processes() -> None:
+    """Join the process group of torchrun, if there is one."""
     if int(os.environ.get("WORLD_SIZE", "1")) == 1:
-        yield
         return
     import torch.distributed.nn  # before the group is: its default arguments would keep that
 
@@ -152,10 +146,8 @@ def process_group() -> Iterator[None]:
     if cuda:
         torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     torch.distributed.init_process_group("nccl" if cuda else "gloo")
-    try:
-        yield
-    finally:
-        torch.distributed.destroy_process_group()
+    # Its threads release tensors, for which they need Python; they end with the last reference.
+    atexit.register(torch.distributed.destroy_process_group)
 
 
 def command_for_devices(words: Sequence[str], module: str = "egocap") -> list[str] | None:

@@ -75,8 +75,8 @@ def train(
         command = runs.command_for_devices(sys.argv[1:], "egocap_eval")
         if command is not None:
             return subprocess.call(command)
-    with runs.process_group():
-        outcome = runs.train_detector(run, shortened, ["egocap-eval", *sys.argv[1:]])
+    runs.join_processes()
+    outcome = runs.train_detector(run, shortened, ["egocap-eval", *sys.argv[1:]])
     found = runs.summary(run, outcome)
     print(json_format.dumps(found, indent=1) if json else runs.summary_text(run, outcome))
     return DONE if outcome.finished else INTERRUPTED

@@ -106,10 +106,25 @@ def test_a_rig_alone_is_referred_to_the_simulator(tiny_sequence, tmp_path, monke
         assert "egocap-eval train --rig" in capsys.readouterr().err
 
 
+PROGRAM = """
+import atexit, sys
+from pathlib import Path
+from egocap.cli import main
+
+def names():
+    return [(task / "comm").read_text().strip() for task in Path("/proc/self/task").iterdir()]
+
+atexit.register(lambda: print("threads left:", *names(), file=sys.stderr))
+sys.exit(main())
+"""
+
+
 def torchrun(sequence, out, *options):
-    """A start of two steps of the tiny network."""
+    """A start of two steps of the tiny network, which lists the threads left at its end."""
+    program = out.parent / "train.py"
+    program.write_text(PROGRAM)
     words = [sys.executable, "-m", "torch.distributed.run", *options]
-    words += ["-m", "egocap", "train", str(sequence), "--out", str(out), "--config", "tiny"]
+    words += [str(program), "train", str(sequence), "--out", str(out), "--config", "tiny"]
     words += ["--steps", "2", "--batch", "2", "--held-out", "0", "--json"]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -121,6 +136,8 @@ def test_two_processes_train_one_network(tiny_sequence, tmp_path):
     with torchrun(tiny_sequence, out, "--standalone", "--nproc-per-node", "2") as started:
         printed, said = started.communicate()
     assert started.returncode == 0, said
+    left = [line for line in said.splitlines() if line.startswith("threads left:")]
+    assert len(left) == 2 and "gloo" not in "".join(left)  # they would need Python after its end
     assert json.loads(printed)["views"] == 2 * 2 * 2  # one process prints
     assert open_weights(out / "detector.safetensors").training["views_seen"] == 2 * 2 * 2
 

@@ -46,8 +46,8 @@ Hessian, which is linear in the length of a bone that turns towards a measured e
 is quadratic: 1/4. Half of that is left where the priors hold the poses as well: so it came out on
 simulated people, with 1/4 short by as much as without it long."""
 CREDIBLE = 3.0
-"""Longest correction of the bias, in posterior standard deviations. A single camera's would be ten:
-a Newton step of one does not hold so far, and took 5 to 8 cm from every limb."""
+"""Longest correction of the bias, in posterior standard deviations: one Newton step does not hold
+farther. With a single camera it would be ten, and took centimetres from every limb."""
 _NUDGE = 2e-4  # metres, of differences
 
 

@@ -107,14 +107,17 @@ def test_a_rig_alone_is_referred_to_the_simulator(tiny_sequence, tmp_path, monke
 
 
 PROGRAM = """
-import atexit, sys
+import atexit, os, sys
 from pathlib import Path
 from egocap.cli import main
 
 def names():
     return [(task / "comm").read_text().strip() for task in Path("/proc/self/task").iterdir()]
 
-atexit.register(lambda: print("threads left:", *names(), file=sys.stderr))
+def tell():
+    os.write(2, f"\\nthreads left: {names()}\\n".encode())  # at once: other processes write, too
+
+atexit.register(tell)
 sys.exit(main())
 """
 

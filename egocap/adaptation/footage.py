@@ -68,7 +68,7 @@ def track_footage(folder: Path, work: Path, options: AdaptOptions, on_step: Step
     stages = Stages(work)
     wearer = MocapOptions(height=options.height, body=options.body, weights=options.weights)
     found = steps.detections(stages, sequence, wearer, on_step)
-    rig = steps.rig(stages, sequence, wearer, on_step)
+    rig, _ = steps.rig(stages, sequence, wearer, on_step)
     body, _ = steps.body(stages, rig, found, wearer, on_step)
     track = steps.track(stages, sequence, rig, found, body, TrackerConfig(), None, on_step)
     return Recording(sequence, _labels(sequence, rig, found, track))

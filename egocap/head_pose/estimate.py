@@ -19,7 +19,7 @@ from egocap.errors import InputError
 from egocap.geometry import transform
 from egocap.head_pose.floor import find_floor
 from egocap.head_pose.imu import Inertial
-from egocap.head_pose.pictures import grey_frames, grey_pictures
+from egocap.head_pose.pictures import Grey, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
 from egocap.head_pose.rig_correction import find_rig_correction, frames_of
 from egocap.head_pose.vertical import Vertical, find_vertical
@@ -48,23 +48,31 @@ class MapPoses:
     views: Views  # in which the pictures were seen
     facts: dict[str, Any]  # how they were found, JSON-ready
     reasons: dict[int, str]  # why another frame has none
+    pictures: dict[int, tuple[Grey | None, ...]]  # of some frames spread over the sequence, grey
 
 
 def by_odometry(
-    sequence: Sequence, config: OdometryConfig, rig: Rig, track: Track | None, advance: Advance
-) -> MapPoses:
-    """Poses in the map's frame. InputError where no frame has one."""
+    sequence: Sequence, config: OdometryConfig, rig: Rig, track: Track | None, advance: Advance,
+    correction: Correction | None = None,
+) -> MapPoses:  # fmt: skip
+    """Poses in the map's frame. InputError where no frame has one.
+
+    `correction`: of the rig, in place of the one that is sought where the settings say so.
+    """
     views = Views.of(rig, config.width)
     wearer = None if track is None else WearerMasks(track, views)
-    correction: Correction | None = None
-    if config.self_calibration:
+    if correction is None and config.self_calibration:
         correction = find_rig_correction(sequence, views, config, wearer)
     views = views if correction is None else correction.views
     odometry, reasons = Odometry(views, config), {}
+    kept: dict[int, tuple[Grey | None, ...]] = {}
+    wanted = spread_over(len(sequence))
     for frame in frames_of(sequence, views.rig, range(len(sequence)), wearer):
         pose = odometry.add(*frame)
         if pose.T_world_head is None:
             reasons[frame[0]] = pose.problem
+        elif frame[0] in wanted:
+            kept[frame[0]] = frame[2]
         advance(1)
     if not odometry.map.frames:
         why = max(sorted(set(reasons.values())), key=list(reasons.values()).count)
@@ -78,20 +86,23 @@ def by_odometry(
     if correction is not None:
         facts["self_calibration"] = correction.facts()
     return MapPoses(found.frame, found.time, found.T_map_head, found.covariance, found.points,
-                    views, facts, reasons)  # fmt: skip
+                    views, facts, reasons, kept)  # fmt: skip
 
 
-def vertical_of(sequence: Sequence, found: MapPoses, inertial: Vertical | None = None) -> Vertical:
+def spread_over(frames: int) -> set[int]:
+    """Frames whose pictures are kept for the floor, several times as many as are used of them."""
+    return set(np.linspace(0, frames - 1, 4 * FLOOR_FRAMES).astype(int).tolist())
+
+
+def vertical_of(found: MapPoses, inertial: Vertical | None = None) -> Vertical:
     """Up and the floor's height, from the map's planes, an IMU and some pictures of a width."""
     vertical = find_vertical(found.points, found.T_map_head)
     if inertial is not None and inertial.up_std < vertical.up_std:
         vertical = inertial
-    rows = np.unique(np.linspace(0, len(found.frame) - 1, FLOOR_FRAMES).astype(int))
-    frames = []
-    for row in rows:
-        at = int(found.frame[row])
-        _, images = next(grey_frames(sequence, found.views.rig, range(at, at + 1)))
-        frames.append((found.T_map_head[row], images))
+    kept = [row for row, frame in enumerate(found.frame.tolist()) if frame in found.pictures]
+    some = np.unique(np.linspace(0, len(kept) - 1, FLOOR_FRAMES).astype(int)) if kept else ()
+    rows = [kept[i] for i in some]
+    frames = [(found.T_map_head[row], found.pictures[int(found.frame[row])]) for row in rows]
     floor = find_floor(found.views, frames, vertical.up)
     if floor is None:
         log.warning("the floor was not found: heights are relative to the first head")

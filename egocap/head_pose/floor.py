@@ -75,10 +75,9 @@ def _sweep(
     columns, rows = np.arange(GRID, width - GRID, GRID), np.arange(GRID, height - GRID, GRID)
     grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
     pixels = grid[views.lens_masks[a][grid[:, 1], grid[:, 0]] > 0].astype(float)
-    rays, _ = views.rays(a, pixels)
+    rays, slope, _, _ = views.rays_and_derivative(a, pixels)
     down = -(rays @ up) > STEEP
-    pixels, rays = pixels[down], rays[down]
-    slope, _ = views.ray_derivative(a, rays)
+    pixels, rays, slope = pixels[down], rays[down], slope[down]
     origin = views.centres[a]
     reach = -(depths + origin @ up) / (rays @ up)[:, None]  # (n, H), metres along the ray
     points = origin + reach[..., None] * rays[:, None]
@@ -99,6 +98,8 @@ def find_floor(
     `frames`: T_map_head and the pictures of some frames spread over the recording; `up` within some
     degrees.
     """
+    if not frames:
+        return None
     found = [(T, sweeps(views, images, T[:3, :3].T @ up)) for T, images in frames]
     heads = np.array([T[:3, 3] @ up for T, _ in frames])
     levels = heads.mean() - np.arange(BELOW[0] - 0.1, BELOW[1] + 0.1, STEP)

@@ -25,8 +25,8 @@ from egocap.data.track import Track
 from egocap.errors import InputError, require
 from egocap.geometry import inverse, rigid
 from egocap.head_pose.config import SfmConfig
-from egocap.head_pose.estimate import Advance, MapPoses
-from egocap.head_pose.pictures import grey_frames
+from egocap.head_pose.estimate import Advance, MapPoses, spread_over
+from egocap.head_pose.pictures import Grey, grey_frames
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.views import Views
 
@@ -54,7 +54,7 @@ def by_structure_from_motion(
     pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL  # type: ignore[misc]
     with tempfile.TemporaryDirectory(prefix="egocap-sfm-") as folder:
         work = Path(folder)
-        _write_pictures(sequence, frames, views, wearer, work)
+        kept = _write_pictures(sequence, frames, views, wearer, work)
         _match(work, views, config, masked=wearer is not None)
         found = _map(work, lambda: advance(config.every))
     if found is None:
@@ -66,19 +66,26 @@ def by_structure_from_motion(
     facts = {"method": "sfm", "adjusted": len(adjusted), "points": len(points),
              "residual_px": round(float(found.compute_mean_reprojection_error()), 3)}  # fmt: skip
     reasons = dict.fromkeys(set(range(len(sequence))) - set(known.tolist()), NO_POSE)
-    return MapPoses(known, sequence.times[known], T_map_head, None, points, views, facts, reasons)
+    return MapPoses(known, sequence.times[known], T_map_head, None, points, views, facts, reasons,
+                    kept)  # fmt: skip
 
 
 def _write_pictures(
     sequence: Sequence, frames: list[int], views: Views, wearer: WearerMasks | None, work: Path
-) -> None:
-    """PICTURES/VIEW/FRAME.png, and under masks what is neither the wearer nor the lens's rim."""
+) -> dict[int, tuple[Grey | None, ...]]:
+    """PICTURES/VIEW/FRAME.png, and under masks what is neither the wearer nor the lens's rim.
+
+    Returns some pictures for the floor.
+    """
+    kept, wanted = {}, {frames[i] for i in spread_over(len(frames))}
     lens = [_within_rim(camera, mask)
             for camera, mask in zip(views.cameras, views.lens_masks, strict=True)]  # fmt: skip
     for view in range(len(views)):
         for kind in ("pictures", "masks"):
             (work / kind / str(view)).mkdir(parents=True)
     for index, images in grey_frames(sequence, views.rig, frames):
+        if index in wanted:
+            kept[index] = images
         bodies = (None,) * len(views) if wearer is None else wearer.at(float(sequence.times[index]))
         for view, (image, body) in enumerate(zip(images, bodies, strict=True)):
             if image is None:
@@ -86,6 +93,7 @@ def _write_pictures(
             mask = lens[view] if body is None else np.where(body, 0, lens[view]).astype(np.uint8)
             _write(work / "pictures" / str(view) / f"{index:07d}.png", image)
             _write(work / "masks" / str(view) / f"{index:07d}.png.png", mask)
+    return kept
 
 
 def _within_rim(camera: Camera, mask: UInt8[Array, "H W"]) -> UInt8[Array, "H W"]:

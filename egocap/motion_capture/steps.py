@@ -8,6 +8,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig, write_rig
@@ -30,6 +32,7 @@ from egocap.motion_capture.detecting import detect_in_pieces
 from egocap.motion_capture.stages import Stages
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.odometry.config import OdometryConfig
+from egocap.odometry.self_calibration import Correction
 from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
@@ -54,25 +57,41 @@ def detections(
     return stages.run("detections.npz", settings, write, load_detections)
 
 
-def rig(stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step) -> Rig:
-    """The rig as the surroundings tell it, or as given: rig.json."""
+def rig(
+    stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
+) -> tuple[Rig, Correction | None]:
+    """The rig as the surroundings tell it, or as given (rig.json), and what was corrected."""
 
     def write(path: Path) -> None:
-        found, config = None, OdometryConfig()
+        found = None
         if options.self_calibration and len(sequence.rig.mounts) > 1:
             advance = on_step("rig", 1)
             try:
-                found = find_rig_correction(sequence, Views.of(sequence.rig, config.width), config)
+                found = find_rig_correction(sequence, _views(sequence))
             except InputError as error:
                 log.warning("%s: the rig file is taken as it is", error)
             advance(1)
         if found is not None:
             for line in correction_lines(found.facts()):
                 log.warning("%s", line)
-        write_rig(path, sequence.rig if found is None else found.rig(sequence.rig))
+        write_json(path, {} if found is None
+                   else {"values": found.values.tolist(), "std": found.std.tolist()})  # fmt: skip
+
+    def read(path: Path) -> Correction | None:
+        found = read_json(path)
+        if not found:
+            return None
+        values, std = (np.array(found[name]) for name in ("values", "std"))
+        return Correction.of(_views(sequence), values, std)
 
     settings = {"self_calibration": options.self_calibration}
-    return stages.run("rig.json", settings, write, load_rig)
+    correction = stages.run("rig-correction.json", settings, write, read)
+    found = sequence.rig if correction is None else correction.rig(sequence.rig)
+    return stages.run("rig.json", {}, lambda path: write_rig(path, found), load_rig), correction
+
+
+def _views(sequence: Recording) -> Views:
+    return Views.of(sequence.rig, OdometryConfig().width)
 
 
 def body(
@@ -97,17 +116,19 @@ def body(
 
 
 def head_poses(
-    stages: Stages, sequence: Recording, rig: Rig, options: MocapOptions, on_step: Step
-) -> Path | None:
+    stages: Stages, sequence: Recording, correction: Correction | None, options: MocapOptions,
+    on_step: Step,
+) -> Path | None:  # fmt: skip
     """File of the head's path: the given one, or head.npz; None where the motion has no world."""
 
     def write(path: Path) -> None:
         advance = on_step("head pose", len(sequence))
-        find_head_poses(sequence, rig, odometry, advance=advance).save(path)
+        found = find_head_poses(sequence, sequence.rig, OdometryConfig(self_calibration=False),
+                                advance=advance, correction=correction)  # fmt: skip
+        found.save(path)
 
     if not options.world:
         return options.head_pose
-    odometry = OdometryConfig(self_calibration=options.self_calibration)
     try:
         return stages.run("head.npz", {}, write, lambda path: path)
     except InputError as error:

@@ -140,8 +140,7 @@ def _described(odometry: Odometry, row: int, images: tuple[Image | None, ...]) -
                         odometry.map.frames[row].motion)  # fmt: skip
     kept = ~is_wearer(pair.points_head)
     rows = pair.rows[kept]
-    rays, _ = views.rays(0, pixels[rows])
-    _, density = views.ray_derivative(0, rays)
+    rays, _, density, _ = views.rays_and_derivative(0, pixels[rows])
     return Landmarks(row, pair.points_head[kept], rays, density, descriptors[rows])
 
 

@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
-from egocap.geometry import exponential, rigid
+from egocap.geometry import rigid
 from egocap.odometry import stereo
 from egocap.odometry.adjustment import adjust
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.corners import find_corners
-from egocap.odometry.ray_kernel import refine_pose, squared_residuals
+from egocap.odometry.ray_kernel import exponential, refine_pose, squared_residuals
 from egocap.odometry.rejections import RejectionMap
 from egocap.odometry.surface_patches import aligned, fitting, patches_at, warps
 from egocap.odometry.track_map import Observations, Posed, TrackMap, twist_between
@@ -195,9 +195,8 @@ class Odometry:
         self, view: int, points: Array, pixels: Float[Array, "n 2"], motion: Motion,
         noise_px: float | None = None,
     ) -> Observations:  # fmt: skip
-        rays, valid = self.views.rays(view, pixels)
-        points, pixels, rays = points[valid], pixels[valid], rays[valid]
-        _, density = self.views.ray_derivative(view, rays)
+        rays, _, density, valid = self.views.rays_and_derivative(view, pixels)
+        points, pixels, rays, density = (x[valid] for x in (points, pixels, rays, density))
         blur = GREY_NOISE / np.maximum(self.map.patches.sharpness[points], 1e-3)
         sigma = np.hypot(noise_px or self.config.noise_px, blur)
         return Observations(points, np.full(len(points), view), pixels, rays,

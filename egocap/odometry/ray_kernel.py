@@ -69,11 +69,43 @@ def residual(R, t, X, o, b, inv_sigma, r, J_pose, J_point):
 @njit(cache=True, nogil=True)
 def exponential(w):
     """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    a = 1.0 - angle * angle / 6.0 if angle < 1e-4 else np.sin(angle) / angle
-    c = 0.5 - angle * angle / 24.0 if angle < 1e-4 else (1.0 - np.cos(angle)) / (angle * angle)
+    a, c = _rodrigues(np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
     K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
     return np.eye(3) + a * K + c * (K @ K)
+
+
+@njit(cache=True, nogil=True)
+def _rodrigues(angle):
+    """sin x / x and (1 - cos x) / x^2 of an angle x."""
+    if angle < 1e-4:
+        return 1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0
+    return np.sin(angle) / angle, (1.0 - np.cos(angle)) / (angle * angle)
+
+
+@njit(cache=True, nogil=True)
+def logarithm(R):
+    """Rotation vector of a rotation matrix that turns by less than 180 degrees."""
+    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine2 = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    angle = np.arctan2(sine2, R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    return w * (0.5 + angle * angle / 12.0 if angle < 1e-4 else angle / sine2)
+
+
+@njit(cache=True, nogil=True)
+def sights_later(centres, rays, delay, twist):
+    """Centres and rays (N, 3) of a head that moved on for delay (N,) by twist (N, 6)."""
+    moved, turned_rays = np.empty_like(rays), np.empty_like(rays)
+    for n in range(len(rays)):
+        w0, w1, w2 = delay[n] * twist[n, 0], delay[n] * twist[n, 1], delay[n] * twist[n, 2]
+        a, c = _rodrigues(np.sqrt(w0 * w0 + w1 * w1 + w2 * w2))
+        for out, v in ((moved[n], centres[n]), (turned_rays[n], rays[n])):
+            x0, x1, x2 = w1 * v[2] - w2 * v[1], w2 * v[0] - w0 * v[2], w0 * v[1] - w1 * v[0]
+            out[0] = v[0] + a * x0 + c * (w1 * x2 - w2 * x1)
+            out[1] = v[1] + a * x1 + c * (w2 * x0 - w0 * x2)
+            out[2] = v[2] + a * x2 + c * (w0 * x1 - w1 * x0)
+        for i in range(3):
+            moved[n, i] += delay[n] * twist[n, 3 + i]
+    return moved, turned_rays
 
 
 @njit(cache=True, nogil=True)

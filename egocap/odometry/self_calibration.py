@@ -64,6 +64,13 @@ class Correction:
     values: Float[Array, "V 11"]
     std: Float[Array, "V 11"]
 
+    @classmethod
+    def of(
+        cls, views: Views, values: Float[Array, "V 11"], std: Float[Array, "V 11"]
+    ) -> Correction:
+        """That of views as they were given."""
+        return cls(corrected(views, values), values, std)
+
     def rig(self, given: Rig) -> Rig:
         """The rig, given at any size of its pictures, with mounts and lenses corrected."""
         values = self.values.copy()
@@ -144,7 +151,7 @@ def find_correction(
         sure = np.any(np.abs(values) > SIGNIFICANT * std, axis=0)
         believed = sought & np.where(TIMING, np.any(sure & TIMING), np.any(sure & ~TIMING))
         if np.array_equal(believed, sought):
-            return Correction(corrected(views, values), values, std)
+            return Correction.of(views, values, std)
         sought = believed
     return None
 

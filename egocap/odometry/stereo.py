@@ -40,8 +40,7 @@ def match(
     pixels: Float[Array, "n 2"], noise_px: float, motion: Motion,
 ) -> StereoMatches:  # fmt: skip
     """Corners of view a that one place of view b matches distinctly, with their points."""
-    rays, valid = views.rays(a, pixels)
-    slope, density = views.ray_derivative(a, rays)
+    rays, slope, density, valid = views.rays_and_derivative(a, pixels)
     origin, rays = views.sights(
         np.full(len(rays), a), rays, views.delay(a, pixels, motion), motion.twist
     )

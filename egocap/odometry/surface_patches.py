@@ -24,6 +24,20 @@ SCALES = 0.6, 1.7  # of a patch against its first picture, within which the latt
 _ROUNDS = 6
 
 
+def appended(rows: Float[Array, "n *rest"], more: Float[Array, "m *rest"]) -> Array:
+    """`rows` with `more` after them, which may overwrite what was appended to the same rows before.
+
+    Memory is taken twice as large as needed, so that appending again and again takes linear time.
+    """
+    count, room = len(rows) + len(more), rows.base
+    if not (isinstance(room, Array) and room.ctypes.data == rows.ctypes.data
+            and room.shape[1:] == rows.shape[1:] and count <= len(room)):  # fmt: skip
+        room = np.empty((2 * count, *rows.shape[1:]), np.result_type(rows, more))
+        room[: len(rows)] = rows
+    room[len(rows) : count] = more
+    return room[:count]
+
+
 @dataclass(eq=False)
 class SurfacePatches:
     """Rows are points of a map. Geometry is that at the keyframe `host`, in its head frame."""
@@ -48,7 +62,7 @@ class SurfacePatches:
 
     def extend(self, other: SurfacePatches) -> None:
         for name in self.__dataclass_fields__:
-            setattr(self, name, np.concatenate([getattr(self, name), getattr(other, name)]))
+            setattr(self, name, appended(getattr(self, name), getattr(other, name)))
 
     def replace(self, rows: Int[Array, "n"], other: SurfacePatches) -> None:
         for name in self.__dataclass_fields__:
@@ -60,8 +74,7 @@ def patches_at(
     normal: Float[Array, "n 3"],
 ) -> tuple[SurfacePatches, Bool[Array, "n"]]:  # fmt: skip
     """The patches around pixels of a keyframe, and whether they lie in the picture."""
-    rays, _ = views.rays(view, pixels)
-    slope, _ = views.ray_derivative(view, rays)
+    rays, slope, _, _ = views.rays_and_derivative(view, pixels)
     picture, inside = kernel.templates_at(image, pixels)
     n = len(pixels)
     found = SurfacePatches(np.full(n, host), np.full(n, view), rays, slope, normal, picture,

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
-from scipy.spatial.transform import Rotation
 
 from egocap.odometry.adjustment import Problem
-from egocap.odometry.surface_patches import SurfacePatches
+from egocap.odometry.ray_kernel import logarithm
+from egocap.odometry.surface_patches import SurfacePatches, appended
 from egocap.odometry.views import Motion, Views
 
 _NEAR_S = 0.15  # between frames whose poses tell a velocity
@@ -60,8 +60,8 @@ class Posed:
 
 def twist_between(before: Posed, after: Posed, R: Float[Array, "3 3"]) -> Float[Array, "6"]:
     """Mean velocity from one frame to another in a head frame, rad/s and m/s."""
-    turn = Rotation.from_matrix(before.R.T @ after.R).as_rotvec()
-    return np.r_[turn, R.T @ (after.t - before.t)] / (after.time - before.time)
+    turn, moved = logarithm(before.R.T @ after.R), R.T @ (after.t - before.t)
+    return np.concatenate([turn, moved]) / (after.time - before.time)
 
 
 @dataclass
@@ -76,7 +76,7 @@ class TrackMap:
     def add_points(self, points: Float[Array, "n 3"], patches: SurfacePatches) -> Int[Array, "n"]:
         """Append points; their numbers."""
         first = len(self.points)
-        self.points = np.concatenate([self.points, points])
+        self.points = appended(self.points, points)
         self.patches.extend(patches)
         return np.arange(first, first + len(points))
 

@@ -17,9 +17,11 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray as Array
 
 from egocap.cameras.camera import Camera
+from egocap.cameras.ray_kernel import Lens, cast, make_lens
 from egocap.cameras.rig import Rig
 from egocap.errors import InputError
 from egocap.geometry import exponential
+from egocap.odometry.ray_kernel import sights_later
 
 RIM = np.deg2rad(3.0)
 """Outermost part of the field of view, left out."""
@@ -74,6 +76,15 @@ class Views:
         return np.ascontiguousarray(self.rig.T_head_camera[:, :3, 3])
 
     @cached_property
+    def R_head_camera(self) -> Float[Array, "V 3 3"]:
+        return self.rig.T_head_camera[:, :3, :3]
+
+    @cached_property
+    def lenses(self) -> tuple[Lens, ...]:
+        """The cameras as compiled code takes them."""
+        return tuple(make_lens(camera) for camera in self.cameras)
+
+    @cached_property
     def T_camera_head(self) -> Float[Array, "V 4 4"]:
         return self.rig.T_camera_head
 
@@ -91,7 +102,7 @@ class Views:
     @cached_property
     def partners(self) -> tuple[tuple[int, ...], ...]:
         """For every view, the others by the overlap of their optical axes."""
-        axes = self.rig.T_head_camera[:, :3, 2]
+        axes = self.R_head_camera[:, :, 2]
         order = np.argsort(-(axes @ axes.T), axis=1, kind="stable")
         return tuple(tuple(int(u) for u in row if u != v) for v, row in enumerate(order))
 
@@ -99,8 +110,16 @@ class Views:
         self, view: int, pixels: Float[Array, "n 2"]
     ) -> tuple[Float[Array, "n 3"], Bool[Array, "n"]]:
         """Unit rays in the head frame of a view's pixels, and whether they are in its field."""
-        rays, valid = self.cameras[view].ray(np.asarray(pixels, float))
-        return rays @ self.rig.T_head_camera[view, :3, :3].T, valid
+        rays, _, valid = cast(self.lenses[view], pixels)
+        return rays @ self.R_head_camera[view].T, valid
+
+    def rays_and_derivative(
+        self, view: int, pixels: Float[Array, "n 2"]
+    ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3 2"], Float[Array, "n"], Bool[Array, "n"]]:
+        """`rays` with the two of `ray_derivative` before the validity."""
+        rays, J, valid = cast(self.lenses[view], pixels)
+        to_camera = self.R_head_camera[view].T
+        return rays @ to_camera, *_by_pixel(J @ to_camera), valid
 
     def project(
         self, view: int, points_head: Float[Array, "*n 3"]
@@ -126,9 +145,7 @@ class Views:
         centres = self.centres[view]
         if not delay.any():
             return centres, rays
-        R = exponential(delay[:, None] * twist[..., :3])
-        moved = np.einsum("nij,nj->ni", R, centres) + delay[:, None] * twist[..., 3:]
-        return moved, np.einsum("nij,nj->ni", R, rays)
+        return sights_later(centres, rays, delay, np.broadcast_to(twist, (len(rays), 6)))
 
     def later(
         self, points_head: Float[Array, "n *m 3"], delay: Float[Array, "n"], motion: Motion
@@ -172,7 +189,7 @@ class Views:
         self, view: int, rays: Float[Array, "n 3"]
     ) -> tuple[Float[Array, "n 2"], Bool[Array, "n"]]:
         """Pixels of rays in the head frame, as `rays` gives them."""
-        return self.cameras[view].project(rays @ self.rig.T_head_camera[view, :3, :3])
+        return self.cameras[view].project(rays @ self.R_head_camera[view])
 
     @cached_property
     def _grid_rays(self) -> tuple[Float[Array, "n 3"], ...]:
@@ -197,9 +214,17 @@ class Views:
     ) -> tuple[Float[Array, "n 3 2"], Float[Array, "n"]]:
         """Derivative of unit rays by their pixels [1/px], and pixels per radian (mean)."""
         _, J, _ = self.project_jacobian(view, rays + self.centres[view])
-        square = J @ J.transpose(0, 2, 1)
-        density = np.linalg.det(square) ** 0.25
-        return J.transpose(0, 2, 1) @ np.linalg.inv(square), density
+        return _by_pixel(J)
+
+
+def _by_pixel(
+    J: Float[Array, "n 2 3"],
+) -> tuple[Float[Array, "n 3 2"], Float[Array, "n"]]:
+    """Derivative of unit rays by pixels from that of pixels by rays, and pixels per radian."""
+    a, b, d = (np.einsum("ni,ni->n", J[:, i], J[:, k]) for i, k in ((0, 0), (0, 1), (1, 1)))
+    determinant = a * d - b * b
+    inverse = np.stack([d, -b, -b, a], 1).reshape(-1, 2, 2) / determinant[:, None, None]
+    return J.transpose(0, 2, 1) @ inverse, determinant**0.25
 
 
 def _grid_size(pixels: int) -> int:

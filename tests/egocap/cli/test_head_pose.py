@@ -85,7 +85,7 @@ def test_structure_from_motion_has_the_sequence_the_body_and_its_settings(
         poses = head_motion(sequence.times[frames])
         return MapPoses(frames, sequence.times[frames], poses, None, np.zeros((0, 3)),
                         Views.of(rig, config.width),
-                        {"method": "sfm", "points": 0}, {0: "dark"})  # fmt: skip
+                        {"method": "sfm", "points": 0}, {0: "dark"}, {})  # fmt: skip
 
     name = "egocap.head_pose.from_pictures.by_structure_from_motion"
     monkeypatch.setattr(name, solve)

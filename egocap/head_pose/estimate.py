@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
-from numpy import ndarray as Array
 
 from egocap.cameras.rig import Rig
 from egocap.data.sequence import Sequence
@@ -19,6 +19,7 @@ from egocap.errors import InputError
 from egocap.geometry import transform
 from egocap.head_pose.floor import find_floor
 from egocap.head_pose.imu import Inertial
+from egocap.head_pose.map_poses import MapPoses, joined_parts, overlapping, turned
 from egocap.head_pose.pictures import Grey, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
 from egocap.head_pose.rig_correction import find_rig_correction, frames_of
@@ -30,25 +31,12 @@ from egocap.odometry.loop_closure import close_loops, join_segments
 from egocap.odometry.odometry import Odometry
 from egocap.odometry.self_calibration import Correction
 from egocap.odometry.views import Views
+from egocap.workers import WorkerPool
 
 log = logging.getLogger(__name__)
 FLOOR_FRAMES = 16
+LONGEST, OVERLAP = 3000, 90  # frames of a part, and of two together
 Advance = Callable[[int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class MapPoses:
-    """Poses of the frames that have one, in the frame of a map of points, metres."""
-
-    frame: Int[Array, "N"]  # numbers of the sequence
-    time: Float[Array, "N"]  # s
-    T_map_head: Float[Array, "N 4 4"]
-    covariance: Float[Array, "N 6 6"] | None  # of rotation (head frame) and position
-    points: Float[Array, "P 3"]
-    views: Views  # in which the pictures were seen
-    facts: dict[str, Any]  # how they were found, JSON-ready
-    reasons: dict[int, str]  # why another frame has none
-    pictures: dict[int, tuple[Grey | None, ...]]  # of some frames spread over the sequence, grey
 
 
 def by_odometry(
@@ -60,14 +48,45 @@ def by_odometry(
     `correction`: of the rig, in place of the one that is sought where the settings say so.
     """
     views = Views.of(rig, config.width)
-    wearer = None if track is None else WearerMasks(track, views)
     if correction is None and config.self_calibration:
+        wearer = None if track is None else WearerMasks(track, views)
         correction = find_rig_correction(sequence, views, config, wearer)
     views = views if correction is None else correction.views
+    parts, wanted = overlapping(len(sequence), LONGEST, OVERLAP), spread_over(len(sequence))
+    if len(parts) == 1:
+        found = [_follow(sequence, parts[0], views, config, track, wanted, advance)]
+    else:
+        job = partial(_follow_part, sequence.folder, views=views, config=config, track=track,
+                      wanted=wanted)  # fmt: skip
+        found = []
+        with WorkerPool(min(len(os.sched_getaffinity(0)), len(parts))) as pool:
+            for part, poses in zip(parts, pool.map(job, parts), strict=True):
+                found.append(poses)
+                advance(part.stop - part.start - (OVERLAP if part.start else 0))
+    without = {i: why for poses in found if isinstance(poses, dict) for i, why in poses.items()}
+    posed = [poses for poses in found if isinstance(poses, MapPoses)]
+    if not posed:
+        why = max(sorted(set(without.values())), key=list(without.values()).count)
+        raise InputError(f"{sequence.folder}: no head pose in {len(without)} frames: {why}",
+                         valid="pictures with texture in two views at once")  # fmt: skip
+    whole = joined_parts(posed)
+    corrected = {} if correction is None else {"self_calibration": correction.facts()}
+    return replace(whole, facts=whole.facts | corrected, reasons=without | whole.reasons)
+
+
+def _follow_part(folder: Path, part: range, **settings: Any) -> MapPoses | dict[int, str]:
+    return _follow(Sequence(folder), part, **settings)
+
+
+def _follow(
+    sequence: Sequence, part: range, views: Views, config: OdometryConfig, track: Track | None,
+    wanted: set[int], advance: Advance = lambda frames: None,
+) -> MapPoses | dict[int, str]:  # fmt: skip
+    """Poses of a part; where none of its frames has one, the reason of each."""
     odometry, reasons = Odometry(views, config), {}
     kept: dict[int, tuple[Grey | None, ...]] = {}
-    wanted = spread_over(len(sequence))
-    for frame in frames_of(sequence, views.rig, range(len(sequence)), wearer):
+    wearer = None if track is None else WearerMasks(track, views)
+    for frame in frames_of(sequence, views.rig, part, wearer):
         pose = odometry.add(*frame)
         if pose.T_world_head is None:
             reasons[frame[0]] = pose.problem
@@ -75,16 +94,12 @@ def by_odometry(
             kept[frame[0]] = frame[2]
         advance(1)
     if not odometry.map.frames:
-        why = max(sorted(set(reasons.values())), key=list(reasons.values()).count)
-        raise InputError(f"{sequence.folder}: no head pose in {len(reasons)} frames: {why}",
-                         valid="pictures with texture in two views at once")  # fmt: skip
+        return reasons
     pictures = partial(grey_pictures, sequence, views.rig)
     joined = join_segments(odometry, pictures)
     loops = close_loops(odometry, pictures)
     found = finish(odometry.map, views)
     facts = _facts(found) | {"joined": joined, "loops": loops}
-    if correction is not None:
-        facts["self_calibration"] = correction.facts()
     return MapPoses(found.frame, found.time, found.T_map_head, found.covariance, found.points,
                     views, facts, reasons, kept)  # fmt: skip
 
@@ -129,13 +144,6 @@ def head_trajectory(
     )  # fmt: skip
 
 
-def turned(covariance: Float[Array, "N 6 6"], T: Float[Array, "4 4"]) -> Float[Array, "N 6 6"]:
-    """Covariances with the position in another frame."""
-    A = np.eye(6)
-    A[3:, 3:] = T[:3, :3]
-    return A @ covariance @ A.T
-
-
 def vertical_facts(vertical: Vertical) -> dict[str, Any]:
     """JSON-ready form."""
     std = None if vertical.floor_std is None else round(1e3 * vertical.floor_std, 2)
@@ -145,5 +153,6 @@ def vertical_facts(vertical: Vertical) -> dict[str, Any]:
 
 def _facts(found: Finished) -> dict[str, Any]:
     """JSON-ready facts of the map: residuals as a multiple of the assumed noise."""
-    return {"method": "odometry", "keyframes": found.keyframes, "points": len(found.points),
-            "segments": found.segments, "noise_factor": round(found.noise, 3)}  # fmt: skip
+    return {"method": "odometry", "parts": 1, "keyframes": found.keyframes,
+            "points": len(found.points), "segments": found.segments,
+            "noise_factor": round(found.noise, 3)}  # fmt: skip

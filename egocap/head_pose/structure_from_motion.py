@@ -25,7 +25,8 @@ from egocap.data.track import Track
 from egocap.errors import InputError, require
 from egocap.geometry import inverse, rigid
 from egocap.head_pose.config import SfmConfig
-from egocap.head_pose.estimate import Advance, MapPoses, spread_over
+from egocap.head_pose.estimate import Advance, spread_over
+from egocap.head_pose.map_poses import MapPoses
 from egocap.head_pose.pictures import Grey, grey_frames
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.views import Views

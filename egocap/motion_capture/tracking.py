@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from egocap.data.sequence import Sequence, largest_reduction
 from egocap.data.track import Track
 from egocap.detect.engine import available_cores
 from egocap.geometry import transform
+from egocap.head_pose.map_poses import overlapping
 from egocap.pose.config import TrackerConfig
 from egocap.track.consistency import with_consistency
 from egocap.track.tracker import Tracker, turned_rig
@@ -47,7 +47,7 @@ def track_in_windows(
     the sequence's own.
     """
     rig = Sequence(folder).rig if rig is None else rig
-    windows = split(len(found.times))
+    windows = overlapping(len(found.times), WINDOW, OVERLAP)
     jobs = [
         (folder, rig, found[w.start : w.stop], w.start, body, config,
          None if heads is None else heads[w.start : w.stop])
@@ -65,16 +65,6 @@ def track_in_windows(
     estimated = joined.config["estimated"]
     assert isinstance(estimated, dict)
     return with_consistency(joined, found, turned_rig(rig, estimated), body, config)
-
-
-def split(frames: int) -> list[range]:
-    """Windows that overlap; none is much shorter than the others, and one or an even number."""
-    if frames <= WINDOW + OVERLAP:
-        return [range(frames)]
-    count = -(-(frames - OVERLAP) // (WINDOW - OVERLAP))
-    count += count % 2  # two cores end together
-    starts = np.linspace(0, frames - OVERLAP, count + 1).round().astype(int)
-    return [range(int(a), int(b) + OVERLAP) for a, b in pairwise(starts)]
 
 
 def join(windows: list[range], parts: list[Track], body: Proportions) -> Track:

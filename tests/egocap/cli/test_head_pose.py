@@ -9,7 +9,7 @@ from egocap.data.head_pose import load_head_pose
 from egocap.data.sequence import Sequence
 from egocap.geometry import inverse
 from egocap.head_pose.config import SfmConfig
-from egocap.head_pose.estimate import MapPoses
+from egocap.head_pose.map_poses import MapPoses
 from egocap.odometry.views import Views
 from tests.egocap.cli.test_cli import complaint
 from tests.egocap.head_pose.motion import T_DEVICE_HEAD, head_motion, quaternions

@@ -10,15 +10,16 @@ import pytest
 from egocap.body.skeleton import forward
 from egocap.data.sequence import Sequence
 from egocap.data.track import Track
+from egocap.head_pose.map_poses import overlapping
 from egocap.motion_capture import tracking
-from egocap.motion_capture.tracking import OVERLAP, WINDOW, join, reduced_images, split
+from egocap.motion_capture.tracking import OVERLAP, WINDOW, join, reduced_images
 from egocap.pose.config import TrackerConfig
 from tests.egocap.conftest import make_motion
 
 
 @pytest.mark.parametrize("frames", [1, 500, WINDOW + OVERLAP, WINDOW + OVERLAP + 1, 5000, 54000])
 def test_windows_cover_all_frames_and_overlap(frames):
-    windows = split(frames)
+    windows = overlapping(frames, WINDOW, OVERLAP)
     assert windows[0].start == 0 and windows[-1].stop == frames
     assert all(a.stop - b.start == OVERLAP for a, b in pairwise(windows))
     assert max(map(len, windows)) <= WINDOW + OVERLAP
@@ -37,7 +38,7 @@ def test_reduced_images_are_those_of_the_whole_ones(tiny_sequence, size, most):
 
 def test_joined_windows_are_the_motion():
     made = make_motion(frames=2000)
-    windows = split(2000)
+    windows = overlapping(2000, WINDOW, OVERLAP)
 
     def part(window, error):
         rows = slice(window.start, window.stop)

@@ -7,9 +7,11 @@ from scipy.spatial.transform import Rotation
 from egocap.odometry.ray_kernel import (
     OPPOSITE,
     exponential,
+    logarithm,
     normal_equations,
     refine_pose,
     residual,
+    sights_later,
     squared_residuals,
     tangents,
 )
@@ -104,3 +106,17 @@ def test_covariance_is_that_of_the_errors(rng):
         error = np.concatenate([Rotation.from_matrix(R.T @ found_R).as_rotvec(), found_t - t])
         squared.append(error @ H @ error)
     assert np.mean(squared) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 150))
+
+
+def test_logarithm_is_the_inverse_of_exponential(rng):
+    for w in [np.zeros(3), np.full(3, 1e-7), *rng.normal(size=(5, 3)), np.array([0.0, 0.0, 3.1])]:
+        np.testing.assert_allclose(logarithm(exponential(w)), w, atol=1e-9)
+
+
+def test_sights_move_on_with_the_head(rng):
+    centres, rays, twist = (rng.normal(size=(6, n)) for n in (3, 3, 6))
+    delay = np.array([0.0, 1e-6, 0.01, -0.02, 0.3, 1.0])
+    moved, turned = sights_later(centres, rays, delay, twist)
+    R = Rotation.from_rotvec(delay[:, None] * twist[:, :3])
+    np.testing.assert_allclose(moved, R.apply(centres) + delay[:, None] * twist[:, 3:], atol=1e-12)
+    np.testing.assert_allclose(turned, R.apply(rays), atol=1e-12)

@@ -1,6 +1,6 @@
 """Motion capture in one call: footage and a rig file in; track, BVH, film and page out.
 
-Stages: sequence (import), detections.npz, rig.json, body.json, head.npz (with `world`), track.npz,
+Stages: sequence (import), detections.npz, rig.json, body.json, head.npz, track.npz,
 motion.bvh, film.mp4, index.html.
 """
 
@@ -31,7 +31,6 @@ from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.findings import Findings, find
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
-from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.track.view_agreement import check_agreement
 from egocap.view.film import write_film
@@ -77,21 +76,16 @@ def mocap(
 
     Raises:
         FileError: a file is missing, damaged, or of another shape than the rig's.
-        InputError: no common time, no detections, views that look exchanged, or a rig whose head
-            path cannot be found.
+        InputError: no common time, no detections, or views that look exchanged.
     """
     if options.body is not None and options.height is not None:
         raise InputError("--height and --body", valid="one of them")
-    if options.world and options.head_pose is not None:
-        raise InputError("--world and --head-pose", valid="one of them")
     _refuse_early(options)
     folder = Path(out)
     make_folder(folder)
     if (folder / MANIFEST).exists():
         raise InputError(f"{folder} is itself a sequence", valid="another folder, for the results")
     sequence = import_footage(sources, rig, folder / "sequence", footage, on_step)
-    if options.world:
-        Views.of(sequence.rig, sequence.rig.cameras[0].width)  # or refuse now
     if options.head_pose is not None:
         _ = read_head_poses(options.head_pose, sequence.times)  # or refuse now
     stages = Stages(folder)
@@ -109,7 +103,7 @@ def mocap(
     track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step)
     assert sequence.footage is not None
     findings = find(track, found, rig, sequence.footage, agreement, options.height)
-    _results(stages, sequence, track, findings, bones, options, on_step)
+    _results(stages, sequence, track, findings, bones, heads, options, on_step)
     return Capture(folder, sequence, track, findings)
 
 
@@ -125,11 +119,10 @@ def _refuse_early(options: MocapOptions) -> None:
 
 def _results(
     stages: Stages, sequence: Recording, track: Track, findings: Findings, bones: dict[str, Any],
-    options: MocapOptions, on_step: Step,
+    heads: Path | None, options: MocapOptions, on_step: Step,
 ) -> None:  # fmt: skip
     def film(path: Path) -> None:
-        head = options.head_pose or stages.folder / "head.npz"
-        points = load_surroundings(head) if head.is_file() else None
+        points = None if heads is None else load_surroundings(heads)
         write_film(path, sequence, track, on_step("film", len(sequence)), points)
 
     stages.run("motion.bvh", {}, lambda path: write_bvh(path, evenly(track)), lambda path: path)

@@ -17,11 +17,12 @@ class MocapOptions:
     default."""
     weights: Path | None = None
     """Detector weights, safetensors; those shipped by default."""
-    world: bool = False
+    world: bool = True
     """Find the head's path in the pictures: the wearer then moves through the world, on a floor at
-    height 0, otherwise relative to the head."""
+    height 0. Without it, or where the pictures do not tell it, the motion is relative to the
+    head."""
     head_pose: Path | None = None
-    """Head poses in place of those of --world, npz with `time` and `T_world_head`."""
+    """Head poses in place of those found in the pictures, npz with `time` and `T_world_head`."""
     self_calibration: bool = True
     """Correct the rig file by what the cameras see of the surroundings: rig.json."""
     skip_film: bool = False

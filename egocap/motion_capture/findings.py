@@ -69,7 +69,7 @@ class Findings:
     worst: list[int]  # frames
     tilt: Tilt
     advice: list[str]
-    in_world: float | None = None  # share of frames whose head pose is known; None: not asked for
+    in_world: float | None = None  # share of frames whose head pose is known; None: without a path
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready form without the time course."""

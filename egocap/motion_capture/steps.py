@@ -127,7 +127,7 @@ def head_poses(
                                 advance=advance, correction=correction)  # fmt: skip
         found.save(path)
 
-    if not options.world:
+    if options.head_pose is not None or not options.world:
         return options.head_pose
     try:
         return stages.run("head.npz", {}, write, lambda path: path)

@@ -55,7 +55,7 @@ class Views:
         """The working views of a rig. Raises InputError for a rig of one view."""
         if len(rig.mounts) < 2:
             raise InputError(f"rig '{rig.name}' has one view: the scale cannot be measured",
-                             valid="a rig of two views or more, or --trajectory FILE")  # fmt: skip
+                             valid="two views or more, or head poses from elsewhere")  # fmt: skip
         camera = rig.cameras[0]
         scale = min(width / camera.width, 1.0)
         size = round(camera.width * scale), round(camera.height * scale)

@@ -11,6 +11,8 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,14 +24,15 @@ from tyro.conf import arg
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.data.footage import FrameTimes
+from egocap.data.head_pose import head_poses_at
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.track import Track, load_track
 from egocap.detect.detector import Detector
-from egocap.detect.view_times import at_frame_times
 from egocap.detect.weights import open_weights
 from egocap.errors import InputError
 from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.evaluation.table import Table, number
+from egocap.head_pose.from_pictures import find_head_poses
 from egocap.motion_capture.body import fit_wearer
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.pose.config import TrackerConfig
@@ -154,16 +157,32 @@ def _reference_error(
     return joint_error_mm(track.joints_head[rows], sequence, track.times[rows])
 
 
+class WithKnownClocks(Sequence):
+    """A simulated sequence that tells every picture's true time."""
+
+    def __init__(self, simulated: Sequence) -> None:
+        super().__init__(simulated.folder)
+        self._taken = None if simulated.sensor is None else simulated.sensor.time
+        self._frames = simulated.times
+
+    @cached_property
+    def frame_times(self) -> FrameTimes | None:
+        """Pictures of every frame; None where a frame's are of one instant."""
+        if self._taken is None:
+            return None
+        shape = self._taken.shape
+        return FrameTimes(self._frames, self._taken, np.zeros(shape, int), np.ones(shape, bool))
+
+
 def track_with_known_clocks(sequence: Sequence, rig: Rig, height: float) -> Track:
-    """Detect, fit the body and track with a rig as `mocap` does, with every picture's true time."""
-    found = Detector(sequence.rig).detect(sequence)
-    if sequence.sensor is not None:
-        taken = sequence.sensor.time
-        everything = np.ones(taken.shape, bool)
-        times = FrameTimes(sequence.times, taken, np.zeros(taken.shape, int), everything)
-        found = at_frame_times(found, times, sequence.rig)
+    """Detect, fit the body, find the head's path and track with a rig as `mocap` does."""
+    timed = WithKnownClocks(sequence)
+    found = Detector(sequence.rig).detect(timed)
     body = fit_wearer(found, rig, height).proportions
-    return track_in_windows(sequence.folder, found, body, TrackerConfig(), rig=rig)
+    path = find_head_poses(timed, rig)
+    heads = head_poses_at(timed.times, path.time, path.T_world_head)
+    heads = replace(heads, floor_std=path.floor_std)
+    return track_in_windows(sequence.folder, found, body, TrackerConfig(), heads=heads, rig=rig)
 
 
 def _scenes(

@@ -1,10 +1,13 @@
 """From pictures of two cameras to motion, in one call and in one command."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 
+from egocap.cameras.rig import Rig
+from egocap.cameras.rig_files import load_rig
 from egocap.cli import main
 from egocap.data.sequence import Sequence
 from egocap.data.track import load_track
@@ -111,7 +114,7 @@ def test_height_and_body_exclude_each_other(monkeypatch, capsys, footage, tmp_pa
 
 
 def test_the_wearer_moves_through_the_world(monkeypatch, capsys, footage, results, tiny_sequence):
-    code, _ = mocap(monkeypatch, capsys, footage, results, "--height", "1.79", "--world", "--json")
+    code, _ = mocap(monkeypatch, capsys, footage, results, "--height", "1.79", "--json")
     assert code == 0
     track, truth = load_track(results / "track.npz"), Sequence(tiny_sequence).truth
     moved = inverse(track.T_world_head[0]) @ track.T_world_head
@@ -123,8 +126,40 @@ def test_the_wearer_moves_through_the_world(monkeypatch, capsys, footage, result
     assert json.loads((results / "findings.json").read_text())["in_world"] == 1.0
 
 
-def test_one_path_of_the_head_is_taken(monkeypatch, capsys, footage, tmp_path):
+def test_without_a_path_the_motion_is_relative_to_the_head(
+    monkeypatch, capsys, footage, results, tmp_path
+):  # fmt: skip
+    """Nor is anything of an earlier run with a path left in it."""
+    out = shutil.copytree(results, tmp_path / "me")
+    code, _ = mocap(monkeypatch, capsys, footage, out, "--height", "1.79", "--no-world", "--json")
+    assert code == 0
+    track = load_track(out / "track.npz")
+    assert track.T_world_head is None and track.contacts is None
+    assert "Path on the floor" not in (out / "index.html").read_text()
+    assert json.loads((out / "findings.json").read_text())["in_world"] is None
+
+
+def test_a_given_path_is_not_sought(monkeypatch, capsys, footage, tiny_sequence, tmp_path):
+    sequence = Sequence(tiny_sequence)
+    truth = sequence.truth
+    np.savez(tmp_path / "h.npz", time=sequence.times, T_world_head=truth.T_world_head)
     code, shown = mocap(
-        monkeypatch, capsys, footage, tmp_path / "x", "--world", "--head-pose", "head.npz"
-    )
-    assert code == 2 and "--world and --head-pose" in shown.err and not (tmp_path / "x").exists()
+        monkeypatch, capsys, footage, tmp_path / "me", "--body", "average:1.79", "--skip-film",
+        "--head-pose", str(tmp_path / "h.npz"),
+    )  # fmt: skip
+    assert code == 0, shown.err
+    assert not (tmp_path / "me/head.npz").exists()
+    track = load_track(tmp_path / "me/track.npz")
+    np.testing.assert_allclose(track.T_world_head[:, :3, 3], truth.T_world_head[:, :3, 3], atol=0.1)
+
+
+def test_one_camera_tells_no_metres_of_the_path(monkeypatch, capsys, caplog, footage, tmp_path):
+    rig = load_rig(footage / "rig.json")
+    Rig(rig.name, rig.mounts[:1]).to_json(tmp_path / "rig.json")
+    (tmp_path / "left").symlink_to(footage / "left")
+    code, _ = mocap(
+        monkeypatch, capsys, tmp_path, tmp_path / "me", "--body", "average:1.79", "--skip-film",
+        order=["left"],
+    )  # fmt: skip
+    assert code == 0 and "the motion is relative to the head" in caplog.text
+    assert load_track(tmp_path / "me/track.npz").T_world_head is None

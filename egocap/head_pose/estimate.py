@@ -17,7 +17,7 @@ from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.geometry import transform
-from egocap.head_pose.floor import find_floor
+from egocap.head_pose.floor import Pictured, find_floor
 from egocap.head_pose.imu import Inertial
 from egocap.head_pose.map_poses import MapPoses, joined_parts, overlapping, turned
 from egocap.head_pose.pictures import Grey, grey_pictures
@@ -100,8 +100,10 @@ def _follow(
     loops = close_loops(odometry, pictures)
     found = finish(odometry.map, views)
     facts = _facts(found) | {"joined": joined, "loops": loops}
+    pictured = {frame.index: Pictured(kept[frame.index], frame.motion)
+                for frame in odometry.map.frames if frame.index in kept}  # fmt: skip
     return MapPoses(found.frame, found.time, found.T_map_head, found.covariance, found.points,
-                    views, facts, reasons, kept)  # fmt: skip
+                    views, facts, reasons, pictured)  # fmt: skip
 
 
 def spread_over(frames: int) -> set[int]:

@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 from egocap.geometry import unit
 from egocap.odometry import patch_kernel as kernel
 from egocap.odometry.surface_patches import surface_slope
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 
 STEEP = 0.3  # least cosine of a ray to straight down
 BELOW = 0.5, 3.2  # m of the floor below the head; more than 2 m on ladders and stairs
@@ -54,35 +54,40 @@ class Floor:
     height_std: float  # m
 
 
-def sweeps(
-    views: Views, images: tuple[Image | None, ...], up_head: Float[Array, "3"]
-) -> list[Sweep]:
+@dataclass(frozen=True, eq=False)
+class Pictured:
+    """Grey pictures of a frame, and how the head moved while they were taken."""
+
+    images: tuple[Image | None, ...]
+    motion: Motion
+
+
+def sweeps(views: Views, frame: Pictured, up_head: Float[Array, "3"]) -> list[Sweep]:
     """The sweeps of every view that has a picture beside its partner's."""
-    found = []
-    for a, image in enumerate(images):
-        other = images[views.partners[a][0]]
-        if image is not None and other is not None:
-            found.append(_sweep(views, (a, views.partners[a][0]), (image, other), up_head))
-    return found
+    pairs = [(a, views.partners[a][0]) for a in range(len(views))]
+    return [_sweep(views, a, b, frame, up_head) for a, b in pairs
+            if frame.images[a] is not None and frame.images[b] is not None]  # fmt: skip
 
 
-def _sweep(
-    views: Views, pair: tuple[int, int], images: tuple[Image, Image], up: Float[Array, "3"]
-) -> Sweep:
-    (a, b), (image, other) = pair, images
+def _sweep(views: Views, a: int, b: int, frame: Pictured, up: Float[Array, "3"]) -> Sweep:
+    image, other, motion = frame.images[a], frame.images[b], frame.motion
+    assert image is not None and other is not None
     depths = np.arange(*BELOW, STEP)
     height, width = image.shape
     columns, rows = np.arange(GRID, width - GRID, GRID), np.arange(GRID, height - GRID, GRID)
     grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
     pixels = grid[views.lens_masks[a][grid[:, 1], grid[:, 0]] > 0].astype(float)
     rays, slope, _, _ = views.rays_and_derivative(a, pixels)
+    origin, rays = views.sights(
+        np.full(len(rays), a), rays, views.delay(a, pixels, motion), motion.twist
+    )
     down = -(rays @ up) > STEEP
-    pixels, rays, slope = pixels[down], rays[down], slope[down]
-    origin = views.centres[a]
-    reach = -(depths + origin @ up) / (rays @ up)[:, None]  # (n, H), metres along the ray
-    points = origin + reach[..., None] * rays[:, None]
+    pixels, origin, rays, slope = pixels[down], origin[down], rays[down], slope[down]
+    reach = -(depths + (origin @ up)[:, None]) / (rays @ up)[:, None]  # (n, H), m along the ray
+    points = origin[:, None] + reach[..., None] * rays[:, None]
     across = np.linalg.norm(points - (points @ up)[..., None] * up, axis=-1)
-    where, J, seen = views.project_jacobian(b, points)
+    late = views.later(points, views.delay(b, pixels, motion), motion)  # as if in the same row
+    where, J, seen = views.project_jacobian(b, late)
     flat = surface_slope(rays, slope, np.ones(len(rays)), np.tile(up, (len(rays), 1)))
     A = J @ (flat[:, None] * reach[..., None, None])
     seen = seen & (across > CLEAR) & (across < FARTHEST)
@@ -90,17 +95,16 @@ def _sweep(
 
 
 def find_floor(
-    views: Views, frames: list[tuple[Float[Array, "4 4"], tuple[Image | None, ...]]],
-    up: Float[Array, "3"],
+    views: Views, frames: list[tuple[Float[Array, "4 4"], Pictured]], up: Float[Array, "3"]
 ) -> Floor | None:  # fmt: skip
     """The floor in the map; None: no level stands out.
 
-    `frames`: T_map_head and the pictures of some frames spread over the recording; `up` within some
+    `frames`: T_map_head and pictures of some frames spread over the recording; `up` within some
     degrees.
     """
     if not frames:
         return None
-    found = [(T, sweeps(views, images, T[:3, :3].T @ up)) for T, images in frames]
+    found = [(T, sweeps(views, frame, T[:3, :3].T @ up)) for T, frame in frames]
     heads = np.array([T[:3, 3] @ up for T, _ in frames])
     levels = heads.mean() - np.arange(BELOW[0] - 0.1, BELOW[1] + 0.1, STEP)
     table = np.array([

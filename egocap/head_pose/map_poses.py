@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
 from egocap.geometry import rigid, skew, transform
-from egocap.head_pose.pictures import Grey
+from egocap.head_pose.floor import Pictured
 from egocap.odometry.views import Views
 
 FEWEST_SHARED = 15  # poses that two parts have in common
@@ -36,7 +36,7 @@ class MapPoses:
     views: Views  # in which the pictures were seen
     facts: dict[str, Any]  # how they were found, JSON-ready
     reasons: dict[int, str]  # why other frames have none
-    pictures: dict[int, tuple[Grey | None, ...]]  # of some frames spread over the sequence, grey
+    pictures: dict[int, Pictured]  # of some frames spread over the sequence
 
 
 def overlapping(frames: int, longest: int, overlap: int) -> list[range]:

@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 from egocap.cameras.rig import Rig
 from egocap.geometry import rigid
 from egocap.head_pose.estimate import vertical_facts
-from egocap.head_pose.floor import find_floor
+from egocap.head_pose.floor import Pictured, find_floor
 from egocap.head_pose.pictures import Grey, grey_of
 from egocap.head_pose.rig_correction import Added, OnlineCorrection
 from egocap.head_pose.vertical import Vertical, find_vertical
@@ -32,7 +32,7 @@ from egocap.odometry.config import OdometryConfig
 from egocap.odometry.odometry import HeadPose, Odometry
 from egocap.odometry.self_calibration import Correction, find_correction
 from egocap.odometry.track_map import Posed
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 
 SEARCH_S = 1.0
 """Time between searches for up and the floor."""
@@ -135,8 +135,8 @@ class OnlineHeadPose:
         trial, kept = Odometry(views, self.config), []
         for i in range(6):
             T = rigid(np.eye(3), np.array([0.15 * i, 0.0, 0.0]))
-            kept.append((T, _drawn(views, T)))
-            trial.add(i, i / 30.0, kept[-1][1])
+            kept.append((T, Pictured(_drawn(views, T), Motion.none(len(views)))))
+            trial.add(i, i / 30.0, kept[-1][1].images)
         _search(views, trial.map.points, np.stack([T for T, _ in kept]), kept[:1])
         find_correction(trial.map, views)
 
@@ -198,7 +198,7 @@ class OnlineHeadPose:
         frames = [map.frames[i] for i in own]
         points = map.points[np.isin(map.patches.host, own)]
         heads = np.stack([rigid(f.R, f.t) for f in frames])
-        pictures = [(rigid(f.R, f.t), grey) for f, grey in segment.pictures]
+        pictures = [(rigid(f.R, f.t), Pictured(grey, f.motion)) for f, grey in segment.pictures]
         return _search, self.views, points, heads, pictures
 
     def _onwards(self) -> Float[Array, "4 4"]:
@@ -229,7 +229,7 @@ def _drawn(views: Views, T_map_head: Float[Array, "4 4"]) -> tuple[Grey, ...]:
 
 def _search(
     views: Views, points: Float[Array, "P 3"], heads: Float[Array, "T 4 4"],
-    pictures: list[tuple[Float[Array, "4 4"], tuple[Grey | None, ...]]],
+    pictures: list[tuple[Float[Array, "4 4"], Pictured]],
 ) -> Vertical | None:  # fmt: skip
     """Up and the floor; None where they are not certain."""
     vertical = find_vertical(points, heads)

@@ -26,10 +26,11 @@ from egocap.errors import InputError, require
 from egocap.geometry import inverse, rigid
 from egocap.head_pose.config import SfmConfig
 from egocap.head_pose.estimate import Advance, spread_over
+from egocap.head_pose.floor import Pictured
 from egocap.head_pose.map_poses import MapPoses
-from egocap.head_pose.pictures import Grey, grey_frames
+from egocap.head_pose.pictures import grey_frames
 from egocap.head_pose.wearer import WearerMasks
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 
 if TYPE_CHECKING:
     import pycolmap
@@ -73,7 +74,7 @@ def by_structure_from_motion(
 
 def _write_pictures(
     sequence: Sequence, frames: list[int], views: Views, wearer: WearerMasks | None, work: Path
-) -> dict[int, tuple[Grey | None, ...]]:
+) -> dict[int, Pictured]:
     """PICTURES/VIEW/FRAME.png, and under masks what is neither the wearer nor the lens's rim.
 
     Returns some pictures for the floor.
@@ -86,7 +87,7 @@ def _write_pictures(
             (work / kind / str(view)).mkdir(parents=True)
     for index, images in grey_frames(sequence, views.rig, frames):
         if index in wanted:
-            kept[index] = images
+            kept[index] = Pictured(images, Motion.none(len(views)))
         bodies = (None,) * len(views) if wearer is None else wearer.at(float(sequence.times[index]))
         for view, (image, body) in enumerate(zip(images, bodies, strict=True)):
             if image is None:

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egocap.geometry import inverse, rigid
-from egocap.head_pose.floor import find_floor
+from egocap.head_pose.floor import Pictured, find_floor
 from egocap.head_pose.vertical import MEAN_UP_STD, Vertical, find_vertical
-from egocap.odometry.views import Views
+from egocap.odometry.views import Motion, Views
 from tests.egocap.odometry.box_world import BoxWorld, small_rig, walk
 
 T_MAP_WORLD = rigid(Rotation.from_euler("xyz", [4.0, -7.0, 60.0], degrees=True).as_matrix(),
@@ -43,17 +43,38 @@ def test_without_planes_up_is_that_of_the_head(rng):
     assert found.up_std == MEAN_UP_STD
 
 
+def at_once(pictures):
+    return Pictured(pictures, Motion.none(len(pictures)))
+
+
 @pytest.mark.parametrize("width, higher", [(320, 0.0), (640, 0.9)])  # and from a ladder
 def test_the_floor_is_found_from_pictures(width, higher):
     rig, world, poses = small_rig(width, width * 4 // 5), BoxWorld(contrast=15.0), walk(40)
     poses[:, 2, 3] += higher
-    frames = [(T_MAP_WORLD @ poses[i], world.pictures(rig, poses[i])) for i in (0, 13, 26, 39)]
+    frames = [(T_MAP_WORLD @ poses[i], at_once(world.pictures(rig, poses[i])))
+              for i in (0, 13, 26, 39)]  # fmt: skip
     tilted = Rotation.from_euler("y", 1.5, degrees=True).as_matrix() @ UP
     found = find_floor(Views.of(rig, width), frames, tilted)
     assert angle(found.normal, UP) < max(3 * np.degrees(found.normal_std), 0.3)
     assert found.normal_std < np.deg2rad(0.5)
     for T, pose in zip((T for T, _ in frames), poses[[0, 13, 26, 39]], strict=True):
         assert T[:3, 3] @ found.normal - found.height == pytest.approx(pose[2, 3], abs=0.02)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_the_floor_is_found_from_pictures_of_different_times(told):
+    """Of a walking head, whose right picture is taken half a frame later: or the floor tilts."""
+    rig, world, poses = small_rig(640, 512), BoxWorld(contrast=15.0), walk(41, speed=1.5)
+    frames = []
+    for i in (0, 13, 26, 39):
+        pictures = world.picture(rig, 0, poses[i]), world.picture(rig, 1, poses[i + 1])
+        turn = Rotation.from_matrix(poses[i, :3, :3].T @ poses[i + 1, :3, :3]).as_rotvec()
+        moved = poses[i, :3, :3].T @ (poses[i + 1] - poses[i])[:3, 3]
+        motion = Motion(30.0 * np.concatenate([turn, moved]), np.array([0.0, 1 / 30.0]))
+        still = Motion.none(2)
+        frames.append((T_MAP_WORLD @ poses[i], Pictured(pictures, motion if told else still)))
+    found = find_floor(Views.of(rig, 640), frames, UP)
+    assert bool(angle(found.normal, UP) < 0.1) is told
 
 
 def test_no_floor_is_invented():
@@ -65,7 +86,8 @@ def test_no_floor_is_invented():
             blank if i else tuple(noise.integers(0, 255, b.shape).astype(np.uint8) for b in blank)
         )
         assert (
-            find_floor(Views.of(rig, 320), [(poses[0], pictures)] * 3, UP * 0 + [0, 0, 1]) is None
+            find_floor(Views.of(rig, 320), [(poses[0], at_once(pictures))] * 3, UP * 0 + [0, 0, 1])
+            is None
         )
 
 

@@ -13,7 +13,8 @@ _FILES = {"captures-validation.json": "validation", "captures-test.json": "test"
 def captures(results: Results) -> str:
     """Clocks, errors, speed and memory of motion capture from exported camera files."""
     header = ("footage", "s", "lag error, ms", "drift error, ppm", "lost unreported",
-              "joint error, mm", "known clocks", "frames/s", "CPU ms a frame", "MB")  # fmt: skip
+              "joint error, mm", "known clocks", "head's path, mm", "up, deg", "floor, mm",
+              "frames/s", "CPU ms a frame", "MB")  # fmt: skip
     rows = [row for file, label in _FILES.items()
             for row in results.rows(file, label, _captures)]  # fmt: skip
     rows += results.rows("capture-memory.json", "30 minutes", _memory)
@@ -43,6 +44,8 @@ def _captures(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
             _plus_minus(row["lag_error_ms"], row["lag_std_ms"], 2),
             _plus_minus(row["drift_error_ppm"], row["drift_std_ppm"], 0), str(row["unreported"]),
             number(row["mocap_mm"]), number(row["known_sync_mm"]),
+            *(number(row[name], 2) for name in ("all_aligned_mm", "up_error_deg",
+                                                "height_error_mm")),
             number(row["frames_per_second"]), number(row["cpu_ms_per_frame"], 0),
             number(row["peak_mb"], 0),
         )  # fmt: skip
@@ -51,7 +54,7 @@ def _captures(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
 def _memory(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
     most = max(result["rows"], key=lambda row: row["frames"])
     label = f"30 minutes, extrapolated from {most['frames']} frames of {result['size'][0]} x "
-    yield (f"{label}{result['size'][1]}", "1800", *6 * ("-",),
+    yield (f"{label}{result['size'][1]}", "1800", *9 * ("-",),
            number(most["cpu_ms_per_frame"], 0), number(result["mb_of_30_minutes"], 0))  # fmt: skip
 
 

@@ -19,12 +19,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from scipy.spatial.transform import Rotation, Slerp
 from tyro.conf import arg
 
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.data.footage import FrameTimes
-from egocap.data.head_pose import head_poses_at
+from egocap.data.head_pose import head_poses_at, load_head_pose
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.track import Track, load_track
 from egocap.detect.detector import Detector
@@ -32,12 +33,14 @@ from egocap.detect.weights import open_weights
 from egocap.errors import InputError
 from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.evaluation.table import Table, number
+from egocap.geometry import rigid
 from egocap.head_pose.from_pictures import find_head_poses
+from egocap.head_pose.result import HeadTrajectory
 from egocap.motion_capture.body import fit_wearer
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
-from egocap.series import interpolate
+from egocap.series import interpolate, nearest
 from egocap_eval.footage.process import run_egocap
 from egocap_eval.footage.synchronisation import FPS, case_scene, clock_misses, clock_scores
 from egocap_eval.harness.footage import content_hashes, prepare_sequence
@@ -45,6 +48,7 @@ from egocap_eval.harness.study import Outcome
 from egocap_eval.sets.motion_sets import motion_sets, split_clips
 from egocap_eval.sets.test_log import log_look
 from egocap_eval.studies.fit_body import person_height
+from egocap_eval.studies.head_pose import score
 from egocap_sim.export.formats import export
 from egocap_sim.export.videos import PLANTED
 from egocap_sim.scene.config import RecordTable, Scene
@@ -58,6 +62,8 @@ TEST_SENSORS = (
     {"preset": "action-camera", "subframes": 3, "time_offset_s": -0.0093,
      "clock_drift_ppm": -45.0},
 )  # fmt: skip
+PATH = ("all_aligned_mm", "up_error_deg", "height_error_mm")
+"""Errors of the head's path, as in the study of head poses."""
 WORSE_MM, RATE, MEMORY_MB = 2.0, 20.0, 2048.0  # what is to be reached
 
 
@@ -123,6 +129,7 @@ def measure(sequence: Sequence, videos: Path, out: Path) -> dict[str, Any]:
         "frames": len(captured.times),
         **clock_scores(sequence, planted, imported.footage),
         "mocap_mm": error, "known_sync_mm": reference, "worse_mm": error - reference,
+        **path_scores(out / "head.npz", sequence, times, captured.times),
         "wall_s": spent.wall_s, "frames_per_second": len(captured.times) / spent.wall_s,
         "cpu_ms_per_frame": 1e3 * spent.cpu_s / len(captured.times), "peak_mb": spent.peak_mb,
     }  # fmt: skip
@@ -136,6 +143,24 @@ def scene_times(
     frame = first["frames"][0] + own * sequence.manifest.fps
     taken = sequence.times if sequence.sensor is None else sequence.sensor.time[:, 0]
     return np.interp(frame, np.arange(len(taken)), taken)
+
+
+def path_scores(
+    file: Path, sequence: Sequence, times: Float[Array, "N"], own: Float[Array, "N"]
+) -> dict[str, float | None]:
+    """Errors of the head's path, of up and of the floor's height; None where no path was found.
+
+    `times` of the scene, and `own` by the clock of the first view's file, of the frames.
+    """
+    if not file.exists():
+        return dict.fromkeys(PATH) | {"placed": 0.0}
+    known, poses = load_head_pose(file)
+    true = sequence.truth.T_world_head
+    turns = Slerp(sequence.times, Rotation.from_matrix(true[:, :3, :3]))
+    inside = np.clip(times, sequence.times[0], sequence.times[-1])
+    truth = rigid(turns(inside).as_matrix(), interpolate(times, sequence.times, true[:, :3, 3]))
+    scores = score(HeadTrajectory(nearest(own, known), known, poses), truth)
+    return {name: scores[name] for name in PATH} | {"placed": len(known) / len(own)}
 
 
 def joint_error_mm(
@@ -236,7 +261,8 @@ def _tables(found: Mapping[str, Mapping[str, Any]]) -> list[Table]:
     )  # fmt: skip
     poses = tuple(
         (name, str(row["frames"]), number(row["mocap_mm"]), number(row["known_sync_mm"]),
-         number(row["worse_mm"], 2), number(row["frames_per_second"]),
+         number(row["worse_mm"], 2), *(number(row[name], 2) for name in PATH),
+         number(row["frames_per_second"]),
          number(row["cpu_ms_per_frame"], 0), number(row["peak_mb"], 0))
         for name, row in found.items()
     )  # fmt: skip
@@ -245,6 +271,7 @@ def _tables(found: Mapping[str, Mapping[str, Any]]) -> list[Table]:
               ("case", "s", "lag error ms", "+- ms", "drift error ppm", "+- ppm",
                "unreported frames", "invented"), clocks),
         Table("Motion capture from the files against known clocks",
-              ("case", "frames", "mocap mm", "known clocks mm", "difference mm", "frames/s",
+              ("case", "frames", "mocap mm", "known clocks mm", "difference mm", "path mm",
+               "up deg", "floor mm", "frames/s",
                "CPU ms a frame", "peak MB"), poses),
     ]  # fmt: skip

@@ -4,10 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from egocap.errors import InputError, MachineError
+from egocap.geometry import rigid
 from egocap.media.video import open_video
-from egocap_eval.footage.captures import joint_error_mm, scene_times, study
+from egocap_eval.footage.captures import joint_error_mm, path_scores, scene_times, study
 from egocap_eval.footage.memory import write_loop
 from egocap_eval.footage.process import run_egocap
 from egocap_eval.footage.synchronisation import clock_scores
@@ -38,6 +40,23 @@ def test_errors_are_taken_at_the_scenes_time_of_the_files_pictures():
     joints = np.zeros((3, 18, 3))
     joints[:, :, 0] = times[:, None] + 0.01
     assert joint_error_mm(joints, one, times) == pytest.approx(10.0)
+
+
+def test_errors_of_a_path_are_taken_at_the_same_times(tmp_path):
+    """A path in a world that is turned, shifted and 5 mm too high, without its first frames."""
+    one = sequence()
+    turn = Rotation.from_euler("z", one.times[:, None], degrees=True).as_matrix()
+    one.truth.T_world_head = rigid(turn, np.stack([one.times, 0 * one.times, 1 + 0 * one.times], 1))
+    own = np.arange(40) / 10.0
+    times = own + 0.25
+    true = rigid(Rotation.from_euler("z", times[:, None], degrees=True).as_matrix(),
+                 np.stack([times, 0 * times, 1 + 0 * times], 1))  # fmt: skip
+    other = rigid(Rotation.from_euler("z", 70.0, degrees=True).as_matrix(), np.array([3, 1, 0.005]))
+    np.savez(tmp_path / "h.npz", time=own[10:], T_world_head=(other @ true)[10:])
+    found = path_scores(tmp_path / "h.npz", one, times, own)
+    assert found == pytest.approx({"all_aligned_mm": 0.0, "up_error_deg": 0.0,
+                                   "height_error_mm": 5.0, "placed": 0.75}, abs=1e-4)  # fmt: skip
+    assert path_scores(tmp_path / "none.npz", one, times, own)["up_error_deg"] is None
 
 
 def test_clocks_and_losses_are_compared_with_what_was_planted():

@@ -126,8 +126,10 @@ class Odometry:
         segment = 1 + max((f.segment for f in self.map.frames), default=-1)
         origin = Posed(index, time, np.eye(3), np.zeros(3), Observations.empty(), False,
                        segment, np.zeros((6, 6)), motion)  # fmt: skip
+        before = len(self.map.points)
         seen = self._new_points(origin, images, masks)
         if len(np.unique(seen.point)) < self.config.fewest:
+            self.map.keep_points(before)
             return HeadPose(None, None, len(np.unique(seen.point)), "too few points with depth")
         origin.seen, self._segment, self._missed = seen, origin.segment, 0
         origin.keyframe, origin.information = True, 1e8 * np.eye(6)

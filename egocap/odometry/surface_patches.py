@@ -57,7 +57,7 @@ class SurfacePatches:
         return cls(none, none, np.zeros((0, 3)), np.zeros((0, 3, 2)), np.zeros((0, 3)),
                    np.zeros((0, side), np.float32), np.zeros(0))  # fmt: skip
 
-    def __getitem__(self, rows: Array) -> SurfacePatches:
+    def __getitem__(self, rows: Array | slice) -> SurfacePatches:
         return SurfacePatches(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def extend(self, other: SurfacePatches) -> None:

@@ -80,6 +80,10 @@ class TrackMap:
         self.patches.extend(patches)
         return np.arange(first, first + len(points))
 
+    def keep_points(self, count: int) -> None:
+        """Drop the points added after the first `count`."""
+        self.points, self.patches = self.points[:count], self.patches[slice(count)]
+
     def move(self, segment: int, T: Float[Array, "4 4"], into: int) -> None:
         """Move the frames and points of a segment by T, and make them part of another one."""
         rows = [i for i, frame in enumerate(self.frames) if frame.segment == segment]

@@ -142,6 +142,14 @@ def test_a_covered_lens_is_a_gap_and_a_new_segment_follows():
     assert distance.max() < 0.01
 
 
+def test_a_segment_that_cannot_begin_leaves_no_points():
+    """Their patches would belong to a frame that is not in the map."""
+    odometry = Odometry(Views.of(RIG, 320), replace(CONFIG, fewest=10_000))
+    for i, pose in enumerate(walk(3)):
+        assert odometry.add(i, i / 30.0, WORLD.pictures(RIG, pose)).problem
+    assert len(odometry.map.points) == len(odometry.map.patches.host) == 0
+
+
 def test_a_dropped_frame_is_bridged_within_the_same_map():
     poses = walk(25)
     odometry, found = run(poses, lambda i, p: (None, None) if i == 12 else p)

@@ -5,10 +5,12 @@ The angles of two windows are blended over their overlap.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
@@ -58,7 +60,9 @@ def track_in_windows(
     parts = []
     workers = min(available_cores(), len(jobs))
     with WorkerPool(workers) as pool:
-        for window, part in zip(windows, pool.map(_track, *zip(*jobs, strict=True)), strict=True):
+        for window, part in zip(
+            windows, pool.map(_track_tidily, *zip(*jobs, strict=True)), strict=True
+        ):
             parts.append(part)
             on_frames(window.stop - max(window.start, 0) - (OVERLAP if window.start else 0))
     joined = join(windows, parts, body)
@@ -102,6 +106,14 @@ def _track(
     sequence = Sequence(folder)
     images = cache(lambda row: reduced_images(sequence, first + row, config.colour_size))
     return tracker.track(found, images, heads, on_frames)
+
+
+def _track_tidily(*job: Any) -> Track:
+    """A window of many in one process: what refers to itself in a circle is freed after each."""
+    try:
+        return _track(*job)
+    finally:
+        gc.collect()
 
 
 def reduced_images(sequence: Sequence, frame: int, size: int) -> tuple[UInt8[Array, "S S 3"], ...]:

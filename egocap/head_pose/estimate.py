@@ -17,7 +17,7 @@ from egocap.data.sequence import Sequence
 from egocap.data.track import Track
 from egocap.errors import InputError
 from egocap.geometry import transform
-from egocap.head_pose.floor import Pictured, find_floor
+from egocap.head_pose.floor import Pictured
 from egocap.head_pose.imu import Inertial
 from egocap.head_pose.map_poses import MapPoses, joined_parts, overlapping, turned
 from egocap.head_pose.pictures import Grey, grey_pictures
@@ -113,18 +113,13 @@ def spread_over(frames: int) -> set[int]:
 
 def vertical_of(found: MapPoses, inertial: Vertical | None = None) -> Vertical:
     """Up and the floor's height, from the map's planes, an IMU and some pictures of a width."""
-    vertical = find_vertical(found.points, found.T_map_head)
-    if inertial is not None and inertial.up_std < vertical.up_std:
-        vertical = inertial
     kept = [row for row, frame in enumerate(found.frame.tolist()) if frame in found.pictures]
     some = np.unique(np.linspace(0, len(kept) - 1, FLOOR_FRAMES).astype(int)) if kept else ()
     rows = [kept[i] for i in some]
     frames = [(found.T_map_head[row], found.pictures[int(found.frame[row])]) for row in rows]
-    floor = find_floor(found.views, frames, vertical.up)
-    if floor is None:
+    vertical = find_vertical(found.views, found.points, found.T_map_head, frames, inertial)
+    if vertical.floor is None:
         log.warning("the floor was not found: heights are relative to the first head")
-    else:
-        vertical = vertical.with_floor(floor)
     if vertical.source == "head":
         log.warning("no walls, floor or tables found: up is that of the head, uncertain by 10 "
                     "degrees")  # fmt: skip

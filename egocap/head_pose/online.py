@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 from egocap.cameras.rig import Rig
 from egocap.geometry import rigid
 from egocap.head_pose.estimate import vertical_facts
-from egocap.head_pose.floor import Pictured, find_floor
+from egocap.head_pose.floor import Pictured
 from egocap.head_pose.pictures import Grey, grey_of
 from egocap.head_pose.rig_correction import Added, OnlineCorrection
 from egocap.head_pose.vertical import Vertical, find_vertical
@@ -232,12 +232,8 @@ def _search(
     pictures: list[tuple[Float[Array, "4 4"], Pictured]],
 ) -> Vertical | None:  # fmt: skip
     """Up and the floor; None where they are not certain."""
-    vertical = find_vertical(points, heads)
-    floor = find_floor(views, pictures, vertical.up)
-    if floor is None:
-        return None
-    vertical = vertical.with_floor(floor)
-    return vertical if vertical.up_std < SURE else None
+    vertical = find_vertical(views, points, heads, pictures)
+    return vertical if vertical.floor is not None and vertical.up_std < SURE else None
 
 
 def _agree(a: Vertical, b: Vertical, head: Float[Array, "3"]) -> bool:

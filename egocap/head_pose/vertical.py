@@ -14,7 +14,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from egocap.geometry import unit
-from egocap.head_pose.floor import Floor
+from egocap.head_pose.floor import Floor, Pictured, find_floor
+from egocap.odometry.views import Views
 
 TILT = np.deg2rad(25.0)  # of up against the head's mean up, at most
 THICKNESS = 0.02  # m; points within it lie on a plane
@@ -23,6 +24,8 @@ MOST_STD = np.deg2rad(2.0)  # of up, for planes to decide
 MEAN_UP_STD = np.deg2rad(10.0)
 """Standard deviation of the head's mean up about the vertical."""
 BENT = np.deg2rad(0.7)  # standard deviation of a plane's direction: things stand on floors
+DIFFERENT, MOST = np.deg2rad(5.0), 4
+"""Angle between directions of up that are tried, and how many."""
 LOSS = np.deg2rad(1.5)  # width of the loss; slopes and slanted things are outliers
 _PLANES, _TRIALS = 16, 400
 
@@ -66,24 +69,49 @@ class _Plane:
 
 
 def find_vertical(
+    views: Views, points: Float[Array, "P 3"], heads: Float[Array, "T 4 4"],
+    frames: list[tuple[Float[Array, "4 4"], Pictured]], inertial: Vertical | None = None,
+) -> Vertical:  # fmt: skip
+    """Up, and the floor that pictures show from there.
+
+    Of directions that planes agree on, and the head's mean up, it is the likeliest from which a
+    floor is found, else the likeliest; an `inertial` one where that is more certain. `frames`:
+    T_map_head and pictures of some.
+    """
+    likely = likely_verticals(points, heads)
+    if inertial is not None and inertial.up_std < likely[0].up_std:
+        likely = [inertial]
+    for vertical in likely:
+        floor = find_floor(views, frames, vertical.up)
+        if floor is not None:
+            return vertical.with_floor(floor)
+    return likely[0]
+
+
+def likely_verticals(
     points: Float[Array, "P 3"], heads: Float[Array, "T 4 4"], seed: int = 0
-) -> Vertical:
-    """Up from planes; the head's mean up where they do not determine it."""
+) -> list[Vertical]:
+    """Directions of up from planes, the likeliest first, and last the head's mean up."""
     prior = unit(heads[:, :3, 2].mean(0))
     planes = _planes(points, np.random.default_rng(seed))
-    up, std = _agreed(planes, prior)
-    if std < MOST_STD:
-        return Vertical(up, std, "planes")
-    return Vertical(prior, MEAN_UP_STD, "head")
+    starts: list[Float[Array, "3"]] = []
+    for start in sorted(_candidates(planes, prior), key=lambda up: -_support(planes, up)):
+        if all(start @ other < np.cos(DIFFERENT) for other in starts):
+            starts.append(start)
+    found = [Vertical(*_agreed(planes, prior, start), "planes") for start in starts[:MOST]]
+    head = Vertical(prior, MEAN_UP_STD, "head")
+    return [*found, head] if found and found[0].up_std < MOST_STD else [head]
 
 
-def _agreed(planes: list[_Plane], prior: Float[Array, "3"]) -> tuple[Float[Array, "3"], float]:
-    """Up that floors are along and walls across, and its standard deviation [rad]."""
-    up, most = prior, -1.0
-    for candidate in _candidates(planes, prior):
-        support = sum(1.0 / (1.0 + (_off(p, candidate) / LOSS) ** 2) for p in planes)
-        if support > most:
-            up, most = candidate, support
+def _support(planes: list[_Plane], up: Float[Array, "3"]) -> float:
+    """How many planes are level or upright, with a loss."""
+    return sum(1.0 / (1.0 + (_off(p, up) / LOSS) ** 2) for p in planes)
+
+
+def _agreed(
+    planes: list[_Plane], prior: Float[Array, "3"], up: Float[Array, "3"]
+) -> tuple[Float[Array, "3"], float]:
+    """Up near a start that floors are along and walls across, its standard deviation [rad]."""
     H = np.eye(2)
     for _ in range(10):
         across = np.linalg.svd(up[None])[2][1:]

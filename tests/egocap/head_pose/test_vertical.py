@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from egocap.geometry import inverse, rigid
 from egocap.head_pose.floor import Pictured, find_floor
-from egocap.head_pose.vertical import MEAN_UP_STD, Vertical, find_vertical
+from egocap.head_pose.vertical import MEAN_UP_STD, Vertical, find_vertical, likely_verticals
 from egocap.odometry.views import Motion, Views
 from tests.egocap.odometry.box_world import BoxWorld, small_rig, walk
 
@@ -30,7 +30,7 @@ def room(rng, count=400):
 
 
 def test_up_is_what_planes_agree_on(rng):
-    found = find_vertical(room(rng), T_MAP_WORLD @ walk(30))
+    found = likely_verticals(room(rng), T_MAP_WORLD @ walk(30))[0]
     assert found.source == "planes"
     assert angle(found.up, UP) < 3 * np.degrees(found.up_std)
     assert angle(found.up, UP) < 1.0
@@ -38,7 +38,7 @@ def test_up_is_what_planes_agree_on(rng):
 
 def test_without_planes_up_is_that_of_the_head(rng):
     heads = T_MAP_WORLD @ walk(30)
-    found = find_vertical(rng.uniform(-2, 2, size=(60, 3)), heads)
+    (found,) = likely_verticals(rng.uniform(-2, 2, size=(60, 3)), heads)
     assert found.source == "head"
     assert found.up_std == MEAN_UP_STD
 
@@ -75,6 +75,24 @@ def test_the_floor_is_found_from_pictures_of_different_times(told):
         frames.append((T_MAP_WORLD @ poses[i], Pictured(pictures, motion if told else still)))
     found = find_floor(Views.of(rig, 640), frames, UP)
     assert bool(angle(found.normal, UP) < 0.1) is told
+
+
+def test_slanted_planes_do_not_decide_where_pictures_show_a_floor(rng):
+    """As on stairs: two slopes and what is at right angles to them outnumber the level things."""
+    rig, world, poses = small_rig(640, 512), BoxWorld(contrast=15.0), walk(40)
+    frames = [(T_MAP_WORLD @ poses[i], at_once(world.pictures(rig, poses[i])))
+              for i in (0, 13, 26, 39)]  # fmt: skip
+    turn = Rotation.from_euler("x", 18.0, degrees=True).as_matrix()
+    u, v, w = rng.uniform(-2, 2, size=(3, 300))
+    planes = [np.stack([u, v, 0 * u], -1), np.stack([u, v, 0 * u + 1.0], -1),
+              np.stack([u, 0 * u + 1.5, w], -1)]  # fmt: skip
+    slanted = (np.concatenate(planes) + 0.002 * rng.normal(size=(900, 3))) @ turn.T
+    points = slanted @ T_MAP_WORLD[:3, :3].T + T_MAP_WORLD[:3, 3]
+    heads = T_MAP_WORLD @ poses
+    assert 15.0 < angle(likely_verticals(points, heads)[0].up, UP) < 20.0
+    found = find_vertical(Views.of(rig, 640), points, heads, frames)
+    assert found.source == "the floor" and found.floor is not None
+    assert angle(found.up, UP) < 0.3
 
 
 def test_no_floor_is_invented():

@@ -1,4 +1,4 @@
-"""Up in a map of points: from the planes of rooms, near the head's usual attitude.
+"""Up in a map of points, from the planes of rooms near the head's usual attitude, and the floor.
 
 The head's own up, averaged over the recording, is some 20 degrees from the vertical at most. Planes
 near that direction are floors and tables, planes across it walls; up is what they agree on.

@@ -1,7 +1,7 @@
 """Motion capture in one call: footage and a rig file in; track, BVH, film and page out.
 
-Stages: sequence (import), detections.npz, rig.json, body.json, head.npz, track.npz,
-motion.bvh, film.mp4, index.html.
+Stages: sequence (import), detections.npz, rig-correction.json and rig.json, body.json, head.npz,
+track.npz, motion.bvh, film.mp4, index.html.
 """
 
 from __future__ import annotations

@@ -47,12 +47,17 @@ def at_once(pictures):
     return Pictured(pictures, Motion.none(len(pictures)))
 
 
+def pictured(rig, world, poses):
+    """Some poses in the map, with their pictures of one instant."""
+    return [(T_MAP_WORLD @ poses[i], at_once(world.pictures(rig, poses[i])))
+            for i in (0, 13, 26, 39)]  # fmt: skip
+
+
 @pytest.mark.parametrize("width, higher", [(320, 0.0), (640, 0.9)])  # and from a ladder
 def test_the_floor_is_found_from_pictures(width, higher):
     rig, world, poses = small_rig(width, width * 4 // 5), BoxWorld(contrast=15.0), walk(40)
     poses[:, 2, 3] += higher
-    frames = [(T_MAP_WORLD @ poses[i], at_once(world.pictures(rig, poses[i])))
-              for i in (0, 13, 26, 39)]  # fmt: skip
+    frames = pictured(rig, world, poses)
     tilted = Rotation.from_euler("y", 1.5, degrees=True).as_matrix() @ UP
     found = find_floor(Views.of(rig, width), frames, tilted)
     assert angle(found.normal, UP) < max(3 * np.degrees(found.normal_std), 0.3)
@@ -63,7 +68,7 @@ def test_the_floor_is_found_from_pictures(width, higher):
 
 @pytest.mark.parametrize("told", [True, False])
 def test_the_floor_is_found_from_pictures_of_different_times(told):
-    """Of a walking head, whose right picture is taken half a frame later: or the floor tilts."""
+    """Of a walking head, whose right picture is taken a frame later: untold, the floor tilts."""
     rig, world, poses = small_rig(640, 512), BoxWorld(contrast=15.0), walk(41, speed=1.5)
     frames = []
     for i in (0, 13, 26, 39):
@@ -80,8 +85,7 @@ def test_the_floor_is_found_from_pictures_of_different_times(told):
 def test_slanted_planes_do_not_decide_where_pictures_show_a_floor(rng):
     """As on stairs: two slopes and what is at right angles to them outnumber the level things."""
     rig, world, poses = small_rig(640, 512), BoxWorld(contrast=15.0), walk(40)
-    frames = [(T_MAP_WORLD @ poses[i], at_once(world.pictures(rig, poses[i])))
-              for i in (0, 13, 26, 39)]  # fmt: skip
+    frames = pictured(rig, world, poses)
     turn = Rotation.from_euler("x", 18.0, degrees=True).as_matrix()
     u, v, w = rng.uniform(-2, 2, size=(3, 300))
     planes = [np.stack([u, v, 0 * u], -1), np.stack([u, v, 0 * u + 1.0], -1),

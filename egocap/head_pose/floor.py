@@ -20,17 +20,20 @@ from egocap.odometry.views import Motion, Views
 
 STEEP = 0.3  # least cosine of a ray to straight down
 BELOW = 0.5, 3.2  # m of the floor below the head; more than 2 m on ladders and stairs
-STEP = 0.02  # m
+STEP = 0.02  # m; of a coarse sweep twice as much
 SPACING = 3.0  # px between a patch's samples
 GRID = 12  # px between patches
 CLEAR = 0.55  # m about the head's vertical, where the wearer stands
 FARTHEST = 2.5  # m on the floor from the head's vertical
 LEAST = 0.15  # mean correlation of a floor
 NEAR = 0.15  # m about the level, in which single patches are searched
+SETTLED, MOST_SWEEPS = np.deg2rad(0.5), 6
+"""Angle of a floor from the last sweep's direction, and how many fine sweeps may reach it."""
+AGAIN = 0.4  # m about the last level, of a fine sweep
 CLEAR_PEAK = 0.7, 0.08  # correlation of such a patch, and its lead over the median
 LOSS = 0.03  # m; width of the loss of the plane through the patches
 ALIKE = 10.0  # patches with the same error: neighbours, and the same place in several frames
-_FEWEST = 20  # patches
+_FEWEST, _FEWEST_DEPTHS = 20, 10  # patches; depths of a sweep
 
 Image = UInt8[Array, "H W"]
 
@@ -62,17 +65,21 @@ class Pictured:
     motion: Motion
 
 
-def sweeps(views: Views, frame: Pictured, up_head: Float[Array, "3"]) -> list[Sweep]:
+def sweeps(
+    views: Views, frame: Pictured, up_head: Float[Array, "3"], depths: Float[Array, "H"]
+) -> list[Sweep]:
     """The sweeps of every view that has a picture beside its partner's."""
     pairs = [(a, views.partners[a][0]) for a in range(len(views))]
-    return [_sweep(views, a, b, frame, up_head) for a, b in pairs
+    return [_sweep(views, a, b, frame, up_head, depths) for a, b in pairs
             if frame.images[a] is not None and frame.images[b] is not None]  # fmt: skip
 
 
-def _sweep(views: Views, a: int, b: int, frame: Pictured, up: Float[Array, "3"]) -> Sweep:
+def _sweep(
+    views: Views, a: int, b: int, frame: Pictured, up: Float[Array, "3"],
+    depths: Float[Array, "H"],
+) -> Sweep:  # fmt: skip
     image, other, motion = frame.images[a], frame.images[b], frame.motion
     assert image is not None and other is not None
-    depths = np.arange(*BELOW, STEP)
     height, width = image.shape
     columns, rows = np.arange(GRID, width - GRID, GRID), np.arange(GRID, height - GRID, GRID)
     grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
@@ -100,18 +107,38 @@ def find_floor(
     """The floor in the map; None: no level stands out.
 
     `frames`: T_map_head and pictures of some frames spread over the recording; `up` within some
-    degrees.
+    twenty degrees. The floor is swept again along its own normal until that settles.
     """
+    floor = _swept(views, frames, up)
+    for _ in range(MOST_SWEEPS):
+        if floor is None:
+            break
+        up, floor = floor.normal, _swept(views, frames, floor.normal, floor.height)
+        if floor is not None and floor.normal @ up > np.cos(SETTLED):
+            break
+    return floor
+
+
+def _swept(
+    views: Views, frames: list[tuple[Float[Array, "4 4"], Pictured]], up: Float[Array, "3"],
+    near: float | None = None,
+) -> Floor | None:  # fmt: skip
+    """The floor by one sweep along `up`: coarsely of all depths, or about a height in the map."""
     if not frames:
         return None
-    found = [(T, sweeps(views, frame, T[:3, :3].T @ up)) for T, frame in frames]
     heads = np.array([T[:3, 3] @ up for T, _ in frames])
     levels = heads.mean() - np.arange(BELOW[0] - 0.1, BELOW[1] + 0.1, STEP)
+    depths = [np.arange(*BELOW, 2.0 * STEP)] * len(frames)
+    if near is not None:
+        every, levels = np.arange(*BELOW, STEP), levels[np.abs(levels - near) < AGAIN]
+        depths = [every[np.abs(head - every - near) < AGAIN] for head in heads]
+    found = [(T, sweeps(views, frame, T[:3, :3].T @ up, own) if len(own) > _FEWEST_DEPTHS else [])
+             for (T, frame), own in zip(frames, depths, strict=True)]  # fmt: skip
     table = np.array([
         _mean_score(own, head - levels) for head, (_, own) in zip(heads, found, strict=True)
     ])  # fmt: skip
     mean = table.mean(0)
-    best = int(mean.argmax())
+    best = int(mean.argmax()) if len(levels) else 0
     if not 0 < best < len(levels) - 1 or mean[best] < LEAST:
         return None
     own = np.array([_peak(row, levels, best) for row in table])

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from collections.abc import Sequence as Row
 from concurrent.futures import Executor, Future
 from dataclasses import replace
-from functools import partial
 from itertools import takewhile
 from typing import Any
 
@@ -30,7 +28,8 @@ from egocap.odometry.track_map import Posed
 from egocap.odometry.views import Views
 
 RATE_HZ = 16.0
-"""Most frames a second in which errors of a rig are sought: half of 30 Hz."""
+"""Most frames a second in which errors of a rig are sought, unless the head moves much: half of
+30 Hz."""
 LONGEST_S = 15.0
 """Time in which keyframes are sought."""
 
@@ -52,23 +51,27 @@ def find_rig_correction(
     for row in every:
         if _due(times[row], times[some[-1]]):
             some.append(row)
-    rows = [some, *[every] * (len(NOISES_PX) - 1)]
-    passes = [partial(frames_of, sequence, views.rig, own, wearer) for own in rows]
-    return correction_from(passes, views, config)
+
+    def frames(moves: bool) -> Iterable[Added]:
+        return frames_of(sequence, views.rig, every if moves else some, wearer)
+
+    return correction_from(frames, views, config)
 
 
 def correction_from(
-    passes: Row[Callable[[], Iterable[Added]]], views: Views, config: OdometryConfig
+    frames: Callable[[bool], Iterable[Added]], views: Views, config: OdometryConfig
 ) -> Correction | None:
-    """The same from the frames of every pass, in their order."""
+    """The same from the `frames` of a pass, given whether the head moves much by the one before."""
     correction: Correction | None = None
-    for noise_px, frames in zip(NOISES_PX, passes, strict=True):
+    moves = False
+    for noise_px in NOISES_PX:
         now = views if correction is None else correction.views
         odometry = Odometry(now, replace(config, noise_px=noise_px))
-        for frame in frames():
+        for frame in frames(moves):
             odometry.add(*frame)
             if len(odometry.map.keyframes) >= KEYFRAMES:
                 break
+        moves = len(odometry.map.keyframes) >= KEYFRAMES
         correction = find_correction(odometry.map, views, correction)
         if correction is None:
             return None
@@ -106,8 +109,10 @@ class OnlineCorrection:
             if len(self._apart) < KEYFRAMES:
                 return None
             frames = tuple(self._frames)
-            passes = [lambda: takewhile(lambda _: not self.done, frames)] * len(NOISES_PX)
-            self._search = self._beside.submit(correction_from, passes, self._views, self._config)
+            self._search = self._beside.submit(
+                correction_from, lambda _: takewhile(lambda _: not self.done, frames),
+                self._views, self._config,
+            )  # fmt: skip
             self._frames.clear()
             self._apart.clear()
         if not (self._waits or self._search.done()):

@@ -4,9 +4,8 @@ In: the map of an odometry that took a rig as it was given. Out: the same rig wi
 lengths and centres corrected, the lag of each view, and the readout time of its rolling shutter.
 
 Keyframes, points and the rig are adjusted together. The corrections have prior standard deviations,
-which also settle what pictures cannot tell: the distance between the cameras. The mean pose of the
-cameras on the head, which they cannot tell either, is kept. The rig's geometry, or its timing,
-stays as given where nothing significant is found.
+and what pictures cannot tell is kept: the mean pose of the cameras on the head, and how far they
+are apart. The rig's geometry, or its timing, stays as given where nothing significant is found.
 
 Source: Triggs et al. 2000, section 6 (the reduced camera system); Hedborg et al. 2012 (rows).
 """
@@ -29,8 +28,9 @@ from egocap.odometry.views import Motion, Views
 
 NOISES_PX = 1.0, 0.3, 0.3
 """Standard deviation of a corner, pixels, with a rig as given, and as corrected once and twice."""
-KEYFRAMES = 30
-"""From so many the rig is corrected."""
+KEYFRAMES, FRAMES = 30, 60
+"""From so many keyframes the rig is corrected, or from so many frames where these are fewer: the
+head of somebody who sits moves little."""
 FEWEST_KEYFRAMES = 3
 ALIKE = 9.0
 """Observations that count as one: those of a point, and of neighbours, err together."""
@@ -132,15 +132,13 @@ def find_correction(
 
     `first`: an earlier correction of the rig, with which the map was made.
     """
-    if not found.frames:
+    rows = _frames(found)
+    if not rows:
         return None
-    _, keys = found.longest()
-    if len(keys) < FEWEST_KEYFRAMES:
-        return None
-    found.renew_twists(keys)
-    seen = _observations(found, keys)
-    state = (np.stack([found.frames[k].R for k in keys]),
-             np.stack([found.frames[k].t for k in keys]), found.points[seen.numbers])  # fmt: skip
+    found.renew_twists(rows)
+    seen = _observations(found, rows)
+    state = (np.stack([found.frames[k].R for k in rows]),
+             np.stack([found.frames[k].t for k in rows]), found.points[seen.numbers])  # fmt: skip
     start = np.zeros((len(views), len(PARAMETERS))) if first is None else first.values
     sought = np.ones(len(PARAMETERS), bool)
     while sought.any():
@@ -175,21 +173,35 @@ def _adjusted(
     return values * (prior == PRIOR), system.std(), system.agree
 
 
-def _observations(found: TrackMap, keys: list[int]) -> _Seen:
+def _frames(found: TrackMap) -> list[int]:
+    """Rows of the frames to adjust, all of the longest segment; none where it hardly moves."""
+    if not found.frames:
+        return []
+    segment, keys = found.longest()
+    if len(keys) >= KEYFRAMES:
+        return keys
+    if len(keys) < FEWEST_KEYFRAMES:
+        return []
+    own = [row for row, frame in enumerate(found.frames) if frame.segment == segment]
+    spread = np.linspace(0, len(own) - 1, FRAMES - len(keys)).astype(int)
+    return sorted({*keys, *(own[i] for i in spread)})
+
+
+def _observations(found: TrackMap, rows: list[int]) -> _Seen:
     """Observations of points that at least three of them fix."""
-    own = [found.frames[k].seen for k in keys]
+    own = [found.frames[k].seen for k in rows]
     frame = np.repeat(np.arange(len(own)), [len(s.point) for s in own])
     point = np.concatenate([s.point for s in own])
-    rows = np.flatnonzero(np.bincount(point)[point] >= 3)
-    numbers, place = np.unique(point[rows], return_inverse=True)
+    kept = np.flatnonzero(np.bincount(point)[point] >= 3)
+    numbers, place = np.unique(point[kept], return_inverse=True)
     view, pixel, inv_sigma = (
-        np.concatenate([getattr(s, name) for s in own])[rows]
+        np.concatenate([getattr(s, name) for s in own])[kept]
         for name in ("view", "pixel", "inv_sigma")
     )
-    twist, late = (np.stack([getattr(found.frames[k].motion, name) for k in keys])
+    twist, late = (np.stack([getattr(found.frames[k].motion, name) for k in rows])
                    for name in ("twist", "late"))  # fmt: skip
-    return _Seen(numbers, frame[rows], place, view, pixel, inv_sigma, late[frame[rows], view],
-                 twist[frame[rows]])  # fmt: skip
+    return _Seen(numbers, frame[kept], place, view, pixel, inv_sigma, late[frame[kept], view],
+                 twist[frame[kept]])  # fmt: skip
 
 
 def _sights(
@@ -288,13 +300,13 @@ def _system(
     weighted, weighted_point = (csr_array(A.multiply(weight[:, None])).T for A in (J, of_point))
     H, g = (weighted @ J).toarray(), weighted @ r.ravel()
     H[np.arange(6), np.arange(6)] += _HELD
-    given = np.diag(1.0 / prior.ravel() ** 2) + _kept_mean(views)
+    given = np.diag(1.0 / prior.ravel() ** 2) + _kept(views)
     H[6 * K :, 6 * K :] += given
     g[6 * K :] += given @ values.ravel()
     W = (weighted_point @ J).toarray().reshape(len(X), 3, -1)
     V = np.zeros((len(X), 3, 3))
     np.add.at(V, seen.point, weight[::2, None, None] * (J_point.transpose(0, 2, 1) @ J_point))
-    V += 1e-6 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
+    V += 1e-9 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
     g_point = (weighted_point @ r.ravel()).reshape(-1, 3)
     agree = float((squared < AGREE**2).mean())
     return _System(noise, agree, H, g, W, np.linalg.inv(V), g_point, values.shape)
@@ -307,10 +319,15 @@ def _rows(J: Float[Array, "N 2 n"], columns: Int[Array, "N n"], width: int) -> c
     return csr_array((J.ravel(), index, n * np.arange(2 * N + 1)), shape=(2 * N, width))
 
 
-def _kept_mean(views: Views) -> Float[Array, "Q Q"]:
-    """Information that keeps the cameras' mean rotation and place on the head."""
-    mean = np.zeros((6, len(views), len(PARAMETERS)))
-    for v, R in enumerate(views.rig.T_head_camera[:, :3, :3]):
-        mean[:3, v, :3] = mean[3:, v, 3:6] = R / len(views)
-    mean = mean.reshape(6, -1) / (_FIXED * PRIOR[:6, None])
-    return mean.T @ mean
+def _kept(views: Views) -> Float[Array, "Q Q"]:
+    """Information that keeps what pictures cannot tell: the cameras' mean rotation and place on the
+    head, and how far they are apart.
+    """
+    T = views.rig.T_head_camera
+    away = T[:, :3, 3] - T[:, :3, 3].mean(0)
+    kept = np.zeros((7, len(views), len(PARAMETERS)))
+    for v, R in enumerate(T[:, :3, :3]):
+        kept[:3, v, :3] = kept[3:6, v, 3:6] = R / len(views)
+        kept[6, v, 3:6] = away[v] @ R / np.linalg.norm(away)
+    kept = kept.reshape(7, -1) / (_FIXED * PRIOR[[*range(6), 3], None])
+    return kept.T @ kept

@@ -122,9 +122,9 @@ def test_the_correction_is_found_beside_the_pictures(monkeypatch, wrong_rig):
 def test_a_run_ends_without_the_correction_that_is_under_way(monkeypatch):
     began, passed = Event(), []
 
-    def slow(passes, *_):
+    def slow(frames, *_):
         began.set()
-        for _ in passes[0]():
+        for _ in frames(False):
             passed.append(time.sleep(0.05))
 
     monkeypatch.setattr(rig_correction, "KEYFRAMES", 6)

@@ -66,6 +66,15 @@ def test_the_floor_is_found_from_pictures(width, higher):
         assert T[:3, 3] @ found.normal - found.height == pytest.approx(pose[2, 3], abs=0.02)
 
 
+@pytest.mark.parametrize("off", [20.0, -20.0])
+def test_the_floor_is_found_from_a_direction_far_off(off):
+    """One sweep along it finds something between the two."""
+    rig, world, poses = small_rig(640, 512), BoxWorld(contrast=15.0), walk(40)
+    start = Rotation.from_euler("y", off, degrees=True).as_matrix() @ UP
+    found = find_floor(Views.of(rig, 640), pictured(rig, world, poses), start)
+    assert angle(found.normal, UP) < 0.2
+
+
 @pytest.mark.parametrize("told", [True, False])
 def test_the_floor_is_found_from_pictures_of_different_times(told):
     """Of a walking head, whose right picture is taken a frame later: untold, the floor tilts."""

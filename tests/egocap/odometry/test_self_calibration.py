@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from egocap.geometry import exponential, inverse
+from egocap.geometry import exponential, inverse, rigid
+from egocap.odometry import self_calibration
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import finish
 from egocap.odometry.odometry import Odometry
-from egocap.odometry.ray_kernel import linearised
+from egocap.odometry.ray_kernel import linearised, logarithm
 from egocap.odometry.self_calibration import (
     NOISES_PX,
     PARAMETERS,
@@ -79,15 +80,34 @@ def test_a_miscalibrated_rig_is_corrected(fine, still):
     ):
         off = np.abs(np.subtract(found.centre, true.centre))
         assert (off < 0.4 * np.abs(np.subtract(given.centre, true.centre)) + 0.1).all()
-    T = inverse(VIEWS.rig.T_head_camera[0]) @ VIEWS.rig.T_head_camera[1]
-    turn = inverse(T) @ (
-        inverse(correction.views.rig.T_head_camera[0]) @ correction.views.rig.T_head_camera[1]
-    )
-    angle = np.degrees(np.arccos(np.clip((np.trace(turn[:3, :3]) - 1) / 2, -1, 1)))
-    assert angle < 0.1
+    assert turn_between_views(correction.views.rig, VIEWS.rig) < 0.1
     after, posed = follow(correction.views, still, CONFIG)
     assert posed == FRAMES
     assert path_error(fine, after) < 0.3 * path_error(fine, before)
+
+
+def turn_between_views(rig, true):
+    """Angle [degrees] by which the views are wrongly turned to each other."""
+    T, T_true = (inverse(r.T_head_camera[0]) @ r.T_head_camera[1] for r in (rig, true))
+    return np.degrees(np.linalg.norm(logarithm(T_true[:3, :3].T @ T[:3, :3])))
+
+
+def test_frames_between_keyframes_count_where_the_head_moves_little(monkeypatch):
+    """As that of somebody who sits. How far the cameras are apart stays as given."""
+    t = np.arange(90) / 30.0
+    turns = np.stack([0.06 * np.sin(3.0 * t), 0.10 * np.sin(2.0 * t), 0.30 * np.sin(1.5 * t)], -1)
+    poses = rigid(exponential(turns), [0.0, 0.0, 1.2] + 0.2 * turns)
+    wrong = miscalibrated()
+    odometry, _ = follow(wrong, [WORLD.pictures(VIEWS.rig, T) for T in poses], TOLERANT)
+    found = find_correction(odometry.map, wrong)
+    rig = found.views.rig
+    assert turn_between_views(rig, VIEWS.rig) < 0.1 * turn_between_views(wrong.rig, VIEWS.rig)
+    between = [np.linalg.norm(np.diff(r.T_head_camera[:, :3, 3], axis=0)) for r in (rig, wrong.rig)]
+    assert between[0] == pytest.approx(between[1], abs=1e-5)
+    monkeypatch.setattr(self_calibration, "FRAMES", len(odometry.map.keyframes))
+    assert 3 <= len(odometry.map.keyframes) < 10
+    alone = find_correction(odometry.map, wrong)
+    assert np.median(found.std / alone.std) < 0.5
 
 
 def test_a_rolling_shutter_is_found_and_its_path_is_right(fine, rolling):

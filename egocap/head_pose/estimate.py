@@ -22,14 +22,14 @@ from egocap.head_pose.imu import Inertial
 from egocap.head_pose.map_poses import MapPoses, joined_parts, overlapping, turned
 from egocap.head_pose.pictures import Grey, grey_pictures
 from egocap.head_pose.result import HeadTrajectory, gaps_of
-from egocap.head_pose.rig_correction import find_rig_correction, frames_of
+from egocap.head_pose.rig_correction import frames_of, search_rig
 from egocap.head_pose.vertical import Vertical, find_vertical
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.finish import Finished, finish
 from egocap.odometry.loop_closure import close_loops, join_segments
 from egocap.odometry.odometry import Odometry
-from egocap.odometry.self_calibration import Correction
+from egocap.odometry.self_calibration import RigSearch
 from egocap.odometry.views import Views
 from egocap.workers import WorkerPool
 
@@ -41,16 +41,17 @@ Advance = Callable[[int], None]
 
 def by_odometry(
     sequence: Sequence, config: OdometryConfig, rig: Rig, track: Track | None, advance: Advance,
-    correction: Correction | None = None,
+    search: RigSearch | None = None,
 ) -> MapPoses:  # fmt: skip
     """Poses in the map's frame. InputError where no frame has one.
 
-    `correction`: of the rig, in place of the one that is sought where the settings say so.
+    `search`: for errors of the rig, in place of the one that is made where the settings say so.
     """
     views = Views.of(rig, config.width)
-    if correction is None and config.self_calibration:
+    if search is None and config.self_calibration:
         wearer = None if track is None else WearerMasks(track, views)
-        correction = find_rig_correction(sequence, views, config, wearer)
+        search = search_rig(sequence, views, config, wearer)
+    correction = None if search is None else search.correction
     views = views if correction is None else correction.views
     parts, wanted = overlapping(len(sequence), LONGEST, OVERLAP), spread_over(len(sequence))
     if len(parts) == 1:
@@ -71,7 +72,8 @@ def by_odometry(
                          valid="pictures with texture in two views at once")  # fmt: skip
     whole = joined_parts(posed)
     corrected = {} if correction is None else {"self_calibration": correction.facts()}
-    return replace(whole, facts=whole.facts | corrected, reasons=without | whole.reasons)
+    return replace(whole, facts=whole.facts | corrected, reasons=without | whole.reasons,
+                   rig_covariance=None if search is None else search.covariance)  # fmt: skip
 
 
 def _follow_part(folder: Path, part: range, **settings: Any) -> MapPoses | dict[int, str]:
@@ -117,7 +119,8 @@ def vertical_of(found: MapPoses, inertial: Vertical | None = None) -> Vertical:
     some = np.unique(np.linspace(0, len(kept) - 1, FLOOR_FRAMES).astype(int)) if kept else ()
     rows = [kept[i] for i in some]
     frames = [(found.T_map_head[row], found.pictures[int(found.frame[row])]) for row in rows]
-    vertical = find_vertical(found.views, found.points, found.T_map_head, frames, inertial)
+    vertical = find_vertical(found.views, found.points, found.T_map_head, frames, inertial,
+                             found.rig_covariance)  # fmt: skip
     if vertical.floor is None:
         log.warning("the floor was not found: heights are relative to the first head")
     if vertical.source == "head":

@@ -7,7 +7,7 @@ Source: plane sweep, Collins 1996.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -55,6 +55,11 @@ class Floor:
     normal_std: float  # rad
     height: float  # m
     height_std: float  # m
+
+    def wider(self, tilt: float, raised: float) -> Floor:
+        """The same with further, independent deviations of its normal [rad] and height [m]."""
+        return replace(self, normal_std=float(np.hypot(self.normal_std, tilt)),
+                       height_std=float(np.hypot(self.height_std, raised)))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from egocap.head_pose.imu_files import read_imu
 from egocap.head_pose.result import HeadTrajectory
 from egocap.head_pose.structure_from_motion import by_structure_from_motion
 from egocap.odometry.config import OdometryConfig
-from egocap.odometry.self_calibration import Correction
+from egocap.odometry.self_calibration import RigSearch
 
 
 def find_head_poses(
@@ -24,7 +24,7 @@ def find_head_poses(
     track: Track | None = None,
     imu: Path | None = None,
     advance: Advance = lambda frames: None,
-    correction: Correction | None = None,
+    search: RigSearch | None = None,
 ) -> HeadTrajectory:
     """Head poses in the world, by odometry or by structure from motion as `settings` say.
 
@@ -35,7 +35,7 @@ def find_head_poses(
         track: track of the sequence, whose body masks the wearer.
         imu: CSV of a gyroscope and accelerometer on the head.
         advance: called with the number of frames just finished.
-        correction: of the rig, for the odometry, in place of the one that it seeks itself.
+        search: for errors of the rig, for the odometry, in place of its own.
 
     Raises:
         FileError: the IMU's file is damaged.
@@ -46,7 +46,7 @@ def find_head_poses(
     if isinstance(settings, SfmConfig):
         found = by_structure_from_motion(sequence, settings, rig, track, advance)
     else:
-        found = by_odometry(sequence, settings, rig, track, advance, correction)
+        found = by_odometry(sequence, settings, rig, track, advance, search)
     inertial = None if sensor is None else vertical_by_imu(found.time, found.T_map_head, sensor)
     vertical = vertical_of(found, None if inertial is None else inertial.vertical)
     return head_trajectory(found, len(sequence), vertical, inertial)

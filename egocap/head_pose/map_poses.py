@@ -37,6 +37,8 @@ class MapPoses:
     facts: dict[str, Any]  # how they were found, JSON-ready
     reasons: dict[int, str]  # why other frames have none
     pictures: dict[int, Pictured]  # of some frames spread over the sequence
+    rig_covariance: Float[Array, "Q Q"] | None = None
+    """What is unknown of the rig, as in `RigSearch`; None: it is taken as exact."""
 
 
 def overlapping(frames: int, longest: int, overlap: int) -> list[range]:

@@ -23,7 +23,13 @@ from egocap.head_pose.pictures import Grey, grey_frames
 from egocap.head_pose.wearer import WearerMasks
 from egocap.odometry.config import OdometryConfig
 from egocap.odometry.odometry import Odometry, are_apart
-from egocap.odometry.self_calibration import KEYFRAMES, NOISES_PX, Correction, find_correction
+from egocap.odometry.self_calibration import (
+    KEYFRAMES,
+    NOISES_PX,
+    Correction,
+    RigSearch,
+    find_correction,
+)
 from egocap.odometry.track_map import Posed
 from egocap.odometry.views import Views
 
@@ -45,6 +51,16 @@ def find_rig_correction(
     wearer: WearerMasks | None = None,
 ) -> Correction | None:
     """The correction of the views of a sequence; None where nothing is found to be wrong."""
+    return search_rig(sequence, views, config, wearer).correction
+
+
+def search_rig(
+    sequence: Sequence,
+    views: Views,
+    config: OdometryConfig = OdometryConfig(),  # noqa: B008 (frozen)
+    wearer: WearerMasks | None = None,
+) -> RigSearch:
+    """What is wrong with the views of a sequence, and what remains unknown of them."""
     times = sequence.times
     every = np.flatnonzero(times <= times[0] + LONGEST_S).tolist()
     some = every[:1]
@@ -55,27 +71,26 @@ def find_rig_correction(
     def frames(moves: bool) -> Iterable[Added]:
         return frames_of(sequence, views.rig, every if moves else some, wearer)
 
-    return correction_from(frames, views, config)
+    return search_frames(frames, views, config)
 
 
-def correction_from(
+def search_frames(
     frames: Callable[[bool], Iterable[Added]], views: Views, config: OdometryConfig
-) -> Correction | None:
+) -> RigSearch:
     """The same from the `frames` of a pass, given whether the head moves much by the one before."""
-    correction: Correction | None = None
-    moves = False
+    found, moves = RigSearch.fruitless(views), False
     for noise_px in NOISES_PX:
-        now = views if correction is None else correction.views
+        now = views if found.correction is None else found.correction.views
         odometry = Odometry(now, replace(config, noise_px=noise_px))
         for frame in frames(moves):
             odometry.add(*frame)
             if len(odometry.map.keyframes) >= KEYFRAMES:
                 break
         moves = len(odometry.map.keyframes) >= KEYFRAMES
-        correction = find_correction(odometry.map, views, correction)
-        if correction is None:
-            return None
-    return correction
+        found = find_correction(odometry.map, views, found.correction)
+        if found.correction is None:
+            break
+    return found
 
 
 class OnlineCorrection:
@@ -91,7 +106,7 @@ class OnlineCorrection:
         self._views, self._config, self._beside, self._waits = views, config, beside, waits
         self._frames: deque[Added] = deque(maxlen=int(LONGEST_S * RATE_HZ))
         self._apart: list[Posed] = []
-        self._search: Future[Correction | None] | None = None
+        self._search: Future[RigSearch] | None = None
 
     def add(self, frame: Added, pose: Posed) -> Correction | None:
         """Take the next frame and its pose.
@@ -110,7 +125,7 @@ class OnlineCorrection:
                 return None
             frames = tuple(self._frames)
             self._search = self._beside.submit(
-                correction_from, lambda _: takewhile(lambda _: not self.done, frames),
+                search_frames, lambda _: takewhile(lambda _: not self.done, frames),
                 self._views, self._config,
             )  # fmt: skip
             self._frames.clear()
@@ -118,7 +133,7 @@ class OnlineCorrection:
         if not (self._waits or self._search.done()):
             return None
         found, self.done, self._search = self._search.result(), True, None
-        return found
+        return found.correction
 
     def close(self) -> None:
         """End a search that is under way, soon."""

@@ -15,6 +15,7 @@ from numpy import ndarray as Array
 
 from egocap.geometry import unit
 from egocap.head_pose.floor import Floor, Pictured, find_floor
+from egocap.head_pose.rig_errors import floor_errors
 from egocap.odometry.views import Views
 
 TILT = np.deg2rad(25.0)  # of up against the head's mean up, at most
@@ -54,6 +55,12 @@ class Vertical:
             T[2, 3] = -self.floor
         return T
 
+    def wider(self, tilt: float, raised: float) -> Vertical:
+        """The same with further, independent deviations of up [rad] and of the floor's height."""
+        assert self.floor_std is not None
+        return replace(self, up_std=float(np.hypot(self.up_std, tilt)),
+                       floor_std=float(np.hypot(self.floor_std, raised)))  # fmt: skip
+
     def with_floor(self, floor: Floor) -> Vertical:
         """The floor's height, and its normal where that is more certain than up is without it."""
         found = replace(self, floor=floor.height, floor_std=floor.height_std)
@@ -71,20 +78,28 @@ class _Plane:
 def find_vertical(
     views: Views, points: Float[Array, "P 3"], heads: Float[Array, "T 4 4"],
     frames: list[tuple[Float[Array, "4 4"], Pictured]], inertial: Vertical | None = None,
+    rig_covariance: Float[Array, "Q Q"] | None = None,
 ) -> Vertical:  # fmt: skip
     """Up, and the floor that pictures show from there.
 
     Of directions that planes agree on, and the head's mean up, it is the likeliest from which a
     floor is found, else the likeliest; an `inertial` one where that is more certain. `frames`:
-    T_map_head and pictures of some.
+    T_map_head and pictures of some. What is unknown of the rig (None: it is exact) makes the floor
+    less certain, and planes alike; nothing that an IMU feels.
     """
     likely = likely_verticals(points, heads)
     if inertial is not None and inertial.up_std < likely[0].up_std:
         likely = [inertial]
     for vertical in likely:
         floor = find_floor(views, frames, vertical.up)
-        if floor is not None:
-            return vertical.with_floor(floor)
+        if floor is None:
+            continue
+        errors = 0.0, 0.0
+        if rig_covariance is not None:
+            errors = floor_errors(views, frames, floor, rig_covariance)
+        if vertical is inertial:
+            return vertical.with_floor(floor.wider(*errors))
+        return vertical.with_floor(floor).wider(*errors)
     return likely[0]
 
 

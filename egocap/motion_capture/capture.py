@@ -97,9 +97,9 @@ def mocap(
             f"{agreement.as_given:.1f} degrees; by {agreement.exchanged:.1f} in the other order",
             valid="the files in the order of the rig, or --accept-swapped",
         )
-    rig, correction = steps.rig(stages, sequence, options, on_step)
+    rig, search = steps.rig(stages, sequence, options, on_step)
     body, bones = steps.body(stages, rig, found, options, on_step)
-    heads = steps.head_poses(stages, sequence, correction, options, on_step)
+    heads = steps.head_poses(stages, sequence, search, options, on_step)
     track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step)
     assert sequence.footage is not None
     findings = find(track, found, rig, sequence.footage, agreement, options.height)

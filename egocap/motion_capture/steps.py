@@ -8,8 +8,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from egocap.body.proportions import Proportions
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig, write_rig
@@ -25,14 +23,15 @@ from egocap.files import sha256, write_json
 from egocap.fitting.wearer import find_body
 from egocap.footage.sources import Step
 from egocap.head_pose.from_pictures import find_head_poses
-from egocap.head_pose.rig_correction import correction_lines, find_rig_correction
+from egocap.head_pose.rig_correction import correction_lines, search_rig
 from egocap.motion_capture.body import fit_wearer
 from egocap.motion_capture.config import MocapOptions
 from egocap.motion_capture.detecting import detect_in_pieces
+from egocap.motion_capture.rig_search import load_search, write_search
 from egocap.motion_capture.stages import Stages
 from egocap.motion_capture.tracking import track_in_windows
 from egocap.odometry.config import OdometryConfig
-from egocap.odometry.self_calibration import Correction
+from egocap.odometry.self_calibration import RigSearch
 from egocap.odometry.views import Views
 from egocap.pose.config import TrackerConfig
 from egocap.schema import read_json
@@ -59,39 +58,32 @@ def detections(
 
 def rig(
     stages: Stages, sequence: Recording, options: MocapOptions, on_step: Step
-) -> tuple[Rig, Correction | None]:
-    """The rig as the surroundings tell it, or as given (rig.json), and what was corrected."""
+) -> tuple[Rig, RigSearch | None]:
+    """The rig as the surroundings tell it, or as given (rig.json), and the search for its errors.
+
+    The search is None where none was made.
+    """
 
     def write(path: Path) -> None:
-        found = None
+        search = None
         if options.self_calibration and len(sequence.rig.mounts) > 1:
             advance = on_step("rig", 1)
             try:
-                found = find_rig_correction(sequence, _views(sequence))
+                search = search_rig(sequence, Views.of(sequence.rig, OdometryConfig().width))
             except InputError as error:
                 log.warning("%s: the rig file is taken as it is", error)
             advance(1)
-        if found is not None:
-            for line in correction_lines(found.facts()):
+        if search is not None and search.correction is not None:
+            for line in correction_lines(search.correction.facts()):
                 log.warning("%s", line)
-        write_json(path, {} if found is None
-                   else {"values": found.values.tolist(), "std": found.std.tolist()})  # fmt: skip
-
-    def read(path: Path) -> Correction | None:
-        found = read_json(path)
-        if not found:
-            return None
-        values, std = (np.array(found[name]) for name in ("values", "std"))
-        return Correction.of(_views(sequence), values, std)
+        write_search(path, search)
 
     settings = {"self_calibration": options.self_calibration}
-    correction = stages.run("rig-correction.json", settings, write, read)
+    search = stages.run("rig-correction.json", settings, write,
+                        lambda path: load_search(path, sequence.rig))  # fmt: skip
+    correction = None if search is None else search.correction
     found = sequence.rig if correction is None else correction.rig(sequence.rig)
-    return stages.run("rig.json", {}, lambda path: write_rig(path, found), load_rig), correction
-
-
-def _views(sequence: Recording) -> Views:
-    return Views.of(sequence.rig, OdometryConfig().width)
+    return stages.run("rig.json", {}, lambda path: write_rig(path, found), load_rig), search
 
 
 def body(
@@ -116,7 +108,7 @@ def body(
 
 
 def head_poses(
-    stages: Stages, sequence: Recording, correction: Correction | None, options: MocapOptions,
+    stages: Stages, sequence: Recording, search: RigSearch | None, options: MocapOptions,
     on_step: Step,
 ) -> Path | None:  # fmt: skip
     """File of the head's path: the given one, or head.npz; None where the motion has no world."""
@@ -124,7 +116,7 @@ def head_poses(
     def write(path: Path) -> None:
         advance = on_step("head pose", len(sequence))
         found = find_head_poses(sequence, sequence.rig, OdometryConfig(self_calibration=False),
-                                advance=advance, correction=correction)  # fmt: skip
+                                advance=advance, search=search)  # fmt: skip
         found.save(path)
 
     if options.head_pose is not None or not options.world:

@@ -96,6 +96,24 @@ class Correction:
 
 
 @dataclass(frozen=True, eq=False)
+class RigSearch:
+    """What is wrong with a rig, None where nothing is; and what remains unknown of it.
+
+    The covariance is of `PARAMETERS`, view by view. It holds what pictures can tell of a rig: the
+    mean pose of the cameras and how far they are apart are as good as exact in it.
+    """
+
+    correction: Correction | None
+    covariance: Float[Array, "Q Q"]
+
+    @classmethod
+    def fruitless(cls, views: Views) -> RigSearch:
+        """That of pictures that tell nothing."""
+        prior = np.tile(PRIOR, len(views))
+        return cls(None, np.linalg.inv(np.diag(prior**-2.0) + _kept(views)))
+
+
+@dataclass(frozen=True, eq=False)
 class _Seen:
     """Observations of the points (rows of `numbers`) by keyframes."""
 
@@ -125,40 +143,40 @@ def corrected(views: Views, values: Float[Array, "V 11"]) -> Views:
     return Views(rig, tuple(values[:, 9].tolist()), tuple(values[:, 10].tolist()))
 
 
-def find_correction(
-    found: TrackMap, views: Views, first: Correction | None = None
-) -> Correction | None:
-    """What is significantly wrong with a rig, from a map's longest segment; None: nothing.
+def find_correction(found: TrackMap, views: Views, first: Correction | None = None) -> RigSearch:
+    """What is significantly wrong with a rig, from a map's longest segment.
 
     `first`: an earlier correction of the rig, with which the map was made.
     """
-    rows = _frames(found)
+    rows, nothing = _frames(found), RigSearch.fruitless(views)
     if not rows:
-        return None
+        return nothing
     found.renew_twists(rows)
     seen = _observations(found, rows)
     state = (np.stack([found.frames[k].R for k in rows]),
              np.stack([found.frames[k].t for k in rows]), found.points[seen.numbers])  # fmt: skip
     start = np.zeros((len(views), len(PARAMETERS))) if first is None else first.values
-    sought = np.ones(len(PARAMETERS), bool)
+    sought, unknown = np.ones(len(PARAMETERS), bool), None
     while sought.any():
-        values, std, agree = _adjusted(views, seen, *state, start * sought, sought)
+        values, covariance, agree = _adjusted(views, seen, *state, start * sought, sought)
+        std = np.sqrt(np.diag(covariance)).reshape(values.shape)
         unlikely = (np.abs(values) > LIKELY * PRIOR).any()
         if unlikely or (first is None and agree < LEAST_AGREE):
-            return None
+            return nothing
+        unknown = covariance if unknown is None else unknown  # of all parameters
         sure = np.any(np.abs(values) > SIGNIFICANT * std, axis=0)
         believed = sought & np.where(TIMING, np.any(sure & TIMING), np.any(sure & ~TIMING))
         if np.array_equal(believed, sought):
-            return Correction.of(views, values, std)
+            return RigSearch(Correction.of(views, values, std), unknown)
         sought = believed
-    return None
+    return nothing if unknown is None else RigSearch(None, unknown)
 
 
 def _adjusted(
     views: Views, seen: _Seen, R: Float[Array, "K 3 3"], t: Float[Array, "K 3"],
     X: Float[Array, "P 3"], values: Float[Array, "V 11"], sought: Bool[Array, "11"],
-) -> tuple[Float[Array, "V 11"], Float[Array, "V 11"], float]:  # fmt: skip
-    """The corrections that are sought, their standard deviations, and the share that agrees."""
+) -> tuple[Float[Array, "V 11"], Float[Array, "Q Q"], float]:  # fmt: skip
+    """The corrections that are sought, their covariance, and the share that agrees."""
     prior = np.tile(np.where(sought, PRIOR, _FIXED * PRIOR), (len(views), 1))
     prior[0, LAG] = _FIXED * PRIOR[LAG]  # lags are behind the first view
     derivatives = _derivatives(views, seen, values)  # corrections are small: the same every round
@@ -170,7 +188,7 @@ def _adjusted(
         system = _system(views, seen, R, t, X, values, derivatives, prior, system.noise)
         if np.abs(rig / PRIOR).max() < _SMALL_STEP:
             break
-    return values * (prior == PRIOR), system.std(), system.agree
+    return values * (prior == PRIOR), system.covariance(), system.agree
 
 
 def _frames(found: TrackMap) -> list[int]:
@@ -266,10 +284,10 @@ class _System:
         points = -np.einsum("pij,pj->pi", self.V_inv, self.g_point + self.W @ step)
         return step[:first].reshape(-1, 6), step[first:].reshape(self.shape), points
 
-    def std(self) -> Float[Array, "V 11"]:
-        """Standard deviations of the rig's values."""
-        covariance = np.linalg.inv(self.reduced()[0])
-        return np.sqrt(np.diag(covariance)[-int(np.prod(self.shape)) :]).reshape(self.shape)
+    def covariance(self) -> Float[Array, "Q Q"]:
+        """Of the rig's values."""
+        own = int(np.prod(self.shape))
+        return np.linalg.inv(self.reduced()[0])[-own:, -own:]
 
 
 def _system(

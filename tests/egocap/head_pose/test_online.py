@@ -128,7 +128,7 @@ def test_a_run_ends_without_the_correction_that_is_under_way(monkeypatch):
             passed.append(time.sleep(0.05))
 
     monkeypatch.setattr(rig_correction, "KEYFRAMES", 6)
-    monkeypatch.setattr(rig_correction, "correction_from", slow)
+    monkeypatch.setattr(rig_correction, "search_frames", slow)
     head = OnlineHeadPose(RIG, CONFIG)
     for i in range(len(POSES)):
         head.step(PICTURES[i], i / FPS)

@@ -15,6 +15,7 @@ from egocap.odometry.self_calibration import (
     NOISES_PX,
     PARAMETERS,
     Correction,
+    RigSearch,
     corrected,
     find_correction,
 )
@@ -73,7 +74,7 @@ def test_a_miscalibrated_rig_is_corrected(fine, still):
     wrong = miscalibrated()
     before, _ = follow(wrong, still, CONFIG)
     odometry, _ = follow(wrong, still, TOLERANT)
-    correction = find_correction(odometry.map, wrong)
+    correction = find_correction(odometry.map, wrong).correction
     assert correction is not None
     for found, true, given in zip(
         correction.views.cameras, VIEWS.cameras, wrong.cameras, strict=True
@@ -99,20 +100,20 @@ def test_frames_between_keyframes_count_where_the_head_moves_little(monkeypatch)
     poses = rigid(exponential(turns), [0.0, 0.0, 1.2] + 0.2 * turns)
     wrong = miscalibrated()
     odometry, _ = follow(wrong, [WORLD.pictures(VIEWS.rig, T) for T in poses], TOLERANT)
-    found = find_correction(odometry.map, wrong)
+    found = find_correction(odometry.map, wrong).correction
     rig = found.views.rig
     assert turn_between_views(rig, VIEWS.rig) < 0.1 * turn_between_views(wrong.rig, VIEWS.rig)
     between = [np.linalg.norm(np.diff(r.T_head_camera[:, :3, 3], axis=0)) for r in (rig, wrong.rig)]
     assert between[0] == pytest.approx(between[1], abs=1e-5)
     monkeypatch.setattr(self_calibration, "FRAMES", len(odometry.map.keyframes))
     assert 3 <= len(odometry.map.keyframes) < 10
-    alone = find_correction(odometry.map, wrong)
+    alone = find_correction(odometry.map, wrong).correction
     assert np.median(found.std / alone.std) < 0.5
 
 
 def test_a_rolling_shutter_is_found_and_its_path_is_right(fine, rolling):
     odometry, _ = follow(VIEWS, rolling, TOLERANT)
-    correction = find_correction(odometry.map, VIEWS)
+    correction = find_correction(odometry.map, VIEWS).correction
     assert correction is not None
     assert correction.values[:, -1] == pytest.approx([READOUT] * 2, abs=0.0015)
     assert correction.facts()["left"]["readout_ms"] == pytest.approx(1e3 * READOUT, abs=1.5)
@@ -140,8 +141,15 @@ def test_views_of_different_times_are_followed_where_the_times_are_known(fine):
 
 
 def test_an_exact_rig_stays_as_it_is(still):
+    """Its errors are known to be smaller than before; the rig's mean pose and size are its own."""
     odometry, _ = follow(VIEWS, still, TOLERANT)
-    assert find_correction(odometry.map, VIEWS) is None
+    found, before = find_correction(odometry.map, VIEWS), RigSearch.fruitless(VIEWS)
+    assert found.correction is None
+    left, unknown = (np.sqrt(np.diag(s.covariance)).reshape(2, -1) for s in (found, before))
+    assert (left < unknown + 1e-9).all() and np.median(left / unknown) < 0.2
+    both = np.eye(len(PARAMETERS))[:3]  # the views are mounted alike
+    together = np.concatenate([both, both], axis=1)
+    assert np.abs(together @ before.covariance @ together.T).max() < 1e-9
 
 
 def test_a_correction_fits_pictures_of_any_size():
@@ -159,20 +167,22 @@ def test_a_correction_fits_pictures_of_any_size():
 def test_a_point_behind_all_that_see_it_tells_nothing(still):
     wrong = miscalibrated()
     odometry, _ = follow(wrong, still, TOLERANT)
-    before = find_correction(odometry.map, wrong)
+    before = find_correction(odometry.map, wrong).correction
     frames = [odometry.map.frames[k] for k in odometry.map.keyframes]
     seen = np.concatenate([np.unique(frame.seen.point) for frame in frames])
     point = int(np.argmax(np.bincount(seen)))
     centre = np.mean([frame.t for frame in frames], axis=0)
     odometry.map.points[point] = centre - 1e3 * (odometry.map.points[point] - centre)
-    after = find_correction(odometry.map, wrong)
+    after = find_correction(odometry.map, wrong).correction
     assert before is not None and after is not None
     assert (np.abs(after.values - before.values) < 3.0 * before.std + 1e-9).all()
 
 
 def test_too_few_keyframes_tell_nothing(still):
     odometry, _ = follow(miscalibrated(), still[:8], TOLERANT)
-    assert find_correction(odometry.map, VIEWS) is None
+    found = find_correction(odometry.map, VIEWS)
+    assert found.correction is None
+    np.testing.assert_array_equal(found.covariance, RigSearch.fruitless(VIEWS).covariance)
 
 
 def test_points_and_sights_move_with_the_head(rng):

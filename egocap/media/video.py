@@ -40,7 +40,10 @@ class Video:
     """
 
     def __init__(self, path: str | Path) -> None:
+        from av.video.reformatter import VideoReformatter
+
         self.path = Path(path)
+        self._to_rgb = VideoReformatter()  # one a frame would begin its threads again and again
         first = next(self.frames(), None)
         if first is None:
             raise FileError(self.path, "holds no frame that can be decoded", valid="a whole video")
@@ -90,7 +93,7 @@ class Video:
 
     def frames(self) -> Iterator[tuple[float, UInt8[Array, "H W 3"]]]:
         """Time [s] and RGB image of every decodable frame, in order."""
-        return ((time, _upright(frame)) for time, frame in self._from(-math.inf))
+        return ((time, self._upright(frame)) for time, frame in self._from(-math.inf))
 
     def _from(self, start: float) -> Iterator[tuple[float, VideoFrame]]:
         """Frames from a time or before on: seeking may end behind the key frame that is needed."""
@@ -131,7 +134,13 @@ class Video:
         while self._last[0] < wanted - _TICK_S:
             self._last = next(self._run, (math.inf, None))
         time, frame = self._last
-        return None if frame is None or time > wanted + _TICK_S else _upright(frame)
+        return None if frame is None or time > wanted + _TICK_S else self._upright(frame)
+
+    def _upright(self, frame: VideoFrame) -> UInt8[Array, "H W 3"]:
+        """The RGB image, turned counterclockwise as the file's display matrix says."""
+        image = self._to_rgb.reformat(frame, format="rgb24").to_ndarray()
+        quarters = round(frame.rotation / 90) % 4
+        return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image
 
     def close(self) -> None:
         """Release the file."""
@@ -221,10 +230,3 @@ def _seekable(container: InputContainer, stream: VideoStream) -> bool:
 def _stamp(pts: int | None, dts: int | None) -> int | None:
     """An AVI file states decoding times only."""
     return dts if pts is None else pts
-
-
-def _upright(frame: VideoFrame) -> UInt8[Array, "H W 3"]:
-    """The RGB image, turned counterclockwise as the file's display matrix says."""
-    image = frame.to_ndarray(format="rgb24")
-    quarters = round(frame.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image

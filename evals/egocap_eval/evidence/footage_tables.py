@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from egocap_eval.evidence.page_table import Results, markdown, number
+from egocap_eval.evidence.page_table import Results, markdown, number, plus_minus
 
 _FILES = {"captures-validation.json": "validation", "captures-test.json": "test"}
 
@@ -41,11 +41,11 @@ def _captures(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
     for name, row in result["cases"].items():
         yield (
             f"{result['set']}: {name}", number(row["seconds"], 0),
-            _plus_minus(row["lag_error_ms"], row["lag_std_ms"], 2),
-            _plus_minus(row["drift_error_ppm"], row["drift_std_ppm"], 0), str(row["unreported"]),
+            plus_minus(row["lag_error_ms"], row["lag_std_ms"], 2),
+            plus_minus(row["drift_error_ppm"], row["drift_std_ppm"], 0), str(row["unreported"]),
             number(row["mocap_mm"]), number(row["known_sync_mm"]),
-            *(number(row[name], 2) for name in ("all_aligned_mm", "up_error_deg",
-                                                "height_error_mm")),
+            number(row["all_aligned_mm"], 2), plus_minus(row["up_error_deg"], row["up_std_deg"], 2),
+            plus_minus(row["height_error_mm"], row["floor_std_mm"], 0),
             number(row["frames_per_second"]), number(row["cpu_ms_per_frame"], 0),
             number(row["peak_mb"], 0),
         )  # fmt: skip
@@ -56,7 +56,3 @@ def _memory(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
     label = f"30 minutes, extrapolated from {most['frames']} frames of {result['size'][0]} x "
     yield (f"{label}{result['size'][1]}", "1800", *9 * ("-",),
            number(most["cpu_ms_per_frame"], 0), number(result["mb_of_30_minutes"], 0))  # fmt: skip
-
-
-def _plus_minus(error: float, std: float | None, digits: int) -> str:
-    return f"{error:.{digits}f}" if std is None else f"{error:.{digits}f} ± {std:.{digits}f}"

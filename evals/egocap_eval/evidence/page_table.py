@@ -69,6 +69,11 @@ def number(value: float | None, digits: int = 1) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+def plus_minus(error: float | None, std: float | None, digits: int = 1) -> str:
+    """An error and the standard deviation that was stated, where there was one."""
+    return number(error, digits) + ("" if std is None else f" ± {std:.{digits}f}")
+
+
 def interval(entry: Mapping[str, float] | None, digits: int = 1) -> str:
     """A mean with its interval."""
     if entry is None:

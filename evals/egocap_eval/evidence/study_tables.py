@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from egocap_eval.evidence.page_table import Results, Row, markdown, number
+from egocap_eval.evidence.page_table import Results, Row, markdown, number, plus_minus
 from egocap_eval.studies import doubt as doubt_study
 
 ABLATIONS = {
@@ -209,9 +209,10 @@ def head_path(results: Results) -> str:
         "rotation_deg": ("rotation, degrees rms", 3),
         "drift_percent": ("at the end, % of the path", 3),
         "up_error_deg": ("up, degrees", 2),
-        "height_error_mm": ("height, mm", 1),
+        "height_error_mm": ("height, mm", 0),
         "cpu_ms_per_frame": ("CPU ms a frame", 0),
     }
+    stated = {"up_error_deg": "up_std_deg", "height_error_mm": "floor_std_mm"}
     labels = {"covered": "covered: the same, lenses covered for 10 s",
               "consumer": "consumer: half a minute with a rolling shutter and blur",
               "street": "street: 10 s between buildings, two people walking by",
@@ -221,7 +222,8 @@ def head_path(results: Results) -> str:
         "cases",
         lambda r: [
             (label, f"{row['posed']} of {row['frames']}",
-             *(number(row.get(key), digits) for key, (_, digits) in measures.items()))
+             *(plus_minus(row.get(key), row.get("vertical", {}).get(stated.get(key)), digits)
+               for key, (_, digits) in measures.items()))
             for label, row in (
                 *((labels.get(str(name), str(name)), row) for name, row in r["cases"].items()),
                 *((f"{name}, live", row) for name, row in r.get("live", {}).items()),

@@ -8,6 +8,7 @@ height alone. The reference runs the same stages on the simulated sequence itsel
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Mapping
@@ -19,13 +20,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.spatial.transform import Rotation, Slerp
 from tyro.conf import arg
 
 from egocap.cameras.rig import Rig
 from egocap.cameras.rig_files import load_rig
 from egocap.data.footage import FrameTimes
-from egocap.data.head_pose import head_poses_at, load_head_pose
+from egocap.data.head_pose import head_poses_at, interpolate_poses, load_head_pose
 from egocap.data.sequence import Sequence, open_sequence
 from egocap.data.track import Track, load_track
 from egocap.detect.detector import Detector
@@ -33,7 +33,7 @@ from egocap.detect.weights import open_weights
 from egocap.errors import InputError
 from egocap.evaluation.pose_errors import GroundTruth, PoseErrors
 from egocap.evaluation.table import Table, number
-from egocap.geometry import rigid
+from egocap.files import read_npz
 from egocap.head_pose.from_pictures import find_head_poses
 from egocap.head_pose.result import HeadTrajectory
 from egocap.motion_capture.body import fit_wearer
@@ -64,6 +64,8 @@ TEST_SENSORS = (
 )  # fmt: skip
 PATH = ("all_aligned_mm", "up_error_deg", "height_error_mm")
 """Errors of the head's path, as in the study of head poses."""
+STATED = ("up_std_deg", "floor_std_mm")
+"""Standard deviations of the last two, as the file states them."""
 WORSE_MM, RATE, MEMORY_MB = 2.0, 20.0, 2048.0  # what is to be reached
 
 
@@ -153,14 +155,14 @@ def path_scores(
     `times` of the scene, and `own` by the clock of the first view's file, of the frames.
     """
     if not file.exists():
-        return dict.fromkeys(PATH) | {"placed": 0.0}
+        return dict.fromkeys((*PATH, *STATED)) | {"placed": 0.0}
     known, poses = load_head_pose(file)
-    true = sequence.truth.T_world_head
-    turns = Slerp(sequence.times, Rotation.from_matrix(true[:, :3, :3]))
     inside = np.clip(times, sequence.times[0], sequence.times[-1])
-    truth = rigid(turns(inside).as_matrix(), interpolate(times, sequence.times, true[:, :3, 3]))
+    truth = interpolate_poses(inside, sequence.times, sequence.truth.T_world_head)
     scores = score(HeadTrajectory(nearest(own, known), known, poses), truth)
-    return {name: scores[name] for name in PATH} | {"placed": len(known) / len(own)}
+    stated = json.loads(str(read_npz(file)["facts"]))["vertical"]
+    return {name: scores[name] for name in PATH} | {name: stated[name] for name in STATED} | {
+        "placed": len(known) / len(own)}  # fmt: skip
 
 
 def joint_error_mm(
@@ -205,8 +207,8 @@ def track_with_known_clocks(sequence: Sequence, rig: Rig, height: float) -> Trac
     found = Detector(sequence.rig).detect(timed)
     body = fit_wearer(found, rig, height).proportions
     path = find_head_poses(timed, rig)
-    heads = head_poses_at(timed.times, path.time, path.T_world_head)
-    heads = replace(heads, floor_std=path.floor_std)
+    heads = replace(head_poses_at(timed.times, path.time, path.T_world_head),
+                    floor_std=path.floor_std)  # fmt: skip
     return track_in_windows(sequence.folder, found, body, TrackerConfig(), heads=heads, rig=rig)
 
 
@@ -261,7 +263,7 @@ def _tables(found: Mapping[str, Mapping[str, Any]]) -> list[Table]:
     )  # fmt: skip
     poses = tuple(
         (name, str(row["frames"]), number(row["mocap_mm"]), number(row["known_sync_mm"]),
-         number(row["worse_mm"], 2), *(number(row[name], 2) for name in PATH),
+         number(row["worse_mm"], 2), *(number(row[name], 2) for name in (*PATH, *STATED)),
          number(row["frames_per_second"]),
          number(row["cpu_ms_per_frame"], 0), number(row["peak_mb"], 0))
         for name, row in found.items()
@@ -272,6 +274,6 @@ def _tables(found: Mapping[str, Mapping[str, Any]]) -> list[Table]:
                "unreported frames", "invented"), clocks),
         Table("Motion capture from the files against known clocks",
               ("case", "frames", "mocap mm", "known clocks mm", "difference mm", "path mm",
-               "up deg", "floor mm", "frames/s",
-               "CPU ms a frame", "peak MB"), poses),
+               "up deg", "floor mm", "+- deg", "+- mm", "frames/s", "CPU ms a frame", "peak MB"),
+              poses),
     ]  # fmt: skip

@@ -1,5 +1,6 @@
 """Scores of captured footage whose clocks and errors are known; a command's time and memory."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -52,11 +53,14 @@ def test_errors_of_a_path_are_taken_at_the_same_times(tmp_path):
     true = rigid(Rotation.from_euler("z", times[:, None], degrees=True).as_matrix(),
                  np.stack([times, 0 * times, 1 + 0 * times], 1))  # fmt: skip
     other = rigid(Rotation.from_euler("z", 70.0, degrees=True).as_matrix(), np.array([3, 1, 0.005]))
-    np.savez(tmp_path / "h.npz", time=own[10:], T_world_head=(other @ true)[10:])
+    stated = {"up_std_deg": 0.2, "floor_std_mm": 8.0}
+    np.savez(tmp_path / "h.npz", time=own[10:], T_world_head=(other @ true)[10:],
+             facts=json.dumps({"vertical": stated}))  # fmt: skip
     found = path_scores(tmp_path / "h.npz", one, times, own)
-    assert found == pytest.approx({"all_aligned_mm": 0.0, "up_error_deg": 0.0,
-                                   "height_error_mm": 5.0, "placed": 0.75}, abs=1e-4)  # fmt: skip
-    assert path_scores(tmp_path / "none.npz", one, times, own)["up_error_deg"] is None
+    known = {"all_aligned_mm": 0.0, "up_error_deg": 0.0, "height_error_mm": 5.0, "placed": 0.75}
+    assert found == pytest.approx(known | stated, abs=1e-4)
+    without = path_scores(tmp_path / "none.npz", one, times, own)
+    assert without.keys() == found.keys() and without["up_error_deg"] is None
 
 
 def test_clocks_and_losses_are_compared_with_what_was_planted():

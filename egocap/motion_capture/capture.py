@@ -21,7 +21,7 @@ from egocap.data.track import Track
 from egocap.detect.engine import open_engine
 from egocap.detect.weights import open_weights
 from egocap.errors import InputError
-from egocap.files import make_folder, write_json
+from egocap.files import make_folder, read_npz, write_json
 from egocap.fitting.wearer import average_body, find_body
 from egocap.footage.config import ImportOptions
 from egocap.footage.importing import import_footage
@@ -32,6 +32,7 @@ from egocap.motion_capture.findings import Findings, find
 from egocap.motion_capture.page import write_page
 from egocap.motion_capture.stages import Stages
 from egocap.pose.config import TrackerConfig
+from egocap.schema import parsed
 from egocap.track.view_agreement import check_agreement
 from egocap.view.film import write_film
 
@@ -102,7 +103,8 @@ def mocap(
     heads = steps.head_poses(stages, sequence, search, options, on_step)
     track = steps.track(stages, sequence, rig, found, body, tracker, heads, on_step)
     assert sequence.footage is not None
-    findings = find(track, found, rig, sequence.footage, agreement, options.height)
+    findings = find(track, found, rig, sequence.footage, agreement, options.height,
+                    _vertical(heads))  # fmt: skip
     _results(stages, sequence, track, findings, bones, heads, options, on_step)
     return Capture(folder, sequence, track, findings)
 
@@ -115,6 +117,14 @@ def _refuse_early(options: MocapOptions) -> None:
     if options.head_pose is not None:
         load_head_pose(options.head_pose)
         load_surroundings(options.head_pose)
+
+
+def _vertical(heads: Path | None) -> dict[str, Any] | None:
+    """How sure up and the floor are, where the file of the head's path says so."""
+    if heads is None:
+        return None
+    facts = read_npz(heads, only=("facts",)).get("facts")
+    return None if facts is None else parsed(str(facts), heads, key="facts").get("vertical")
 
 
 def _results(

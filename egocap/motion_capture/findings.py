@@ -28,6 +28,8 @@ SEEN = 0.5
 """Visibility probability from which a joint counts as seen."""
 PLACED = 0.95
 """Share of frames with a head pose below which the page says so."""
+UNSURE_DEG, UNSURE_MM = 1.0, 30.0
+"""Standard deviations of up and of the floor's height from which the page says so."""
 SELDOM = 0.2
 """Share of frames with a joint in the picture below which it is named."""
 TILTS = range(-30, 35, 5)
@@ -70,6 +72,7 @@ class Findings:
     tilt: Tilt
     advice: list[str]
     in_world: float | None = None  # share of frames whose head pose is known; None: without a path
+    vertical: dict[str, Any] | None = None  # how sure up and the floor are, by the path's file
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready form without the time course."""
@@ -80,11 +83,11 @@ class Findings:
 
 def find(
     track: Track, found: Detections, rig: Rig, footage: Footage, agreement: Agreement,
-    height: float | None = None,
+    height: float | None = None, vertical: dict[str, Any] | None = None,
 ) -> Findings:  # fmt: skip
     """Findings of a track with covariances, and of the detections that it was made from.
 
-    `height` of the wearer in metres, where it is known.
+    `height` of the wearer in metres, and `vertical` facts of the head's path, where they are known.
     """
     assert track.covariance is not None and track.confidence is not None
     spread = np.sqrt(np.trace(track.covariance, axis1=2, axis2=3) / 3.0)
@@ -102,6 +105,7 @@ def find(
         spread_mm=_by_label(1e3 * np.median(spread, 0), 1), sure=sure,
         worst=worst_frames(sure, track.times), tilt=best_tilt(rig, track.joints_head), advice=[],
         in_world=None if track.in_world is None else round(float(track.in_world.mean()), 4),
+        vertical=vertical,
     )  # fmt: skip
     return replace(result, advice=advise(result, warning_of(track)))
 
@@ -208,11 +212,22 @@ def _about_geometry(found: Findings) -> list[str]:
 
 
 def _about_place(found: Findings) -> list[str]:
-    if found.in_world is None or found.in_world >= PLACED:
-        return []
-    return [f"The head's path is known in {100 * found.in_world:.0f} % of the frames; in the rest "
-            "the person stays at the nearest known place. More light, surroundings with texture, "
-            "and cameras whose lag is known help."]  # fmt: skip
+    lines = []
+    if found.in_world is not None and found.in_world < PLACED:
+        lines.append(f"The head's path is known in {100 * found.in_world:.0f} % of the frames; in "
+                     "the rest the person stays at the nearest known place. More light, "
+                     "surroundings with texture, and cameras whose lag is known help.")  # fmt: skip
+    vertical = found.vertical or {}
+    up, floor = vertical.get("up_std_deg") or 0.0, vertical.get("floor_std_mm") or 0.0
+    if vertical and vertical.get("floor_std_mm") is None:
+        lines.append(f"The floor was not found, so heights are relative to the first head, and up "
+                     f"is uncertain by {up:.1f} degrees. A floor with texture in both views "
+                     "helps.")  # fmt: skip
+    elif up > UNSURE_DEG or floor > UNSURE_MM:
+        lines.append(f"Up is uncertain by {up:.1f} degrees and the floor's height by {floor:.0f} "
+                     "mm. Begin with some seconds of walking or looking around, which tell errors "
+                     "of the rig file.")  # fmt: skip
+    return lines
 
 
 def _about_sight(found: Findings) -> list[str]:

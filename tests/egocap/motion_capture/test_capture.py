@@ -123,7 +123,8 @@ def test_the_wearer_moves_through_the_world(monkeypatch, capsys, footage, result
     np.testing.assert_allclose(moved[:, :3, :3], true[:, :3, :3], atol=0.02)
     assert track.contacts is not None and (results / "head.npz").exists()
     assert "Path on the floor" in (results / "index.html").read_text()
-    assert json.loads((results / "findings.json").read_text())["in_world"] == 1.0
+    told = json.loads((results / "findings.json").read_text())
+    assert told["in_world"] == 1.0 and told["vertical"]["up_std_deg"] > 0.0
 
 
 def test_without_a_path_the_motion_is_relative_to_the_head(
@@ -136,7 +137,8 @@ def test_without_a_path_the_motion_is_relative_to_the_head(
     track = load_track(out / "track.npz")
     assert track.T_world_head is None and track.contacts is None
     assert "Path on the floor" not in (out / "index.html").read_text()
-    assert json.loads((out / "findings.json").read_text())["in_world"] is None
+    told = json.loads((out / "findings.json").read_text())
+    assert told["in_world"] is None and told["vertical"] is None
 
 
 def test_a_given_path_is_not_sought(monkeypatch, capsys, footage, tiny_sequence, tmp_path):

@@ -72,6 +72,22 @@ def test_frames_without_a_place_are_told():
     assert any("known in 50 % of the frames" in line for line in told.advice)
 
 
+@pytest.mark.parametrize("vertical, told", [
+    ({"up_std_deg": 0.2, "floor_std_mm": 9.0}, None),
+    ({"up_std_deg": 4.5, "floor_std_mm": 180.0}, "Up is uncertain by 4.5 degrees and the floor's "
+                                                  "height by 180 mm"),
+    ({"up_std_deg": 10.0, "floor_std_mm": None}, "up is uncertain by 10.0 degrees"),
+])  # fmt: skip
+def test_an_uncertain_world_is_told(vertical, told):
+    made = make_motion(frames=10)
+    found = made.detect("simulated:2.0")
+    track = Tracker(made.rig, made.person).track(found)
+    lines = find(track, found, made.rig, Footage(views=(), report={}),
+                 check_agreement(found, made.rig), vertical=vertical).advice  # fmt: skip
+    said = [line for line in lines if "uncertain" in line]
+    assert len(said) == (told is not None) and all(told in line for line in said)
+
+
 @pytest.mark.parametrize("views", [1, 2])
 def test_a_wrong_body_is_told_where_views_cannot_be_compared(views):
     """One camera has nothing to compare; two share too few detections in two frames."""

@@ -45,7 +45,7 @@ def _captures(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
             plus_minus(row["drift_error_ppm"], row["drift_std_ppm"], 0), str(row["unreported"]),
             number(row["mocap_mm"]), number(row["known_sync_mm"]),
             number(row["all_aligned_mm"], 2), plus_minus(row["up_error_deg"], row["up_std_deg"], 2),
-            plus_minus(row["height_error_mm"], row["floor_std_mm"], 0),
+            plus_minus(row["height_error_mm"], row["floor_std_mm"]),
             number(row["frames_per_second"]), number(row["cpu_ms_per_frame"], 0),
             number(row["peak_mb"], 0),
         )  # fmt: skip

@@ -209,7 +209,7 @@ def head_path(results: Results) -> str:
         "rotation_deg": ("rotation, degrees rms", 3),
         "drift_percent": ("at the end, % of the path", 3),
         "up_error_deg": ("up, degrees", 2),
-        "height_error_mm": ("height, mm", 0),
+        "height_error_mm": ("height, mm", 1),
         "cpu_ms_per_frame": ("CPU ms a frame", 0),
     }
     stated = {"up_error_deg": "up_std_deg", "height_error_mm": "floor_std_mm"}

@@ -1,4 +1,4 @@
-"""The tables of motion capture from camera files, and of adaptation to a camera."""
+"""The tables of motion capture from camera files, of the head's path, and of adaptation."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ from typing import Any
 from egocap_eval.evidence.page_table import Results, markdown, number, plus_minus
 
 _FILES = {"captures-validation.json": "validation", "captures-test.json": "test"}
+_WALKS = {"covered": "covered: the same, lenses covered for 10 s",
+          "consumer": "consumer: half a minute with a rolling shutter and blur",
+          "street": "street: 10 s between buildings, two people walking by",
+          "stairs": "stairs: 10 s up a stair on a sports field"}  # fmt: skip
 
 
 def captures(results: Results) -> str:
@@ -19,6 +23,14 @@ def captures(results: Results) -> str:
             for row in results.rows(file, label, _captures)]  # fmt: skip
     rows += results.rows("capture-memory.json", "30 minutes", _memory)
     return markdown(header, rows, results)
+
+
+def head_path(results: Results) -> str:
+    """Where the head is in the world, by the odometry, against the truth."""
+    header = ("walk", "frames with a pose", "path, m", "position, mm rms", "largest, mm",
+              "rotation, degrees rms", "at the end, % of the path", "up, degrees", "height, mm",
+              "CPU ms a frame")  # fmt: skip
+    return markdown(header, results.rows("head_pose.json", "cases", _walks), results)
 
 
 def adapted(results: Results) -> str:
@@ -35,6 +47,21 @@ def _adapted(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
             yield (f"{row['person']}, {label}",
                    *(number(scores[f"pck20_{kind}"]) for kind in ("visible", "in_view")
                      for scores in (before, after)))  # fmt: skip
+
+
+def _walks(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:
+    offline = ((_WALKS.get(str(name), str(name)), row) for name, row in result["cases"].items())
+    live = ((f"{name}, live", row) for name, row in result.get("live", {}).items())
+    for label, row in (*offline, *live):
+        stated = row.get("vertical", {})
+        yield (
+            label, f"{row['posed']} of {row['frames']}", number(row.get("path_m"), 0),
+            number(row.get("first_aligned_mm")), number(row.get("worst_mm")),
+            number(row.get("rotation_deg"), 3), number(row.get("drift_percent"), 3),
+            plus_minus(row.get("up_error_deg"), stated.get("up_std_deg"), 2),
+            plus_minus(row.get("height_error_mm"), stated.get("floor_std_mm")),
+            number(row.get("cpu_ms_per_frame"), 0),
+        )  # fmt: skip
 
 
 def _captures(result: Mapping[str, Any]) -> Iterator[Sequence[str]]:

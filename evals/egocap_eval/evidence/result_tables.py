@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from egocap_eval.evidence.footage_tables import adapted, captures
+from egocap_eval.evidence.footage_tables import adapted, captures, head_path
 from egocap_eval.evidence.image_tables import (
     SETS,
     TRACKED,
@@ -26,7 +26,6 @@ from egocap_eval.evidence.study_tables import (
     cost,
     coverage,
     doubt,
-    head_path,
     image_model,
     physics,
     refined,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from egocap_eval.evidence.page_table import Results, Row, markdown, number, plus_minus
+from egocap_eval.evidence.page_table import Results, Row, markdown, number
 from egocap_eval.studies import doubt as doubt_study
 
 ABLATIONS = {
@@ -198,40 +198,6 @@ def start_up(results: Results) -> str:
     )  # fmt: skip
     header = ("command, start to exit", "seconds", "the first time on a machine")
     return markdown(header, rows, results)
-
-
-def head_path(results: Results) -> str:
-    """Where the head is in the world, by the odometry, against the truth."""
-    measures = {
-        "path_m": ("path, m", 0),
-        "first_aligned_mm": ("position, mm rms", 1),
-        "worst_mm": ("largest, mm", 1),
-        "rotation_deg": ("rotation, degrees rms", 3),
-        "drift_percent": ("at the end, % of the path", 3),
-        "up_error_deg": ("up, degrees", 2),
-        "height_error_mm": ("height, mm", 1),
-        "cpu_ms_per_frame": ("CPU ms a frame", 0),
-    }
-    stated = {"up_error_deg": "up_std_deg", "height_error_mm": "floor_std_mm"}
-    labels = {"covered": "covered: the same, lenses covered for 10 s",
-              "consumer": "consumer: half a minute with a rolling shutter and blur",
-              "street": "street: 10 s between buildings, two people walking by",
-              "stairs": "stairs: 10 s up a stair on a sports field"}  # fmt: skip
-    rows = results.rows(
-        "head_pose.json",
-        "cases",
-        lambda r: [
-            (label, f"{row['posed']} of {row['frames']}",
-             *(plus_minus(row.get(key), row.get("vertical", {}).get(stated.get(key)), digits)
-               for key, (_, digits) in measures.items()))
-            for label, row in (
-                *((labels.get(str(name), str(name)), row) for name, row in r["cases"].items()),
-                *((f"{name}, live", row) for name, row in r.get("live", {}).items()),
-            )
-        ],
-    )  # fmt: skip
-    heads = (head for head, _ in measures.values())
-    return markdown(("walk", "frames with a pose", *heads), rows, results)
 
 
 def refined(results: Results) -> str:

@@ -61,6 +61,12 @@ def path_error(fine, odometry):
     return distance.max()
 
 
+def turn_between_views(rig, true):
+    """Angle [degrees] by which the views are wrongly turned to each other."""
+    T, T_true = (inverse(r.T_head_camera[0]) @ r.T_head_camera[1] for r in (rig, true))
+    return np.degrees(np.linalg.norm(logarithm(T_true[:3, :3].T @ T[:3, :3])))
+
+
 def miscalibrated():
     """The rig with its right view turned by 0.4 degrees, and both centres and lengths wrong."""
     values = np.zeros((2, len(PARAMETERS)))
@@ -85,12 +91,6 @@ def test_a_miscalibrated_rig_is_corrected(fine, still):
     after, posed = follow(correction.views, still, CONFIG)
     assert posed == FRAMES
     assert path_error(fine, after) < 0.3 * path_error(fine, before)
-
-
-def turn_between_views(rig, true):
-    """Angle [degrees] by which the views are wrongly turned to each other."""
-    T, T_true = (inverse(r.T_head_camera[0]) @ r.T_head_camera[1] for r in (rig, true))
-    return np.degrees(np.linalg.norm(logarithm(T_true[:3, :3].T @ T[:3, :3])))
 
 
 def test_frames_between_keyframes_count_where_the_head_moves_little(monkeypatch):

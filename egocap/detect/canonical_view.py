@@ -5,8 +5,10 @@ below the camera, a little behind and towards the middle of the body, with the h
 direction up. A camera near the face sees the body below and ahead of it, not behind: its axis
 points farther forward (`near_pitch_deg`). Cameras on the head's right side are mirrored. So the
 network's input is independent of lens, mounting angle and side, but not of the camera's position.
-Magnification is largest in the middle, where the legs are smallest and pixels are worth most.
-Source: mirroring, EgoCap paper, section 4.3.1.
+Magnification is largest in the middle, where the legs are smallest and pixels are worth most. It
+is larger for a camera on a boom (`boom_focal`), which has the arms below it, not beside it.
+Source: mirroring, EgoCap paper, section 4.3.1; larger than in training, Touvron et al. 2019,
+"Fixing the train-test resolution discrepancy".
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from egocap.errors import InputError
 LARGEST_SIDE = 2048  # pixels
 _SHRINK_ABOVE = 2.0  # camera pixels per canonical pixel; above, images are reduced first
 _FACE_TO_ARM_M = (0.14, 0.26)  # camera's distance in front of the skull base
+_ARM_TO_BOOM_M = (0.20, 0.30)
 _PIXEL_EDGES = np.array([[0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]])  # +x, +y, -x, -y
 _MIRROR_Y = np.array([1.0, -1.0, 1.0])  # of the head frame
 
@@ -42,6 +45,7 @@ class ViewSpec:
     pitch_deg: float = 105.0  # of the axis, below the head's forward direction
     toe_in_deg: float = 8.0  # of the axis, towards the body's middle plane
     near_pitch_deg: float | None = None  # `pitch_deg` of cameras near the face; None: the same
+    boom_focal: float | None = None  # `focal` of cameras on booms; None: the same
 
     def __post_init__(self) -> None:
         sides = (self.width, self.height)
@@ -49,11 +53,12 @@ class ViewSpec:
             raise InputError(f"canonical view of {sides[0]!r:.40} x {sides[1]!r:.40}",
                              valid=f"8 to {LARGEST_SIDE}")  # fmt: skip
         angles = (self.pitch_deg, self.toe_in_deg, self.near_pitch_deg or 0.0)
-        if not all(isfinite(value) for value in (self.focal, *angles)):
+        focals = (self.focal, self.focal if self.boom_focal is None else self.boom_focal)
+        if not all(isfinite(value) for value in (*focals, *angles)):
             raise InputError("canonical view with values that are not finite")
-        if not (self.focal > 0.0 and 0.0 <= self.compression <= 1.0):
+        if not (min(focals) > 0.0 and 0.0 <= self.compression <= 1.0):
             raise InputError(
-                f"canonical view with focal {self.focal}, compression {self.compression}",
+                f"canonical view with focal {min(focals)}, compression {self.compression}",
                 valid="focal above 0, compression 0 to 1",
             )
 
@@ -64,12 +69,15 @@ class ViewSpec:
     def mounted(self, forward_m: float) -> ViewSpec:
         """The view of a camera `forward_m` in front of the skull base.
 
-        Its pitch changes linearly from `near_pitch_deg` at the face to `pitch_deg` at 0.26 m.
+        Its pitch changes linearly from `near_pitch_deg` at the face to `pitch_deg` at 0.26 m, its
+        focal length from `focal` at 0.20 m to `boom_focal` at 0.30 m.
         """
-        if self.near_pitch_deg is None:
-            return self
-        pitch = np.interp(forward_m, _FACE_TO_ARM_M, (self.near_pitch_deg, self.pitch_deg))
-        return replace(self, pitch_deg=float(pitch), near_pitch_deg=None)
+        pitch, focal = self.pitch_deg, self.focal
+        if self.near_pitch_deg is not None:
+            pitch = float(np.interp(forward_m, _FACE_TO_ARM_M, (self.near_pitch_deg, pitch)))
+        if self.boom_focal is not None:
+            focal = float(np.interp(forward_m, _ARM_TO_BOOM_M, (focal, self.boom_focal)))
+        return replace(self, pitch_deg=pitch, focal=focal, near_pitch_deg=None, boom_focal=None)
 
     @cached_property
     def axes(self) -> Float[Array, "3 3"]:

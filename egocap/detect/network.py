@@ -85,7 +85,7 @@ class NetworkConfig:
 
 
 CONFIGS: dict[str, NetworkConfig] = {
-    "default": NetworkConfig("default", ViewSpec(near_pitch_deg=85.0)),
+    "default": NetworkConfig("default", ViewSpec(near_pitch_deg=85.0, boom_focal=150.0)),
     "paper": NetworkConfig(
         "paper", ViewSpec(640, 512, 204.0, 0.0, 90.0, 0.0), kind="resnet101", stride=8
     ),

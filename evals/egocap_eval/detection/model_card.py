@@ -49,7 +49,8 @@ def card(
         f"# Detector weights `{weights.name}`",
         f"sha256 `{weights.sha256}`, {weights.path.stat().st_size / 1e6:.1f} MB. Finds the 18 "
         "labels of `body.labels` in fisheye views of a head-worn rig, in a canonical view of "
-        f"{view.width} x {view.height} pixels (`egocap.detect.canonical_view`).",
+        f"{view.width} x {view.height} pixels (`egocap.detect.canonical_view`)."
+        + _magnified(weights),
         "## How it was made",
         "Stages of training, the last one first; all their settings are in the file's metadata.",
         "\n".join(map(_stage, weights_card.card(weights)["stages"])),
@@ -66,6 +67,14 @@ def card(
         "\n".join(f"- {limit}" for limit in LIMITS),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _magnified(weights: Weights) -> str:
+    trained, view = weights.training.get("trained_view"), weights.view
+    if trained is None or view.boom_focal is None:
+        return ""
+    share = view.boom_focal / trained["focal"]
+    return f" Cameras on booms are shown {share:.2f} times as large as they were in training."
 
 
 def _other_rigs(records: Mapping[str, Mapping[str, Any]]) -> Table:

@@ -28,6 +28,14 @@ def mounted(side: float, size=(640, 512), toe_out=8.0) -> Mount:
     return Mount("left" if side > 0 else "right", camera, T)
 
 
+def in_front(forward: float) -> Mount:
+    """The left camera, so many metres in front of the skull base."""
+    mount = mounted(1.0)
+    T = mount.T_head_camera.copy()
+    T[0, 3] = forward
+    return replace(mount, T_head_camera=T)
+
+
 def points_below(rng: np.random.Generator, count: int) -> np.ndarray:
     """Points about where a body is, in the head frame."""
     return rng.uniform((-0.5, -0.5, -1.6), (0.6, 0.5, -0.3), (count, 3))
@@ -157,6 +165,11 @@ def test_impossible_views_are_refused():
         ViewSpec(compression=2.0)
     with pytest.raises(InputError, match="8 to 2048"):
         ViewSpec(width=0)
+    for focal in (0.0, -1.0):
+        with pytest.raises(InputError, match=f"focal {focal}"):
+            ViewSpec(boom_focal=focal)
+    with pytest.raises(InputError, match="finite"):
+        ViewSpec(boom_focal=float("nan"))
 
 
 @pytest.mark.parametrize(
@@ -164,10 +177,16 @@ def test_impossible_views_are_refused():
 )
 def test_axis_of_a_camera_near_the_face_points_farther_forward(forward, pitch):
     spec = ViewSpec(near_pitch_deg=85.0, toe_in_deg=0.0)
-    mount = mounted(1.0)
-    T = mount.T_head_camera.copy()
-    T[0, 3] = forward
-    view = CanonicalView(replace(mount, T_head_camera=T), spec)
-    axis = view.spec.axes[2]
+    axis = CanonicalView(in_front(forward), spec).spec.axes[2]
     assert np.degrees(np.arctan2(-axis[2], axis[0])) == pytest.approx(pitch)
     assert ViewSpec().mounted(forward) == ViewSpec()  # weights of views without the key
+
+
+@pytest.mark.parametrize("forward, focal", [(0.14, 137.0), (0.25, 143.5), (0.40, 150.0)])
+def test_camera_on_a_boom_is_magnified(forward, focal):
+    mount, spec = in_front(forward), ViewSpec(boom_focal=150.0)
+    middle = (np.array(spec.size) - 1.0) / 2.0
+    plain, view = CanonicalView(mount), CanonicalView(mount, spec)
+    ratio = plain.magnification(middle) / view.magnification(middle)
+    assert ratio == pytest.approx(focal / 137.0, rel=1e-4)
+    np.testing.assert_allclose(view.to_camera(middle)[0], plain.to_camera(middle)[0])

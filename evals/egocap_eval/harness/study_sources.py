@@ -32,9 +32,9 @@ MOTION_TRUTH = ("egocap_eval/harness/motion_truth.py",)
 HARNESS = ("egocap_eval/harness/footage.py",)
 TRAINING = (*DETECTOR, "egocap/detect/train")
 IMAGE_MODEL = ("egocap/image_model",)
-FITTED = tuple(f"egocap/fitting/{module}.py" for module in (
+FITTED = ("egocap/fitting/body_prior.json", *(f"egocap/fitting/{module}.py" for module in (
     "appearance_fit", "body_prior", "bundle_adjustment", "config", "fit_body",
-    "wearer"))  # fmt: skip
+    "wearer")))  # fmt: skip
 HEAD_POSE = ("egocap/odometry", "egocap/head_pose", "egocap/world")
 PAPER = (*IMAGE_MODEL, "egocap/paper")
 FOOTAGE_TRACKED = (*DETECTOR, *TRACKER, *SCORES, *WORLD, *HARNESS)

@@ -1,9 +1,9 @@
-"""Learn the tracker's priors from clips that simulated people act out.
+"""Learn the tracker's priors from simulated people and the clips that they act out.
 
-The pose prior is the mean and covariance of the angles; the Gaussian motion prior, their
-covariances over time; the motion network learns to correct tracks from the shipped detector's
-detections of rendered motions, and from guessed ones. The attitude is that of the trunk in the head
-frame over whole recordings.
+The body prior is the mean and scatter of their bones, as fractions of the stature; the pose prior,
+the mean and covariance of the angles; the Gaussian motion prior, their covariances over time. The
+motion network learns to correct tracks from the shipped detector's detections of rendered motions,
+and from guessed ones. The attitude is that of the trunk in the head frame over whole recordings.
 """
 
 from __future__ import annotations
@@ -11,17 +11,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from egocap.consistency import attitude
 from egocap.errors import InputError
 from egocap.evaluation.table import Table
+from egocap.fitting import body_prior
 from egocap.pose import motion_network, motion_prior, pose_prior
 from egocap_eval.harness.study import Outcome
+from egocap_eval.priors.bodies import BODIES, proportions_of
 from egocap_eval.priors.config import TrainingConfig
 from egocap_eval.priors.takes import BUILT_IN, FPS, make_takes
 
-Prior = Literal["pose", "motion", "network", "attitude"]
+Prior = Literal["body", "pose", "motion", "network", "attitude"]
 _OF_CLIPS = "pose", "attitude"  # without built-in motions
 
 
@@ -35,18 +38,23 @@ def study(
     workers: int = 1,
     training: Annotated[TrainingConfig, OmitArgPrefixes] = TrainingConfig(),  # noqa: B008
 ) -> Outcome:
-    """Learn a prior of the tracker from motions: of poses, motion or attitude, or the network.
+    """Learn a prior of the tracker: of bodies, poses, motion or attitude, or the motion network.
 
     Args:
         prior: Which prior to learn.
         folder: Folder of .bvh and .npz clips, searched recursively; optional for those of motion,
-            which also learn from built-in motions.
+            which also learn from built-in motions; that of bodies needs none.
         write: File to write; by default the prior that the tracker uses.
         work: Folder that keeps takes and tracks: the same command continues from them.
         draws: Tracks from guessed detections of every take that the network learns from.
         workers: Rendering processes.
         training: How the network is trained.
     """
+    if prior == "body":
+        people = proportions_of(BODIES)
+        learned = body_prior.learn_shares(people)
+        body_prior.save_shares(learned, len(people), write or body_prior.FILE)
+        return _of_bodies(learned)
     if folder is None and (prior in _OF_CLIPS or write is None):
         raise InputError("no folder of clips", valid="a folder; for a prior of built-in motions "
                          "alone, --write FILE")  # fmt: skip
@@ -75,6 +83,17 @@ def study(
         attitude.save_attitudes(learned, len(takes), write or attitude.FILE)
     rows = [(t.name, len(t.angles), t.fit_mm) for t in takes]
     return _outcome("fit_mm", "mean fit error mm", rows)
+
+
+def _of_bodies(shares: body_prior.Shares) -> Outcome:
+    scatter = np.linalg.norm(shares.directions, axis=0)
+    lines = [(f"{kind} {'xyz'[axis]}", float(mean), float(std)) for (kind, axis), mean, std
+             in zip(body_prior.COMPONENTS, shares.mean, scatter, strict=True)]  # fmt: skip
+    rows = [{"component": name, "mean_percent": round(100.0 * mean, 3),
+             "std_percent": round(100.0 * std, 3)} for name, mean, std in lines]  # fmt: skip
+    cells = tuple((name, f"{100.0 * mean:.2f}", f"{100.0 * std:.2f}") for name, mean, std in lines)
+    table = Table("", ("component", "mean % of stature", "standard deviation"), cells)
+    return Outcome({"components": rows}, [table])
 
 
 def _outcome(key: str, heading: str, motions: list[tuple[str, int, float]]) -> Outcome:

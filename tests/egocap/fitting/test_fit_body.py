@@ -61,13 +61,18 @@ def test_limbs_come_out_within_three_percent(fit, seen):
     assert all(fit.report()[name]["determined"] == "well" for name in ("left_elbow", "left_wrist"))
 
 
-def test_one_camera_shortens_no_limb(seen):
-    """Depth is free then, and with it the limbs' length: the prior holds them."""
-    moving, body = seen
-    found = moving.detect("simulated:4.0")
-    one = replace(found, valid=found.valid & (np.arange(2) == 0)[:, None])
-    fit = fit_body(one, moving.rig, config=FEW)
-    assert min(off(fit, body, name) for name in LIMBS) > -0.08
+def test_one_camera_does_not_shorten_limbs(motion):
+    """Depth is free then, and with it the limbs' length: the correction of the bias is limited."""
+    body = to_proportions(BodyPrior.for_height().mean)
+    moving = replace(motion, person=body, joints=forward(body, motion.angles))
+    errors = []
+    for seed in range(3):
+        found = moving.detect("simulated:4.0", seed=seed)
+        one = replace(found, valid=found.valid & (np.arange(2) == 0)[:, None])
+        fit = fit_body(one, moving.rig, config=FEW)
+        errors.append([off(fit, body, name) for name in LIMBS])
+    assert abs(np.mean(errors)) < 0.03
+    assert np.min(errors) > -0.06
 
 
 def test_errors_are_within_their_stated_scatter(fit, seen):

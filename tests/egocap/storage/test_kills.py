@@ -109,8 +109,9 @@ def test_nothing_is_lost(server, tiny_scene, tmp_path):
         client.kill()
         client.communicate()
         client = run()
-        wait_for_more(server, client, 15)
+        wait_for_more(server, client, 8)
         server.kill()
+        assert client.poll() is None, "all was sent before the server was killed"
         time.sleep(1.0)
         server.start()
         _, said = client.communicate()

@@ -135,9 +135,11 @@ def _results(
         points = None if heads is None else load_surroundings(heads)
         write_film(path, sequence, track, on_step("film", len(sequence)), points)
 
-    stages.run("motion.bvh", {}, lambda path: write_bvh(path, evenly(track)), lambda path: path)
+    after = ("track.npz",)
+    stages.run("motion.bvh", {}, lambda path: write_bvh(path, evenly(track)), lambda path: path,
+               after)  # fmt: skip
     if not options.skip_film:
-        stages.run(FILM, {}, film, lambda path: path)
+        stages.run(FILM, {}, film, lambda path: path, after)
     write_json(stages.folder / "findings.json", findings.to_dict())
     write_page(stages.folder / PAGE, sequence, track, findings, bones,
                None if options.skip_film else FILM)  # fmt: skip

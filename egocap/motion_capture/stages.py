@@ -1,6 +1,7 @@
 """Stages of a run and their files: a stage whose input did not change is not run again.
 
-A stage is known by a checksum of its settings and of all stages before it, kept in stages.json.
+A stage is known by a checksum of its settings and of the stages whose results it takes, kept in
+stages.json.
 """
 
 from __future__ import annotations
@@ -21,27 +22,31 @@ Result = TypeVar("Result")
 
 
 class Stages:
-    """Runs the stages of one folder in order."""
+    """Runs the stages of one folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._done: dict[str, Any] = {}
         with suppress(FileError):
             self._done = read_json(folder / _NAME)
-        self._chain = ""
+        self._known: dict[str, str] = {}
 
     def run(
         self, name: str, settings: dict[str, Any], write: Callable[[Path], object],
-        read: Callable[[Path], Result],
+        read: Callable[[Path], Result], after: tuple[str, ...] = (),
     ) -> Result:  # fmt: skip
-        """Content of the stage's file `name`, made by `write` unless it is there already."""
+        """Content of the stage's file `name`, made by `write` unless it is there already.
+
+        `after`: stages of this run whose results it takes.
+        """
         path = self.folder / name
         plain = json.loads(json.dumps(settings, default=str))
-        self._chain = digest({"before": self._chain, "stage": name, "settings": plain})
-        if self._done.get(name) != self._chain or not path.exists():
+        before = [self._known[stage] for stage in after]
+        now = self._known[name] = digest({"after": before, "stage": name, "settings": plain})
+        if self._done.get(name) != now or not path.exists():
             if self._done.pop(name, None):  # if writing fails, the file is of no known settings
                 write_json(self.folder / _NAME, self._done)
             write(path)
-            self._done = self._done | {name: self._chain}
+            self._done = self._done | {name: now}
             write_json(self.folder / _NAME, self._done)
         return read(path)

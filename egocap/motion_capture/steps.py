@@ -78,12 +78,15 @@ def rig(
                 log.warning("%s", line)
         write_search(path, search)
 
-    settings = {"self_calibration": options.self_calibration}
+    settings = {"sequence": sequence.manifest.config_sha256,
+                "self_calibration": options.self_calibration}  # fmt: skip
     search = stages.run("rig-correction.json", settings, write,
                         lambda path: load_search(path, sequence.rig))  # fmt: skip
     correction = None if search is None else search.correction
     found = sequence.rig if correction is None else correction.rig(sequence.rig)
-    return stages.run("rig.json", {}, lambda path: write_rig(path, found), load_rig), search
+    rig = stages.run("rig.json", {}, lambda path: write_rig(path, found), load_rig,
+                     after=("rig-correction.json",))  # fmt: skip
+    return rig, search
 
 
 def body(
@@ -103,7 +106,8 @@ def body(
 
     given = None if options.body is None else find_body(options.body)
     settings = {"height": options.height, "body": given and given.offsets.tolist()}
-    body = stages.run("body.json", settings, write, Proportions.load)
+    after = () if given else ("detections.npz", "rig.json")
+    body = stages.run("body.json", settings, write, Proportions.load, after)
     return body, read_json(report)
 
 
@@ -122,7 +126,7 @@ def head_poses(
     if options.head_pose is not None or not options.world:
         return options.head_pose
     try:
-        return stages.run("head.npz", {}, write, lambda path: path)
+        return stages.run("head.npz", {}, write, lambda path: path, ("rig-correction.json",))
     except InputError as error:
         log.warning("%s: the motion is relative to the head", error)
         return None
@@ -143,4 +147,5 @@ def track(
 
     heads = None if head_pose is None else sha256(head_pose)
     settings = {"tracker": asdict(tracker), "head_pose": heads}
-    return stages.run("track.npz", settings, write, load_track)
+    after = "detections.npz", "rig.json", "body.json"
+    return stages.run("track.npz", settings, write, load_track, after)

@@ -58,6 +58,19 @@ def test_the_command_reuses_what_is_there(monkeypatch, capsys, footage, results)
     assert {n for n in before if after[n] != before[n]} <= {"findings.json", "sequence"}
 
 
+def test_another_height_changes_neither_detections_nor_the_path(
+    monkeypatch, capsys, footage, results, tmp_path
+):  # fmt: skip
+    out = shutil.copytree(results, tmp_path / "me")
+    names = ("detections.npz", "rig-correction.json", "rig.json", "head.npz", "body.json",
+             "track.npz")  # fmt: skip
+    before = {name: (out / name).stat().st_mtime_ns for name in names}
+    code, shown = mocap(monkeypatch, capsys, footage, out, "--height", "1.6", "--skip-film")
+    assert code == 0, shown.err
+    written = {name for name in names if (out / name).stat().st_mtime_ns != before[name]}
+    assert written == {"body.json", "track.npz"}
+
+
 def test_recordings_are_called_like_their_files(monkeypatch, capsys, footage, tmp_path):
     (tmp_path / "rig.json").symlink_to(footage / "rig.json")
     (tmp_path / "take").mkdir()

@@ -7,9 +7,9 @@ from egocap.motion_capture.stages import Stages
 
 @pytest.fixture
 def runs(tmp_path):
-    """Runs two stages with settings, and names those that were written."""
+    """Runs three stages with settings, the second after the first, and names those written."""
 
-    def run(first, second):
+    def run(first, second, third=1):
         written = []
 
         def write(path):
@@ -18,19 +18,21 @@ def runs(tmp_path):
 
         stages = Stages(tmp_path)
         assert stages.run("a.txt", {"x": first}, write, lambda p: p.read_text()) == "a.txt"
-        stages.run("b.txt", {"x": second}, write, lambda p: p.read_text())
+        stages.run("b.txt", {"x": second}, write, lambda p: p.read_text(), after=("a.txt",))
+        stages.run("c.txt", {"x": third}, write, lambda p: p.read_text())
         return written
 
     return run
 
 
 def test_stages_are_run_once(runs, tmp_path):
-    assert runs(1, 1) == ["a.txt", "b.txt"]
+    assert runs(1, 1) == ["a.txt", "b.txt", "c.txt"]
     assert runs(1, 1) == []
     assert runs(1, 2) == ["b.txt"]
     assert runs(2, 2) == ["a.txt", "b.txt"]
+    assert runs(2, 2, 3) == ["c.txt"]
     (tmp_path / "b.txt").unlink()
-    assert runs(2, 2) == ["b.txt"]
+    assert runs(2, 2, 3) == ["b.txt"]
 
 
 def test_a_stage_that_fails_is_run_again(tmp_path):

@@ -62,7 +62,8 @@ def test_a_correction_of_the_rig_is_sought_once_and_kept(
 
     monkeypatch.setattr(steps, "search_rig", search)
     for _ in range(2):
-        rig, kept = steps.rig(Stages(tmp_path), sequence, MocapOptions(), lambda *_: print)
+        stages = Stages(tmp_path)
+        rig, kept = steps.rig(stages, sequence, MocapOptions(), lambda *_: print)
         for name in ("values", "std"):
             np.testing.assert_array_equal(
                 getattr(kept.correction, name), getattr(found.correction, name)
@@ -81,8 +82,7 @@ def test_a_correction_of_the_rig_is_sought_once_and_kept(
         raise InputError("dark")
 
     monkeypatch.setattr(steps, "find_head_poses", follow)
-    path = steps.head_poses(Stages(tmp_path), sequence, kept, MocapOptions(),
-                            lambda *_: print)  # fmt: skip
+    path = steps.head_poses(stages, sequence, kept, MocapOptions(), lambda *_: print)
     assert path is None and asked[1:] == [(False, kept)]
 
 

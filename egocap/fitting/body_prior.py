@@ -36,8 +36,8 @@ INDIVIDUAL = 0.035
 """Minimum relative standard deviation of a component at equal stature: that of limb segments in
 ANSUR II; the bodies of a model differ less in some."""
 OWN = 0.02
-"""Minimum standard deviation of a component that goes with no other, as a part of its bone: people
-differ in more ways than the bodies of a model."""
+"""Minimum standard deviation of a component independently of all others, as a part of its bone:
+people differ in more ways than the bodies of a model."""
 DIRECTIONS = 12
 """Directions that are kept: of the bodies' variance, all but a thousandth."""
 

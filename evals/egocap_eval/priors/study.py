@@ -86,12 +86,12 @@ def study(
 
 
 def _of_bodies(shares: body_prior.Shares) -> Outcome:
-    scatter = np.linalg.norm(shares.directions, axis=0)
-    lines = [(f"{kind} {'xyz'[axis]}", float(mean), float(std)) for (kind, axis), mean, std
-             in zip(body_prior.COMPONENTS, shares.mean, scatter, strict=True)]  # fmt: skip
-    rows = [{"component": name, "mean_percent": round(100.0 * mean, 3),
-             "std_percent": round(100.0 * std, 3)} for name, mean, std in lines]  # fmt: skip
-    cells = tuple((name, f"{100.0 * mean:.2f}", f"{100.0 * std:.2f}") for name, mean, std in lines)
+    percent = 100.0 * np.stack([shares.mean, np.linalg.norm(shares.directions, axis=0)], 1)
+    rows = [{"component": f"{kind} {'xyz'[axis]}", "mean_percent": mean, "std_percent": std}
+            for (kind, axis), (mean, std) in zip(body_prior.COMPONENTS, percent.round(3).tolist(),
+                                                 strict=True)]  # fmt: skip
+    cells = tuple((row["component"], f"{row['mean_percent']:.2f}", f"{row['std_percent']:.2f}")
+                  for row in rows)  # fmt: skip
     table = Table("", ("component", "mean % of stature", "standard deviation"), cells)
     return Outcome({"components": rows}, [table])
 

@@ -4,10 +4,10 @@
 #     sh tools/release-detector.sh WEIGHTS.safetensors WORK MOTIONS
 #
 # WORK keeps footage between calls: WORK/calibration is made here of evals/calibration.toml, 68 people
-# that no training and no validation has seen, 200 views of each of six rigs; WORK/validation
-# holds the validation frames. MOTIONS is a folder of the validation clips alone, in bvh/ and npz/:
-# `egocap-eval motion-sets --link` makes it. The calibration plays them, too: fitted to motions of the
-# training alone, standard deviations are a tenth too small on others.
+# that no training and no validation has seen, 200 views of each of six rigs, and WORK/more of
+# evals/calibration-more.toml, some 420 other people; WORK/validation holds the validation frames.
+# MOTIONS is a folder of clips in training/ and validation/: `egocap-eval motion-sets --link` makes
+# it. The calibration plays both.
 set -eu
 weights=$1 work=$2 motions=$3
 bin=${BIN:-.venv/bin} shipped=egocap/detect/shipped results=evals/results
@@ -16,11 +16,18 @@ for each in egorig1:400100:100 egorig2:400200:100 sampled:400300:100 \
     glasses:400400:100 headset4:400500:50 cap:400600:200; do
     rig=${each%%:*} frames=${each##*:} seed=${each#*:}
     "$bin/egocap-sim" generate evals/calibration.toml --out "$work/calibration/$rig" \
-        --seed "${seed%:*}" --rig "$rig" --frames "$frames" --motions "$motions"
+        --seed "${seed%:*}" --rig "$rig" --frames "$frames" --motions "$motions/validation"
 done
+for each in egorig1:405000:1200 egorig2:405300:500 sampled:405200:1200 \
+    glasses:405400:500 headset4:405500:250 cap:405600:500; do
+    rig=${each%%:*} frames=${each##*:} seed=${each#*:}
+    "$bin/egocap-sim" generate evals/calibration-more.toml --out "$work/more/$rig" \
+        --seed "${seed%:*}" --rig "$rig" --frames "$frames" --motions "$motions/training"
+done
+motions=$motions/validation
 
 mkdir -p $shipped
-"$bin/egocap" calibrate-detector "$work/calibration" --weights "$weights" \
+"$bin/egocap" calibrate-detector "$work/calibration" "$work/more" --weights "$weights" \
     --out $shipped/default.safetensors
 int8=$("$bin/python" -c "from egocap.detect import engine, weights
 print(engine.eight_bit_cache(weights.open_weights('$shipped/default.safetensors')))")

@@ -1,23 +1,31 @@
 """Calibration of the network's visibility and sigma, fitted on footage not used in training.
 
 Confidence is a logistic function of the network's margin for "visible"; sigma is the network's
-output times one factor for visible joints and another for hidden joints.
+output times one factor for visible joints and another for hidden ones, each with its own for every
+kind of joint.
 Source: Platt 1999 (logistic scaling); Guo et al. 2017 (temperature).
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
+from egocap.body.labels import LABELS, without_side
 from egocap.errors import InputError
 
+KINDS = tuple(dict.fromkeys(map(without_side, LABELS)))
 LIMIT = 4.0  # bound of every |coefficient|; e^4 = 55
 FEWEST = 50  # smallest number of joints to fit a coefficient
+TYPICAL = 200
+"""A kind of joint is fitted as if so many joints more had the errors of all kinds: single gross
+errors make up much of a mean square."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +36,19 @@ class Calibration:
     offset: float = 0.0
     log_sigma_seen: float = 0.0  # added to log sigma
     log_sigma_hidden: float = 0.0
+    kinds_seen: Mapping[str, float] = field(default_factory=dict)  # besides, by kind of joint
+    kinds_hidden: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
+        values = asdict(self)
+        for group in ("kinds_seen", "kinds_hidden"):
+            if not isinstance(values[group], Mapping):
+                raise InputError(f"a calibration with {group} {values[group]!r:.40}",
+                                 valid="a number for each kind of joint")  # fmt: skip
+            if unknown := sorted(set(values[group]) - set(KINDS)):
+                raise InputError(f"a calibration with {group} of '{unknown[0]:.40}'", valid=KINDS)
+            values |= {f"{group} {kind}": value for kind, value in values.pop(group).items()}
+        for name, value in values.items():
             if not abs(value) <= (4 * LIMIT if name == "offset" else LIMIT):
                 raise InputError(
                     f"a calibration with {name} {value:g}", valid=f"at most {LIMIT:g} either way"
@@ -47,8 +65,15 @@ class Calibration:
     def sigma(self, info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
         """Standard deviation along each axis, canonical pixels."""
         seen = self.confidence(info)
-        factor = seen * self.log_sigma_seen + (1.0 - seen) * self.log_sigma_hidden
+        factor = seen * self._log_factors[0] + (1.0 - seen) * self._log_factors[1]
         return np.exp(np.clip(np.asarray(info[..., 3], float) + factor, -8.0, 8.0))
+
+    @cached_property
+    def _log_factors(self) -> Float[Array, "2 18"]:
+        """Added to log sigma of visible and of hidden joints, by label."""
+        rows = (self.log_sigma_seen, self.kinds_seen), (self.log_sigma_hidden, self.kinds_hidden)
+        return np.array([[overall + kinds.get(without_side(label), 0.0) for label in LABELS]
+                         for overall, kinds in rows])  # fmt: skip
 
 
 def margin(info: Float[Array, "*n 18 4"]) -> Float[Array, "*n 18"]:
@@ -73,7 +98,8 @@ def fit_calibration(
 
     Confidence is fitted by maximum likelihood over joints in view. Each factor of sigma makes the
     root mean square of error / sigma along an axis 1 over its joints, visible or hidden, that are
-    `present` in the output; other joints are never detections.
+    `present` in the output; other joints are never detections. A kind's factor is drawn towards
+    that of all by `TYPICAL`.
 
     Args:
         info: output of the network, labels in either order (mirrored or the body's).
@@ -89,15 +115,27 @@ def fit_calibration(
     scale, offset = _fit_logistic(margin(info)[in_view], seen[in_view])
     squared = 0.5 * np.square(errors / np.exp(np.clip(np.asarray(info[..., 3], float), -8.0, 8.0)))
     found = in_view & present(info)
-    return Calibration(
-        scale, offset, _half_log_mean(squared[found & seen]), _half_log_mean(squared[found & ~seen])
-    )
+    of_seen, of_hidden = (_log_factors(squared, found & which) for which in (seen, ~seen))
+    return Calibration(scale, offset, of_seen[0], of_hidden[0], of_seen[1], of_hidden[1])
 
 
-def _half_log_mean(squared: Float[Array, "N"]) -> float:
-    """Half the logarithm of the mean; 0 for fewer than `FEWEST` values."""
-    enough = len(squared) >= FEWEST
-    return float(np.clip(0.5 * np.log(squared.mean()), -LIMIT, LIMIT)) if enough else 0.0
+def _log_factors(
+    squared: Float[Array, "N 18"], counted: Bool[Array, "N 18"]
+) -> tuple[float, dict[str, float]]:
+    """Half the logarithm of the mean over the joints that count, and what each kind adds to it.
+
+    0 and nothing for fewer than `FEWEST` joints.
+    """
+    if counted.sum() < FEWEST:
+        return 0.0, {}
+    mean = squared[counted].mean()
+    kinds = {}
+    for kind in KINDS:
+        columns = [without_side(label) == kind for label in LABELS]
+        own = squared[:, columns][counted[:, columns]]
+        share = (own.sum() / mean + TYPICAL) / (len(own) + TYPICAL)
+        kinds[kind] = round(float(np.clip(0.5 * np.log(share), -LIMIT, LIMIT)), 4)
+    return float(np.clip(0.5 * np.log(mean), -LIMIT, LIMIT)), kinds
 
 
 def _fit_logistic(x: Float[Array, "N"], y: Bool[Array, "N"]) -> tuple[float, float]:

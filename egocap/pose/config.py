@@ -85,7 +85,7 @@ class TrackerConfig:
     """Fraction of the last velocity that the prediction keeps (Eq. 3)."""
     velocity_sigma: float = 4.0
     """Standard deviation of the prediction, in each angle's prior deviation per second."""
-    acceleration_sigma: float = 1.0
+    acceleration_sigma: float = 1.2
     """Standard deviation of the accelerations that `interval` allows, relative to each angle's."""
     robust_scale: float = 3.0
     """Residual, in standard deviations, beyond which a detection is treated as an outlier."""

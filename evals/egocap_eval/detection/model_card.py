@@ -54,8 +54,8 @@ def card(
         "## How it was made",
         "Stages of training, the last one first; all their settings are in the file's metadata.",
         "\n".join(map(_stage, weights_card.card(weights)["stages"])),
-        "Calibration (`egocap calibrate-detector`), on people who are in neither training nor "
-        "validation and play validation clips, too (tools/release-detector.sh):",
+        "Calibration (`egocap calibrate-detector`), on people with seeds of their own who play "
+        "training and validation clips (tools/release-detector.sh):",
         _listed(weights.training.get("calibration", {"none": "as trained"})),
         "## How good it is",
         f"On {result['frames']} validation frames, of people, places and clips unseen in training; "

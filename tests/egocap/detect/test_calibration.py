@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from egocap.detect.calibration import Calibration, fit_calibration, margin, present
+from egocap.body.labels import LABELS
+from egocap.detect.calibration import KINDS, Calibration, fit_calibration, margin, present
 from egocap.errors import InputError
 
 
@@ -26,6 +27,31 @@ def test_fit_finds_what_was_put_in():
     assert found.offset == pytest.approx(0.7, abs=0.05)
     assert found.log_sigma_seen == pytest.approx(np.log(3.0), abs=0.02)
     assert found.log_sigma_hidden == pytest.approx(np.log(0.5), abs=0.02)
+
+
+def test_fit_finds_what_was_put_in_for_a_kind_of_joint():
+    info, errors, seen = said(np.random.default_rng(5))
+    wrists = [LABELS.index(f"{side}_wrist") for side in ("left", "right")]
+    errors[:, wrists] *= np.where(seen, 1.0, 2.0)[:, wrists]
+    found = fit_calibration(info, errors, seen, np.ones_like(seen))
+    assert set(found.kinds_hidden) == set(KINDS)
+    wrist = found.log_sigma_hidden + found.kinds_hidden["wrist"]
+    elbow = found.log_sigma_hidden + found.kinds_hidden["elbow"]
+    assert wrist - elbow == pytest.approx(np.log(2.0), abs=0.05)
+    assert max(map(abs, found.kinds_seen.values())) < 0.03
+    says = Calibration(kinds_hidden={"wrist": np.log(3.0)}).sigma(
+        np.array([[[0.0, 99.0, 0, 0]] * 18])
+    )
+    np.testing.assert_allclose(says[0], np.where(np.isin(range(18), wrists), 3.0, 1.0))
+
+
+def test_few_joints_of_a_kind_change_little():
+    info, errors, seen = said(np.random.default_rng(6), 400)
+    in_view = np.ones_like(seen)
+    in_view[5:, LABELS.index("head")] = False
+    errors[:, LABELS.index("head")] *= 3.0
+    found = fit_calibration(info, errors, seen & in_view, in_view)
+    assert 0.0 < found.kinds_hidden["head"] < 0.2
 
 
 def test_joints_out_of_view_do_not_count():
@@ -75,10 +101,16 @@ def test_too_little_is_refused():
         fit_calibration(info, errors, seen, np.ones_like(seen))
     with pytest.raises(InputError, match="log_sigma_seen 5"):
         Calibration(log_sigma_seen=5.0)
+    with pytest.raises(InputError, match="kinds_hidden wrist 5"):
+        Calibration(kinds_hidden={"wrist": 5.0})
+    with pytest.raises(InputError, match="kinds_hidden 3"):
+        Calibration(kinds_hidden=3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="kinds_seen of 'tail'"):
+        Calibration(kinds_seen={"tail": 0.0})
     with pytest.raises(InputError, match="nan"):
         Calibration(float("nan"))
 
 
 def test_round_trip():
-    made = Calibration(1.25, -0.5, 0.1, -0.2)
+    made = Calibration(1.25, -0.5, 0.1, -0.2, {"wrist": 0.3}, {"hand": 0.4})
     assert Calibration(**made.to_dict()) == made

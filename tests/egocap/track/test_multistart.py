@@ -12,7 +12,8 @@ from egocap.track.multistart import LIMBS, changed_frames, merge_segments, solve
 from egocap.track.smoother import interval_system, smooth_interval
 from egocap.track.tracker import Tracker
 
-CONFIG = TrackerConfig()
+CONFIG = TrackerConfig(acceleration_sigma=1.0)
+"""So stiff that the arm stays where it is stuck without other starts."""
 WRIST = LABEL_INDEX["left_wrist"]
 ARM = LIMBS[1]
 

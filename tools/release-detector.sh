@@ -8,22 +8,30 @@
 # evals/calibration-more.toml, some 420 other people; WORK/validation holds the validation frames.
 # MOTIONS is a folder of clips in training/ and validation/: `egocap-eval motion-sets --link` makes
 # it. The calibration plays both.
+#
+# Afterwards, `egocap-eval refresh calibration` learns the errors of the new weights for the
+# posterior: egocap/posterior/detector_error.json.
 set -eu
 weights=$1 work=$2 motions=$3
 bin=${BIN:-.venv/bin} shipped=egocap/detect/shipped results=evals/results
 
-for each in egorig1:400100:100 egorig2:400200:100 sampled:400300:100 \
-    glasses:400400:100 headset4:400500:50 cap:400600:200; do
-    rig=${each%%:*} frames=${each##*:} seed=${each#*:}
-    "$bin/egocap-sim" generate evals/calibration.toml --out "$work/calibration/$rig" \
-        --seed "${seed%:*}" --rig "$rig" --frames "$frames" --motions "$motions/validation"
-done
-for each in egorig1:405000:1200 egorig2:405300:500 sampled:405200:1200 \
-    glasses:405400:500 headset4:405500:250 cap:405600:500; do
-    rig=${each%%:*} frames=${each##*:} seed=${each#*:}
-    "$bin/egocap-sim" generate evals/calibration-more.toml --out "$work/more/$rig" \
-        --seed "${seed%:*}" --rig "$rig" --frames "$frames" --motions "$motions/training"
-done
+# footage SCENE FOLDER CLIPS RIG:SEED:FRAMES...
+footage() {
+    scene=$1 folder=$2 clips=$3
+    shift 3
+    for each; do
+        rig=${each%%:*} frames=${each##*:} seed=${each#*:}
+        "$bin/egocap-sim" generate "$scene" --out "$folder/$rig" \
+            --seed "${seed%:*}" --rig "$rig" --frames "$frames" --motions "$clips"
+    done
+}
+
+footage evals/calibration.toml "$work/calibration" "$motions/validation" \
+    egorig1:400100:100 egorig2:400200:100 sampled:400300:100 \
+    glasses:400400:100 headset4:400500:50 cap:400600:200
+footage evals/calibration-more.toml "$work/more" "$motions/training" \
+    egorig1:405000:1200 egorig2:405300:500 sampled:405200:1200 \
+    glasses:405400:500 headset4:405500:250 cap:405600:500
 motions=$motions/validation
 
 mkdir -p $shipped

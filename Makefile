@@ -35,6 +35,7 @@ demo: light
 	$(BIN)/egocap track $(OUT)/walk --out $(OUT)/walk.track.npz
 	$(BIN)/egocap-eval pose $(OUT)/walk --track $(OUT)/walk.track.npz
 	$(BIN)/egocap-sim preview $(OUT)/walk --out $(OUT)/walk.png
+	$(BIN)/egocap view $(OUT)/walk $(OUT)/walk.track.npz --save $(OUT)/walk.mp4
 
 # One thread of the numeric libraries for each of the two processes. A process that dies ends the
 # tests and names the one it was in: after a restart, pytest-xdist waits for ever.

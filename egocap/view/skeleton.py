@@ -15,9 +15,10 @@ from egocap.geometry import unit
 
 BACKGROUND = 24
 """Grey value of what nothing is drawn on."""
-UNSURE = (120, 120, 120)
-SURE = 0.5
-"""Confidence under which a joint is drawn grey."""
+GREY = (120, 120, 120)
+"""Colour of other poses, such as the truth."""
+SURE, DIMMED = 0.5, 0.45
+"""Confidence under which a joint is drawn darker, and its share of the colour."""
 EYE = np.array([2.6, 1.5, 0.4])
 """From where the three-dimensional view looks, head frame, metres: before, left, above."""
 MIDST = np.array([0.1, 0.0, -0.75])
@@ -72,7 +73,7 @@ def draw_views(
     """
     for panel, image in zip(panels, images, strict=True):
         _fill(panel, image)
-    poses = [*((joints, np.zeros(len(LABELS))) for joints in grey), (joints_head, confidence)]
+    poses = [*((joints, None) for joints in grey), (joints_head, confidence)]
     for joints, sure in poses:
         pixels, inside = rig.project(joints)
         for v, camera in enumerate(rig.cameras):
@@ -83,20 +84,22 @@ def draw_views(
 
 def draw_pose(
     canvas: UInt8[Array, "H W 3"], points: Float[Array, "18 2"], shown: Array,
-    confidence: Float[Array, "18"],
+    confidence: Float[Array, "18"] | None,
 ) -> None:  # fmt: skip
-    """Draw limbs and joints on an image: left blue, right vermilion, unsure ones grey."""
+    """Draw limbs and joints on an image: left blue, right vermilion, unsure ones darker.
+
+    Without confidence all are grey.
+    """
     import cv2
 
     thick = max(1, canvas.shape[0] // 150)
     at = np.rint(16.0 * points).astype(int)
     for a, b in LIMBS:
         if shown[a] and shown[b]:
-            colour = _colour(b) if min(confidence[a], confidence[b]) >= SURE else UNSURE
+            colour = _colour(confidence, b, a)
             cv2.line(canvas, at[a].tolist(), at[b].tolist(), colour, thick, cv2.LINE_AA, 4)
     for j in np.flatnonzero(shown).tolist():
-        colour = _colour(j) if confidence[j] >= SURE else UNSURE
-        cv2.circle(canvas, at[j].tolist(), 24 * thick, colour, -1, cv2.LINE_AA, 4)
+        cv2.circle(canvas, at[j].tolist(), 24 * thick, _colour(confidence, j), -1, cv2.LINE_AA, 4)
 
 
 def draw_in_space(
@@ -109,7 +112,7 @@ def draw_in_space(
     lines = _seen(_FLOOR + [0.0, 0.0, floor], size).reshape(-1, 2, 2)
     _draw_lines(canvas, lines, (58, 58, 58))
     for joints in grey:
-        draw_pose(canvas, _seen(joints, size), everything, np.zeros(len(LABELS)))
+        draw_pose(canvas, _seen(joints, size), everything, None)
     draw_pose(canvas, _seen(joints_head, size), everything, confidence)
 
 
@@ -138,7 +141,7 @@ def draw_in_world(
     near = np.linalg.norm((way - head)[:, :2], axis=1) < _NEAR
     _draw_lines(canvas, np.stack([ends[:-1], ends[1:]], 1)[near[:-1] & near[1:]], _WAY)
     for joints in grey:
-        draw_pose(canvas, _seen(joints - head, size, _WIDE), everything, np.zeros(len(LABELS)))
+        draw_pose(canvas, _seen(joints - head, size, _WIDE), everything, None)
     drawn = _seen(joints_world - head, size, _WIDE)
     draw_pose(canvas, drawn, everything, confidence)
     for u, v in np.rint(16.0 * drawn[FEET][stands]).astype(int).tolist():
@@ -177,5 +180,10 @@ def _fill(panel: UInt8[Array, "h w 3"], image: UInt8[Array, "H W 3"] | None) -> 
     cv2.resize(image, (width, height), panel, interpolation=reduce)
 
 
-def _colour(label: int) -> tuple[int, int, int]:
-    return side_colour(LABELS[label])
+def _colour(confidence: Float[Array, "18"] | None, *labels: int) -> tuple[int, int, int]:
+    """Of a joint, or of the limb to the first joint."""
+    if confidence is None:
+        return GREY
+    r, g, b = side_colour(LABELS[labels[0]])
+    share = 1.0 if min(confidence[j] for j in labels) >= SURE else DIMMED
+    return round(share * r), round(share * g), round(share * b)

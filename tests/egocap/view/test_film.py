@@ -15,7 +15,7 @@ from egocap.errors import InputError
 from egocap.media.source import open_source
 from egocap.track.tracker import Tracker
 from egocap.view.film import CURVE_HEIGHT, HEIGHT, FilmPictures
-from egocap.view.skeleton import UNSURE
+from egocap.view.skeleton import GREY
 from egocap.view.viewer import view
 
 
@@ -39,7 +39,7 @@ def test_a_picture_shows_space_views_and_where_the_curve_is(tiny_sequence, track
     first, last = pictures.draw(0), pictures.draw(len(sequence) - 1)
     assert first.shape == last.shape == (840, 840 + 450, 3)  # two views of 360 rows, 5 to 4
     space, side = first[:, :HEIGHT], first[:-CURVE_HEIGHT, HEIGHT:]
-    for colour in (LEFT, RIGHT, UNSURE):  # the truth is grey
+    for colour in (LEFT, RIGHT, GREY):  # the truth is grey
         assert count(space, colour) > 100 and count(side, colour) > 20
     curve = slice(-CURVE_HEIGHT + 30, None), slice(HEIGHT, None)
     marked = [np.argwhere((image[curve] == (240, 228, 66)).all((0, 2))) for image in (first, last)]
@@ -56,7 +56,7 @@ def test_a_track_in_the_world_walks_over_its_floor_among_the_surroundings(tiny_s
     pictures = FilmPictures(sequence, replace(placed, contacts=contacts), behind)
     last = pictures.draw(len(T) - 1)[:, :HEIGHT]
     bare = FilmPictures(sequence, placed).draw(len(T) - 1)[:, :HEIGHT]
-    for colour in (LEFT, RIGHT, UNSURE):  # the truth is grey
+    for colour in (LEFT, RIGHT, GREY):  # the truth is grey
         assert count(bare, colour) > 100
     ring, points = (240, 228, 66), (118, 128, 148)
     assert count(last, ring) > 50 and count(bare, ring) == 0

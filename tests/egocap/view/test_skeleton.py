@@ -4,7 +4,7 @@ import numpy as np
 
 from egocap.body.labels import LABEL_INDEX
 from egocap.body.side_colours import LEFT, RIGHT
-from egocap.view.skeleton import UNSURE, draw_in_space, draw_pose, side_by_side
+from egocap.view.skeleton import DIMMED, GREY, draw_in_space, draw_pose, side_by_side
 from tests.egocap.conftest import make_motion
 
 
@@ -35,11 +35,18 @@ def test_the_pose_lies_on_the_joints_of_each_view():
     assert drawn >= 2
 
 
-def test_a_missing_picture_is_black_and_unsure_joints_grey():
+def test_a_missing_picture_is_black_and_unsure_joints_are_darker():
     made = make_motion(frames=1)
     canvas = side_by_side([None, None], made.joints[0], np.zeros(18), made.rig, 128)
     assert not (np.abs(canvas.astype(int) - LEFT).sum(-1) < 30).any()
-    assert (np.abs(canvas.astype(int) - UNSURE).sum(-1) < 30).any()
+    assert (np.abs(canvas - DIMMED * np.array(LEFT)).sum(-1) < 30).any()
+
+
+def test_without_confidence_a_pose_is_grey():
+    image = np.zeros((50, 50, 3), np.uint8)
+    points = np.random.default_rng(0).uniform(5.0, 45.0, (18, 2))
+    draw_pose(image, points, np.ones(18, bool), None)
+    assert (image == GREY).all(-1).any() and (image == image[..., :1]).all()
 
 
 def test_in_space_the_head_is_up_and_left_is_on_the_right_seen_from_before():

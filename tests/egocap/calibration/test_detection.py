@@ -1,5 +1,7 @@
 """AprilGrids as Kalibr prints them, and with OpenCV's tags, through lenses of any field."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -47,11 +49,16 @@ PRINTS = {
 }
 
 
-def photographed(sheet, camera, T_camera_board):
-    rows, columns = np.indices((camera.height, camera.width), dtype=float)
-    rays, _ = camera.ray(np.stack([columns, rows], -1))
+@cache
+def rays():
+    """Of every pixel of WIDE."""
+    rows, columns = np.indices((WIDE.height, WIDE.width), dtype=float)
+    return WIDE.ray(np.stack([columns, rows], -1))[0]
+
+
+def photographed(sheet, T_camera_board):
     R, t = T_camera_board[:3, :3], T_camera_board[:3, 3]
-    ways, origin = rays @ R, -R.T @ t
+    ways, origin = rays() @ R, -R.T @ t
     along = -origin[2] / ways[..., 2]
     at = (1000 * (origin + along[..., None] * ways) + MARGIN - 0.5).astype(np.float32)
     seen = cv2.remap(sheet, at[..., 0], at[..., 1], cv2.INTER_AREA, borderValue=128)
@@ -82,7 +89,7 @@ def test_corners_of_both_prints_through_a_fisheye(name, tilt, distance):
         R = axis_angle(axis, tilt) @ axis_angle(unit(np.array([0.2, -0.3, 1.0])), 2 * azimuth)
         sight = axis_angle(axis, tilt)[:, 2]
         T = rigid(R, distance * sight - R @ [*np.divide(BOARD.size, 2), 0.0])
-        found = find_markers(photographed(PRINTS[name], WIDE, T), BOARD)
+        found = find_markers(photographed(PRINTS[name], T), BOARD)
         expected, _ = WIDE.project(anchor_points(BOARD)[found.index] @ R.T + T[:3, 3])
         assert len(found) >= 12
         assert np.median(np.linalg.norm(found.pixels - expected, axis=1)) < 6.0

@@ -20,7 +20,6 @@ from egocap_sim.verification.integrity import verify
 
 pytest.importorskip("moto.server")
 distributed = pytest.importorskip("distributed")
-pytestmark = pytest.mark.long
 FRAMES, NAME = 60, "kills"
 SERVE = """
 import sys

@@ -49,7 +49,7 @@ def test_two_workers_write_the_same_bytes(folder, tmp_path, tiny_scene):
 
 def test_another_seed_is_another_person_and_motion(folder, tmp_path, tiny_scene):
     scene = tiny_scene.model_copy(update={"seed": 9})
-    generate(scene, tmp_path / "other", workers=2)
+    generate(scene, tmp_path / "other", workers=0)
     other, first = Sequence(tmp_path / "other"), Sequence(folder)
     assert not np.allclose(other.body.offsets, first.body.offsets)
     assert not np.allclose(other.truth.joints_head, first.truth.joints_head)
@@ -86,12 +86,12 @@ def test_a_killed_run_is_completed_by_the_same_command(folder, tmp_path, tiny_sc
     assert verify(tmp_path / "killed").clean
 
 
-@pytest.mark.parametrize("name", ["truth.draft.tmp", "rig.json", ".truth.npz.1.tmp"])
-def test_links_in_the_folder_are_not_followed(tmp_path, tiny_scene, name):
+def test_links_in_the_folder_are_not_followed(tmp_path, tiny_scene):
     victim, out = tmp_path / "victim", tmp_path / "out"
     victim.write_text("kept")
     out.mkdir()
-    (out / name).symlink_to(victim)
+    for name in ("truth.draft.tmp", "rig.json", ".truth.npz.1.tmp"):
+        (out / name).symlink_to(victim)
     scene = tiny_scene.model_copy(update={"frames": 2, "rig": tiny_scene.rig.model_copy(
         update={"size": (80, 64)})})  # fmt: skip
     generate(scene, out, workers=1)

@@ -1,7 +1,6 @@
 """From simulated pictures of a board to a rig file; what users do wrong."""
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -131,14 +130,11 @@ def test_missing_sources(tmp_path, make, said):
 
 def test_pictures_of_other_instants(recorded, tmp_path):
     (tmp_path / "right").mkdir()
-    paths = sorted((recorded / "right").iterdir())[:8]
-    for path, other in zip(paths, paths[3:] + paths[:3], strict=True):
+    paths = sorted((recorded / "right").iterdir())
+    for path, other in zip(paths, paths[5:] + paths[:5], strict=True):
         (tmp_path / "right" / path.name).write_bytes(other.read_bytes())
-    (tmp_path / "left").mkdir()
-    for path in paths:
-        shutil.copy(recorded / "left" / path.name, tmp_path / "left")
     with pytest.raises(InputError, match=r"right: only \d of \d+ pictures .*the same instants"):
-        calibrate([tmp_path / "left", tmp_path / "right"], BOARD, model="equidistant")
+        calibrate([recorded / "left", tmp_path / "right"], BOARD, model="equidistant")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ for i in range(60):
     if sys.argv[1] == "leak":
         kept.append(bytearray(b"x" * 1_000_000))
         files.append(open(__file__))
-    time.sleep(0.02)
+    time.sleep(0.05)
 print("done")
 sys.exit(sys.argv[1] == "fail")
 """
@@ -22,7 +22,7 @@ sys.exit(sys.argv[1] == "fail")
 def script(tmp_path, monkeypatch):
     (tmp_path / "leak.py").write_text(LEAK)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(soak, "_EVERY_S", 0.01)
+    monkeypatch.setattr(soak, "_EVERY_S", 0.02)
 
 
 def test_growth_of_memory_and_files_is_found():
@@ -35,7 +35,7 @@ def test_growth_of_memory_and_files_is_found():
 
 
 def test_a_short_run_tells_no_growth(monkeypatch):
-    monkeypatch.setattr(soak, "_EVERY_S", 0.2)
+    monkeypatch.setattr(soak, "_EVERY_S", 0.5)
     run = soak.watch(["leak", "leak"])
     assert run["growth_mb"] is None and "too short" in soak._missed("a", run)[0]
 

@@ -12,7 +12,7 @@ from egocap_eval.fuzz.targets import Target, make_targets
 from egocap_eval.fuzz.trials import fuzz
 
 pytestmark = pytest.mark.long
-CASES, DOOR_CASES = 40, 300  # `egocap-eval fuzz` reads 50,000
+CASES, DOOR_CASES = 40, 1000
 DOORS = {
     "detections.npz", "sequence/shard-00000.tar", "rig.json", "rig.toml", "picture.jpg",
     "weights.safetensors", "checkpoint.pt", "clip.bvh", "tum.txt",

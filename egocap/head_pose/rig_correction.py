@@ -84,9 +84,8 @@ def search_frames(
         odometry = Odometry(now, replace(config, noise_px=noise_px))
         for frame in frames(moves):
             odometry.add(*frame)
-            if len(odometry.map.keyframes) >= KEYFRAMES:
+            if moves := len(odometry.map.keyframes) >= KEYFRAMES:
                 break
-        moves = len(odometry.map.keyframes) >= KEYFRAMES
         found = find_correction(odometry.map, views, found.correction)
         if found.correction is None:
             break

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from egocap.geometry import transform
 from egocap.head_pose.floor import CLEAR, FARTHEST, STEEP, Floor, Pictured
-from egocap.odometry.self_calibration import LAG, PARAMETERS, PRIOR, corrected
+from egocap.odometry.self_calibration import LAG, PARAMETERS, PRIOR, READOUT, corrected
 from egocap.odometry.views import Motion, Views
 
 SCALE_STD = 0.005
@@ -54,7 +54,7 @@ def _around(views: Views) -> list[tuple[Views, Views, float]]:
     """The views with each parameter a step smaller and larger, and both steps together."""
     now = np.zeros((len(views), len(PARAMETERS)))
     now[:, LAG] = views.lag_s or 0.0
-    now[:, LAG + 1] = views.readout_s or 0.0
+    now[:, READOUT] = views.readout_s or 0.0
     found = []
     for v in range(len(views)):
         for i, size in enumerate(1e-2 * PRIOR):

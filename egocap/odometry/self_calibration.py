@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
-from scipy.sparse import csr_array
 
 from egocap.cameras.rig import Rig
 from egocap.geometry import exponential
 from egocap.odometry.ray_kernel import linearised, turned
+from egocap.odometry.rig_kernel import joint_equations
 from egocap.odometry.track_map import TrackMap
 from egocap.odometry.views import Motion, Views
 
@@ -46,7 +46,7 @@ PARAMETERS = ("rotation x", "rotation y", "rotation z", "x", "y", "z", "focal le
               "centre u", "centre v", "lag", "readout")  # fmt: skip
 PRIOR = np.array([*[np.deg2rad(0.5)] * 3, *[0.003] * 3, 0.005, 2.0, 2.0, 0.005, 0.02])
 """Standard deviations: rad and m in the camera's frame, share, px, s."""
-LAG = PARAMETERS.index("lag")
+LAG, READOUT = (PARAMETERS.index(name) for name in ("lag", "readout"))
 TIMING = np.array([name in ("lag", "readout") for name in PARAMETERS])
 _FIXED = 1e-3  # of the prior standard deviation, where a correction is not sought
 _STEP = 1e-3 * PRIOR
@@ -156,20 +156,20 @@ def find_correction(found: TrackMap, views: Views, first: Correction | None = No
     state = (np.stack([found.frames[k].R for k in rows]),
              np.stack([found.frames[k].t for k in rows]), found.points[seen.numbers])  # fmt: skip
     start = np.zeros((len(views), len(PARAMETERS))) if first is None else first.values
-    sought, unknown = np.ones(len(PARAMETERS), bool), None
+    sought, unknown = np.ones(len(PARAMETERS), bool), nothing.covariance
     while sought.any():
         values, covariance, agree = _adjusted(views, seen, *state, start * sought, sought)
         std = np.sqrt(np.diag(covariance)).reshape(values.shape)
         unlikely = (np.abs(values) > LIKELY * PRIOR).any()
         if unlikely or (first is None and agree < LEAST_AGREE):
             return nothing
-        unknown = covariance if unknown is None else unknown  # of all parameters
+        unknown = covariance if sought.all() else unknown
         sure = np.any(np.abs(values) > SIGNIFICANT * std, axis=0)
         believed = sought & np.where(TIMING, np.any(sure & TIMING), np.any(sure & ~TIMING))
         if np.array_equal(believed, sought):
             return RigSearch(Correction.of(views, values, std), unknown)
         sought = believed
-    return nothing if unknown is None else RigSearch(None, unknown)
+    return RigSearch(None, unknown)
 
 
 def _adjusted(
@@ -306,35 +306,17 @@ def _system(
     measured = float(np.sqrt(np.median(squared) / _CHI2_MEDIAN / max(free, 0.2)))
     noise = max(min(noise, measured), _LEAST_NOISE)
     width2 = (_LOSS * noise) ** 2
-    weight = np.repeat((width2 / (width2 + squared)) ** 2 / (ALIKE * noise**2), 2)
+    weight = (width2 / (width2 + squared)) ** 2 / (ALIKE * noise**2)
     do, db = derivatives
-    of_rig = np.broadcast_to(6 * K + np.arange(values.size), (N, values.size))
-    J = _rows(
-        np.concatenate([J_pose, J_centre @ do + J_ray @ db], axis=2),
-        np.concatenate([6 * seen.frame[:, None] + np.arange(6), of_rig], axis=1),
-        6 * K + values.size,
-    )
-    of_point = _rows(J_point, 3 * seen.point[:, None] + np.arange(3), 3 * len(X))
-    weighted, weighted_point = (csr_array(A.multiply(weight[:, None])).T for A in (J, of_point))
-    H, g = (weighted @ J).toarray(), weighted @ r.ravel()
+    J = np.concatenate([J_pose, J_centre @ do + J_ray @ db], axis=2)
+    H, g, W, V, g_point = joint_equations(r, J, J_point, weight, seen.frame, seen.point, K, len(X))
     H[np.arange(6), np.arange(6)] += _HELD
     given = np.diag(1.0 / prior.ravel() ** 2) + _kept(views)
     H[6 * K :, 6 * K :] += given
     g[6 * K :] += given @ values.ravel()
-    W = (weighted_point @ J).toarray().reshape(len(X), 3, -1)
-    V = np.zeros((len(X), 3, 3))
-    np.add.at(V, seen.point, weight[::2, None, None] * (J_point.transpose(0, 2, 1) @ J_point))
     V += 1e-9 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
-    g_point = (weighted_point @ r.ravel()).reshape(-1, 3)
     agree = float((squared < AGREE**2).mean())
     return _System(noise, agree, H, g, W, np.linalg.inv(V), g_point, values.shape)
-
-
-def _rows(J: Float[Array, "N 2 n"], columns: Int[Array, "N n"], width: int) -> csr_array:
-    """Derivatives of two residuals each as rows of a matrix."""
-    N, _, n = J.shape
-    index = np.repeat(columns, 2, axis=0).ravel()
-    return csr_array((J.ravel(), index, n * np.arange(2 * N + 1)), shape=(2 * N, width))
 
 
 def _kept(views: Views) -> Float[Array, "Q Q"]:

@@ -153,8 +153,8 @@ def _draw_lines(
 ) -> None:
     import cv2
 
-    for first, last in np.rint(16.0 * lines).astype(int).tolist():
-        cv2.line(canvas, first, last, colour, 1, cv2.LINE_AA, 4)
+    ends = np.rint(16.0 * lines).astype(np.int32)
+    cv2.polylines(canvas, ends, False, colour, 1, cv2.LINE_AA, 4)  # pyright: ignore
 
 
 def _seen(points: Float[Array, "N 3"], size: int, field: float = FIELD) -> Float[Array, "N 2"]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from numpy import ndarray as Array
 
 from egocap.body.skeleton import DOF_COUNT
@@ -119,22 +120,35 @@ def _heads(
 def _bands(
     diagonal: Float[Array, "T 43 43"], below: Float[Array, "T-1 43 43"]
 ) -> Float[Array, "87 N"]:
-    """Blocks on and below the diagonal as a lower band."""
-    bands = np.zeros((BAND + 1, len(diagonal), STATE))
-    row, column = np.tril_indices(STATE)
-    bands[row - column, :, column] = diagonal[:, row, column].T
-    row, column = (index.ravel() for index in np.indices((STATE, STATE)))
-    bands[STATE + row - column, :-1, column] = below[:, row, column].T
-    return bands.reshape(BAND + 1, -1)
+    """Blocks on and below the diagonal as a lower band, in Fortran's order."""
+    bands = np.zeros((BAND + 1, len(diagonal) * STATE), order="F")
+    _fill(diagonal, below, bands)
+    return bands
+
+
+@njit(cache=True, nogil=True)
+def _fill(diagonal, below, bands):
+    for frame in range(len(diagonal)):
+        for column in range(STATE):
+            at = frame * STATE + column
+            for row in range(column, STATE):
+                bands[row - column, at] = diagonal[frame, row, column]
+            if frame < len(below):
+                for row in range(STATE):
+                    bands[STATE + row - column, at] = below[frame, row, column]
 
 
 def widen(bands: Float[Array, "75 M"]) -> Float[Array, "87 N"]:
-    """The band of the angles' system as that of states with a head pose."""
-    frames = bands.shape[1] // DOF_COUNT
-    wide = np.zeros((BAND + 1, frames, STATE))
-    k, column = (index.ravel() for index in np.indices((len(bands), DOF_COUNT)))
-    later = (k + column) // DOF_COUNT  # frames between row and column
-    wide[k + CORRECTION * later, :, column] = bands.reshape(len(bands), frames, DOF_COUNT)[
-        k, :, column
-    ]
-    return wide.reshape(BAND + 1, -1)
+    """The band of the angles' system as that of states with a head pose, in Fortran's order."""
+    wide = np.zeros((BAND + 1, bands.shape[1] // DOF_COUNT * STATE), order="F")
+    _widen(bands, wide)
+    return wide
+
+
+@njit(cache=True, nogil=True)
+def _widen(bands, wide):
+    for unknown in range(bands.shape[1]):
+        frame, column = divmod(unknown, DOF_COUNT)
+        for k in range(len(bands)):
+            later = (k + column) // DOF_COUNT  # frames between row and column
+            wide[k + CORRECTION * later, frame * STATE + column] = bands[k, unknown]

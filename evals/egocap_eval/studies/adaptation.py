@@ -11,6 +11,7 @@ for the footage fit no body to it. The rig is as calibrated: footage of another 
 from __future__ import annotations
 
 import logging
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,11 @@ def study(
 
 
 def _adapted(footage: Path, out: Path, options: AdaptOptions) -> tuple[Path | None, dict[str, Any]]:
-    """The weights after adaptation, those before where it refuses the footage, and its report."""
+    """The weights after adaptation, those before where it refuses the footage, and its report.
+
+    Nothing of an earlier one is taken over: other code may have made it.
+    """
+    shutil.rmtree(out, ignore_errors=True)
     try:
         made = adapt([footage], out, options)
     except InputError as error:

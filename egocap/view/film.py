@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray as Array
+from scipy.spatial import KDTree
 
 from egocap.data.input_checks import require_same_times
 from egocap.data.sequence import Sequence, largest_reduction
@@ -32,6 +33,9 @@ HEIGHT, CURVE_HEIGHT = 840, 120
 """Of the film, and of its curve, pixels."""
 _LINE, _TEXT, _NOW = (150, 150, 150), (200, 200, 200), (240, 228, 66)
 _MARGIN = 18  # pixels of the curve's title, and below it
+_WAY_S, _FAR_M, _SPACING_M = 30.0, 8.0, 0.05
+"""What a picture shows, as little of a long recording as of a short one: the way of the last
+seconds, and surroundings to a distance, of which every visit adds points: one in each cube."""
 
 
 def write_film(
@@ -65,7 +69,7 @@ class FilmPictures:
         self, sequence: Sequence, track: Track, points: Float[Array, "P 3"] | None = None
     ) -> None:
         self._sequence, self._track = sequence, track
-        self._points = np.zeros((0, 3)) if points is None else points
+        self._points = KDTree(_thinned(np.zeros((0, 3)) if points is None else points))
         self._truth = sequence.truth.joints_head if sequence.manifest.truth else None
         rig, count = sequence.rig, len(sequence.rig.cameras)
         columns = 1 if count <= 2 else 2
@@ -104,9 +108,12 @@ class FilmPictures:
         if track.T_world_head is None or track.joints_world is None:
             return draw_in_space(canvas, track.joints_head[index], confidence, grey)
         T = track.T_world_head[index]
-        way = track.T_world_head[: index + 1, :3, 3]
+        first = int(np.searchsorted(track.times, track.times[index] - _WAY_S))
+        way = track.T_world_head[first : index + 1, :3, 3]
+        near = self._points.query_ball_point(way[-1], _FAR_M)
+        points = self._points.data[np.array(near, int)]
         stands = np.zeros(2, bool) if track.standing is None else track.standing[index]
-        draw_in_world(canvas, track.joints_world[index], confidence, way, self._points,
+        draw_in_world(canvas, track.joints_world[index], confidence, way, points,
                       stands, tuple(transform(T, other) for other in grey))  # fmt: skip
 
     @property
@@ -131,3 +138,9 @@ class FilmPictures:
         cv2.polylines(canvas, [line], False, _LINE, 1, cv2.LINE_AA, 4)
         cv2.putText(canvas, f"{title}, up to {top:.0f}", (6, _MARGIN - 5),
                     cv2.FONT_HERSHEY_SIMPLEX, 0.42, _TEXT, 1, cv2.LINE_AA)  # fmt: skip
+
+
+def _thinned(points: Float[Array, "P 3"]) -> Float[Array, "Q 3"]:
+    """One point of each cube."""
+    _, kept = np.unique(np.floor(points / _SPACING_M).astype(int), axis=0, return_index=True)
+    return points[kept]

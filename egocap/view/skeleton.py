@@ -30,9 +30,9 @@ _FLOOR = np.array([
     for x, y in ((near, -1.0), (near, 1.0), (-1.0, near), (1.0, near))
 ])  # fmt: skip
 """Ends of the floor's lines, two after two."""
-_WIDE, _NEAR, _FAR = 3.2, 2.2, 8.0
-"""Field of the view in the world, as `FIELD`, and the distances to which it shows the way, short of
-the camera, and the surroundings, m."""
+_WIDE, _NEAR = 3.2, 2.2
+"""Field of the view in the world, as `FIELD`, and the distance to which it shows the way, short of
+the camera, m."""
 SURROUNDINGS, STANDS = (118, 128, 148), (240, 228, 66)
 """Colours of the points around the wearer, and of the marks of feet that stand."""
 FEET = [LABELS.index(f"{side}_foot") for side in ("left", "right")]
@@ -123,15 +123,15 @@ def draw_in_world(
 ) -> None:  # fmt: skip
     """Draw the pose on the floor of the world, seen from beside: the camera follows, unturned.
 
-    `way`: the head's places up to now, drawn on the floor. `points`: of the surroundings. `stands`:
-    whether the left and the right foot stand; such feet are ringed. Others grey.
+    `way`: the head's last places up to now, drawn on the floor. `points`: of the surroundings.
+    `stands`: whether the left and the right foot stand; such feet are ringed. Others grey.
     """
     import cv2
 
     size, head, everything = len(canvas), way[-1], np.ones(len(LABELS), bool)
     away = points - head
-    shown = (np.linalg.norm(away, axis=1) < _FAR) & ((away - EYE) @ unit(MIDST - EYE) > 1.0)
-    at = np.rint(_seen(away[shown], size, _WIDE)).astype(int)
+    before = (away - EYE) @ unit(MIDST - EYE) > 1.0
+    at = np.rint(_seen(away[before], size, _WIDE)).astype(int)
     u, v = at[((at > 0) & (at < size - 1)).all(1)].T
     for row, column in ((v, u), (v, u - 1), (v - 1, u), (v - 1, u - 1)):
         canvas[row, column] = SURROUNDINGS

@@ -28,7 +28,8 @@ LEARNED_LIKE = (
     "simulated:3.0,outliers=0.02,occluded=guess,spread=0.5,tails=3,correlation=0.1,"
     "overconfidence=1.3,swaps=0.02,wrong=0.02,modes=0.7"
 )
-"""All error types, at the level of a learned detector on people unseen in training."""
+"""All error types of a learned detector, larger than those of the shipped one on people unseen in
+training."""
 
 GUESS = 5.0
 """Ratio of the errors of guessed joints to those of visible joints."""

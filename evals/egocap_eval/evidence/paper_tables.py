@@ -12,7 +12,7 @@ from egocap_eval.harness.thresholds import Numbers
 FULL = "full.json"
 METHODS = {
     "learned": "from the pictures",
-    "learned-like": "detections simulated like the detector's",
+    "learned-like": "simulated, with a weaker detector's errors",
     "noisy": "simulated, 2 px",
     "live": "the same, past only",
     "frame-by-frame": "the same, each frame alone",

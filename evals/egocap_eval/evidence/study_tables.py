@@ -286,7 +286,7 @@ def _source(words: str) -> str:
         "simulated:0,occluded=keep": "exact, all joints",
         "simulated:2.0": "2 px noise, hidden joints missing",
     }
-    return names.get(words, "noise like the detector's")
+    return names.get(words, "errors of a weaker detector")
 
 
 def _coverage(measured: Mapping[str, Any]) -> list[str]:
